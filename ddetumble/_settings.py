@@ -1,0 +1,96 @@
+"""What every part relies on: JAX in 64 bits with a compilation cache on disk, and where the shipped data are."""
+
+import os
+import sys
+import warnings
+from pathlib import Path
+
+
+_OFF = ("off", "0", "no", "false")
+_configured = False
+
+
+def configure() -> None:
+    """Set JAX up once: 64-bit floats, and compiled programs kept in the user's cache folder.
+
+    Called by the subpackages that use JAX, before they define anything. What the user has set by JAX's own environment
+    variables or in `jax.config` stays. A folder that cannot be written switches the cache off and is no error.
+    """
+    global _configured
+    if _configured:
+        return
+    _configured = True
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if _cache_is_off():
+        return
+    if getattr(jax.config, "jax_compilation_cache_dir", None) is None or "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        folder = find_cache()
+        jax.config.update("jax_compilation_cache_dir", str(folder) if _is_writable(folder) else None)
+    for name, value in (
+        ("jax_persistent_cache_min_compile_time_secs", 0.0),
+        ("jax_persistent_cache_min_entry_size_bytes", -1),
+    ):
+        if name.upper() not in os.environ:
+            jax.config.update(name, value)
+    # A process killed while writing leaves half an entry: JAX then compiles again, which is all there is to do.
+    warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache")
+
+
+def find_cache() -> Path:
+    """Folder of the compiled programs: JAX_COMPILATION_CACHE_DIR, or `ddetumble/jax` in the user's cache folder."""
+    chosen = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if chosen:
+        return Path(chosen).expanduser()
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("ddetumble", appauthor=False)) / "jax"
+
+
+def clear_cache() -> tuple[int, int]:
+    """Remove the compiled programs; returns how many there were and their size [bytes]. Other files stay."""
+    entries = list_cache()
+    size = sum(entry.stat().st_size for entry in entries)
+    for entry in entries:
+        entry.unlink(missing_ok=True)
+    return sum(entry.name.endswith("-cache") for entry in entries), size
+
+
+def list_cache() -> list[Path]:
+    """Everything that JAX keeps in its cache folder: entries end in `-cache`, their times of use in `-atime`."""
+    folder = find_cache()
+    if not folder.is_dir():
+        return []
+    return sorted(entry for entry in folder.iterdir() if entry.name.endswith(("-cache", "-atime")))
+
+
+def find_data() -> Path:
+    """Folder of the shipped data packages: `data/` of a checkout, `ddetumble/_data` where a wheel is installed."""
+    package = Path(__file__).resolve().parent
+    installed = package / "_data"
+    return installed if installed.is_dir() else package.parent / "data"
+
+
+def describe_cache() -> str:
+    """One line for people: where the cache is, whether it is on, and how much it holds."""
+    folder = find_cache()
+    if _cache_is_off():
+        return f"The compilation cache is off (DDETUMBLE_CACHE); its folder would be {folder}"
+    entries = list_cache()
+    programs = sum(entry.name.endswith("-cache") for entry in entries)
+    size = sum(entry.stat().st_size for entry in entries) / 1e6
+    return f"{folder}: {programs} compiled programs, {size:.1f} MB"
+
+
+def _cache_is_off() -> bool:
+    return os.environ.get("DDETUMBLE_CACHE", "").strip().lower() in _OFF
+
+
+def _is_writable(folder: Path) -> bool:
+    """Make the folder if need be, and say whether files can be put there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK) or sys.platform == "win32"

@@ -1,0 +1,243 @@
+"""The project as a whole: lint, types, layers, sizes, what is imported when, and what README promises."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+import typer
+
+from ddetumble.cli import app
+
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "ddetumble"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+LAYERS = (
+    {"_errors", "_settings", "_numerics"},
+    {"contact"},
+    {"effects"},
+    {"dynamics"},
+    {"measurement"},
+    {"inference"},
+    {"discrepancy"},
+    {"planning"},
+    {"report", "figures", "paper", "demo"},
+    {"cli"},
+)
+HEAVY = {"jax", "jaxlib", "equinox", "diffrax", "numpy", "scipy", "pandas", "pint", "pydantic", "matplotlib", "rich"}
+
+
+def run(*arguments, **options):
+    """Run this Python with arguments; returns the finished process, its output as text."""
+    return subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, **options)
+
+
+def list_files():
+    """Files that are, or would be, committed."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout.split("\0")
+    return [path for name in sorted(set(names) - {""}) if (path := ROOT / name).is_file()]
+
+
+def read_texts():
+    """Texts of the files under version control by path; binary files are left out."""
+    texts = {}
+    for path in list_files():
+        try:
+            texts[path] = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+    return texts
+
+
+def list_imports(path):
+    """Dotted names of all modules that a file imports, at its top or inside functions."""
+    inside = path.relative_to(ROOT).with_suffix("").parts
+    here = inside if path.name == "__init__.py" else inside[:-1]
+    here = here[:-1] if path.name == "__init__.py" else here
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = here[: len(here) - node.level + 1] if node.level else ()
+            module = [*base, *(node.module.split(".") if node.module else [])]
+            found += [".".join(module)] if node.module else [".".join([*module, alias.name]) for alias in node.names]
+    return found
+
+
+def name_layer(module):
+    """The part of the package that a module belongs to: "ddetumble.contact.gas" to "contact"."""
+    parts = module.split(".")
+    return parts[1] if parts[0] == "ddetumble" and len(parts) > 1 else None
+
+
+def read_blocks(path, language):
+    """Code blocks of a Markdown file in one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def test_lint():
+    """Ruff: errors, imports, outdated syntax, likely bugs, a docstring for everything public."""
+    done = run("-m", "ruff", "check", "--no-cache", "--output-format=concise", ".")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_types():
+    """Pyright finds nothing in the package."""
+    done = run("-m", "pyright", "--pythonpath", sys.executable)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_layers(path):
+    """A module imports from its own layer and those below it only."""
+    order = {name: level for level, names in enumerate(LAYERS) for name in names}
+    own = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    if own == "__init__":
+        return
+    assert own in order, f"{own} stands in no layer; add it to LAYERS"
+    for module in list_imports(path):
+        other = name_layer(module)
+        if other not in (None, own):
+            assert other in order, f"{module} stands in no layer"
+            assert order[other] <= order[own], f"{own} must not import {module}"
+
+
+def test_measurement_stands_alone():
+    """Campaigns are read without JAX and without any model."""
+    wrong = {"jax", "equinox", "diffrax"}, {"contact", "effects", "dynamics", "_numerics"}
+    for path in (PACKAGE / "measurement").glob("*.py"):
+        for module in list_imports(path):
+            assert module.split(".")[0] not in wrong[0] and name_layer(module) not in wrong[1], f"{path.name}: {module}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_module(path):
+    """At most 400 lines; annotations are not turned into text, which breaks abstract attributes."""
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 400
+    assert not re.search(r"^from __future__ import .*annotations", text, re.MULTILINE)
+
+
+def test_no_machine_in_files():
+    """No path of a machine, no address of a registry, no lock file."""
+    user = r"(?<![\w.])/(?:home|Users)/(?!runner\b)\w+/|(?<![\w.])/(?:root|work)/\w"
+    registry = r"https?://[^\s\"'<>)]+(?:\.whl|\.tar\.gz|\.tgz|/simple/?)(?=[\s\"'<>)]|$)"
+    pattern = re.compile(f"{user}|{registry}")
+    here = str(ROOT.parent) + os.sep
+    wrong = []
+    for path, text in read_texts().items():
+        for number, line in enumerate(text.splitlines(), 1):
+            if pattern.search(line) or (len(ROOT.parts) > 2 and here in line):
+                wrong.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:100]}")
+    assert not wrong, "\n".join(wrong)
+    assert not [path for path in list_files() if path.name in ("uv.lock", "poetry.lock", "package-lock.json")]
+
+
+def test_constraints_cover_dependencies():
+    """Every requirement is pinned for every Python, without an address."""
+    pins = (ROOT / "constraints" / "tested.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {re.split(r"[=;]", line)[0].strip() for line in pins if not line.startswith("#")}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [*project["dependencies"], *sum(project["optional-dependencies"].values(), [])]
+    names = {re.split(r"[\[<>=]", text)[0].lower() for text in wanted} - {"ddetumble"}
+    assert names <= pinned, sorted(names - pinned)
+    assert not any("://" in line or " @ " in line for line in pins if not line.startswith("#"))
+
+
+def test_imports_are_lazy():
+    """Importing the package or its command line imports nothing heavy."""
+    done = run("-c", "import sys, ddetumble, ddetumble.cli; print(*{name.split('.')[0] for name in sys.modules})")
+    assert done.returncode == 0, done.stderr
+    assert not HEAVY & set(done.stdout.split()), HEAVY & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_documented_commands_exist(name):
+    """Every command in a code block of the documentation is one that exists."""
+    known = set(typer.main.get_command(app).commands)  # pyright: ignore
+    blocks = "".join(read_blocks(ROOT / name, "(?:sh|console|bash)?"))
+    used = set(re.findall(r"^\s*(?:\$ )?ddetumble ([a-z]+)", blocks, re.MULTILINE))
+    used |= set(re.findall(r"run\.py (?:--python \S+ )?([a-z]+)", blocks)) - {"test", "setup", "pythons"}
+    assert used <= known, used - known
+
+
+def test_readme_has_both_commands():
+    """README's two commands are those of run.py, and CI calls the second."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "python3 run.py demo" in readme and "python3 run.py test" in readme
+    assert "python3 run.py test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_readme_links():
+    """Files that README points to exist."""
+    for name in ("README.md", "CONTRIBUTING.md"):
+        links = re.findall(r"\]\(([^)#:\s]+)\)", (ROOT / name).read_text(encoding="utf-8"))
+        assert not [link for link in links if not (ROOT / link).exists()]
+
+
+@pytest.mark.slow
+def test_readme_python_runs(tmp_path):
+    """The Python of README runs as it stands."""
+    (block,) = read_blocks(ROOT / "README.md", "python")
+    script = tmp_path / "readme.py"
+    script.write_text(block, encoding="utf-8")
+    (tmp_path / "data").symlink_to(ROOT / "data", target_is_directory=True)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+@pytest.mark.slow
+def test_wheel_holds_data(tmp_path):
+    """An installed wheel finds the data packages that a checkout has under `data/`."""
+    done = run("-m", "pip", "wheel", "--no-deps", "--quiet", "--wheel-dir", str(tmp_path), ".", timeout=600)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    code = "from ddetumble._settings import find_data as f; print(f())"
+    found = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    data = Path(found.stdout.strip())
+    assert data == tmp_path / "site" / "ddetumble" / "_data"
+    names = {path.relative_to(data) for path in data.rglob("datapackage.json")}
+    assert names == {path.relative_to(ROOT / "data") for path in (ROOT / "data").rglob("datapackage.json")}
+    assert (tmp_path / "site" / "ddetumble" / "py.typed").is_file()
+
+
+def test_launcher_lists_interpreters():
+    """run.py finds at least the Python that runs this test, and each line is a version and a path."""
+    done = run("run.py", "pythons")
+    assert done.returncode == 0, done.stderr
+    assert all(re.match(r"3\.\d+\.\d+ +\S", line) for line in done.stdout.splitlines())
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["--python", "no-such-python", "demo"], "no-such-python is no Python that runs"),
+        (["--python", "3.99", "demo"], "No Python 3.99 was found"),
+        (["--python"], "needs a version or a path"),
+    ],
+)
+def test_launcher_refuses(arguments, says):
+    """run.py explains what it cannot do and sets nothing up."""
+    done = run("run.py", *arguments)
+    assert done.returncode == 2 and says in done.stderr and "Traceback" not in done.stderr
+
+
+def test_launcher_speaks_old_python():
+    """run.py is understood by Python 3.6: no newer syntax."""
+    ast.parse((ROOT / "run.py").read_text(encoding="utf-8"), feature_version=(3, 6))
