@@ -1,0 +1,47 @@
+"""The two ways in which a command can fail: the input was bad, or the computation did not succeed."""
+
+
+def _plain(text: str) -> str:
+    """Make text printable on one line, whatever bytes a damaged file put into it."""
+    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in " ".join(str(text).split()))
+    return text if len(text) <= 600 else text[:597] + "..."
+
+
+class InputError(ValueError):
+    """Bad input, told in one sentence that says where it is and what to do (exit code 2).
+
+    Args:
+        problem: What is wrong and what to do about it.
+        file: The file it is in, as the user would name it.
+        column: The column, field or option.
+        row: Line number in the file, counted from 1 (the header is line 1).
+
+    `str()` of the error is the whole sentence, the place first.
+    """
+
+    def __init__(self, problem: str, *, file=None, column: str | None = None, row: int | None = None):
+        super().__init__(problem)
+        self.problem = problem
+        self.file = None if file is None else str(file)
+        self.column = column
+        self.row = None if row is None else int(row)
+
+    def __str__(self) -> str:
+        place = [self.file] if self.file else []
+        if self.row is not None:
+            place.append(f"line {self.row}")
+        if self.column is not None:
+            place.append(f"column {self.column}")
+        return _plain(f"{', '.join(place)}: {self.problem}" if place else self.problem)
+
+    def __reduce__(self):
+        return _rebuild, (type(self), self.problem, self.file, self.column, self.row)
+
+
+class ComputationError(RuntimeError):
+    """The input was fine and the computation failed all the same; `str()` explains (exit code 1)."""
+
+
+def _rebuild(kind, problem, file, column, row):
+    """Build an `InputError` again on the far side of a process boundary."""
+    return kind(problem, file=file, column=column, row=row)

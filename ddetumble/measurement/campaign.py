@@ -1,0 +1,187 @@
+"""A campaign: the tests of one series, in SI units, with what is known about each number."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .._errors import InputError
+
+
+FAMILIES = ("impact", "slip", "tumble")
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """One standard deviation of a measured number.
+
+    Args:
+        absolute: In the column's SI unit, or None.
+        relative: As a share of the value (0.005 for 0.5 %), or None.
+    """
+
+    absolute: float | None = None
+    relative: float | None = None
+
+    def sd(self, values) -> np.ndarray:
+        """Standard deviation at `values` (any shape, SI), in the same shape and unit."""
+        values = np.asarray(values, dtype=float)
+        constant = np.full(values.shape, self.absolute or 0.0)
+        return constant if self.relative is None else np.hypot(constant, self.relative * np.abs(values))
+
+
+@dataclass(frozen=True)
+class Column:
+    """What is known about one column of numbers.
+
+    Args:
+        name: The column's name, the same as in the data frames.
+        unit: SI unit of the values in memory, as text ("1" if there is none).
+        uncertainty: One standard deviation, or None if the campaign does not say.
+        gauge: The file gave gauge pressures; the values here are absolute all the same.
+        assumed: The campaign marks the numbers as an assumption, not a measurement.
+        description: Free text.
+    """
+
+    name: str
+    unit: str
+    uncertainty: Uncertainty | None = None
+    gauge: bool = False
+    assumed: bool = False
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign:
+    """Measured tests of one family, all in SI units.
+
+    Args:
+        name: Short name of the campaign.
+        title: One line for people.
+        family: "impact", "slip" or "tumble".
+        path: Folder it was read from, or None for one that has not been written yet.
+        known: Parameters of the reference model [SI]; None where the fit has to find them.
+        records: One row a test (index `record`, text), one column a condition [SI].
+        conditions: The columns of `records`.
+        independent: The column `time` [s] or `slip` [m]; None if there are only peaks.
+        channels: The measured columns of `samples`.
+        samples: Columns `record`, the independent variable, the channels [SI]; NaN is a missing sample; the
+            records stand in the order of `records`. None if there are only peaks.
+        peaks: One row a test (index `record`) [SI], or None.
+        peak_columns: The columns of `peaks`.
+        sha256: Hash of the descriptor and the tables as read; empty for one not read from a folder.
+        sources: Where the data come from, as in the descriptor.
+        licences: Under which terms, as in the descriptor.
+        notes: Plain sentences on what a reader should know: assumptions, conversions, columns left out.
+    """
+
+    name: str
+    title: str
+    family: str
+    path: Path | None
+    known: dict[str, float | None]
+    records: pd.DataFrame
+    conditions: dict[str, Column]
+    independent: Column | None = None
+    channels: dict[str, Column] | None = None
+    samples: pd.DataFrame | None = None
+    peaks: pd.DataFrame | None = None
+    peak_columns: dict[str, Column] | None = None
+    sha256: str = ""
+    sources: tuple[dict, ...] = ()
+    licences: tuple[dict, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        object.__setattr__(self, "channels", dict(self.channels or {}))
+        object.__setattr__(self, "peak_columns", dict(self.peak_columns or {}))
+        if self.family not in FAMILIES:
+            raise InputError(f"a campaign's family is one of {', '.join(FAMILIES)}, not {self.family!r}")
+
+    def __repr__(self) -> str:
+        parts = [f"{len(self.records)} records"]
+        if self.conditions:
+            parts.append("conditions " + ", ".join(self.conditions))
+        if self.samples is not None:
+            parts.append(f"{len(self.samples)} samples of {', '.join(self.channels)} over {self.independent.name}")
+        if self.peaks is not None:
+            parts.append(f"{len(self.peaks)} peaks: {', '.join(self.peak_columns)}")
+        return f"<Campaign {self.name} ({self.family}): {'; '.join(parts)}>"
+
+    @property
+    def record_keys(self) -> tuple[str, ...]:
+        """Keys of the records, in the campaign's order."""
+        return tuple(self.records.index)
+
+    def trace(self, key: str) -> pd.DataFrame:
+        """Samples of one record: the independent variable and the channels, shape (samples, 1 + channels) [SI].
+
+        Raises:
+            InputError: There is no such record, or the campaign holds peaks only.
+        """
+        if self.samples is None:
+            raise InputError(f"campaign {self.name} holds peaks only, no samples")
+        self._check_keys([key])
+        rows = self.samples["record"] == key
+        return self.samples.loc[rows].drop(columns="record").reset_index(drop=True)
+
+    def uncertainty(self, name: str) -> Uncertainty | None:
+        """Uncertainty of a condition, channel, peak or the independent variable; None where none is stated.
+
+        Raises:
+            InputError: The campaign has no such column.
+        """
+        return self.column(name).uncertainty
+
+    def column(self, name: str) -> Column:
+        """What is known about a column, wherever it stands (a channel before a condition of the same name).
+
+        Raises:
+            InputError: The campaign has no such column.
+        """
+        own = {} if self.independent is None else {self.independent.name: self.independent}
+        for columns in (own, self.channels, self.peak_columns, self.conditions):
+            if name in columns:
+                return columns[name]
+        raise InputError(f"campaign {self.name} has no column {name!r}")
+
+    def select(self, keys) -> "Campaign":
+        """The same campaign with some of its records only, in the order of `keys`; the hash stays that of the source.
+
+        Raises:
+            InputError: A key is unknown, twice there, or there are none.
+        """
+        keys = [str(key) for key in ([keys] if isinstance(keys, str) else keys)]
+        self._check_keys(keys)
+        if not keys or len(set(keys)) < len(keys):
+            raise InputError(f"select from campaign {self.name} at least one record, and each only once")
+        samples = self.samples
+        if samples is not None:
+            samples = arrange_samples(samples[samples["record"].isin(keys)], keys)
+        peaks = None if self.peaks is None else self.peaks.loc[[key for key in keys if key in self.peaks.index]]
+        return replace(self, records=self.records.loc[keys], samples=samples, peaks=peaks)
+
+    def write(self, folder, *, overwrite: bool = False) -> "Campaign":
+        """Write the campaign as a data package; see `package.write_campaign`."""
+        from .package import write_campaign
+
+        return write_campaign(folder, self, overwrite=overwrite)
+
+    def _check_keys(self, keys):
+        for key in keys:
+            if key not in self.records.index:
+                raise InputError(f"campaign {self.name} has no record {key!r}; it has {_listed(self.record_keys)}")
+
+
+def arrange_samples(samples: pd.DataFrame, keys) -> pd.DataFrame:
+    """Put the samples of each record together, in the order of `keys`, keeping their order within a record."""
+    position = samples["record"].map({key: i for i, key in enumerate(keys)}).to_numpy()
+    if len(position) and (position[1:] < position[:-1]).any():
+        samples = samples.iloc[np.argsort(position, kind="stable")]
+    return samples.reset_index(drop=True)
+
+
+def _listed(words, most: int = 8) -> str:
+    words = list(words)
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

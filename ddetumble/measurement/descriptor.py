@@ -1,0 +1,221 @@
+"""The descriptor `datapackage.json`: its schema, and reading it with the place of every mistake."""
+
+import json
+import math
+import re
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, ValidationError
+
+from .._errors import InputError
+from .tables import decode, read_bytes
+
+
+Name = Annotated[StrictStr, Field(min_length=1, max_length=200)]
+Text = StrictStr | list[StrictStr]
+
+
+class _Open(BaseModel):
+    """Further keys are allowed, as the Data Package standard wants it."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+
+class FieldModel(_Open):
+    """One column of a table: the Table Schema's field with `unit`, `uncertainty`, `reference` and `assumed`."""
+
+    name: Name
+    type: StrictStr | None = None
+    unit: StrictStr | None = None
+    uncertainty: StrictStr | StrictInt | StrictFloat | None = None
+    reference: Literal["gauge", "absolute"] | None = None
+    assumed: StrictBool = False
+    description: StrictStr = ""
+    decimalChar: Literal[".", ","] = "."
+    groupChar: None = None
+    bareNumber: Literal[True] = True
+
+    @property
+    def numeric(self) -> bool:
+        """Whether the column holds numbers: so declared, or undeclared but with a unit."""
+        return self.type in ("number", "integer") or (self.type is None and self.unit is not None)
+
+
+class ReferenceModel(_Open):
+    """The far end of a foreign key."""
+
+    resource: StrictStr = ""
+    fields: Text
+
+
+class ForeignKeyModel(_Open):
+    """A foreign key of a table."""
+
+    fields: Text
+    reference: ReferenceModel
+
+
+class SchemaModel(_Open):
+    """Columns and keys of a table."""
+
+    fields: Annotated[list[FieldModel], Field(min_length=1)]
+    primaryKey: Text | None = None
+    foreignKeys: list[ForeignKeyModel] = []
+    missingValues: list[StrictStr] = [""]
+
+
+class DialectModel(_Open):
+    """How the CSV is written."""
+
+    delimiter: Annotated[StrictStr, Field(min_length=1, max_length=1, pattern=r"[^\r\n\"]")] = ","
+    quoteChar: Annotated[StrictStr, Field(min_length=1, max_length=1, pattern=r"[^\r\n]")] = '"'
+    header: Literal[True] = True
+    doubleQuote: Literal[True] = True
+    escapeChar: None = None
+    commentChar: None = None
+
+
+class ResourceModel(_Open):
+    """One table."""
+
+    name: Name
+    path: StrictStr | Annotated[list[StrictStr], Field(min_length=1, max_length=1)]
+    format: Literal["csv", "CSV", "tsv"] | None = None
+    encoding: StrictStr = "utf-8"
+    compression: None = None
+    dialect: DialectModel = DialectModel()
+    table: SchemaModel = Field(alias="schema")
+
+
+class DescriptorModel(_Open):
+    """The whole descriptor."""
+
+    name: Annotated[StrictStr, Field(max_length=200)] = ""
+    title: StrictStr = ""
+    family: Literal["impact", "slip", "tumble"]
+    known: dict[Name, StrictStr | StrictInt | StrictFloat | None] = {}
+    resources: Annotated[list[ResourceModel], Field(min_length=1)]
+    sources: list[dict] = []
+    licenses: list[dict] = []
+
+
+def find_descriptor(path) -> Path:
+    """The descriptor of a campaign given as its folder or as the descriptor itself.
+
+    Raises:
+        InputError: There is no such folder or file, or the folder holds no `datapackage.json`.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            path = path / "datapackage.json"
+            if not path.exists():
+                raise InputError("there is no datapackage.json in this folder; is it a campaign?", file=path.parent)
+        elif path.exists() and path.suffix != ".json":
+            raise InputError("is a file; a campaign is a folder with a datapackage.json", file=path)
+        elif not path.exists():
+            raise InputError("there is no such campaign folder; check the path", file=path)
+    except (OSError, ValueError) as error:
+        raise error if isinstance(error, InputError) else InputError("is not a usable path", file=path) from None
+    return path
+
+
+def parse_descriptor(data: bytes, file: str) -> DescriptorModel:
+    """Bytes of a descriptor to its checked model.
+
+    Raises:
+        InputError: Not UTF-8, not JSON (line and character are named), or not the schema (the key is named).
+    """
+    text = decode(data, file)
+    if not text.strip():
+        raise InputError("the file is empty; it needs the campaign's descriptor", file=file)
+    try:
+        tree = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_repeated)
+    except json.JSONDecodeError as error:
+        cut = "; the file seems cut off" if error.pos >= len(text.rstrip()) - 1 else ""
+        problem = f"is not valid JSON at character {error.colno} of the line: {error.msg}{cut}"
+        raise InputError(problem, file=file, row=error.lineno) from None
+    except RecursionError:
+        raise InputError("is nested too deeply to be a descriptor", file=file) from None
+    except ValueError as error:
+        raise InputError(f"is not a valid descriptor: {error}", file=file) from None
+    if not isinstance(tree, dict):
+        raise InputError("must be a JSON object with family, known and resources", file=file)
+    try:
+        return DescriptorModel.model_validate(tree)
+    except ValidationError as error:
+        raise InputError(_explain(error, tree), file=file) from None
+
+
+def read_descriptor(path: Path) -> tuple[DescriptorModel, bytes]:
+    """Read a descriptor file: its model and its bytes."""
+    data = read_bytes(path)
+    return parse_descriptor(data, str(path)), data
+
+
+def locate_resource(resource: ResourceModel, descriptor: Path) -> Path:
+    """Path of a resource's table, which must lie inside the campaign's folder.
+
+    Raises:
+        InputError: An absolute path, a web address, one with `..` or one that a link leads out of the folder.
+    """
+    name = resource.path if isinstance(resource.path, str) else resource.path[0]
+    place = PurePosixPath(name)
+    if not name or not name.isprintable() or "\\" in name or re.match(r"[A-Za-z][\w+.-]*:", name):
+        problem = f"the path {name!r} of resource {resource.name} is not a plain relative path with forward slashes"
+        raise InputError(problem, file=descriptor)
+    if place.is_absolute() or ".." in place.parts:
+        problem = f"the path {name!r} of resource {resource.name} leaves the campaign's folder; put the table inside"
+        raise InputError(problem, file=descriptor)
+    folder = descriptor.parent
+    path = folder / name
+    try:
+        inside = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"the path {name!r} of resource {resource.name} cannot be used", file=descriptor) from error
+    if not inside:
+        problem = f"the path {name!r} of resource {resource.name} is a link out of the folder; put the table inside"
+        raise InputError(problem, file=descriptor)
+    return path
+
+
+def _refuse_constant(word: str):
+    raise ValueError(f"{word} is not a number in JSON; write null or a finite number")
+
+
+def _refuse_repeated(pairs: list) -> dict:
+    tree = dict(pairs)
+    if len(tree) < len(pairs):
+        names = [name for name, _ in pairs]
+        again = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {again!r} is there twice in one object; keep one")
+    return tree
+
+
+def _explain(error: ValidationError, tree: dict) -> str:
+    """The first mistake that pydantic found, as a sentence with the place in the descriptor."""
+    details = error.errors(include_url=False, include_input=True, include_context=False)
+    first = details[0]
+    place, here = "", tree
+    for part in first["loc"]:
+        try:
+            here = here[part]
+        except (KeyError, IndexError, TypeError):
+            here = None
+        if isinstance(part, int):
+            name = here.get("name") if isinstance(here, dict) else None
+            place += f"[{part + 1}]" + (f" ({name})" if isinstance(name, str) else "")
+        elif not re.search(r"[\[(]", part) and part not in ("str", "int", "float"):
+            place += f"{'.' if place else ''}{part}"
+    if first["loc"] == ("family",):
+        given = repr(first["input"]) if "family" in tree else "missing"
+        return f"family must be impact, slip or tumble, and is {given}"
+    if first["type"] == "missing":
+        return f"{place} is missing; add it"
+    given = first["input"]
+    if isinstance(given, float) and not math.isfinite(given):
+        given = "not finite"
+    shown = repr(given) if isinstance(given, str | int | float | bool | None) else f"of type {type(given).__name__}"
+    message = first["msg"][:1].lower() + first["msg"][1:]
+    return f"{place} does not fit the campaign's schema: {message}; it is {shown[:80]}"

@@ -1,0 +1,231 @@
+"""Units: what a unit's text means, and which unit a quantity has in SI.
+
+`pint` reads the text, behind a fixed alias table: taken alone it reads `Pas` as pascals, `pa` as picoyears, and, by
+version, `Nm` as a textile number-metre. Every unit is checked against the dimension that the column's name asks for.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .._errors import InputError
+from .campaign import Uncertainty
+
+
+ALIASES = {
+    "": "1", "-": "1", "1": "1", "none": "1", "dimensionless": "1",
+    "Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "Nmm": "N*mm", "Ncm": "N*cm", "Ns": "N*s", "Nms": "N*m*s",
+    "Pas": "Pa*s", "mPas": "mPa*s", "Ns/m": "N*s/m", "kgm2": "kg*m**2", "Newton": "N", "Newtons": "N", "newtons": "N",
+    "gf": "force_gram", "kp": "kgf", "lb": "pound", "lbs": "pound", "Pascal": "Pa", "pascals": "Pa", "Bar": "bar",
+    "bara": "bar", "psia": "psi", "Meter": "m", "Metre": "m", "Seconds": "s", "Second": "s", "Volt": "V", "Volts": "V",
+    "mps": "m/s", "kph": "km/h", "usec": "us", "dps": "deg/s", "℃": "degC", "°C": "degC", "℉": "degF", "°F": "degF",
+}  # fmt: skip
+_GAUGE = {"barg", "psig", "bar(g)", "psi(g)", "mbarg", "kpag", "mpag", "barü", "bar_g"}
+_HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "mN (or MN)", "hz": "Hz"}
+
+# Dimension of a role: exponents of (mass, length, time, temperature); the SI unit as written and shown.
+_KINDS = {
+    "pressure": ("Pa", (1, -1, -2, 0)),
+    "speed": ("m/s", (0, 1, -1, 0)),
+    "force": ("N", (1, 1, -2, 0)),
+    "length": ("m", (0, 1, 0, 0)),
+    "time": ("s", (0, 0, 1, 0)),
+    "angular velocity": ("rad/s", (0, 0, -1, 0)),
+    "mass": ("kg", (1, 0, 0, 0)),
+    "temperature": ("K", (0, 0, 0, 1)),
+    "pure number": ("1", (0, 0, 0, 0)),
+}
+_ROLES = {
+    "pressure": "initial_pressure internal_pressure pressure ambient_pressure tensile_strength real_contact_pressure "
+    "contour_pressure composite_modulus elastic_modulus",
+    "speed": "approach_speed slip_speed tangential_speed",
+    "force": "normal_load normal_force tangential_force peak_normal_force peak_friction_force friction_force",
+    "length": "depression slip outer_diameter inner_diameter wall_thickness pad_thickness contact_radius",
+    "time": "time",
+    "angular velocity": "orbit_rate " + " ".join(f"angular_velocity_{a}{n}" for a in "xyz" for n in ("", "0")),
+    "mass": "effective_mass",
+    "temperature": "temperature",
+    "pure number": "sequence repeats restitution inertia_ratio adhesion_constant loss_factor slip_scale poisson_ratio "
+    "attitude attitude_w attitude_x attitude_y attitude_z attitude_0 attitude_1 attitude_2 attitude_3",
+}
+ROLES = {name: kind for kind, names in _ROLES.items() for name in names.split()}
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as read: SI value = value · scale + offset.
+
+    Args:
+        text: As the user wrote it.
+        scale: SI units in one of these.
+        offset: SI value of zero; nought except for temperatures in °C or °F.
+        dimension: Exponents of mass, length, time, temperature and, where they occur, further base dimensions.
+        si: The SI unit, as text.
+    """
+
+    text: str
+    scale: float
+    offset: float
+    dimension: tuple
+    si: str
+
+    def convert(self, values):
+        """Values in this unit to SI, same shape; exact decimal steps (mm to m) are divided, so 0.25 ms is 0.00025 s."""
+        inverse = round(1 / self.scale) if self.scale < 1 else 0
+        if inverse and abs(self.scale * inverse - 1) < 1e-14:
+            return values / inverse + self.offset
+        return values * self.scale + self.offset
+
+
+def role_of(name: str) -> str | None:
+    """The kind of quantity that a column or parameter of this name holds, or None where the name does not say."""
+    return ROLES.get(name.removeprefix("printed_"))
+
+
+def si_unit(quantity: str) -> str:
+    """SI unit of a quantity of fixed role, e.g. "Pa" for `initial_pressure`; "1" for a name without one."""
+    kind = role_of(quantity)
+    return "1" if kind is None else _KINDS[kind][0]
+
+
+@lru_cache(maxsize=512)
+def parse_unit(text: str) -> Unit:
+    """Read a unit.
+
+    Raises:
+        InputError: The text is no unit, or one whose zero or scale is not plain (decibels).
+    """
+    text = text.strip()
+    if text.casefold().replace(" ", "") in _GAUGE:
+        raise InputError(
+            f'unit {text!r} is a gauge pressure: write the plain unit (bar, psi), mark the field "reference": "gauge" '
+            "and state ambient_pressure"
+        )
+    spelling = _spell(text)
+    if spelling is None:
+        raise InputError(f"unit {text!r} is not one I can read; write it like N, MPa, m/s, N*s/m or kg*m^2")
+    registry = _registry()
+    try:
+        unit = registry.parse_units(spelling)
+        zero, one, two = (registry.Quantity(x, unit).to_base_units() for x in (0.0, 1.0, 2.0))
+        base = dict(one.dimensionality)
+        low, middle, high = float(zero.magnitude), float(one.magnitude), float(two.magnitude)
+        exponents = {key: float(value) for key, value in base.items()}
+        shown = f"{one.units:~C}"
+    except Exception as error:  # pint raises many kinds, some of them bare AssertionErrors
+        hint = _HINTS.get(text.casefold())
+        hint = f"; did you mean {hint}?" if hint else ""
+        raise InputError(f"unit {text!r} is not known{hint or '; write it like N, MPa, m/s or mm'}") from error
+    if not all(map(math.isfinite, (low, middle, high))) or middle == low:
+        raise InputError(f"unit {text!r} has no finite size in SI units")
+    if abs((high - middle) - (middle - low)) > 1e-9 * abs(high - middle):
+        raise InputError(f"unit {text!r} is logarithmic; write the values in a linear unit")
+    scale = middle if low == 0 else round(middle - low, 12)
+    names = ("[mass]", "[length]", "[time]", "[temperature]")
+    dimension = tuple(exponents.pop(name, 0.0) for name in names) + tuple(sorted(exponents.items()))
+    return Unit(text or "1", scale, low, dimension, shown or "1")
+
+
+def check_unit(text: str, quantity: str) -> Unit:
+    """Read a unit and check that it suits the quantity of that name (a column or a parameter).
+
+    Raises:
+        InputError: The unit is unknown or of the wrong dimension.
+    """
+    unit = parse_unit(text)
+    kind = role_of(quantity)
+    if kind is None:
+        return unit
+    wanted, dimension = _KINDS[kind]
+    if unit.dimension != tuple(map(float, dimension)):
+        hint = _HINTS.get(unit.text.casefold())
+        if kind == "temperature" and unit.text in ("C", "F"):
+            hint = "deg" + unit.text
+        hint = f"; did you mean {hint}?" if hint else ""
+        raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted}){hint}")
+    if kind == "angular velocity" and re.search("Hz|hertz", unit.text):
+        raise InputError(f"unit {unit.text!r} leaves open whether {quantity} counts turns; write rad/s, deg/s or rpm")
+    return Unit(unit.text, unit.scale, unit.offset, unit.dimension, wanted)
+
+
+def to_si(value, unit: str, quantity: str = ""):
+    """Convert a number or array from `unit` to SI, same shape, after checking the unit against `quantity`.
+
+    Raises:
+        InputError: The unit is unknown or of the wrong dimension.
+    """
+    value = np.asarray(value, dtype=float)
+    converted = check_unit(unit, quantity).convert(value)
+    return float(converted) if value.ndim == 0 else converted
+
+
+def parse_quantity(text: str | float, quantity: str) -> float:
+    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as SI.
+
+    Raises:
+        InputError: No finite number, no unit where one is needed, or one of the wrong dimension.
+    """
+    number, rest = _split_number(text, quantity)
+    if not rest and role_of(quantity) not in (None, "pure number"):
+        raise InputError(f"{quantity} needs a unit: write it like '{text} {si_unit(quantity)}'")
+    value = to_si(number, rest, quantity)
+    if not math.isfinite(value):
+        raise InputError(f"{quantity} is not a finite number: {text!r}")
+    return value
+
+
+def parse_uncertainty(text: str, unit: Unit, quantity: str) -> Uncertainty:
+    """Read one standard deviation: absolute ("0.25 N") or relative ("0.5 %"), for a column with that unit.
+
+    Raises:
+        InputError: Not positive, no unit, wrong dimension, or relative on a temperature scale with an offset.
+    """
+    number, rest = _split_number(text, f"the uncertainty of {quantity}")
+    if not (number > 0 and math.isfinite(number)):
+        raise InputError(f"the uncertainty of {quantity} is one standard deviation and must be positive, not {text!r}")
+    if rest in ("%", "percent"):
+        if unit.offset:
+            raise InputError(f"the uncertainty of {quantity} cannot be relative in {unit.text}: write it like '0.5 K'")
+        return Uncertainty(None, number / 100)
+    if not rest and any(unit.dimension):
+        raise InputError(f"the uncertainty of {quantity} needs a unit: write it like '{text} {unit.text}' or '0.5 %'")
+    own = check_unit(rest, quantity)
+    if own.dimension != unit.dimension:
+        raise InputError(f"the uncertainty of {quantity} is in {own.text!r} and its values are in {unit.text!r}")
+    return Uncertainty(float(Unit(own.text, own.scale, 0.0, own.dimension, own.si).convert(number)), None)
+
+
+def _split_number(text, quantity: str) -> tuple[float, str]:
+    match = re.fullmatch(rf"\s*({NUMBER})(.*)", str(text), re.DOTALL | re.ASCII)
+    if match is None:
+        raise InputError(f"{quantity} is not a number with a unit: {text!r}")
+    if match[2].startswith(","):
+        raise InputError(f"{quantity} has a decimal comma: {text!r}; write a decimal point")
+    return float(match[1]), match[2].strip()
+
+
+def _spell(text: str) -> str | None:
+    """Text that pint reads as meant, or None: aliases, superscripts, `m.s-1`; no numbers, calls or long powers."""
+    if text in ALIASES:
+        return ALIASES[text]
+    for sign, plain in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True):
+        text = text.replace(sign, plain)
+    text = text.replace("·", "*").replace("⋅", "*").replace("×", "*").replace("µ", "μ").replace("^", "**")
+    text = re.sub(r"(?<=\w)\.(?=[^\W\d])", "*", text)
+    text = re.sub(r"(?<=[A-Za-zμ])(-?\d)(?![\w*])", r"**\1", text)
+    word = r"[^\W\d_][\w]{0,30}|[%°Ω]"
+    factor = rf"(?:\(*\s*(?:1|°?{word})(?:\s*\*\*\s*\(?-?\d(?:\.\d{{1,3}})?\)?)?\s*\)*)"
+    if len(text) > 60 or not re.fullmatch(rf"{factor}(?:(?:\s*[*/]\s*|\s+){factor})*", text):
+        return None
+    return re.sub(rf"°?{word}", lambda found: ALIASES.get(found[0], found[0]), text)
+
+
+@lru_cache(maxsize=1)
+def _registry():
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)

@@ -1,0 +1,373 @@
+"""Import of raw files: the numbers come out right, and what cannot be told is asked for by the option's name."""
+
+import numpy as np
+import pytest
+from helpers_measurement import pulse, raw_text, raw_trace
+
+from ddetumble._errors import InputError
+from ddetumble.measurement import find_onset, import_tests, read_campaign
+from ddetumble.measurement.layout import read_layout, split_heading
+
+
+CONDITIONS = {"pressure": "1.0 MPa", "speed": "0.4 m/s"}
+
+
+def write(path, text, encoding="utf-8"):
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def check(campaign, folder, onset=0.0123, peak=50.0, noise=0.2):
+    """The campaign passes when read back, and its first record is the pulse that went in."""
+    again = campaign.write(folder)
+    assert again.notes == campaign.notes
+    assert read_campaign(folder).record_keys == campaign.record_keys
+    trace = again.trace(again.record_keys[0])
+    clock = again.uncertainty("time").absolute
+    assert 1e-6 < clock < 3e-4
+    shift = float(trace["time"].iloc[0]) + onset
+    assert abs(shift) < 4 * clock
+    wanted = pulse(trace["time"].to_numpy(), shift, peak)
+    assert np.abs(trace["normal_force"] - wanted).max() < 5 * noise
+    assert again.uncertainty("normal_force").absolute == pytest.approx(noise, rel=0.25)
+    assert abs(trace["normal_force"][trace["time"] < -0.001].mean()) < 0.1 * noise
+    return again
+
+
+LAYOUTS = {
+    "comma": {"headings": ["t (s)", "Fz [N]"]},
+    "underscores": {"headings": ["time_s", "Force_N"]},
+    "slashes": {"headings": ["Time/s", "Force/N"], "delimiter": "\t"},
+    "german": {"headings": ["Zeit [s]", "Kraft [N]"], "delimiter": ";", "decimal": ","},
+    "unit row": {"headings": ["t", "F"], "units": ["s", "N"], "delimiter": ";"},
+    "bracketed unit row": {"headings": ["Time", "Force"], "units": ["[s]", "[N]"], "delimiter": "\t", "decimal": ","},
+    "preamble": {
+        "headings": ["Time (s)", "Fz (N)"],
+        "preamble": "Bench 3, charge amplifier\nRate,10000\nOperator,Ann,room 5\n\n",
+    },
+    "preamble with as many cells": {
+        "headings": ["Zeit", "Kraft"],
+        "units": ["s", "N"],
+        "delimiter": ";",
+        "preamble": "Prüfer;Jones\nRate;10000\n",
+    },
+    "spaces": {"headings": ["t", "[s]", " Fz", "[N]"], "delimiter": " "},
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_layouts(tmp_path, name):
+    time, force = raw_trace()
+    path = write(tmp_path / "shot1.csv", raw_text([time, force], **LAYOUTS[name]))
+    campaign = import_tests([path], **CONDITIONS)
+    assert campaign.record_keys == ("shot1",)
+    assert campaign.records.loc["shot1"].to_dict() == {"initial_pressure": 1e6, "approach_speed": 0.4}
+    check(campaign, tmp_path / "campaign")
+    notes = "\n".join(campaign.notes)
+    for word in ("between cells", "decimal", "contact at", "taken off: normal_force 1.7", "absolute", "uncertainty"):
+        assert word in notes
+
+
+def test_units_are_converted(tmp_path):
+    time, force = raw_trace()
+    text = raw_text([time * 1e3, force / 1e3], ["t (ms)", "Fz [kN]"], digits=9)
+    check(import_tests(write(tmp_path / "a.txt", text), **CONDITIONS), tmp_path / "campaign")
+
+
+def test_units_from_the_option_and_encodings(tmp_path):
+    time, force = raw_trace()
+    text = raw_text([time * 1e3, force], ["Zeit µ", "Kraft"], delimiter="\t")
+    for encoding in ("cp1252", "utf-16"):
+        path = write(tmp_path / f"{encoding}.txt", text, encoding)
+        with pytest.raises(InputError, match="--time COLUMN"):
+            import_tests(path, **CONDITIONS)
+        with pytest.raises(InputError, match="Kraft.*--unit force=N"):
+            import_tests(path, time="Zeit µ", units={"time": "ms"}, **CONDITIONS)
+        campaign = import_tests(path, time="Zeit µ", units=["time=ms", "force=N"], **CONDITIONS)
+        check(campaign, tmp_path / encoding / "campaign")
+
+
+def test_no_headings_at_all(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["0.0", "1.7"]))
+    with pytest.raises(InputError, match="--time COLUMN"):
+        import_tests(path, **CONDITIONS)
+    path = write(tmp_path / "a.csv", raw_text([time[1:], force[1:]], ["0.0", "1.7"]))
+    campaign = import_tests(path, time="1", force="column 2", units={"time": "s", "force": "N"}, **CONDITIONS)
+    check(campaign, tmp_path / "campaign")
+
+
+def test_compression_counted_negative(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, -force], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(path, **CONDITIONS)
+    check(campaign, tmp_path / "campaign")
+    assert any("sign was turned" in note for note in campaign.notes)
+    other = write(tmp_path / "b.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    with pytest.raises(InputError, match="another sign"):
+        import_tests([path, other], **CONDITIONS)
+
+
+def test_one_long_file_with_tests_and_constant_columns(tmp_path):
+    columns = [[], [], [], [], [], []]
+    for i in range(3):
+        time, force = raw_trace(onset=0.0123 + 0.003 * i, peak=40 + 10 * i, seed=i)
+        new = ([f"T{i}"] * len(time), time, force, time * 0 + 10 + i, time * 0 + 0.3, time * 0 + i + 1)
+        for column, values in zip(columns, new, strict=True):
+            column += list(values)
+    headings = ["Test", "t [s]", "Fz [N]", "p0 [bar]", "v (m/s)", "sequence"]
+    path = write(tmp_path / "all.csv", raw_text(columns, headings))
+    campaign = import_tests([path], gauge=True, ambient="1 bar")
+    assert campaign.record_keys == ("T0", "T1", "T2")
+    assert list(campaign.records["initial_pressure"]) == [1.1e6, 1.2e6, 1.3e6]
+    assert list(campaign.records["sequence"]) == [1, 2, 3]
+    assert campaign.known["ambient_pressure"] == 1e5
+    check(campaign, tmp_path / "campaign", peak=40)
+    with pytest.raises(InputError, match="--ambient"):
+        import_tests([path], gauge=True)
+    with pytest.raises(InputError, match="given twice, by the raw column initial_pressure and by --pressure"):
+        import_tests([path], pressure="1 MPa")
+
+
+def test_three_channels_and_pressure_before_contact(tmp_path):
+    time, force = raw_trace()
+    rng = np.random.default_rng(1)
+    depth = pulse(time, 0.0123, 4) ** 0.5 + 0.3 + 0.01 * rng.standard_normal(time.size)
+    gas = 12 - pulse(time, 0.0123, 0.5) + 0.01 * rng.standard_normal(time.size)
+    headings = ["t [s]", "Fz [N]", "depth (mm)", "p [bar]", "Fx [N]"]
+    path = write(tmp_path / "a.csv", raw_text([time, force, depth, gas, force], headings))
+    campaign = import_tests(path, speed="0.4 m/s", uncertainty={"initial_pressure": "0.5 %", "force": "0.3 N"})
+    assert list(campaign.channels) == ["normal_force", "depression", "pressure"]
+    assert campaign.records["initial_pressure"].iloc[0] == pytest.approx(12e5, rel=1e-3)
+    assert campaign.uncertainty("initial_pressure").relative == 0.005
+    assert campaign.uncertainty("normal_force").absolute == 0.3
+    assert campaign.uncertainty("pressure").absolute == pytest.approx(1000, rel=0.3)
+    trace = campaign.trace("a")
+    assert abs(trace["depression"][trace["time"] < -1e-3].mean()) < 1e-5
+    assert any("left out: Fx" in note for note in campaign.notes)
+    assert any("mean of the pressure channel" in note for note in campaign.notes)
+    campaign.write(tmp_path / "campaign")
+    moving = write(tmp_path / "b.csv", raw_text([time, force, time * 400, gas, force], headings))
+    with pytest.raises(InputError, match="arm's position"):
+        import_tests(moving, speed="0.4 m/s")
+
+
+def test_a_speed_that_changes_within_a_test_is_no_condition(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force, 0.4 - time], ["t [s]", "Fz [N]", "v [m/s]"]))
+    with pytest.raises(InputError, match="approach_speed is not known"):
+        import_tests(path, pressure="1 MPa")
+    campaign = import_tests(path, **CONDITIONS)
+    assert campaign.records.loc["a", "approach_speed"] == 0.4
+    assert any("no condition and was left out" in note for note in campaign.notes)
+    assert any("No uncertainty is stated for initial_pressure, approach_speed" in note for note in campaign.notes)
+    with pytest.raises(InputError, match="choose another column"):
+        import_tests(path, keep=["speed=v"], **CONDITIONS)
+
+
+def test_an_offset_within_the_noise_stays(tmp_path):
+    time, force = raw_trace(offset=0.0)
+    campaign = import_tests(write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"])), **CONDITIONS)
+    np.testing.assert_allclose(campaign.samples["normal_force"], force, atol=1e-6)
+    assert any("no offset to take off" in note for note in campaign.notes)
+
+
+def test_conditions_table(tmp_path):
+    for i in range(2):
+        time, force = raw_trace(seed=i)
+        write(tmp_path / f"shot{i}.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    table = "file;Druck [MPa];v (m/s);Pad thickness [mm];Temp [°C]\n"
+    table += "shot0.csv;1,25;0,4;4;20\nshot1;1,5;0,45;5,5;21\nx;1;1;1;1\n"
+    path = write(tmp_path / "table.txt", table)
+    files = [tmp_path / "shot0.csv", tmp_path / "shot1.csv"]
+    campaign = import_tests(files, conditions=path)
+    assert campaign.records.loc["shot1"].to_dict() == pytest.approx(
+        {"initial_pressure": 1.5e6, "approach_speed": 0.45, "temperature": 294.15, "pad_thickness": 0.0055}
+    )
+    assert campaign.conditions["pad_thickness"].unit == "m"
+    check(campaign, tmp_path / "campaign")
+    write(path, table.replace("shot1;", "shot7;"))
+    with pytest.raises(InputError, match="no row is for record 'shot1'"):
+        import_tests(files, conditions=path)
+    write(path, table.replace("x;", "shot0;"))
+    with pytest.raises(InputError, match="line 4.*row already on line 2"):
+        import_tests(files, conditions=path)
+    write(path, table.replace(" [MPa]", ""))
+    with pytest.raises(InputError, match="Druck.*no unit"):
+        import_tests(files, conditions=path)
+    write(path, "record,initial_pressure [MPa],v [m/s],onset [ms]\nshot0,1,0.4,12.3\nshot1,1,0.4,12.3\n")
+    campaign = import_tests(files, conditions=path)
+    assert campaign.trace("shot0")["time"].iloc[0] == pytest.approx(-0.0123)
+    assert "onset" not in campaign.conditions
+
+
+def test_names(tmp_path):
+    time, force = raw_trace()
+    for name in ("1.0MPa_0.4ms", "1,5MPa_0.45ms"):
+        write(tmp_path / f"{name}.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(tmp_path, name_pattern="{initial_pressure}MPa_{approach_speed}ms")
+    assert list(campaign.records["initial_pressure"]) == [1.5e6, 1e6]
+    assert list(campaign.records["approach_speed"]) == [0.45, 0.4]
+    assert any("approach_speed in m/s" in note for note in campaign.notes)
+    campaign.write(tmp_path / "campaign")
+    again = import_tests([tmp_path / "1.0MPa_0.4ms.csv"], name_pattern="{initial_pressure:MPa}MPa_{}", speed="0.4 m/s")
+    assert again.records["initial_pressure"].iloc[0] == 1e6
+    with pytest.raises(InputError, match="does not match"):
+        import_tests(tmp_path, name_pattern="p{initial_pressure}MPa")
+    with pytest.raises(InputError, match="unit of pad"):
+        import_tests(tmp_path, name_pattern="{pad}_{initial_pressure}MPa")
+
+
+def test_given_onset(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(path, onset="12.3 ms", **CONDITIONS)
+    assert campaign.trace("a")["time"].iloc[0] == pytest.approx(-0.0123)
+    assert campaign.uncertainty("time").absolute == pytest.approx(1e-4 / 12**0.5, rel=1e-3)
+    with pytest.raises(InputError, match="--onset"):
+        import_tests(path, onset="soon", **CONDITIONS)
+
+
+def test_slip_tests_need_a_stated_uncertainty(tmp_path):
+    slip = np.linspace(0, 10, 50)
+    text = raw_text([slip, 3 + 0.1 * slip], ["Slip [mm]", "Friction force [N]"])
+    path = write(tmp_path / "a.csv", text)
+    table = write(tmp_path / "c.txt", "record,normal load [N],p [bar],v [mm/s]\na,20,10,50\n")
+    with pytest.raises(InputError, match="--uncertainty tangential_force="):
+        import_tests(path, family="slip", conditions=table)
+    campaign = import_tests(path, family="slip", conditions=table, uncertainty="force=0.04 N")
+    again = campaign.write(tmp_path / "campaign")
+    assert again.records.loc["a"].to_dict() == {"normal_load": 20, "internal_pressure": 1e6, "slip_speed": 0.05}
+    assert again.independent.name == "slip" and again.trace("a")["slip"].iloc[-1] == 0.01
+
+
+def test_tumbling_and_kept_columns(tmp_path):
+    time = np.arange(40.0)
+    columns = [time, *(np.cos(time / 5 + i) for i in range(3)), time * 0 + 7]
+    headings = ["t [s]", "wx [deg/s]", "wy [deg/s]", "rate [deg/s]", "fill (%)"]
+    path = write(tmp_path / "a.csv", raw_text(columns, headings))
+    options = {"family": "tumble", "keep": ["angular_velocity_z=rate", "fill"], "known": ["orbit_rate=0.001 rad/s"]}
+    noise = {f"angular_velocity_{axis}": "0.01 deg/s" for axis in "xyz"}
+    campaign = import_tests(path, uncertainty=noise, **options).write(tmp_path / "campaign")
+    assert list(campaign.channels) == ["angular_velocity_x", "angular_velocity_y", "angular_velocity_z"]
+    assert campaign.trace("a")["angular_velocity_x"].iloc[0] == pytest.approx(np.pi / 180)
+    assert campaign.records.loc["a", "fill"] == pytest.approx(0.07)
+    assert campaign.known == {"inertia_ratio": None, "orbit_rate": 0.001}
+
+
+TIME, FORCE = raw_trace()
+
+
+def spoilt(line, cells, headings=("t [s]", "Fz [N]")):
+    """A raw text with the cells of one line (header: line 1) replaced."""
+    lines = raw_text([TIME, FORCE], headings).splitlines()
+    lines[line - 1] = cells
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        (raw_text([TIME, FORCE, FORCE], ["t [s]", "A [N]", "B [N]"]), {}, "A, B; give --force COLUMN"),
+        (raw_text([TIME, FORCE, FORCE], ["t [s]", "Fz [N]", "Force [N]"]), {}, "any of Fz, Force; say .* --force"),
+        (raw_text([TIME, TIME, FORCE], ["t [s]", "Time [s]", "F [N]"]), {}, "--time COLUMN"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz"]), {}, "column Fz.*--unit force=N"),
+        (raw_text([TIME, FORCE], ["t", "Fz [N]"]), {}, "column t.*--unit time=s"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [V]"]), {}, "column Fz.*'V' does not measure normal_force"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"pressure": None}, "initial_pressure is not .* --pressure"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"speed": None}, "approach_speed is not known; give --speed"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"speed": "0.4"}, "--speed.*needs a unit"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"speed": "0.4 m"}, "--speed.*does not measure"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"force": "Kraft"}, "no column 'Kraft'"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"uncertainty": {"x": "1 N"}}, "--uncertainty names x"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"uncertainty": "1 N"}, "--uncertainty is given as NAME=VALUE"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"decimal": "x"}, "--decimal"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"delimiter": "x"}, "--delimiter"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]), {"family": "fall"}, "--family"),
+        (raw_text([TIME, FORCE, FORCE], ["t [s]", "Fz [N]", "p [barg]"]), {}, "gauge .* --unit pressure=bar"),
+        (raw_text([TIME, FORCE], ["t [s]", "Fz [N]"], decimal=","), {}, "line 1.*4 columns of data below 2 headings"),
+        (raw_text([TIME, FORCE], ["t", "F"]), {}, "column t: the unit is not stated"),
+        ("t [ms];Fz [N]\n" + "".join(f"{i},125;{i},250\n" for i in range(1, 99)), {}, "--decimal"),
+        ("t [ms];Fz [N]\n" + "".join(f"{i}.125;{i},25\n" for i in range(1, 99)), {}, "points and some commas"),
+        ("t [ms];Fz [N]\n" + "".join(f"{i};1.00{i % 9},25\n" for i in range(1, 99)), {}, "thousands"),
+        (spoilt(50, "0.004800,OVR"), {}, "line 50, column Fz: 'OVR'"),
+        (spoilt(50, "0.004800,NaN"), {}, "line 50, column Fz: 'NaN' is not a number"),
+        (spoilt(50, "0.004800"), {}, "line 50: the row has 1 cells where others have 2"),
+        (spoilt(50, "pause"), {}, "line 50"),
+        (spoilt(5, "pause"), {}, "line 5: text interrupts the numbers"),
+        (spoilt(50, "0.001000,1.5"), {}, "line 50, column time: .*does not increase"),
+        (spoilt(50, ",1.5"), {}, "line 50, column t: the cell is empty"),
+        (spoilt(601, "End of data"), {}, "line 601"),
+        (spoilt(1, "t [s],t [s]"), {}, "line 1: the heading 't \\[s\\]' is there twice"),
+        (raw_text([TIME, 0.2 * np.sin(9e3 * TIME)], ["t [s]", "Fz [N]"]), {}, "record 'a'.*--onset"),
+        (raw_text([TIME[:200] + 0.0123, FORCE[123:323]], ["t [s]", "Fz [N]"]), {}, "--onset"),
+        (raw_text([TIME[:4], FORCE[:4]], ["t [s]", "Fz [N]"]), {}, "fewer than 5 samples"),
+        (raw_text([TIME, pulse(TIME, 0.0123, 50)], ["t [s]", "Fz [N]"]), {}, "--uncertainty normal_force='0.25 N'"),
+        ("", {}, "no rows"),
+        ("t [s],Fz [N]\n", {}, "no rows"),
+        ("just words\n", {}, "no rows"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_told_is_asked_for(tmp_path, text, options, words):
+    path = write(tmp_path / "a.csv", text)
+    with pytest.raises(InputError, match=words) as caught:
+        import_tests([path], **(CONDITIONS | options))
+    assert "\n" not in str(caught.value)
+
+
+def test_paths(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        import_tests([tmp_path / "none.csv"], **CONDITIONS)
+    with pytest.raises(InputError, match="no raw files"):
+        import_tests(tmp_path, **CONDITIONS)
+    with pytest.raises(InputError, match="at least one"):
+        import_tests([], **CONDITIONS)
+    text = raw_text([TIME, FORCE], ["t [s]", "Fz [N]"])
+    (tmp_path / "b").mkdir()
+    files = [write(tmp_path / "a.csv", text), write(tmp_path / "b" / "a.csv", text)]
+    with pytest.raises(InputError, match="'a' is there twice"):
+        import_tests(files, **CONDITIONS)
+
+
+@pytest.mark.parametrize(
+    ("heading", "name", "unit"),
+    [("Fz [N]", "Fz", "N"), ("t (ms)", "t", "ms"), ("Force_N", "Force", "N"), ("Time/s", "Time", "s"),
+     ("Kraft in kN", "Kraft", "kN"), ("velocity_m_s", "velocity", "m/s"), ("Fz (filtered)", "Fz (filtered)", None),
+     ("F_N", "F_N", None), ("normal_force", "normal_force", None), ("e [-]", "e", "-"), ("test_no", "test_no", None),
+     ("angular_velocity_y", "angular_velocity_y", None), ("p [bar(g)]", "p", "bar(g)"), ("t", "t", None)],
+)  # fmt: skip
+def test_headings(heading, name, unit):
+    assert split_heading(heading) == (name, unit)
+
+
+def test_columns_without_values_are_dropped_and_trailing_delimiters_borne(tmp_path):
+    text = "t [s];Fz [N];\n" + "".join(f"{i};{i};\n" for i in range(9))
+    raw = read_layout(write(tmp_path / "a.csv", text))
+    assert list(raw.table.columns) == ["t", "Fz"]
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.25, 1.0])
+def test_onset_and_its_error(noise):
+    scores = []
+    for seed in range(30):
+        time, force = raw_trace(onset=0.0123 + 1e-5 * (seed % 10), noise=noise, seed=seed)
+        found = find_onset(time, force)
+        scores.append((found.time - 0.0123 - 1e-5 * (seed % 10)) / found.sd)
+        assert found.offset == pytest.approx(1.7, abs=0.5 * noise)
+        assert found.noise == pytest.approx(noise, rel=0.3)
+    assert abs(np.mean(scores)) < 0.8 and 0.3 < np.std(scores) < 1.5 and np.max(np.abs(scores)) < 4
+
+
+def test_onset_of_a_rise_that_begins_with_a_slope():
+    time = np.arange(600) / 10e3
+    force = 50 * np.sin(np.pi * np.clip((time - 0.0123) / 0.016, 0, 1))
+    found = find_onset(time, force + 0.05 * np.random.default_rng(0).standard_normal(600))
+    assert abs(found.time - 0.0123) < 3 * found.sd < 1e-3
+
+
+def test_onset_says_if_it_cannot():
+    time = np.arange(600) / 10e3
+    noise = np.random.default_rng(0).standard_normal(600)
+    for force in (noise, pulse(time, -0.001, 50) + 0.1 * noise, pulse(time, 0.0123, 50, 1e-4), np.zeros(600)):
+        with pytest.raises(InputError, match="--onset"):
+            find_onset(time, force)
