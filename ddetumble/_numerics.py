@@ -1,0 +1,44 @@
+"""Small numerical helpers that keep values and gradients finite."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+type_scalar = Float[Array, ""]
+
+
+def scalar(x: Any) -> Array:
+    """Convert anything number-like to a strongly typed 64-bit array, so that new values never recompile."""
+    return jnp.asarray(x, dtype=float)
+
+
+def positive_part(x: Array) -> Array:
+    """max(x, 0), with derivative 0 on the negative side."""
+    return jnp.where(x > 0, x, 0.0)
+
+
+def safe_power(x: Array, exponent: Array) -> Array:
+    """x**exponent for x > 0 and 0 for x <= 0, with finite derivatives in both arguments."""
+    positive = x > 0
+    base = jnp.where(positive, x, 1.0)
+    return jnp.where(positive, jnp.exp(exponent * jnp.log(base)), 0.0)
+
+
+def safe_sqrt(x: Array) -> Array:
+    """Square root that is 0 with derivative 0 for x <= 0."""
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+
+
+def safe_divide(a: Array, b: Array) -> Array:
+    """a / b, and 0 where b is 0."""
+    ok = b != 0
+    return jnp.where(ok, a / jnp.where(ok, b, 1.0), 0.0)
+
+
+def stop(x: Array) -> Array:
+    """Treat x as a constant: used for scales that must not carry derivatives."""
+    return jax.lax.stop_gradient(x)

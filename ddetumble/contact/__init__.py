@@ -1,0 +1,6 @@
+"""Contact mechanics: depression in, force out."""
+
+from .._settings import configure as _configure
+
+
+_configure()

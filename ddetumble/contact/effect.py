@@ -1,0 +1,273 @@
+"""What an effect is: one missing piece of physics at one named stage of the contact (the file that users read).
+
+An effect is an `equinox` module with a few parameters. It sees the state of the contact (`Contact`) and returns its own
+contribution; at its null value the contribution is exactly absent. Stages:
+
+=====================  ==========================  ==========================================================
+stage                  class                       returns
+=====================  ==========================  ==========================================================
+size of the ball       `AbstractSizeEffect`        relative growth of the outer diameter [-]
+geometry               `AbstractGeometryEffect`    increment of the contact radius [m]
+gas                    `AbstractGasEffect`         factor on the gas pressure [-]
+elastic force          `AbstractElasticEffect`     increment of the elastic force [N]
+stiffness              `AbstractStiffnessEffect`   factor on the whole elastic force [-]
+contact force          `AbstractContactForce`      increment of the contact force, inside its clamp at zero [N]
+surface                `AbstractSurfaceForce`      increment after the clamp: tension is possible [N]
+drive of the arm       `AbstractDriveEffect`       force of the arm on the ball, towards the plate [N]
+restitution            `AbstractRestitutionEffect` factor on the coefficient of restitution [-]
+sensor                 `AbstractSensorEffect`      what the force gauge reads [N]
+=====================  ==========================  ==========================================================
+
+An effect that needs a state of its own (gas lost, a relaxing force) is also an `AbstractStatefulEffect`.
+"""
+
+import abc
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from equinox import AbstractClassVar
+from jaxtyping import Array
+
+from .._numerics import scalar, type_scalar
+from .signal import Signal
+
+
+Scalar = type_scalar
+
+STAGES = (
+    "size", "geometry", "gas", "elastic", "stiffness", "contact", "surface", "drive", "restitution", "sensor",
+)
+
+
+class Contact(eqx.Module):
+    """The state of the contact that an effect sees; every entry is a scalar (the caller batches by `vmap`).
+
+    Attributes:
+        time: since first touch [s].
+        depression: how far the ball is squeezed [m].
+        depression_rate: its rate, > 0 while loading [m/s].
+        contact_radius: radius of the flat disc [m].
+        volume_ratio: undeformed over present volume, V0/V' [-].
+        outer_diameter: of the undeformed ball [m].
+        pressure: of the gas, absolute [Pa]; 0 before it is known (geometry, gas).
+        elastic_force: F_k [N]; 0 before it is known.
+        initial_pressure: absolute [Pa].
+        approach_speed: at first touch [m/s].
+        conditions: every condition of the record by name, SI.
+        state: the effect's own state, 0 for effects without one.
+    """
+
+    time: Scalar
+    depression: Scalar
+    depression_rate: Scalar
+    contact_radius: Scalar
+    volume_ratio: Scalar
+    outer_diameter: Scalar
+    pressure: Scalar
+    elastic_force: Scalar
+    initial_pressure: Scalar
+    approach_speed: Scalar
+    conditions: Mapping[str, Array]
+    state: Scalar
+
+    @property
+    def contact_area(self) -> Array:
+        """Area of the flat disc, pi b**2 [m²]."""
+        return jnp.pi * self.contact_radius**2
+
+
+@dc.dataclass(frozen=True)
+class Parameter:
+    """What is known about one parameter before any measurement.
+
+    Attributes:
+        name: public name (`k_w`); the result calls it `effect-id.k_w`.
+        field: attribute of the module that holds it.
+        unit: SI unit as text.
+        default: value when nothing else is said (for an amplitude: its null).
+        kind: `amplitude` (its null switches the effect off) or `shape` (means nothing while the amplitude is null).
+        typical: size of a change that matters; scales the fit.
+        sign: +1 where physics allows only values above the null, -1 below, 0 both.
+        bounds: hard limits (low, high).
+        starts: values to start a fit from (amplitudes) or to scan (shapes).
+        coordinate: `linear`, `log`, `logit` (of a value in 0..1) or `inverse` (the field holds 1/parameter).
+        free: whether a fit of the effect frees it from the start.
+        text: one phrase that says what it is.
+    """
+
+    name: str
+    field: str
+    unit: str
+    default: float
+    kind: str = "amplitude"
+    typical: float = 1.0
+    sign: int = 0
+    bounds: tuple[float, float] = (-float("inf"), float("inf"))
+    starts: tuple[float, ...] = ()
+    coordinate: str = "linear"
+    free: bool = True
+    text: str = ""
+
+
+def parameter(
+    unit: str, default: float = 0.0, *, name: str | None = None, kind: str = "amplitude", typical: float = 1.0,
+    sign: int = 0, bounds: tuple[float, float] | None = None, starts: tuple[float, ...] = (),
+    coordinate: str = "linear", free: bool = True, text: str = "",
+) -> Any:
+    """Declare a scalar parameter of an effect or of a reference model; see `Parameter` for the arguments."""
+    if kind not in ("amplitude", "shape", "reference"):
+        raise ValueError(f"`parameter(kind=...)` must be 'amplitude', 'shape' or 'reference'; got {kind!r}.")
+    if coordinate not in ("linear", "log", "logit", "inverse"):
+        raise ValueError(f"`parameter(coordinate=...)` must be linear, log, logit or inverse; got {coordinate!r}.")
+    meta = dict(unit=unit, default=float(default), name=name, kind=kind, typical=float(typical), sign=sign,
+                bounds=bounds or (-float("inf"), float("inf")), starts=tuple(starts), coordinate=coordinate,
+                free=free, text=text)
+    return eqx.field(converter=scalar, default=float(default), metadata={"parameter": meta})
+
+
+def parameters_of(module: Any) -> tuple[Parameter, ...]:
+    """The declared parameters of an effect or model (class or instance), in the order of its fields."""
+    found = []
+    for field in dc.fields(module):
+        meta = field.metadata.get("parameter")
+        if meta is not None:
+            meta = dict(meta)
+            meta["name"] = meta["name"] or field.name
+            found.append(Parameter(field=field.name, **meta))
+    return tuple(found)
+
+
+class AbstractEffect(eqx.Module):
+    """Base of all effects.
+
+    Attributes:
+        id: public name, as in `physics.md`'s catalogue.
+        law: the law in one line.
+        reference: where the law comes from.
+        requires: what the reference model must have for the effect to mean anything: any of `gas`, `geometry`,
+            `damping`, or the name of a condition such as `sequence`.
+    """
+
+    id: AbstractClassVar[str]
+    law: AbstractClassVar[str]
+    reference: AbstractClassVar[str]
+    requires: ClassVar[tuple[str, ...]] = ()
+
+
+class AbstractSizeEffect(AbstractEffect):
+    """Changes the size of the undeformed ball."""
+
+    @abc.abstractmethod
+    def growth(self, contact: Contact) -> Scalar:
+        """Relative growth of the outer diameter [-], from the conditions alone."""
+
+
+class AbstractGeometryEffect(AbstractEffect):
+    """Changes the radius of the contact disc."""
+
+    @abc.abstractmethod
+    def contact_radius(self, contact: Contact) -> Scalar:
+        """Increment of the contact radius [m]."""
+
+
+class AbstractGasEffect(AbstractEffect):
+    """Changes the pressure of the enclosed gas."""
+
+    @abc.abstractmethod
+    def pressure_factor(self, contact: Contact) -> Scalar:
+        """Factor on the gas pressure [-]; 1 at the null."""
+
+
+class AbstractElasticEffect(AbstractEffect):
+    """Adds to the elastic force, so that the damping multiplies it too."""
+
+    @abc.abstractmethod
+    def force(self, contact: Contact) -> Scalar:
+        """Increment of the elastic force [N]."""
+
+
+class AbstractStiffnessEffect(AbstractEffect):
+    """Multiplies the whole elastic force."""
+
+    @abc.abstractmethod
+    def factor(self, contact: Contact) -> Scalar:
+        """Factor on the elastic force [-]; 1 at the null."""
+
+
+class AbstractContactForce(AbstractEffect):
+    """Adds to the contact force before it is clamped at zero."""
+
+    @abc.abstractmethod
+    def force(self, contact: Contact) -> Scalar:
+        """Increment of the contact force [N]."""
+
+
+class AbstractSurfaceForce(AbstractEffect):
+    """Adds to the contact force after the clamp: a pulling force is possible."""
+
+    @abc.abstractmethod
+    def force(self, contact: Contact) -> Scalar:
+        """Increment of the contact force [N]."""
+
+
+class AbstractDriveEffect(AbstractEffect):
+    """A force of the arm on the ball."""
+
+    @abc.abstractmethod
+    def force(self, contact: Contact) -> Scalar:
+        """Force towards the plate [N]."""
+
+
+class AbstractRestitutionEffect(AbstractEffect):
+    """Changes the coefficient of restitution with the conditions."""
+
+    @abc.abstractmethod
+    def factor(self, contact: Contact) -> Scalar:
+        """Factor on the coefficient of restitution [-]; 1 at the null."""
+
+
+class AbstractSensorEffect(AbstractEffect):
+    """Changes what the force gauge reads; effects act in ascending `order`."""
+
+    order: AbstractClassVar[int]
+
+    @abc.abstractmethod
+    def reading(self, force: Signal) -> Signal:
+        """The reading for a force given over time [N]."""
+
+
+class AbstractStatefulEffect(AbstractEffect):
+    """An effect with one state of its own, integrated during contact."""
+
+    @abc.abstractmethod
+    def initial(self) -> Scalar:
+        """State at first touch."""
+
+    @abc.abstractmethod
+    def rate(self, contact: Contact) -> Scalar:
+        """Time derivative of `contact.state`."""
+
+    @abc.abstractmethod
+    def size(self, contact: Contact) -> Scalar:
+        """Typical size of the state, which scales the integrator's tolerance."""
+
+
+STAGE_OF: tuple[tuple[type, str], ...] = (
+    (AbstractSizeEffect, "size"), (AbstractGeometryEffect, "geometry"), (AbstractGasEffect, "gas"),
+    (AbstractElasticEffect, "elastic"), (AbstractStiffnessEffect, "stiffness"), (AbstractContactForce, "contact"),
+    (AbstractSurfaceForce, "surface"), (AbstractDriveEffect, "drive"), (AbstractRestitutionEffect, "restitution"),
+    (AbstractSensorEffect, "sensor"),
+)
+
+
+def stage_of(effect: Any) -> str:
+    """Name of the stage at which an effect (class or instance) acts."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    for base, name in STAGE_OF:
+        if issubclass(kind, base):
+            return name
+    raise TypeError(f"`{kind.__name__}` has no stage: derive it from one of "
+                    + ", ".join(base.__name__ for base, _ in STAGE_OF) + ".")

@@ -1,0 +1,291 @@
+"""The contact law: reference models with effects applied to them (Eqs. 1 to 7)."""
+
+import abc
+from collections.abc import Mapping
+from typing import ClassVar, final
+
+import equinox as eqx
+import jax.numpy as jnp
+from equinox import AbstractClassVar
+from jaxtyping import Array
+
+from .._numerics import positive_part, safe_power
+from .damping import exact_damping, printed_damping
+from .effect import (
+    AbstractContactForce,
+    AbstractDriveEffect,
+    AbstractEffect,
+    AbstractElasticEffect,
+    AbstractGasEffect,
+    AbstractGeometryEffect,
+    AbstractRestitutionEffect,
+    AbstractSensorEffect,
+    AbstractSizeEffect,
+    AbstractStatefulEffect,
+    AbstractStiffnessEffect,
+    AbstractSurfaceForce,
+    Contact,
+    Scalar,
+    parameter,
+)
+from .gas import gas_pressure
+from .geometry import contact_radius, racetrack_volume, sphere_volume, truncated_sphere_radius
+from .signal import Signal
+
+
+class Forces(eqx.Module):
+    """What acts at one instant.
+
+    Attributes:
+        elastic: F_k [N].
+        normal: F_n, on the plate [N].
+        drive: of the arm, towards the plate [N].
+        pressure: of the gas, absolute [Pa].
+    """
+
+    elastic: Scalar
+    normal: Scalar
+    drive: Scalar
+    pressure: Scalar
+
+
+class AbstractReference(eqx.Module):
+    """A reference model: elastic force from depression and conditions; effects extend it.
+
+    Attributes:
+        name: public name.
+        provides: what effects may require: `gas`, `geometry`, `damping`.
+        text: one sentence that says which equations it is.
+    """
+
+    provides: AbstractClassVar[tuple[str, ...]]
+
+    @abc.abstractmethod
+    def diameter(self) -> Scalar:
+        """Undeformed outer diameter [m]; 0 where there is none."""
+
+    @abc.abstractmethod
+    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
+        """Contact radius [m] and volume ratio V0/V' [-]; `increment(b)` is what geometry effects add to b."""
+
+    @abc.abstractmethod
+    def elastic(self, contact: Contact) -> Scalar:
+        """Elastic force without effects [N]."""
+
+    @abc.abstractmethod
+    def inertia(self) -> Scalar:
+        """Effective mass [kg]."""
+
+    @abc.abstractmethod
+    def rebound(self) -> Scalar:
+        """Coefficient of restitution [-]."""
+
+    @abc.abstractmethod
+    def damping(self, restitution: Array, approach_speed: Array) -> Scalar:
+        """c_n [s/m]."""
+
+
+@final
+class Ball(AbstractReference):
+    """The paper's inflated ball: racetrack section, gas, Hunt-Crossley damping.
+
+    Static choices select the printed forms of `physics.md` section 3: `volume_coefficient` (None: as the area's),
+    `doubled_core` (Eq. 2 as printed), `truncated` (Eq. 1: constant pressure, truncated sphere), `damping_form`
+    (`exact`, `printed` for Eq. 6), `damping_sign` (-1 for Eq. 5 taken at face value).
+    """
+
+    effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
+                                       bounds=(0.0, jnp.inf), text="mass felt along the normal")
+    restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
+                                    bounds=(0.0, 1.0), text="coefficient of restitution")
+    outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
+                                       bounds=(0.0, jnp.inf), free=False, text="ball before deformation")
+    contact_radius_coefficient: Scalar = parameter("", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log",
+                                                   bounds=(0.0, jnp.inf), free=False, text="b over depression")
+    volume_coefficient: float | None = eqx.field(static=True, default=None)
+    doubled_core: bool = eqx.field(static=True, default=False)
+    truncated: bool = eqx.field(static=True, default=False)
+    damping_form: str = eqx.field(static=True, default="exact")
+    damping_sign: float = eqx.field(static=True, default=1.0)
+    provides: ClassVar[tuple[str, ...]] = ("gas", "geometry", "damping")
+
+    def diameter(self) -> Scalar:
+        """Outer diameter [m]."""
+        return self.outer_diameter
+
+    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
+        """Contact radius and volume ratio (Eqs. 1 and 2)."""
+        if self.truncated:
+            radius = truncated_sphere_radius(depression, diameter)
+            return radius + increment(radius), jnp.ones_like(radius)
+        radius = contact_radius(depression, self.contact_radius_coefficient)
+        radius = radius + increment(radius)
+        inner = radius if self.volume_coefficient is None else contact_radius(
+            depression, jnp.asarray(self.volume_coefficient))
+        volume = racetrack_volume(inner, 0.5 * (diameter - depression), self.doubled_core)
+        return radius, sphere_volume(diameter) / volume
+
+    def elastic(self, contact: Contact) -> Scalar:
+        """F_k = P' pi b**2 (Eq. 4)."""
+        return contact.pressure * contact.contact_area
+
+    def inertia(self) -> Scalar:
+        """Effective mass [kg]."""
+        return self.effective_mass
+
+    def rebound(self) -> Scalar:
+        """Coefficient of restitution [-]."""
+        return self.restitution
+
+    def damping(self, restitution: Array, approach_speed: Array) -> Scalar:
+        """c_n: exact, or Eq. 6."""
+        form = {"exact": exact_damping, "printed": printed_damping}[self.damping_form]
+        return self.damping_sign * form(restitution, approach_speed)
+
+
+@final
+class PowerLaw(AbstractReference):
+    r"""A soft body without gas: $F_k = k\,(\delta/\delta_0)^n \prod_c (c/c_0)^{\beta_c}$ with $\delta_0$ = 10 mm.
+
+    `stiffness_force` is the force at 10 mm. Every further condition $c$ of a campaign named in `names` has an exponent
+    $\beta_c$, and its reference value $c_0$ in `references`.
+    """
+
+    effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
+                                       bounds=(0.0, jnp.inf), text="mass felt along the normal")
+    restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
+                                    bounds=(0.0, 1.0), text="coefficient of restitution")
+    stiffness_force: Scalar = parameter("N", 100.0, kind="reference", typical=50.0, coordinate="log",
+                                        bounds=(0.0, jnp.inf), text="elastic force at 10 mm")
+    exponent: Scalar = parameter("", 1.5, kind="reference", typical=0.5, coordinate="log",
+                                 bounds=(0.5, 6.0), text="power of the depression")
+    condition_exponent: Scalar = parameter("", 0.0, kind="reference", typical=0.5,
+                                           text="power of the further condition")
+    condition: str = eqx.field(static=True, default="initial_pressure")
+    condition_reference: float = eqx.field(static=True, default=1e6)
+    provides: ClassVar[tuple[str, ...]] = ("damping",)
+
+    def diameter(self) -> Scalar:
+        """No diameter: 0."""
+        return jnp.zeros(())
+
+    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
+        """No contact disc and no gas."""
+        return jnp.zeros_like(depression), jnp.ones_like(depression)
+
+    def elastic(self, contact: Contact) -> Scalar:
+        """F_k of the power law [N]."""
+        ratio = contact.conditions[self.condition] / self.condition_reference
+        return (self.stiffness_force * safe_power(contact.depression / 0.01, self.exponent)
+                * safe_power(ratio, self.condition_exponent))
+
+    def inertia(self) -> Scalar:
+        """Effective mass [kg]."""
+        return self.effective_mass
+
+    def rebound(self) -> Scalar:
+        """Coefficient of restitution [-]."""
+        return self.restitution
+
+    def damping(self, restitution: Array, approach_speed: Array) -> Scalar:
+        """Exact c_n."""
+        return exact_damping(restitution, approach_speed)
+
+
+class ContactLaw(eqx.Module):
+    """A reference model and the effects that extend it; contributions of one stage are summed or multiplied.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
+
+    reference: AbstractReference
+    effects: tuple[AbstractEffect, ...] = ()
+
+    def _of(self, kind: type) -> list:
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
+    def stateful(self) -> list:
+        """The effects with a state of their own, in the order of the state vector."""
+        return self._of(AbstractStatefulEffect)
+
+    def start(self, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Outer diameter [m] and damping c_n [s/m] of a record, which do not change during contact."""
+        zero = jnp.zeros(())
+        speed = conditions["approach_speed"]
+        first = Contact(zero, zero, speed, zero, zero + 1.0, self.reference.diameter(), zero, zero,
+                        conditions.get("initial_pressure", zero), speed, conditions, zero)
+        growth = sum((effect.growth(first) for effect in self._of(AbstractSizeEffect)), zero)
+        restitution = self.reference.rebound()
+        for effect in self._of(AbstractRestitutionEffect):
+            restitution = restitution * effect.factor(first)
+        return self.reference.diameter() * (1.0 + growth), self.reference.damping(restitution, speed)
+
+    def contact(self, conditions: Mapping[str, Array], diameter: Array, time: Array, depression: Array,
+                rate: Array, states: Array) -> Contact:
+        """Geometry, gas and elastic force at one instant."""
+        zero = jnp.zeros_like(depression)
+        pressure = conditions.get("initial_pressure", zero)
+        depth = positive_part(depression)
+        number = {id(effect): k for k, effect in enumerate(self.stateful())}
+
+        def own(contact, effect):
+            if id(effect) not in number:
+                return contact
+            return eqx.tree_at(lambda c: c.state, contact, states[number[id(effect)]])
+
+        bare = Contact(time, depth, rate, zero, zero + 1.0, diameter, zero, zero, pressure,
+                       conditions["approach_speed"], conditions, zero)
+
+        def increment(radius):
+            at = eqx.tree_at(lambda c: c.contact_radius, bare, radius)
+            return sum((effect.contact_radius(own(at, effect)) for effect in self._of(AbstractGeometryEffect)), zero)
+
+        radius, ratio = self.reference.shape(depth, diameter, increment)
+        shaped = eqx.tree_at(lambda c: (c.contact_radius, c.volume_ratio), bare, (radius, ratio))
+        one = jnp.ones_like(zero)
+        gas = gas_pressure(pressure, ratio, one, one)
+        for effect in self._of(AbstractGasEffect):
+            gas = gas * effect.pressure_factor(own(shaped, effect))
+        filled = eqx.tree_at(lambda c: c.pressure, shaped, gas)
+        elastic = self.reference.elastic(filled)
+        for effect in self._of(AbstractElasticEffect):
+            elastic = elastic + effect.force(own(filled, effect))
+        for effect in self._of(AbstractStiffnessEffect):
+            elastic = elastic * effect.factor(own(filled, effect))
+        return eqx.tree_at(lambda c: c.elastic_force, filled, elastic)
+
+    def forces(self, contact: Contact, damping: Array, states: Array) -> Forces:
+        """Normal force and drive at one instant (Eqs. 4 to 7 with the effects)."""
+        number = {id(effect): k for k, effect in enumerate(self.stateful())}
+
+        def own(effect):
+            if id(effect) not in number:
+                return contact
+            return eqx.tree_at(lambda c: c.state, contact, states[number[id(effect)]])
+
+        normal = contact.elastic_force * (1.0 + damping * contact.depression_rate)
+        for effect in self._of(AbstractContactForce):
+            normal = normal + effect.force(own(effect))
+        normal = positive_part(normal)
+        for effect in self._of(AbstractSurfaceForce):
+            normal = normal + effect.force(own(effect))
+        drive = sum((effect.force(own(effect)) for effect in self._of(AbstractDriveEffect)), jnp.zeros_like(normal))
+        return Forces(contact.elastic_force, normal, drive, contact.pressure)
+
+    def rates(self, contact: Contact, states: Array) -> Array:
+        """Time derivatives of the effects' own states."""
+        found = [effect.rate(eqx.tree_at(lambda c: c.state, contact, states[k]))
+                 for k, effect in enumerate(self.stateful())]
+        return jnp.stack(found) if found else jnp.zeros((0,))
+
+    def has_sensor(self) -> bool:
+        """Whether any effect acts on the sensor."""
+        return bool(self._of(AbstractSensorEffect))
+
+    def reading(self, force: Signal) -> Signal:
+        """What the force gauge reads."""
+        for effect in sorted(self._of(AbstractSensorEffect), key=lambda e: type(e).order):
+            force = effect.reading(force)
+        return force

@@ -1,0 +1,164 @@
+"""A force over time, as the sensor sees it: piecewise quadratic between nodes, with jumps allowed at nodes."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+
+class Signal(eqx.Module):
+    """A signal on consecutive intervals, each a parabola through its value at the start, the middle and the end.
+
+    Attributes:
+        duration: of every interval, shape (intervals,) [s], >= 0.
+        start, middle, end: values there, shape (intervals,); the end of one interval and the start of the next
+            differ where the signal jumps (first touch, separation).
+    """
+
+    duration: Array
+    start: Array
+    middle: Array
+    end: Array
+
+    def map(self, function: Callable[[Array], Array]) -> "Signal":
+        """The signal with a function applied to every value (gain, offset, clipping)."""
+        return Signal(self.duration, function(self.start), function(self.middle), function(self.end))
+
+    def minus(self, other: "Signal") -> "Signal":
+        """The difference of two signals on the same intervals."""
+        return Signal(self.duration, self.start - other.start, self.middle - other.middle, self.end - other.end)
+
+
+def _integrals(z: Array) -> tuple[Array, Array, Array, Array]:
+    """I_k(z) = z * int_0^1 exp(-z (1 - u)) u**k du for k = 0..3, z >= 0; exp(-z) = 1 - I_0.
+
+    By the series of I_3 and upward recurrence where z is small, by downward recurrence elsewhere.
+    """
+    small = z < 0.7
+    low = jnp.where(small, z, 0.0)
+    total = jnp.ones_like(low)
+    for j in range(10, -1, -1):
+        total = 1.0 - total * low / (j + 5)
+    s3 = low * total / 4.0
+    s2 = low * (1.0 - s3) / 3.0
+    s1 = low * (1.0 - s2) / 2.0
+    s0 = low * (1.0 - s1)
+    inverse = 1.0 / jnp.where(small, 1.0, z)
+    i0 = 1.0 - jnp.exp(-jnp.where(small, 1.0, z))
+    i1 = 1.0 - inverse * i0
+    i2 = 1.0 - 2.0 * inverse * i1
+    i3 = 1.0 - 3.0 * inverse * i2
+    first, second, third, fourth = (
+        jnp.where(small, a, b) for a, b in zip((s0, s1, s2, s3), (i0, i1, i2, i3), strict=True))
+    return first, second, third, fourth
+
+
+@jax.custom_jvp
+def response_weights(z: Array) -> tuple[Array, Array, Array]:
+    r"""$I_k(z) = z \int_0^1 e^{-z(1-u)} u^k du$, k = 0, 1, 2: what a first-order filter makes of $1, u, u^2$.
+
+    Args:
+        z: duration over time constant [-], >= 0.
+    """
+    return _integrals(z)[:3]
+
+
+@response_weights.defjvp
+def _response_weights_jvp(primals, tangents):
+    (z,), (z_dot,) = primals, tangents
+    i0, i1, i2, i3 = jax.lax.optimization_barrier(_integrals(z))
+    # dI_k/dz = (1 - I_{k+1})/(k + 1) - I_k + I_{k+1}
+    slopes = jax.lax.optimization_barrier(
+        (1.0 - i0, (1.0 - i2) / 2.0 - i1 + i2, (1.0 - i3) / 3.0 - i2 + i3))
+    return (i0, i1, i2), tuple(slope * z_dot for slope in slopes)
+
+
+def _deficits(ratio: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+    """1 - I_k(1/ratio) for k = 0, 1, 2 (first tuple) and their derivatives, regular at 0."""
+    fast = ratio < 1.4
+    eps = jnp.where(fast, ratio, 0.0)
+    alive = eps > 1.5e-3
+    decay = jnp.where(alive, jnp.exp(-1.0 / jnp.where(alive, eps, 1.0)), 0.0)
+    k1 = eps * (1.0 - decay)
+    k2 = 2.0 * eps * (1.0 - k1)
+    decay_dot = jnp.where(alive, decay / jnp.where(alive, eps, 1.0) ** 2, 0.0)
+    k1_dot = (1.0 - decay) - eps * decay_dot
+    k2_dot = 2.0 * (1.0 - k1) - 2.0 * eps * k1_dot
+    z = 1.0 / jnp.where(fast, 1.4, ratio)
+    i0, i1, i2, i3 = _integrals(z)
+    slow = (1.0 - i0, 1.0 - i1, 1.0 - i2)
+    slow_dot = (z**2 * (1.0 - i0), z**2 * ((1.0 - i2) / 2.0 - i1 + i2), z**2 * ((1.0 - i3) / 3.0 - i2 + i3))
+    d0, d1, d2 = (jnp.where(fast, a, b) for a, b in zip((decay, k1, k2), slow, strict=True))
+    e0, e1, e2 = (jnp.where(fast, a, b) for a, b in zip((decay_dot, k1_dot, k2_dot), slow_dot, strict=True))
+    return (d0, d1, d2), (e0, e1, e2)
+
+
+@jax.custom_jvp
+def lag_deficits(ratio: Array) -> tuple[Array, Array, Array]:
+    r"""$1 - I_k(1/\rho)$, k = 0, 1, 2: by how much a lag falls short of $1, u, u^2$; 0 without a lag.
+
+    Args:
+        ratio: $\rho$, time constant over duration [-], >= 0.
+    """
+    return _deficits(ratio)[0]
+
+
+@lag_deficits.defjvp
+def _lag_deficits_jvp(primals, tangents):
+    (ratio,), (ratio_dot,) = primals, tangents
+    values, slopes = jax.lax.optimization_barrier(_deficits(ratio))
+    return values, tuple(slope * ratio_dot for slope in slopes)
+
+
+def _parabola(signal: Signal) -> tuple[Array, Array, Array]:
+    """Coefficients of each interval's parabola in u = 0..1."""
+    return (signal.start, 4.0 * signal.middle - 3.0 * signal.start - signal.end,
+            2.0 * (signal.start + signal.end) - 4.0 * signal.middle)
+
+
+def _accumulate(decay: Array, push: Array) -> tuple[Array, Array]:
+    """Values at the start and end of every interval of y <- decay * y + push, from y = 0."""
+    def advance(y, interval):
+        after = interval[0] * y + interval[1]
+        return after, (y, after)
+
+    return jax.lax.scan(advance, jnp.zeros_like(push[0]), (decay, push))[1]
+
+
+def low_pass(signal: Signal, rate: Array) -> Signal:
+    r"""Response $y$ of $dy/dt = r (x - y)$, $y(0) = 0$, exact for each parabola; regular at $r = 0$ (where $y = 0$).
+
+    Args:
+        signal: $x$.
+        rate: $r$ [1/s], >= 0.
+    """
+    z = signal.duration * jnp.where(rate >= 0.0, rate, 0.0)
+    c0, c1, c2 = _parabola(signal)
+    i0, i1, i2 = response_weights(z)
+    start, end = _accumulate(1.0 - i0, c0 * i0 + c1 * i1 + c2 * i2)
+    i0, i1, i2 = response_weights(0.5 * z)
+    middle = (1.0 - i0) * start + c0 * i0 + 0.5 * c1 * i1 + 0.25 * c2 * i2
+    return Signal(signal.duration, start, middle, end)
+
+
+def lag(signal: Signal, time_constant: Array) -> Signal:
+    r"""Response $y$ of $T\,dy/dt = x - y$, exact for each parabola; regular at $T = 0$ (where $y = x$).
+
+    Args:
+        signal: $x$.
+        time_constant: $T$ [s], >= 0.
+    """
+    some = signal.duration > 0.0
+    constant = jnp.where(time_constant >= 0.0, time_constant, 0.0)
+    ratio = constant / jnp.where(some, signal.duration, 1.0)
+    c0, c1, c2 = _parabola(signal)
+    k0, k1, k2 = lag_deficits(ratio)
+    push = signal.end - (c0 * k0 + c1 * k1 + c2 * k2)
+    start, end = _accumulate(jnp.where(some, k0, 1.0), jnp.where(some, push, 0.0))
+    k0, k1, k2 = lag_deficits(2.0 * ratio)
+    middle = jnp.where(some, k0 * start + signal.middle - (c0 * k0 + 0.5 * c1 * k1 + 0.25 * c2 * k2), start)
+    # A sensor without lag follows jumps too.
+    start = jnp.where(constant > 0.0, start, signal.start)
+    return Signal(signal.duration, start, middle, end)

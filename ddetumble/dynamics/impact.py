@@ -1,0 +1,198 @@
+"""One impact on the bench: from first touch to separation, and what the channels read at given times."""
+
+from collections.abc import Mapping
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float
+
+from .._numerics import stop
+from ..contact.effect import Scalar
+from ..contact.law import ContactLaw
+from ..contact.signal import Signal
+
+
+CHANNELS = ("normal_force", "depression", "pressure")
+RTOL, ATOL = 1e-7, 1e-9
+MAX_STEPS = 256
+
+
+_CONTACT_GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(65) / 64)
+_TAIL_GRID = (np.arange(1, 25) / 24) ** 3
+
+
+class Impact(eqx.Module):
+    """Channels of one impact at the wanted times.
+
+    Attributes:
+        normal_force: what the gauge reads, shape (times,) [N].
+        depression: shape (times,) [m].
+        depression_rate: shape (times,) [m/s]; 0 outside contact.
+        pressure: absolute, shape (times,) [Pa].
+        separation: time of separation [s]; the last wanted time where the ball still touches then.
+        rebound_speed: speed at separation [m/s].
+        separated: whether separation was reached.
+        failed: whether the integration failed (too many steps, or not finite).
+        steps: integration steps taken.
+    """
+
+    normal_force: Float[Array, " times"]
+    depression: Float[Array, " times"]
+    depression_rate: Float[Array, " times"]
+    pressure: Float[Array, " times"]
+    separation: Scalar
+    rebound_speed: Scalar
+    separated: Bool[Array, ""]
+    failed: Bool[Array, ""]
+    steps: Array
+
+
+class _Path(eqx.Module):
+    """Nodes of the solution in contact, with rates, for Hermite interpolation."""
+
+    time: Array
+    state: Array
+    rate: Array
+
+
+def _interpolate(path: _Path, time: Array) -> tuple[Array, Array, Array]:
+    """Depression, its rate and further states at one time: quintic for the depression, cubic for the rest."""
+    k = jnp.clip(jnp.searchsorted(path.time, time, side="right") - 1, 0, path.time.shape[0] - 2)
+    t0, t1 = path.time[k], path.time[k + 1]
+    y0, y1, f0, f1 = path.state[k], path.state[k + 1], path.rate[k], path.rate[k + 1]
+    some = (t1 > t0) & jnp.isfinite(t1)
+    h = jnp.where(some, t1 - t0, 1.0)
+    u = jnp.where(some, (time - t0) / h, 0.0)
+    x0, x1 = y0[0], jnp.where(some, y1[0], y0[0])
+    v0, v1 = h * y0[1], h * jnp.where(some, y1[1], 0.0)
+    a0, a1 = h * h * f0[1], h * h * jnp.where(some, f1[1], 0.0)
+    # Quintic Hermite in powers of u.
+    c2 = 0.5 * a0
+    p, q, r = x1 - x0 - v0 - c2, v1 - v0 - a0, a1 - a0
+    c3, c4, c5 = 10 * p - 4 * q + 0.5 * r, -15 * p + 7 * q - r, 6 * p - 3 * q + 0.5 * r
+    depression = x0 + u * (v0 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+    rate = (v0 + u * (2 * c2 + u * (3 * c3 + u * (4 * c4 + u * 5 * c5)))) / h
+    s0, s1 = y0[2:], jnp.where(some, y1[2:], y0[2:])
+    d0, d1 = h * f0[2:], h * jnp.where(some, f1[2:], 0.0)
+    jump = s1 - s0
+    states = s0 + u * (d0 + u * (3 * jump - 2 * d0 - d1 + u * (d0 + d1 - 2 * jump)))
+    return depression, rate, states
+
+
+def simulate(
+    law: ContactLaw, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
+    adjoint: dfx.AbstractAdjoint | None = None, rtol: float = RTOL, atol: float = ATOL, max_steps: int = MAX_STEPS,
+) -> Impact:
+    r"""Simulate one impact: $m_{eff}\,dw/dt = -F_n + F_{drive}$, $\delta(0) = 0$, $w(0) = v_1$, until $\delta = 0$ again.
+
+    Batch records with `jax.vmap`. Differentiable in forward and reverse mode; the instant of separation follows the
+    implicit-function theorem.
+
+    Args:
+        law: the contact law.
+        conditions: `approach_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law reads, scalars.
+        times: wanted times since first touch, ascending, shape (times,) [s]; may start before 0.
+        span: how long to integrate at most [s] (default: to the last wanted time).
+        adjoint: diffrax adjoint; default `DirectAdjoint` (both modes), `ForwardMode` is faster for Jacobians.
+        rtol, atol: tolerances of the integrator, in units of approach speed and span.
+        max_steps: steps after which the solve counts as failed.
+
+    Returns:
+        An `Impact`; look at `failed` under `vmap`.
+    """
+    adjoint = dfx.DirectAdjoint() if adjoint is None else adjoint
+    speed = conditions["approach_speed"]
+    last = stop(jnp.max(times) if span is None else span)
+    last = jnp.where(last > 0, last, 1.0)
+    diameter, damping = law.start(conditions)
+    mass = law.reference.inertia()
+    stateful = law.stateful()
+    blank = jnp.zeros((len(stateful),))
+    first = law.contact(conditions, diameter, jnp.zeros(()), jnp.zeros(()), speed, blank)
+    sizes = [jnp.asarray(effect.size(first)) for effect in stateful]
+    v = stop(speed)
+    scale = jnp.stack([v * last, v, *[stop(s) for s in sizes]])
+    start = jnp.stack([jnp.zeros(()), speed, *[effect.initial() for effect in stateful]]) / scale
+
+    def physical(t, y, args):
+        diameter, damping, mass, conditions, law = args
+        y = y * scale
+        contact = law.contact(conditions, diameter, t * last, y[0], y[1], y[2:])
+        forces = law.forces(contact, damping, y[2:])
+        rate = jnp.concatenate([jnp.stack([y[1], (forces.drive - forces.normal) / mass]), law.rates(contact, y[2:])])
+        return y, rate
+
+    def field(t, y, args):
+        return physical(t, y, args)[1] * (last / scale)
+
+    def gap(t, y, args, **kwargs):
+        return y[0]
+
+    def node(t, y, args):
+        return physical(t, y, args)
+
+    solution = dfx.diffeqsolve(
+        dfx.ODETerm(field), dfx.Tsit5(), t0=jnp.zeros(()), t1=jnp.ones(()), dt0=jnp.asarray(2e-3),
+        y0=start, args=(diameter, damping, mass, conditions, law),
+        saveat=dfx.SaveAt(subs=[dfx.SubSaveAt(t0=True, steps=True, fn=node), dfx.SubSaveAt(t1=True, fn=node)]),
+        stepsize_controller=dfx.PIDController(rtol=rtol, atol=atol), max_steps=max_steps, adjoint=adjoint,
+        event=dfx.Event(gap, optx.Newton(1e-12, 1e-12), direction=False), throw=False,
+    )
+    (node_state, node_rate), (final_state, final_rate) = solution.ys
+    end = solution.ts[1][0] * last
+    path = _Path(solution.ts[0] * last, node_state, node_rate)
+    separated = solution.result == dfx.RESULTS.event_occurred
+    failed = ~(separated | (solution.result == dfx.RESULTS.successful)) | ~jnp.isfinite(end)
+    return _read(law, conditions, times, path, end, final_state[0], separated, failed,
+                 solution.stats["num_steps"], diameter, damping)
+
+
+def _read(law, conditions, times, path, end, final, separated, failed, steps, diameter, damping) -> Impact:
+    """Channels at the wanted times from the nodes of the solution."""
+    touch = (times > 0.0) & (times < end)
+
+    def at(time):
+        depression, rate, states = _interpolate(path, time)
+        contact = law.contact(conditions, diameter, time, depression, rate, states)
+        return depression, rate, contact.pressure, law.forces(contact, damping, states).normal
+
+    depression, rate, pressure, normal = jax.vmap(at)(jnp.clip(times, 0.0, end))
+    reading = jnp.where(touch, normal, 0.0)
+    if law.has_sensor():
+        reading = reading + _deviation(law, jax.vmap(lambda t: at(t)[3]), times, end)
+    initial = conditions.get("initial_pressure", jnp.zeros(()))
+    zero = jnp.zeros(())
+    left = law.contact(conditions, diameter, end, zero, zero, final[2:]).pressure
+    return Impact(
+        normal_force=reading, depression=jnp.where(touch, depression, 0.0),
+        depression_rate=jnp.where(touch, rate, 0.0),
+        pressure=jnp.where(touch, pressure, jnp.where(times <= 0.0, initial, left)),
+        separation=end, rebound_speed=-final[1], separated=separated, failed=failed, steps=steps,
+    )
+
+
+def _deviation(law: ContactLaw, force, times: Array, end: Array) -> Array:
+    """What the sensor adds to the true force at the wanted times.
+
+    Computed on a grid of its own, dense at first touch and after separation, where a sensor's transients are; the
+    deviation is smooth, so that a parabola an interval is enough.
+    """
+    tail = jnp.maximum(stop(times[-1]) - end, 1e-3 * end)
+    grid = jnp.concatenate([end * _CONTACT_GRID, end + tail * _TAIL_GRID])
+    middles = 0.5 * (grid[1:] + grid[:-1])
+    inside = len(_CONTACT_GRID)
+    values = force(jnp.concatenate([grid[:inside], middles[: inside - 1]]))
+    nodes, mids = values[:inside], values[inside:]
+    rest = jnp.zeros((len(_TAIL_GRID),))
+    signal = Signal(jnp.diff(grid), jnp.concatenate([nodes[:-1], rest]), jnp.concatenate([mids, rest]),
+                    jnp.concatenate([nodes[1:], rest]))
+    change = law.reading(signal).minus(signal)
+    k = jnp.clip(jnp.searchsorted(grid, times, side="left") - 1, 0, grid.shape[0] - 2)
+    start, middle, stop_ = change.start[k], change.middle[k], change.end[k]
+    u = (times - grid[k]) / signal.duration[k]
+    value = start + u * (4.0 * middle - 3.0 * start - stop_ + u * (2.0 * (start + stop_) - 4.0 * middle))
+    return jnp.where(times > 0.0, value, 0.0)

@@ -1,0 +1,36 @@
+"""The catalogue: physics that the reference model leaves out, one class an effect."""
+
+from ..contact.effect import AbstractEffect, parameters_of, stage_of
+from .gas import AmbientPressure, GasLeak, PolytropicGas
+from .rig import ArmServo, PressureDependentRestitution, SpeedDependentRestitution
+from .sensor import SensorGain, SensorHighpass, SensorLag
+from .surface import Adhesion
+from .wall import (
+    InflationGrowth,
+    MembraneArea,
+    StressSoftening,
+    ViscoelasticWall,
+    ViscousDashpot,
+    WallStiffness,
+)
+
+
+IMPACT: tuple[type[AbstractEffect], ...] = (
+    PolytropicGas, AmbientPressure, WallStiffness, MembraneArea, InflationGrowth, GasLeak, ViscoelasticWall,
+    ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
+    SensorHighpass, SensorLag, SensorGain,
+)
+
+
+def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
+    """All effects of a family of records, as classes: `.id`, `.law`, `.reference`, `parameters_of(effect)`.
+
+    Args:
+        family: `impact`.
+    """
+    if family != "impact":
+        raise ValueError(f"There is no catalogue for the family {family!r} yet; there is one for 'impact'.")
+    return IMPACT
+
+
+__all__ = ["IMPACT", "AbstractEffect", "catalogue", "parameters_of", "stage_of"]
