@@ -1,0 +1,171 @@
+"""Synthetic impact campaigns: a plan of tests, what was really done, what was written down, and the folder."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from .impact import simulate
+from .noise import draw_noise
+from .strength import measure_misfit, place_times
+
+# one standard deviation: relative for the two conditions, s for the time origin, SI for the channels
+UNCERTAINTIES = {"initial_pressure": 0.005, "approach_speed": 0.003, "time": 5e-5}
+NOISE = {"normal_force": 0.25, "depression": 2e-5, "pressure": 2e3}
+# channel -> unit in files, SI value of that unit
+UNITS = {"normal_force": ("N", 1.0), "depression": ("mm", 1e-3), "pressure": ("MPa", 1e6)}
+TITLE = "Synthetic impact campaign with an undisclosed physical effect, or none"
+
+
+def choose_heldout(pressures, speeds, sequence):
+    """Return three conditions at none of the campaign's own, one impact after its last.
+
+    Pressures are geometric means of the two lowest and the two highest; speeds the geometric mean of the two
+    lowest and 0.9 times the highest.
+    """
+    p, v = sorted(pressures), sorted(speeds)
+    low, high = (p[0] * p[1]) ** 0.5, (p[-2] * p[-1]) ** 0.5
+    slow, fast = (v[0] * v[min(1, len(v) - 1)]) ** 0.5, 0.9 * v[-1]
+    pairs = ((low, fast), (high, slow), (high, fast))
+    names = ("initial_pressure", "approach_speed", "sequence")
+    return [dict(zip(names, (float(f"{a:.6g}"), float(f"{b:.6g}"), sequence), strict=True)) for a, b in pairs]
+
+
+def make_campaign(
+    name, seed, effects, base, pressures, speeds, repeats=2, *, channels=("normal_force",), interval=2.5e-4,
+    before=2e-3, length=1.45, uncertainties=None, setting_scatter=0.0, noise=None, rho=0.0, white_share=0.0,
+    title=TITLE,
+):  # fmt: skip
+    """Return a campaign: every pressure (Pa) with every speed (m/s), `repeats` times, in random order.
+
+    A test's true condition is nominal x (1 + setting_scatter x N(0, 1)); what is written down is the true one
+    x (1 + uncertainty x N(0, 1)). Written times run from -before to `length` guessed contact times every
+    `interval` (s) and lag the true ones by a shift drawn with the uncertainty of `time`. Noise of each channel is
+    AR(1) with coefficient rho, of which `white_share` of the variance is white instead. All draws come from one
+    PCG64 generator seeded with `seed`, in a fixed order.
+    """
+    stated = UNCERTAINTIES | (uncertainties or {})
+    deviations = NOISE | (noise or {})
+    generator = np.random.Generator(np.random.PCG64(seed))
+    plan = [(p, v) for p in pressures for v in speeds] * repeats
+    order = generator.permutation(len(plan))
+    records, samples = [], []
+    for sequence, k in enumerate(order, start=1):
+        nominal = {"initial_pressure": plan[k][0], "approach_speed": plan[k][1], "sequence": sequence}
+        draw = generator.standard_normal(5)
+        true, written = dict(nominal), dict(nominal)
+        for i, condition in enumerate(("initial_pressure", "approach_speed")):
+            true[condition] = nominal[condition] * (1.0 + setting_scatter * draw[i])
+            written[condition] = true[condition] * (1.0 + stated[condition] * draw[2 + i])
+        shift = stated["time"] * draw[4]
+        times = place_times(base, nominal, interval, before, length)
+        values = simulate(base, effects, true, times - shift, channels)
+        for j, channel in enumerate(channels):
+            values[:, j] += draw_noise(generator, times.size, deviations[channel], rho, white_share)
+        label = f"r{sequence:02d}"
+        records.append({"record": label, "true": true, "written": written, "time_shift": shift})
+        samples.append({"record": label, "times": times, "values": values})
+    return {
+        "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "channels": tuple(channels),
+        "uncertainties": stated, "noise": {c: deviations[c] for c in channels}, "rho": rho, "white_share": white_share,
+        "setting_scatter": setting_scatter, "records": records, "samples": samples, "interval": interval,
+        "before": before, "length": length, "heldout": choose_heldout(pressures, speeds, len(plan) + 1),
+    }  # fmt: skip
+
+
+def describe_campaign(campaign):
+    """Return the campaign's Data Package descriptor."""
+    stated, channels = campaign["uncertainties"], []
+    for channel in campaign["channels"]:
+        unit, size = UNITS[channel]
+        uncertainty = f"{campaign['noise'][channel] / size:g} {unit}"
+        channels.append({"name": channel, "type": "number", "unit": unit, "uncertainty": uncertainty})
+    relative = {name: f"{100 * stated[name]:g} %" for name in ("initial_pressure", "approach_speed")}
+    records = [
+        {"name": "record", "type": "string"},
+        {"name": "sequence", "type": "integer"},
+        {"name": "initial_pressure", "type": "number", "unit": "MPa", "uncertainty": relative["initial_pressure"]},
+        {"name": "approach_speed", "type": "number", "unit": "m/s", "uncertainty": relative["approach_speed"]},
+    ]
+    time = {"name": "time", "type": "number", "unit": "s", "uncertainty": f"{stated['time'] * 1e3:g} ms"}
+    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
+    samples = {"fields": [{"name": "record", "type": "string"}, time, *channels], "foreignKeys": [key]}
+    schemas = {"records": {"fields": records, "primaryKey": "record"}, "samples": samples}
+    return {
+        "name": campaign["name"],
+        "title": campaign["title"],
+        "licenses": [{"name": "CC0-1.0"}],
+        "sources": [{"title": "The project's own simulator, python -m tests.independent.make_data"}],
+        "family": "impact",
+        "known": {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None},
+        "resources": [
+            {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema} for name, schema in schemas.items()
+        ],
+    }
+
+
+def write_table(path, header, rows):
+    """Write one CSV file with Unix line ends."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_json(path, content, indent=2):
+    """Write one JSON file with a final line end."""
+    text = json.dumps(content, indent=indent, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def write_campaign_folder(folder, campaign):
+    """Write datapackage.json, records.csv and samples.csv; values are rounded as the columns' format says."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / "datapackage.json", describe_campaign(campaign))
+    rows = []
+    for row in campaign["records"]:
+        pressure, speed = row["written"]["initial_pressure"] / 1e6, row["written"]["approach_speed"]
+        rows.append([row["record"], row["written"]["sequence"], f"{pressure:.5f}", f"{speed:.5f}"])
+    write_table(folder / "records.csv", ["record", "sequence", "initial_pressure", "approach_speed"], rows)
+    digits = 3 if campaign["channels"] == ("normal_force",) else 5
+    sizes = np.array([UNITS[channel][1] for channel in campaign["channels"]])
+    rows = []
+    for trace in campaign["samples"]:
+        rounded = np.round(trace["values"] / sizes, digits) + 0.0  # no minus zero
+        for time, values in zip(trace["times"], rounded, strict=True):
+            rows.append([trace["record"], f"{time + 0.0:g}", *(f"{value:.{digits}f}" for value in values)])
+    write_table(folder / "samples.csv", ["record", "time", *campaign["channels"]], rows)
+
+
+def measure_strength(campaign):
+    """Return for each effect, on its own, the rms over noise that a refitted reference model leaves."""
+    conditions = [row["true"] for row in campaign["records"]]
+    deviations = list(campaign["noise"].values())
+    arguments = (conditions, deviations, campaign["uncertainties"], campaign["channels"], 4)
+    return [
+        round(measure_misfit(campaign["base"], {name: values}, *arguments), 2)
+        for name, values in campaign["effects"].items()
+    ] or [0.0]
+
+
+def reveal_campaign(campaign):
+    """Return what is hidden in a campaign, with noise-free force (N) at conditions that it does not hold."""
+    heldout = []
+    for conditions in campaign["heldout"]:
+        times = place_times(
+            campaign["base"], conditions, campaign["interval"], campaign["before"], campaign["length"]
+        )  # fmt: skip
+        force = simulate(campaign["base"], campaign["effects"], conditions, times)
+        heldout.append({
+            "conditions": conditions,
+            "x": [round(float(t), 9) + 0.0 for t in times],
+            "y": [[round(float(f), 6) + 0.0] for f in force[:, 0]],
+        })  # fmt: skip
+    same = ("effects", "base", "seed", "rho", "white_share", "setting_scatter")
+    return (
+        {"family": "impact"}
+        | {name: campaign[name] for name in same}
+        | {"strength": measure_strength(campaign), "heldout": heldout}
+    )

@@ -1,0 +1,262 @@
+"""Impact records of an inflated ball, integrated with SciPy from the written physics.
+
+Sources: "the paper" is *Impact Force Identification of the Variable Pressure Flexible Impact End-Effector
+in Space Debris Active Detumbling* (2020), Eqs. 2-6; sixteen further effects follow the project's catalogue.
+SI units throughout. Nothing of the package under test is imported.
+
+The order of the stages, which matters as soon as two effects meet:
+
+1. gas: P' = P0 m (V0/V')^n, with m = exp(-lambda t) in contact;
+2. spring: F_k = ((P' - p_a) pi b^2 + k_w delta^q + k (delta - depth)_+^exponent) x softening x other factors;
+3. sum: F_k (1 + c_n w) + viscoelastic + dashpot, clamped at zero;
+4. adhesion subtracted after the clamp, so that tension is possible;
+5. gauge: high-pass, then lag, then gain, on ``normal_force`` only.
+"""
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+OUTER_DIAMETER = 0.060  # m, Table 2
+ELASTIC_MODULUS = 7.8e6  # Pa, Table 2
+ADHESION_RATE = 5e-3  # m/s, rate over which adhesion switches on while unloading
+REFERENCE_SPEED = 0.4  # m/s, of `speed-dependent-restitution`
+REFERENCE_PRESSURE = 1e6  # Pa, of `pressure-dependent-restitution` and `x-pressure-power`
+CHANNELS = ("normal_force", "depression", "pressure")
+
+NULLS = {
+    "polytropic-gas": {"n": 1.0},
+    "ambient-pressure": {"p_a": 0.0},
+    "wall-stiffness": {"k_w": 0.0, "q": 1.0},
+    "membrane-area": {"alpha": 0.0},
+    "inflation-growth": {"beta": 0.0},
+    "gas-leak": {"lambda": 0.0},
+    "viscoelastic-wall": {"k_v": 0.0, "tau": math.inf},
+    "viscous-dashpot": {"c_v": 0.0},
+    "adhesion": {"tau_a": 0.0},
+    "arm-servo": {"k_s": 0.0},
+    "speed-dependent-restitution": {"p": 0.0},
+    "pressure-dependent-restitution": {"p": 0.0},
+    "stress-softening": {"sigma_m": 0.0, "j_0": 1.0},
+    "sensor-highpass": {"tau_s": math.inf},
+    "sensor-lag": {"T": 0.0},
+    "sensor-gain": {"g": 1.0},
+    # outside the catalogue
+    "x-end-stop": {"k": 0.0, "depth": math.inf, "exponent": 1.5},
+    "x-ringing": {"A": 0.0, "f": 70.0, "decay": 0.0},
+    "x-arm-vibration": {"force": 0.0, "f": 70.0},
+    "x-pressure-power": {"s": 0.0},
+    "x-rate-hardening": {"h": 0.0, "w_0": 0.1},
+}
+
+
+def complete_effects(effects):
+    """Return the parameters of every known effect, those not named at their null.
+
+    Raises ValueError for an id or a parameter that does not exist.
+    """
+    complete = {name: dict(null) for name, null in NULLS.items()}
+    for name, values in effects.items():
+        if name not in complete:
+            raise ValueError(f"unknown effect {name!r}")
+        for symbol, value in values.items():
+            if symbol not in complete[name]:
+                raise ValueError(f"effect {name!r} has no parameter {symbol!r}")
+            complete[name][symbol] = float(value)
+    return complete
+
+
+def solve_damping(restitution, approach_speed):
+    """Return c_n (s/m) for which Hunt-Crossley damping realises the restitution exactly.
+
+    Solves kappa - ln(1 + kappa) = -kappa e - ln(1 - kappa e) with kappa = c_n v_1, which holds for any
+    spring law. The unknown is u = -ln(1 - kappa e), so that no logarithm meets its singularity.
+    """
+    e = float(restitution)
+    if not 0.0 < e <= 1.0:
+        raise ValueError(f"restitution {e} lies outside (0, 1]")
+    if e == 1.0:
+        return 0.0
+
+    def unbalance(u):
+        kappa = -math.expm1(-u) / e
+        return (kappa * (1.0 + e) - math.log1p(kappa) - u) / kappa**2
+
+    small = 1.5 * (1.0 - e**2) / (1.0 + e**3)  # leading order of the root
+    u = brentq(unbalance, -math.log1p(-min(0.2 * small * e, 0.1)), 1.0 / e + 2.0, xtol=1e-15, rtol=1e-14)
+    return -math.expm1(-u) / e / approach_speed
+
+
+def measure_disc(depression, diameter, alpha=0.0, coefficient=0.25):
+    """Return the radius b (m) of the flat contact disc.
+
+    b = (1 - alpha) pi coefficient delta + alpha b_area; the perimeter of the section is kept for
+    coefficient 1/4 (text before Eq. 2), b_area solves 2 b^2 + pi b d + d^2 = D^2, d = D - delta.
+    """
+    height = diameter - depression
+    spare = diameter**2 - height**2
+    by_area = 2.0 * spare / (math.pi * height + math.sqrt((math.pi * height) ** 2 + 8.0 * spare))
+    return (1.0 - alpha) * math.pi * coefficient * depression + alpha * by_area
+
+
+def measure_volume(radius, height):
+    """Return V' (m3) of the racetrack's solid of revolution: 2 pi (b^2 r + pi b r^2/2 + 2 r^3/3), r = d/2."""
+    r = 0.5 * height
+    return 2.0 * math.pi * (radius**2 * r + 0.5 * math.pi * radius * r**2 + 2.0 * r**3 / 3.0)
+
+
+class Impact:
+    """One impact's constants, gathered from base parameters, effects and conditions.
+
+    base: effective_mass (kg), restitution (-), optionally outer_diameter (m), contact_coefficient (-).
+    conditions: initial_pressure (Pa, absolute), approach_speed (m/s), sequence (1 for the first).
+    """
+
+    def __init__(self, base, effects, conditions):
+        self.effects = x = complete_effects(effects)
+        self.mass = float(base["effective_mass"])
+        self.pressure = float(conditions["initial_pressure"])
+        self.speed = float(conditions["approach_speed"])
+        self.sequence = float(conditions.get("sequence", 1))
+        self.coefficient = float(base.get("contact_coefficient", 0.25))
+        growth = 1.0 + x["inflation-growth"]["beta"] * self.pressure / ELASTIC_MODULUS
+        self.diameter = float(base.get("outer_diameter", OUTER_DIAMETER)) * growth
+        self.volume = math.pi * self.diameter**3 / 6.0
+        restitution = float(base["restitution"])
+        restitution *= (self.speed / REFERENCE_SPEED) ** -x["speed-dependent-restitution"]["p"]
+        restitution *= (self.pressure / REFERENCE_PRESSURE) ** -x["pressure-dependent-restitution"]["p"]
+        self.damping = solve_damping(restitution, self.speed)
+        soft = x["stress-softening"]
+        self.factor = 1.0 - soft["sigma_m"] * -math.expm1(-(self.sequence - 1.0) / soft["j_0"])
+        self.factor *= (self.pressure / REFERENCE_PRESSURE) ** x["x-pressure-power"]["s"]
+
+    def find_gas_pressure(self, time, depression):
+        """Return P' (Pa) in contact: P0 m (V0/V')^n, m = exp(-lambda t)."""
+        b = measure_disc(depression, self.diameter, self.effects["membrane-area"]["alpha"], self.coefficient)
+        ratio = self.volume / measure_volume(b, self.diameter - depression)
+        fraction = math.exp(-self.effects["gas-leak"]["lambda"] * time)
+        return self.pressure * fraction * ratio ** self.effects["polytropic-gas"]["n"]
+
+    def find_spring_force(self, time, depression, rate):
+        """Return F_k (N) of Eq. 4 with everything that Hunt-Crossley damping multiplies."""
+        x = self.effects
+        b = measure_disc(depression, self.diameter, x["membrane-area"]["alpha"], self.coefficient)
+        pressure = self.find_gas_pressure(time, depression)
+        force = (pressure - x["ambient-pressure"]["p_a"]) * math.pi * b**2
+        if x["wall-stiffness"]["k_w"]:
+            force += x["wall-stiffness"]["k_w"] * depression ** x["wall-stiffness"]["q"]
+        stop = x["x-end-stop"]
+        force += stop["k"] * max(depression - stop["depth"], 0.0) ** stop["exponent"]
+        hardening = 1.0 + x["x-rate-hardening"]["h"] * math.tanh(rate / x["x-rate-hardening"]["w_0"])
+        return force * self.factor * hardening
+
+    def find_contact_force(self, time, depression, rate, branch):
+        """Return F_n (N) in contact: clamp of the pushing terms, then adhesion."""
+        x = self.effects
+        depression = max(depression, 0.0)
+        push = self.find_spring_force(time, depression, rate) * (1.0 + self.damping * rate)
+        push += branch + x["viscous-dashpot"]["c_v"] * rate
+        force = max(push, 0.0)
+        if x["adhesion"]["tau_a"]:
+            b = measure_disc(depression, self.diameter, x["membrane-area"]["alpha"], self.coefficient)
+            share = 0.5 * (1.0 - math.tanh(rate / ADHESION_RATE))
+            force -= x["adhesion"]["tau_a"] * math.pi * b**2 * share
+        return force
+
+    def ring(self, time, force):
+        """Return what the gauge's mount makes of the force: F (1 + A exp(-decay t) sin(2 pi f t))."""
+        x = self.effects["x-ringing"]
+        return force * (1.0 + x["A"] * math.exp(-x["decay"] * time) * math.sin(2.0 * math.pi * x["f"] * time))
+
+    def sense(self, force, leaked, lagged):
+        """Return rates of the gauge's two states, and its reading, for the force that acts on it.
+
+        leaked: y of dy/dt = (F - y)/tau_s; lagged: F_m of T dF_m/dt = (F - y) - F_m; reading g F_m.
+        """
+        x = self.effects
+        passed = force - leaked
+        lag = x["sensor-lag"]["T"]
+        reading = lagged if lag else passed
+        return passed / x["sensor-highpass"]["tau_s"], (passed - lagged) / lag if lag else 0.0, (
+            x["sensor-gain"]["g"] * reading
+        )
+
+    def advance(self, time, state):
+        """Return the rates of (delta, w, q, y, F_m) in contact: m_eff dw/dt = -F_n + arm."""
+        depression, rate, branch, leaked, lagged = state
+        x = self.effects
+        force = self.find_contact_force(time, depression, rate, branch)
+        arm = x["arm-servo"]["k_s"] * (self.speed * time - depression)
+        shake = x["x-arm-vibration"]
+        arm += shake["force"] * math.sin(2.0 * math.pi * shake["f"] * time)
+        wall = x["viscoelastic-wall"]
+        leak_rate, lag_rate, _ = self.sense(self.ring(time, force), leaked, lagged)
+        return [rate, (arm - force) / self.mass, wall["k_v"] * rate - branch / wall["tau"], leak_rate, lag_rate]
+
+    def guess_contact_time(self):
+        """Return 4 (1.5 m v^2/(1.94 P0))^(1/3) / v (s), the time of an impact on F = 1.94 P0 delta^2."""
+        return 4.0 * (1.5 * self.mass * self.speed**2 / (1.94 * self.pressure)) ** (1.0 / 3.0) / self.speed
+
+
+def integrate_contact(impact, end, rtol=1e-11, atol=1e-13):
+    """Return (dense solution, separation time or None) of one contact from first touch to separation or `end`.
+
+    delta(0) = 0, w(0) = v1, everything else zero; separation is the return of delta to zero.
+    """
+
+    def separate(_, state):
+        return state[0]
+
+    separate.terminal, separate.direction = True, -1.0
+    scale = np.array([1.0, 1.0, 1e3, 1e3, 1e3])
+    solution = solve_ivp(
+        impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0], method="DOP853", dense_output=True,
+        events=separate, rtol=rtol, atol=atol * scale, max_step=impact.guess_contact_time() / 60.0,
+    )  # fmt: skip
+    if not solution.success:
+        raise RuntimeError(solution.message)
+    return solution.sol, solution.t_events[0][0] if solution.t_events[0].size else None
+
+
+def release_gauge(impact, state, times, rtol=1e-11):
+    """Return the gauge's readings (N) at `times` (s) after separation, where the force on it is zero."""
+
+    def fade(_, pair):
+        return impact.sense(0.0, *pair)[:2]
+
+    tail = solve_ivp(fade, (0.0, times[-1]), state, method="DOP853", t_eval=times, rtol=rtol, atol=1e-11)
+    return np.array([impact.sense(0.0, *pair)[2] for pair in tail.y.T])
+
+
+def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=1e-11):
+    """Return the noise-free record, an array (len(times), len(channels)).
+
+    base, conditions: see `Impact`; effects: catalogue id -> {symbol: value}; times: s, increasing, first touch
+    at 0; channels out of normal_force (N), depression (m), pressure (Pa).
+    """
+    impact = Impact(base, effects, conditions)
+    times = np.asarray(times, dtype=float)
+    columns = {"normal_force": np.zeros(times.size), "depression": np.zeros(times.size)}
+    columns["pressure"] = np.full(times.size, impact.pressure)
+    if times.size and times[-1] > 0.0:
+        solution, separation = integrate_contact(impact, times[-1], rtol)
+        touching = times > 0.0
+        if separation is not None:
+            gone = np.flatnonzero(times >= separation)
+            touching &= times < separation
+            lost = math.exp(-impact.effects["gas-leak"]["lambda"] * separation)
+            columns["pressure"][gone] = impact.pressure * lost
+            if gone.size:
+                columns["normal_force"][gone] = release_gauge(
+                    impact, solution(separation)[3:], times[gone] - separation, rtol
+                )
+        for i in np.flatnonzero(touching):
+            t = times[i]
+            depression, rate, branch, leaked, lagged = solution(t)
+            force = impact.ring(t, impact.find_contact_force(t, depression, rate, branch))
+            columns["normal_force"][i] = impact.sense(force, leaked, lagged)[2]
+            columns["depression"][i] = depression
+            columns["pressure"][i] = impact.find_gas_pressure(t, max(depression, 0.0))
+    return np.column_stack([columns[name] for name in channels])
