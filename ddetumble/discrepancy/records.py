@@ -1,0 +1,169 @@
+"""What the discovery of missing physics hands to reports and files: plain records, no computation."""
+
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+
+@dc.dataclass(frozen=True)
+class Trace:
+    """One channel of one record beside a model of it; all arrays have shape (samples,).
+
+    Attributes:
+        record: key of the record.
+        channel: `normal_force`, `depression` or `pressure`.
+        unit: SI unit of the channel.
+        conditions: of the record, SI.
+        time: since the record's own time origin [s].
+        measured, model: values, SI; nan where a sample is missing.
+        sd: standard deviation of the noise, SI.
+        depression, depression_rate: of the model at these times [m, m/s]; 0 outside contact.
+    """
+
+    record: str
+    channel: str
+    unit: str
+    conditions: Mapping[str, float]
+    time: np.ndarray
+    measured: np.ndarray
+    model: np.ndarray
+    sd: float
+    depression: np.ndarray
+    depression_rate: np.ndarray
+
+
+@dc.dataclass(frozen=True)
+class Estimate:
+    """A parameter with its uncertainty, in its public unit."""
+
+    estimate: float
+    sd: float
+    q025: float
+    q975: float
+    unit: str
+    text: str = ""
+
+
+@dc.dataclass(frozen=True)
+class LackOfFit:
+    """Whether a misfit beyond noise and setting errors is left.
+
+    Attributes:
+        statistic: value of the statistic (chi-square of the smooth part of the residuals over its degrees of freedom).
+        degrees: degrees of freedom.
+        p_value: of the statistic.
+        level: level at which it is judged.
+        rejected: whether the model lacks something.
+        score_p_value: family-wise p-value of the largest score of any effect not in the model.
+        text: how it was computed, one sentence.
+    """
+
+    statistic: float
+    degrees: float
+    p_value: float
+    level: float
+    rejected: bool
+    score_p_value: float
+    text: str = ""
+
+
+@dc.dataclass(frozen=True)
+class Step:
+    """One model of the loop: the reference model, or that with one more effect.
+
+    Attributes:
+        added: id of the effect added at this step (None for the reference model).
+        effects: all effects in the model.
+        chi2_reduced: chi-square of the whitened residuals and nuisances over degrees of freedom.
+        nrmse, heldout_nrmse: rms residual over rms signal, fitted and with whole conditions left out.
+        alternatives: the confusion set of the added effect: dicts with `effect`, `heldout_difference`, `standard_error`.
+        lack_of_fit: whether something is still missing.
+        parameters: estimates by public name.
+        correlations: strongest correlations, (name, name, value).
+        traces: model beside measurement, every record and channel.
+        converged: state of the optimiser.
+    """
+
+    added: str | None
+    effects: tuple[str, ...]
+    chi2_reduced: float
+    nrmse: float
+    heldout_nrmse: float
+    alternatives: tuple[Mapping[str, Any], ...]
+    lack_of_fit: LackOfFit
+    parameters: Mapping[str, Estimate]
+    correlations: tuple[tuple[str, str, float], ...]
+    traces: tuple[Trace, ...]
+    converged: bool
+
+
+@dc.dataclass(frozen=True)
+class Candidate:
+    """One effect of the catalogue as it stood at the first step (fields as in `formats.md`).
+
+    `cosines` holds |cos| of its projected signature with those of other effects (only where above 0.5);
+    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best).
+    """
+
+    effect: str
+    p_value: float
+    explains: float
+    visible: float
+    heldout_nrmse: float
+    smallest_detectable: Mapping[str, float]
+    indistinguishable_from: tuple[str, ...]
+    estimates: Mapping[str, Estimate]
+    heldout_difference: float
+    standard_error: float
+    cosines: Mapping[str, float]
+    text: str = ""
+
+
+@dc.dataclass(frozen=True)
+class Place:
+    """Where a misfit sits: a range of one variable, with its share of the misfit (`period` where it repeats)."""
+
+    channel: str
+    variable: str
+    range: tuple[float, float]
+    phase: str
+    share: float
+    period: float | None = None
+
+
+@dc.dataclass(frozen=True)
+class Discovery:
+    """Everything that `discover` found; `to_dict()` is `result.json`.
+
+    Attributes:
+        campaign: name; `title`, `family`, `sha256` likewise from the campaign.
+        model: name of the reference model.
+        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
+        effects: ids found, in the order in which they were added.
+        steps: reference model first.
+        candidates: all effects of the family, best first.
+        where: where the misfit of the reference model (or what is left after the last step) sits.
+        noise_nrmse: noise over rms signal.
+        noise: by channel: `stated_sd`, `sd`, `correlation`, `white_share`, `text`.
+        sentence: plain words: what is missing, how sure, what to measure next.
+        notes: further sentences (what was assumed, what could not be seen).
+        settings: level, versions, timings.
+    """
+
+    campaign: str
+    title: str
+    family: str
+    sha256: str
+    model: str
+    verdict: str
+    effects: tuple[str, ...]
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    where: tuple[Place, ...]
+    noise_nrmse: float
+    noise: Mapping[str, Mapping[str, Any]]
+    sentence: str
+    notes: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = dc.field(default_factory=dict)

@@ -1,0 +1,25 @@
+"""Figures of a campaign and of what was found in it: records in, a matplotlib figure out; matplotlib is loaded late."""
+
+from .dependence import draw_dependence, draw_missing_force
+from .estimates import draw_parameters
+from .fit import draw_fit, draw_peaks
+from .ledger import draw_ledger
+from .ranking import draw_ranking
+from .residuals import draw_record_errors, draw_residual_map
+from .style import new_figure, render_png, styled
+
+
+__all__ = [
+    "draw_dependence",
+    "draw_fit",
+    "draw_ledger",
+    "draw_missing_force",
+    "draw_parameters",
+    "draw_peaks",
+    "draw_ranking",
+    "draw_record_errors",
+    "draw_residual_map",
+    "new_figure",
+    "render_png",
+    "styled",
+]

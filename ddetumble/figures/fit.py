@@ -1,0 +1,161 @@
+"""Model against measurement: small multiples of records with their residuals in units of the noise."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..discrepancy.records import Trace
+from .binning import choose_records, find_contact, pick_channel, sort_traces, standardise
+from .labels import clean, describe_conditions, describe_quantity, vary
+from .style import FLOOR, GREY, INK, WIDTH, colour_models, dress, head_figure, new_figure, styled
+
+
+@styled
+def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force", count: int = 8):
+    """Records spread over the conditions, each with the models through it and, below, the residual over the noise.
+
+    Args:
+        models: one or two models by the name they are to have in the legend, the reference model first.
+        channel: what to draw.
+        count: how many records at most.
+
+    Returns:
+        A matplotlib figure.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import MaxNLocator
+
+    traces = {name: {trace.record: trace for trace in pick_channel(all_, channel)} for name, all_ in models.items()}
+    first = next(iter(traces.values()))
+    chosen = choose_records(list(first.values()), count)
+    names = vary(trace.conditions for trace in first.values())
+    shown = describe_quantity(channel, np.concatenate([trace.measured for trace in chosen]), chosen[0].unit)
+    columns = 3 if len(chosen) in (5, 6) else min(4, len(chosen))
+    rows = math.ceil(len(chosen) / columns)
+    figure = new_figure(0.5 + 2.75 * rows, WIDTH if columns > 2 else 3.2 * columns + 1, gap=0.045)
+    grid = figure.add_gridspec(rows, columns)
+    limit = _limit_residuals(traces, chosen)
+    handles, labels, lower = [], [], None
+    for i, trace in enumerate(chosen):
+        row, column = divmod(i, columns)
+        inner = grid[row, column].subgridspec(2, 1, height_ratios=(2.6, 1), hspace=0.06)
+        upper = dress(figure.add_subplot(inner[0]))
+        lower = dress(figure.add_subplot(inner[1], sharex=upper, sharey=lower), grid="")
+        time = 1e3 * np.asarray(trace.time)
+        upper.plot(time, shown.scale * trace.measured, ".", color=INK, ms=2.4, mew=0, zorder=2)
+        lower.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
+        lower.axhline(0, color=FLOOR, lw=0.7)
+        lines = []
+        for (name, own), colour in zip(traces.items(), colour_models(len(traces)), strict=True):
+            if trace.record not in own:
+                continue
+            model = own[trace.record]
+            style = "--" if len(traces) == 2 and not lines else "-"
+            lines += upper.plot(1e3 * model.time, shown.scale * model.model, style, color=colour, lw=1.4, zorder=3)
+            residual = standardise(model)
+            lower.plot(1e3 * model.time, np.clip(residual, -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
+            lower.plot(1e3 * model.time, np.clip(_smooth(residual), -limit, limit), color=colour, lw=1.3)
+            labels += [clean(name, 60)] if i == 0 else []
+        handles = handles or [Line2D([], [], ls="none", marker=".", ms=7, color=INK), *lines]
+        start, end = find_contact(trace)
+        margin = 0.06 * (end - start)
+        upper.set_xlim(1e3 * max(start - margin, trace.time[0]), 1e3 * min(end + 2.5 * margin, trace.time[-1]))
+        title = describe_conditions(trace.conditions, names[:3]) or clean(trace.record, 20)
+        upper.set_title(title, fontsize=9.5)
+        upper.set_title(clean(trace.record, 10), loc="right", color=GREY, fontsize=8)
+        upper.tick_params(labelbottom=False)
+        upper.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+        lower.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+        lower.set_ylim(-1.1 * limit, 1.1 * limit)
+        lower.set_yticks([-_tick(limit), 0, _tick(limit)])
+        if column:
+            lower.tick_params(labelleft=False)
+        else:
+            upper.set_ylabel(shown.label)
+            lower.set_ylabel("residual\n/ noise")
+        if i + columns >= len(chosen):
+            lower.set_xlabel("time [ms]")
+    band = _band()
+    head_figure(figure, [*handles, band], ["measured", *labels, "± 2 × noise"])
+    return figure
+
+
+@styled
+def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None):
+    """One number a record: measured and modelled against the condition that varies most, residuals below.
+
+    Args:
+        models: one or two models by name, the reference model first.
+        channel: what to draw; the first channel where it is not given.
+
+    Returns:
+        A matplotlib figure.
+    """
+    everything = [trace for traces in models.values() for trace in traces]
+    channel = channel or everything[0].channel
+    traces = {name: sort_traces(pick_channel(all_, channel)) for name, all_ in models.items()}
+    first = next(iter(traces.values()))
+    names = vary(trace.conditions for trace in first)
+    shown = describe_quantity(channel, [float(trace.measured[0]) for trace in first], first[0].unit)
+    values = {name: np.array([trace.conditions.get(name, np.nan) for trace in first], float) for name in names}
+    spread = {name: np.ptp(v) / max(np.abs(v).max(), 1e-300) for name, v in values.items() if np.isfinite(v).all()}
+    name = max(spread, key=lambda key: spread[key]) if spread else ""
+    along = describe_quantity(name, values[name]) if name else None
+    x = along.scale * values[name] if along else np.arange(1.0, len(first) + 1)
+    figure = new_figure(4.4, 8.0)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+    dress(upper)
+    dress(lower, grid="")
+    measured = shown.scale * np.array([trace.measured[0] for trace in first])
+    noise = shown.scale * np.array([trace.sd for trace in first])
+    dots = upper.errorbar(x, measured, 2 * noise, fmt="o", color=INK, ms=5, lw=1.1, capsize=3, zorder=4)
+    lower.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
+    lower.axhline(0, color=FLOOR, lw=0.7)
+    handles, labels = [dots], ["measured, ± 2 × noise"]
+    shift = 0.006 * np.ptp(x) if len(traces) > 1 else 0.0
+    for i, ((label, own), colour) in enumerate(zip(traces.items(), colour_models(len(traces)), strict=True)):
+        model = shown.scale * np.array([trace.model[0] for trace in own])
+        handles += upper.plot(x, model, "--s" if i == 0 and len(traces) > 1 else "-D", color=colour, lw=1.4, ms=4.5)
+        labels.append(clean(label, 60))
+        lower.plot(x + (2 * i - 1) * shift, [standardise(trace)[0] for trace in own], "o", color=colour, ms=5)
+    upper.set_ylabel(shown.label)
+    lower.set_ylabel("residual / noise")
+    lower.set_xlabel(along.label if along else "record")
+    head_figure(figure, handles, labels)
+    return figure
+
+
+def _limit_residuals(traces, chosen) -> float:
+    """Half height of the residual strips, in units of the noise: nearly all points of the drawn records."""
+    kept = {trace.record for trace in chosen}
+    values = [np.abs(standardise(trace)) for own in traces.values() for trace in own.values() if trace.record in kept]
+    values = np.concatenate(values)
+    values = values[np.isfinite(values)]
+    return float(max(4.0, math.ceil(np.quantile(values, 0.995)))) if values.size else 4.0
+
+
+def _tick(limit: float) -> int:
+    """A round number near four fifths of the limit."""
+    if limit < 10:
+        return int(limit - 1)
+    step = 10 ** math.floor(math.log10(limit)) / 2
+    return int(math.floor(0.9 * limit / step) * step)
+
+
+def _smooth(residual: np.ndarray) -> np.ndarray:
+    """Running mean over about a twenty-fifth of the trace, without the missing samples."""
+    width = max(3, residual.size // 25) | 1
+    if residual.size <= width:
+        return residual
+    kernel = np.ones(width)
+    good = np.isfinite(residual)
+    count = np.convolve(good.astype(float), kernel, mode="same")
+    total = np.convolve(np.where(good, residual, 0.0), kernel, mode="same")
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _band():
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor=FLOOR, alpha=0.35, lw=0)

@@ -1,0 +1,142 @@
+"""Words and numbers as a reader wants them: friendly units, names without underscores, digits that mean something."""
+
+import dataclasses as dc
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+
+@dc.dataclass(frozen=True)
+class Quantity:
+    """How a quantity is shown: shown value = SI value times `scale`, in `unit`."""
+
+    name: str
+    unit: str
+    scale: float
+
+    @property
+    def label(self) -> str:
+        """For an axis: `depression [mm]`."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def format(self, value: float) -> str:
+        """An SI value as the number that is shown, without its unit."""
+        shown = value * self.scale
+        return f"{shown:.2f}" if self.unit in ("MPa", "m/s") else f"{shown:.3g}"
+
+
+_QUANTITIES = {
+    "time": ("time", "ms", 1e3), "depression": ("depression", "mm", 1e3),
+    "depression_rate": ("rate of depression", "m/s", 1.0), "rate": ("rate of depression", "m/s", 1.0),
+    "initial_pressure": ("initial pressure", "MPa", 1e-6), "pressure": ("gas pressure", "MPa", 1e-6),
+    "approach_speed": ("approach speed", "m/s", 1.0), "tangential_speed": ("tangential speed", "m/s", 1.0),
+    "normal_force": ("normal force", "N", 1.0), "peak_normal_force": ("peak normal force", "N", 1.0),
+    "sequence": ("impact of the series", "", 1.0),
+}  # fmt: skip
+_MAIN = ("initial_pressure", "approach_speed")
+VERDICTS = {
+    "nothing-missing": "nothing missing",
+    "explained": "explained",
+    "improved": "improved, not explained",
+    "unexplained": "unexplained",
+    "undecided": "undecided",
+}
+
+
+def describe_quantity(name: str, values=None, unit: str = "") -> Quantity:
+    """Name, unit and scale in which a quantity is shown; small pressures are shown in kPa.
+
+    Args:
+        name: of a channel, condition or variable.
+        values: SI values to be shown, which decide on kPa or MPa.
+        unit: SI unit of a quantity that has no unit of its own here.
+    """
+    if name not in _QUANTITIES:
+        return Quantity(clean(name).replace("_", " "), "" if unit == "1" else clean(unit), 1.0)
+    words, shown, scale = _QUANTITIES[name]
+    if shown == "MPa" and values is not None:
+        finite = np.abs(np.asarray(values, dtype=float))
+        finite = finite[np.isfinite(finite)]
+        if finite.size and finite.max() < 2e5:
+            return Quantity(words, "kPa", 1e-3)
+    return Quantity(words, shown, scale)
+
+
+def clean(text, length: int = 200) -> str:
+    """Text from a file on one line, without control characters; cut where it is longer than `length`."""
+    text = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def vary(records: Iterable[Mapping[str, float]]) -> tuple[str, ...]:
+    """Conditions that differ between records: pressure and speed first, the number in the series left out."""
+    records = list(records)
+    names = [name for name in _MAIN if any(name in record for record in records)]
+    names += sorted({name for record in records for name in record} - set(_MAIN) - {"sequence"})
+    kept = []
+    for name in names:
+        values = np.array([record.get(name, np.nan) for record in records], dtype=float)
+        values = values[np.isfinite(values)]
+        if values.size and (values.max() - values.min() > 0.02 * np.abs(values).max() or name in _MAIN):
+            kept.append(name)
+    return tuple(kept)
+
+
+def describe_conditions(conditions: Mapping[str, float], names: Iterable[str] = _MAIN) -> str:
+    """A record's conditions in a few words, such as `1.11 MPa · 0.14 m/s`; other conditions with their name."""
+    words = []
+    for name in names:
+        value = conditions.get(name, math.nan)
+        if not math.isfinite(value):
+            continue
+        shown = describe_quantity(name, [value])
+        number = shown.format(value)
+        words.append(f"{number} {shown.unit}" if name in _MAIN else f"{shown.name} {number}")
+    return " · ".join(words)
+
+
+def format_number(value, digits: int = 3) -> str:
+    """A number to that many digits; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value != 0 and not 1e-3 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(0, digits - 1 - _magnitude(value))}f}"
+
+
+def format_value(value: float, sd: float) -> str:
+    """A number to the digits that its standard deviation leaves it."""
+    if not math.isfinite(value) or not math.isfinite(sd) or sd <= 0:
+        return format_number(value, 4)
+    if value != 0 and not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{max(1, min(8, _magnitude(value) - _magnitude(sd) + 1))}e}"
+    places = 1 - _magnitude(sd)
+    return f"{round(value, places):.{max(0, min(9, places))}f}"
+
+
+def format_share(value: float, places: int = 0) -> str:
+    """A share in per cent."""
+    return "–" if value is None or not math.isfinite(value) else f"{100 * value:.{places}f} %"
+
+
+def format_error(value: float) -> str:
+    """A relative error in per cent, to two or three digits."""
+    return "–" if value is None or not math.isfinite(value) else f"{format_number(100 * value, 3)} %"
+
+
+def format_p(value: float) -> str:
+    """A p-value as readers expect it."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return "< 0.001" if value < 0.001 else f"{value:.3f}" if value < 0.1 else f"{value:.2f}"
+
+
+def say_p(value: float) -> str:
+    """A p-value with its letter: `p = 0.41`, `p < 0.001`, or `no p-value`."""
+    text = format_p(value)
+    return "no p-value" if text == "–" else f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+def _magnitude(value: float) -> int:
+    return 0 if value == 0 else math.floor(math.log10(abs(value)))

@@ -1,0 +1,173 @@
+"""Where the residuals sit: a map over record and time, and the error of every condition against the noise."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..discrepancy.records import Trace
+from .binning import (
+    group_values,
+    list_channels,
+    measure_error,
+    pick_channel,
+    share_of_contact,
+    sort_traces,
+    standardise,
+)
+from .labels import clean, describe_conditions, describe_quantity, vary
+from .style import GREY, INK, WIDTH, dress, new_figure, styled
+
+
+_EDGES = np.linspace(-0.06, 1.12, 49)
+
+
+@styled
+def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
+    """Mean residual over the noise, one row a record in the order of its conditions, along the contact.
+
+    Args:
+        models: one or two models by name, the reference model first; all channels are drawn, one below the other.
+
+    Returns:
+        A matplotlib figure.
+    """
+    first = next(iter(models.values()))
+    channels = list_channels(first)
+    count = max(len(pick_channel(first, channel)) for channel in channels)
+    height = min(max(0.165 * count, 1.6), 6.0)
+    figure = new_figure(0.75 + (height + 0.45) * len(channels), WIDTH)
+    panels = np.atleast_2d(figure.subplots(len(channels), len(models), squeeze=False, sharex=True))
+    for row, channel in enumerate(channels):
+        order = sort_traces(pick_channel(first, channel))
+        labels = _label_rows(order, height)
+        maps = []
+        for traces in models.values():
+            own = {trace.record: trace for trace in pick_channel(traces, channel)}
+            maps.append(np.array([_average(own.get(trace.record)) for trace in order]))
+        finite = np.abs(np.concatenate([one[np.isfinite(one)] for one in maps]))
+        limit = max(2.0, float(np.quantile(finite, 0.99)) if finite.size else 2.0)
+        for column, (name, values) in enumerate(zip(models, maps, strict=True)):
+            axes = dress(panels[row, column], grid="")
+            image = axes.imshow(
+                values, aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest",
+                extent=(_EDGES[0], _EDGES[-1], len(order) - 0.5, -0.5),
+            )  # fmt: skip
+            axes.set_facecolor("#e3e3e3")
+            for edge in (0, 1):
+                axes.axvline(edge, color=INK, lw=0.7, ls=(0, (3, 3)))
+            for line in _find_breaks(order):
+                axes.axhline(line, color="white", lw=1.2)
+            shown = describe_quantity(channel).name
+            axes.set_title(clean(name, 60) if len(channels) == 1 else f"{shown}: {clean(name, 50)}")
+            axes.tick_params(axis="y", length=0)
+            axes.set_yticks(range(len(order)), labels if column == 0 else [""] * len(order), fontsize=7.5)
+            axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["touch", "¼", "½", "¾", "separation"])
+            if row == len(channels) - 1:
+                axes.set_xlabel("share of the contact time")
+            for side in axes.spines.values():
+                side.set_visible(False)
+        bar = figure.colorbar(image, ax=list(panels[row]), shrink=0.9, aspect=24, pad=0.015, extend="both")
+        bar.outline.set_visible(False)
+        bar.set_label("mean residual / noise", fontsize=9)
+        bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
+    return figure
+
+
+@styled
+def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
+    """Root mean square of the residual over the noise at each pressure and speed; 1 is as good as it can be.
+
+    Args:
+        models: one or two models by name, the reference model first; all channels are drawn, one below the other.
+
+    Returns:
+        A matplotlib figure.
+    """
+    first = next(iter(models.values()))
+    channels = list_channels(first)
+    grids = [[_grid_errors(pick_channel(traces, channel)) for traces in models.values()] for channel in channels]
+    lines = len(grids[0][0][2])
+    figure = new_figure(0.75 + len(channels) * (0.65 + 0.36 * max(lines, 2)), WIDTH)
+    panels = figure.subplots(len(channels), len(models), squeeze=False)
+    for row, channel in enumerate(channels):
+        top = max(2.0, *(float(np.max(values, initial=0.0, where=np.isfinite(values))) for values, *_ in grids[row]))
+        for column, name in enumerate(models):
+            values, along, up, label_x, label_y = grids[row][column]
+            axes = dress(panels[row, column], grid="")
+            image = axes.imshow(values, aspect="auto", origin="lower", cmap="YlOrBr", vmin=0.8, vmax=top)
+            for i, j in np.ndindex(*values.shape):
+                if math.isfinite(values[i, j]):
+                    dark = values[i, j] > 0.8 + 0.6 * (top - 0.8)
+                    axes.text(j, i, f"{values[i, j]:.2f}" if values[i, j] < 10 else f"{values[i, j]:.0f}", ha="center",
+                              va="center", fontsize=9, color="white" if dark else INK)
+            axes.set_xticks(range(len(along)), along)
+            axes.set_yticks(range(len(up)), up if column == 0 else [""] * len(up))
+            axes.tick_params(length=0)
+            shown = describe_quantity(channel).name
+            axes.set_title(clean(name, 60) if len(channels) == 1 else f"{shown}: {clean(name, 50)}")
+            if row == len(channels) - 1:
+                axes.set_xlabel(label_x)
+            if column == 0:
+                axes.set_ylabel(label_y)
+            for side in axes.spines.values():
+                side.set_visible(False)
+            axes.set_xticks(np.arange(len(along) + 1) - 0.5, minor=True)
+            axes.set_yticks(np.arange(len(up) + 1) - 0.5, minor=True)
+            axes.grid(which="minor", color="white", lw=2)
+            axes.tick_params(which="minor", length=0)
+        bar = figure.colorbar(image, ax=list(panels[row]), aspect=14, pad=0.015)
+        bar.outline.set_visible(False)
+        bar.set_label("rms residual / noise", fontsize=9)
+        bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
+    return figure
+
+
+def _average(trace: Trace | None) -> np.ndarray:
+    """Mean standardised residual of one record in the bins of the contact time, nan where there is none."""
+    size = _EDGES.size - 1
+    if trace is None:
+        return np.full(size, np.nan)
+    residual, share = standardise(trace), share_of_contact(trace)
+    index = np.searchsorted(_EDGES, share, side="right") - 1
+    good = np.isfinite(residual) & (index >= 0) & (index < size)
+    count = np.bincount(index[good], minlength=size)
+    total = np.bincount(index[good], residual[good], minlength=size)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _label_rows(traces: Sequence[Trace], height: float) -> list[str]:
+    """What each row is: record and conditions; every other one is left out where they would overlap."""
+    names = vary(trace.conditions for trace in traces)[:3]
+    every = max(1, math.ceil(len(traces) * 0.135 / height))
+    labels = [f"{describe_conditions(trace.conditions, names)}   {clean(trace.record, 10)}" for trace in traces]
+    return [label if i % every == 0 else "" for i, label in enumerate(labels)]
+
+
+def _find_breaks(traces: Sequence[Trace]) -> list[float]:
+    """Rows between which the first condition changes."""
+    names = vary(trace.conditions for trace in traces)
+    if not names:
+        return []
+    groups = group_values([trace.conditions.get(names[0], math.nan) for trace in traces])
+    return [i - 0.5 for i in range(1, len(groups)) if groups[i] != groups[i - 1]]
+
+
+def _grid_errors(traces: Sequence[Trace]):
+    """Errors on the grid of the two first conditions, with tick labels and axis labels; repeats are pooled."""
+    names = vary(trace.conditions for trace in traces)
+    errors = np.array([measure_error(trace) for trace in traces])
+    if len(names) < 2:
+        order = sort_traces(traces)
+        values = np.array([[measure_error(trace) for trace in order]])
+        return values, [clean(trace.record, 8) for trace in order], [""], "record", ""
+    columns = [group_values([trace.conditions.get(name, math.nan) for trace in traces]) for name in names[:2]]
+    levels = [sorted({value for value in column if math.isfinite(value)}) for column in columns]
+    values = np.full((len(levels[1]), len(levels[0])), np.nan)
+    for i, j in np.ndindex(*values.shape):
+        here = (np.array(columns[0]) == levels[0][j]) & (np.array(columns[1]) == levels[1][i])
+        if here.any():
+            values[i, j] = np.sqrt(np.mean(errors[here] ** 2))
+    shown = [describe_quantity(name, level) for name, level in zip(names, levels, strict=False)]
+    ticks = [[one.format(value) for value in level] for one, level in zip(shown, levels, strict=True)]
+    return values, ticks[0], ticks[1], shown[0].label, shown[1].label

@@ -1,0 +1,9 @@
+"""Reports: one page to look at that works offline, its figures as PNG, and the same in plain text for a terminal."""
+
+from .comparison import write_comparison
+from .findings import write_report
+from .page import Picture, Section, Table, write_page
+from .text import describe
+
+
+__all__ = ["Picture", "Section", "Table", "describe", "write_comparison", "write_page", "write_report"]

@@ -1,0 +1,282 @@
+"""The report of what was found in a campaign, as one page."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..discrepancy.records import Discovery, Place, Step, Trace
+from ..figures.binning import is_peaks, list_channels
+from ..figures.labels import (
+    clean,
+    describe_quantity,
+    format_error,
+    format_number,
+    format_p,
+    format_share,
+    format_value,
+    say_p,
+)
+from ..figures.ranking import UNSEEN
+from .page import Picture, Section, Table, write_page
+from .words import (
+    count_records,
+    flatten,
+    list_alternatives,
+    say_model,
+    say_place,
+    say_verdict,
+    show_estimate,
+)
+
+
+def write_report(discovery: Discovery, folder, name: str = "report.html") -> Path:
+    """Write what was found as one self-contained page, and its figures as PNG files in `figures/` beside it.
+
+    Args:
+        discovery: what `discover` returned.
+        folder: where to write; made where it is not there.
+        name: of the page's file.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    records, level = count_records(discovery), discovery.settings.get("level")
+    status = [
+        f"campaign {clean(discovery.campaign, 60)}",
+        clean(discovery.title, 120) if discovery.title != discovery.campaign else "",
+        f"{records} records" if records != 1 else "1 record",
+        f"reference model {clean(discovery.model, 60)}",
+        f"judged at the {format_share(float(level))} level" if isinstance(level, (int, float)) else "",
+    ]
+    return write_page(
+        f"{say_verdict(discovery.verdict)}: {discovery.campaign}", discovery.sentence, build_sections(discovery),
+        folder, name, verdict=discovery.verdict, badge=say_verdict(discovery.verdict), status=status,
+        facts=list_facts(discovery),
+    )  # fmt: skip
+
+
+def list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
+    """The numbers that a reader wants first: what, value, remark."""
+    if not discovery.steps:
+        return []
+    first, last = discovery.steps[0], discovery.steps[-1]
+    grown = len(discovery.steps) > 1
+
+    def compare(one: float, other: float) -> str:
+        return f"{format_error(one)} → {format_error(other)}" if grown else format_error(one)
+
+    floor = f"noise floor {format_error(discovery.noise_nrmse)}"
+    facts = [("error of the fit", compare(first.nrmse, last.nrmse), floor)]
+    if math.isfinite(first.heldout_nrmse):
+        held = compare(first.heldout_nrmse, last.heldout_nrmse)
+        facts.append(("error on held-out conditions", held, "whole conditions left out"))
+    chi2 = format_number(first.chi2_reduced) + (f" → {format_number(last.chi2_reduced)}" if grown else "")
+    facts.append(("χ² per degree of freedom", chi2, "1 is noise alone"))
+    fit = last.lack_of_fit
+    facts.append(("misfit left", "yes" if fit.rejected else "none seen", say_p(fit.p_value)))
+    return facts
+
+
+def build_sections(discovery: Discovery) -> list[Section]:
+    """The parts of the page, in the order in which a reader asks for them."""
+    sections = []
+    if discovery.steps:
+        models = {"reference model": discovery.steps[0].traces}
+        if len(discovery.steps) > 1:
+            models[say_model(discovery)] = discovery.steps[-1].traces
+        sections.append(_show_steps(discovery))
+        if any(models.values()):
+            sections.append(show_fits(models))
+            sections.append(show_failures(models, discovery.noise, discovery.where))
+        elif discovery.where:
+            sections.append(Section("Where the model fails", points=[say_place(place) for place in discovery.where]))
+    if discovery.candidates:
+        sections.append(_show_ranking(discovery))
+    if discovery.steps and discovery.steps[-1].parameters:
+        sections.append(_show_parameters(discovery))
+    sections.append(_show_judgement(discovery))
+    rows = [("campaign", clean(discovery.campaign)), ("title", clean(discovery.title)), ("family", discovery.family),
+            ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
+            ("verdict", discovery.verdict), *flatten(discovery.settings)]  # fmt: skip
+    sections.append(Section("Provenance", tables=[Table(("item", "value"), rows)]))
+    return sections
+
+
+def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
+    """Model against measurement, every channel."""
+    from .. import figures
+
+    first = next(iter(models.values()))
+    if is_peaks(first):
+        pictures = [
+            Picture(f"peaks-{channel}", f"{_begin(channel)} of each record, measured and modelled; below, the residual "
+                    "in units of the noise.", figures.draw_peaks(models, channel))
+            for channel in list_channels(first)
+        ]  # fmt: skip
+        return Section("Model against measurement", figures=pictures)
+    pictures = []
+    for i, channel in enumerate(list_channels(first)):
+        caption = (
+            f"{_begin(channel)} of records spread over the conditions: measured (dots) and modelled (lines). Below "
+            "each, measured minus model in units of the noise, single samples faint and their running mean as a line."
+        )
+        alt = f"{_begin(channel)} over time for up to eight records with {' and '.join(models)}, and their residuals."
+        figure = figures.draw_fit(models, channel, count=8 if i == 0 else 4)
+        pictures.append(Picture(f"fit-{channel}", caption, figure, alt))
+    return Section("Model against measurement", figures=pictures)
+
+
+def show_failures(
+    models: Mapping[str, Sequence[Trace]], noise: Mapping | None = None, where: Sequence[Place] | None = None
+) -> Section:
+    """Where the residuals sit, and what they depend on; `where` is None where nobody looked for places."""
+    from .. import figures
+
+    first = next(iter(models.values()))
+    pictures = [
+        Picture("record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. "
+                "1 is as good as a model can be.", figures.draw_record_errors(models),
+                "Grid of the error over the noise by condition."),
+    ]  # fmt: skip
+    if not is_peaks(first):
+        pictures.insert(0, Picture(
+            "residual-map", "Mean residual over the noise, one row a record in the order of its conditions. Stripes "
+            "that many rows share are physics; scattered colour is noise, or a setting that is off in one record.",
+            figures.draw_residual_map(models), "Heat map of the residuals by record and share of the contact time."))
+        for channel in list_channels(first):
+            pictures.append(Picture(
+                f"dependence-{channel}", f"{_begin(channel)}: mean residual against state and condition, loading and "
+                "unloading apart, with two standard errors from the scatter between records.",
+                figures.draw_dependence(models, channel, (noise or {}).get(channel), where or ()),
+                f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
+        if "normal_force" in list_channels(first):
+            pictures.append(Picture(
+                "missing-force", "The force that the model leaves unexplained over the depression: the shape of what "
+                "is missing. Records whose lines fall together share a cause that does not depend on the condition.",
+                figures.draw_missing_force(models), "Measured minus modelled force against depression."))
+    points = [] if where is None else [say_place(place) for place in where] or ["No place stands out."]
+    return Section("Where the model fails" if where else "Where the residuals sit", points=points, figures=pictures)
+
+
+def _show_steps(discovery: Discovery) -> Section:
+    from .. import figures
+
+    rows = [
+        (clean(f"+ {step.added}" if step.added else discovery.model), format_number(step.chi2_reduced),
+         format_error(step.nrmse), format_error(step.heldout_nrmse), format_error(discovery.noise_nrmse),
+         "yes" if step.lack_of_fit.rejected else "no", "yes" if step.converged else "no")
+        for step in discovery.steps
+    ]  # fmt: skip
+    table = Table(("model", "χ² / dof", "error", "held-out error", "noise floor", "misfit left", "converged"), rows)
+    caption = (
+        "Root mean square of the residual over that of the signal, for every model of the loop: on the records that "
+        "were fitted and on conditions that were left out. No model can do better than the noise floor."
+    )
+    alt = f"Error of {len(discovery.steps)} models against the noise floor of {format_error(discovery.noise_nrmse)}."
+    return Section("The error, step by step", figures=[Picture("ledger", caption, figures.draw_ledger(discovery), alt)],
+                   tables=[table])  # fmt: skip
+
+
+def _show_ranking(discovery: Discovery) -> Section:
+    from .. import figures
+
+    rows, marked = [], set()
+    for i, one in enumerate(discovery.candidates):
+        if one.effect in discovery.effects:
+            marked.add(i)
+        detectable = ", ".join(f"{clean(key.rpartition('.')[2])} {format_number(value)}"
+                               for key, value in one.smallest_detectable.items())  # fmt: skip
+        error = one.standard_error
+        difference = f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}"
+        kin = ", ".join(map(clean, one.indistinguishable_from))
+        rows.append((clean(one.effect), format_share(one.explains, 1), format_share(one.visible),
+                     format_p(one.p_value), format_error(one.heldout_nrmse), difference, detectable or "–",
+                     kin or "–"))  # fmt: skip
+    header = ("effect", "explains", "visible", "p", "held-out error", "behind the best, held out",
+              "smallest detectable", "cannot be told from")  # fmt: skip
+    tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", frozenset(marked))]
+    paragraphs = [
+        "Explains: share of the misfit above noise that the effect alone removes after a refit. Visible: share of its "
+        "own signature that is left when mass, restitution and the records' settings are free to imitate it; below "
+        f"{format_share(UNSEEN)} this campaign cannot see it."
+    ]
+    kin = [
+        (clean(step.added), *row)
+        for step in discovery.steps if step.added
+        for row in list_alternatives(step.alternatives)
+    ]  # fmt: skip
+    if kin:
+        header = ("added", "alternative", "paired held-out difference", "standard error", "ratio")
+        tables.append(Table(header, kin, "Confusion sets: effects that this campaign cannot tell from the one that was "
+                            "added at that step."))  # fmt: skip
+    elif discovery.effects:
+        paragraphs.append("No other effect of the catalogue can be mistaken for what was added.")
+    caption = "Bars: share of the misfit that each effect removes. Diamonds: how much of it this campaign can see."
+    figure = figures.draw_ranking(discovery.candidates, discovery.effects)
+    best = discovery.candidates[0]
+    alt = f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, removes {format_share(best.explains)}."
+    title = "Which effect is missing" if discovery.effects else "The catalogue, ranked"
+    return Section(title, paragraphs, [Picture("ranking", caption, figure, alt)], tables)
+
+
+def _show_parameters(discovery: Discovery) -> Section:
+    from .. import figures
+
+    steps: dict[str, Step] = {"reference model": discovery.steps[0]}
+    if len(discovery.steps) > 1:
+        steps[say_model(discovery)] = discovery.steps[-1]
+    last = next(reversed(steps.values()))
+    rows = []
+    for key, one in last.parameters.items():
+        value, sd, low, high = show_estimate(one)
+        rows.append((clean(key), value, sd, low, high, "–" if one.unit in ("", "1") else clean(one.unit),
+                     clean(one.text, 160)))  # fmt: skip
+    header = ("parameter", "estimate", "sd", "2.5 %", "97.5 %", "unit", "")
+    if not any(row[-1] for row in rows):
+        header, rows = header[:-1], [row[:-1] for row in rows]
+    strong = [item for item in last.correlations if abs(item[2]) > 0.95]
+    points = [
+        f"{clean(a)} and {clean(b)} are correlated by {value:+.3f}: the data fix a combination of them far better than "
+        "either." for a, b, value in strong
+    ]  # fmt: skip
+    caption = "Estimates with their 95 % intervals, each on its own scale, and the strongest correlations."
+    if len(steps) > 1:
+        caption += " Where those of the two models lie apart, the missing physics had pulled the parameter away."
+    picture = Picture("parameters", caption, figures.draw_parameters(steps), f"Intervals of {len(rows)} parameters.")
+    return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
+
+
+def _show_judgement(discovery: Discovery) -> Section:
+    """How the verdict was reached: the test at each step, the noise, and what was assumed."""
+    rows = [
+        (clean(f"+ {step.added}" if step.added else discovery.model), format_number(step.lack_of_fit.statistic),
+         format_number(step.lack_of_fit.degrees), format_p(step.lack_of_fit.p_value), f"{step.lack_of_fit.level:g}",
+         "rejected" if step.lack_of_fit.rejected else "not rejected", format_p(step.lack_of_fit.score_p_value))
+        for step in discovery.steps
+    ]  # fmt: skip
+    header = ("model", "statistic", "degrees of freedom", "p", "level", "verdict", "p of the largest score")
+    tables = [Table(header, rows, "Lack of fit beyond noise and setting errors.")] if rows else []
+    noise = []
+    for channel, one in discovery.noise.items():
+        shown = describe_quantity(channel)
+        cells = [_scale(one.get(key), shown.scale) for key in ("stated_sd", "sd")]
+        noise.append((shown.name, *cells, shown.unit, *(_scale(one.get(key), 1.0) for key in
+                      ("correlation", "white_share")), clean(one.get("text", ""), 200)))  # fmt: skip
+    if noise:
+        header = ("channel", "stated sd", "sd used", "unit", "correlation", "white share", "how")
+        tables.append(Table(header, noise, "Noise."))
+    texts = dict.fromkeys(step.lack_of_fit.text for step in discovery.steps if step.lack_of_fit.text)
+    return Section("How the verdict was reached", list(texts), tables=tables, points=list(discovery.notes))
+
+
+def _scale(value, scale: float) -> str:
+    return format_number(scale * float(value)) if isinstance(value, (int, float)) else "–"
+
+
+def _begin(channel: str) -> str:
+    """A channel's name at the start of a sentence."""
+    name = describe_quantity(channel).name
+    return name[:1].upper() + name[1:]

@@ -1,0 +1,194 @@
+"""A self-contained page: sentence first, then sections of text, figures and tables; everything is escaped."""
+
+import base64
+import dataclasses as dc
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from .._errors import InputError
+from ..figures.labels import clean
+from ..figures.style import render_png
+
+
+BUDGET = 2_700_000  # characters of all figures in a page
+_NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?$|^–?$")
+
+
+@dc.dataclass(frozen=True)
+class Picture:
+    """A figure of a page.
+
+    Attributes:
+        name: of the PNG file, without its ending.
+        caption: what it shows, one or two sentences.
+        figure: a matplotlib figure.
+        alt: what a reader who cannot see it should hear; the caption where it is empty.
+    """
+
+    name: str
+    caption: str
+    figure: Any
+    alt: str = ""
+
+
+@dc.dataclass(frozen=True)
+class Table:
+    """A table of a page: cells are shown as they are, numbers to the right; rows in `marked` stand out."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    caption: str = ""
+    marked: frozenset[int] = frozenset()
+
+
+@dc.dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        title: its heading.
+        paragraphs: plain text; `markupsafe.Markup` passes as HTML.
+        figures: `Picture`s, or tuples (name, caption, figure[, alt]).
+        tables: `Table`s, pandas data frames, or lists of rows of which the first is the header.
+        points: a list of short sentences after the paragraphs.
+    """
+
+    title: str
+    paragraphs: Sequence[str] = ()
+    figures: Sequence[Any] = ()
+    tables: Sequence[Any] = ()
+    points: Sequence[str] = ()
+
+
+def write_page(
+    title: str,
+    sentence: str,
+    sections: Iterable[Section],
+    folder,
+    name: str = "report.html",
+    *,
+    verdict: str = "",
+    badge: str = "",
+    status: Sequence[str] = (),
+    facts: Sequence[tuple[str, str, str]] = (),
+) -> Path:
+    """Write a page that needs nothing but itself, and its figures as PNG files in `figures/` beside it.
+
+    Args:
+        title: of the page, shown by the browser.
+        sentence: the first thing on the page, in plain words.
+        sections: what follows.
+        folder: where to write; made where it is not there.
+        name: of the page's file.
+        verdict: decides the colour (a verdict of `discover`, or nothing).
+        badge: a word or two in that colour.
+        status: a line of short facts below the sentence.
+        facts: boxes of (what, value, remark) below that.
+
+    Returns:
+        Path of the page. Every file is written whole or not at all, the page last.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    folder, sections = Path(folder), list(sections)
+    pictures = [_read_picture(item) for section in sections for item in section.figures]
+    for picture in pictures:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", picture.name):
+            raise ValueError(f"{picture.name!r} is no name for a file: use letters, digits, dots, hyphens")
+    images = [render_png(picture.figure) for picture in pictures]
+    shown = _fit_budget(pictures, images)
+    blocks, start = [], 0
+    for section in sections:
+        count = len(section.figures)
+        blocks.append({
+            "title": section.title, "paragraphs": section.paragraphs, "points": section.points,
+            "figures": [
+                {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data,
+                 "width": round(104 * float(picture.figure.get_size_inches()[0]))}
+                for picture, data in zip(pictures[start : start + count], shown[start : start + count], strict=True)
+            ],
+            "tables": [_read_table(table) for table in section.tables],
+        })  # fmt: skip
+        start += count
+    html = _load_template("page.html").render(
+        title=clean(title, 120), sentence=sentence, sections=blocks, verdict=verdict, badge=badge,
+        status=[item for item in status if item], facts=facts, style=_read_text("page.css"),
+    )  # fmt: skip
+    try:
+        (folder / "figures").mkdir(parents=True, exist_ok=True)
+        for picture, image in zip(pictures, images, strict=True):
+            write_whole(folder / "figures" / f"{picture.name}.png", image)
+        write_whole(folder / name, html.encode("utf-8", "replace"))
+    except OSError as error:
+        raise InputError(f"the report cannot be written: {error.strerror}", file=error.filename or folder) from None
+    return folder / name
+
+
+def write_whole(path: Path, content: bytes):
+    """Write a file whole or not at all."""
+    handle, draft = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(draft, 0o666 & ~umask)
+        os.replace(draft, path)
+    except BaseException:
+        Path(draft).unlink(missing_ok=True)
+        raise
+
+
+def _fit_budget(pictures: Sequence[Picture], images: Sequence[bytes]) -> list[str]:
+    """Images as base64; the largest are drawn again with fewer pixels while the page would be too large."""
+    shown = [base64.b64encode(image).decode("ascii") for image in images]
+    for dpi in (115, 85, 60):
+        for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
+            if sum(map(len, shown)) <= BUDGET:
+                return shown
+            shown[i] = base64.b64encode(render_png(pictures[i].figure, dpi)).decode("ascii")
+    return shown
+
+
+def _read_picture(item) -> Picture:
+    return item if isinstance(item, Picture) else Picture(*item)
+
+
+def _read_table(table) -> dict:
+    """A table as the template wants it: every cell a text, numbers to the right."""
+    if hasattr(table, "itertuples") and hasattr(table, "columns"):
+        table = Table(list(table.columns), list(table.itertuples(index=False, name=None)))
+    elif not isinstance(table, Table):
+        rows = list(table)
+        table = Table(rows[0], rows[1:])
+    rows = [[_show(cell) for cell in row] for row in table.rows]
+    right = [all(_NUMBER.match(row[i]) for row in rows if i < len(row)) for i in range(len(table.header))]
+    return {
+        "header": [str(name) for name in table.header], "caption": table.caption, "right": right if rows else [],
+        "rows": [{"cells": row, "marked": i in table.marked} for i, row in enumerate(rows)],
+    }  # fmt: skip
+
+
+def _show(cell) -> str:
+    """A cell as text: numbers to four digits, nothing for what is missing."""
+    if cell is None or cell != cell:
+        return "–"
+    return f"{cell:.4g}" if isinstance(cell, float) else clean(cell, 400)
+
+
+def _load_template(name: str):
+    import jinja2
+
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
+                                     undefined=jinja2.StrictUndefined)
+    return environment.from_string(_read_text(name))
+
+
+def _read_text(name: str) -> str:
+    return resources.files("ddetumble.report").joinpath(name).read_text(encoding="utf-8")

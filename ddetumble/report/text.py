@@ -1,0 +1,89 @@
+"""What was found, as text for a terminal."""
+
+import textwrap
+from collections.abc import Sequence
+
+from ..discrepancy.records import Discovery
+from ..figures.labels import clean, format_error, format_number, format_p, format_share
+from .words import count_records, list_alternatives, say_place, say_verdict, show_estimate
+
+
+WIDTH = 100
+
+
+def describe(discovery: Discovery) -> str:
+    """The findings in at most 100 columns: the sentence, the steps, the best candidates, parameters, and where.
+
+    Args:
+        discovery: what `discover` returned.
+
+    Returns:
+        Text of several lines, without control characters and without a line break at its end.
+    """
+    head = f"[{say_verdict(discovery.verdict)}] {clean(discovery.campaign, 40)}, {count_records(discovery)} records, "
+    parts = [_wrap(clean(discovery.sentence, 4000)), _wrap(head + f"reference model {clean(discovery.model, 30)}")]
+    parts.append(_show_steps(discovery))
+    if discovery.candidates:
+        parts.append(_show_candidates(discovery))
+    if discovery.steps and discovery.steps[-1].parameters:
+        rows = []
+        for name, one in discovery.steps[-1].parameters.items():
+            value, sd, low, high = show_estimate(one)
+            rows.append((clean(name, 40), f"{value} +- {sd}", f"[{low}, {high}]", clean(one.unit, 16)))
+        parts.append(align(("parameter", "estimate", "95 % interval", ""), rows, "l" * 4))
+    if discovery.where:
+        parts.append("\n".join(["Where the misfit sits:", *(_wrap(say_place(one), "  ") for one in discovery.where)]))
+    if discovery.notes:
+        parts.append("\n".join(["Notes:", *(_wrap(clean(note, 2000), "  ") for note in discovery.notes)]))
+    return "\n\n".join(part for part in parts if part)
+
+
+def align(header: Sequence[str], rows: Sequence[Sequence[str]], sides: str) -> str:
+    """A table as text: columns two spaces apart, `l`eft or `r`ight by `sides`, a rule below the header.
+
+    Args:
+        header: names of the columns.
+        rows: cells as text.
+        sides: one letter a column.
+    """
+    widths = [max(len(str(row[i])) for row in (header, *rows)) for i in range(len(header))]
+
+    def line(cells) -> str:
+        return "  ".join(
+            str(cell).ljust(width) if side == "l" else str(cell).rjust(width)
+            for cell, width, side in zip(cells, widths, sides, strict=True)
+        ).rstrip()[:WIDTH]
+
+    return "\n".join([line(header), "-" * min(sum(widths) + 2 * (len(widths) - 1), WIDTH), *map(line, rows)])
+
+
+def _show_steps(discovery: Discovery) -> str:
+    rows = []
+    for step in discovery.steps:
+        fit = step.lack_of_fit
+        misfit = f"{'yes' if fit.rejected else 'no'} (p {format_p(fit.p_value)})"
+        name = f"+ {clean(step.added, 34)}" if step.added else clean(discovery.model, 34)
+        rows.append((name, format_number(step.chi2_reduced), format_error(step.nrmse),
+                     format_error(step.heldout_nrmse), format_error(discovery.noise_nrmse), misfit,
+                     "" if step.converged else "not converged"))  # fmt: skip
+    header = ("model", "chi2/dof", "nrmse", "held out", "noise", "misfit left", "")
+    return align(header, rows, "lrrrrll") if rows else ""
+
+
+def _show_candidates(discovery: Discovery) -> str:
+    rows = [
+        (("* " if one.effect in discovery.effects else "  ") + clean(one.effect, 32), format_share(one.explains, 1),
+         format_share(one.visible), format_p(one.p_value), format_error(one.heldout_nrmse),
+         clean(", ".join(one.indistinguishable_from), 30))
+        for one in discovery.candidates[:5]
+    ]  # fmt: skip
+    lines = [align(("  candidate", "explains", "visible", "p", "held out", "not to be told from"), rows, "lrrrrl")]
+    for step in discovery.steps:
+        for effect, difference, error, _ in list_alternatives(step.alternatives):
+            lines.append(_wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
+                               f"+- {error}; this campaign cannot tell them apart", "  "))  # fmt: skip
+    return "\n".join(lines)
+
+
+def _wrap(text: str, indent: str = "") -> str:
+    return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)

@@ -1,0 +1,75 @@
+"""Findings in words and in rows of tables, for the page and for the terminal."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from ..discrepancy.records import Discovery, Estimate, Place
+from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, format_share, format_value
+
+
+def say_verdict(verdict: str) -> str:
+    """A verdict in words."""
+    return VERDICTS.get(verdict, clean(verdict))
+
+
+def say_model(discovery: Discovery) -> str:
+    """The grown model in a few words: `with adhesion and gas-leak`."""
+    effects = [clean(effect, 40) for effect in discovery.effects]
+    return "with " + (", ".join(effects[:-1]) + " and " if len(effects) > 1 else "") + effects[-1] if effects else ""
+
+
+def say_place(place: Place) -> str:
+    """Where a misfit sits, as a sentence."""
+    low, high = place.range
+    shown = describe_quantity(place.variable, [low, high])
+    unit = f" {shown.unit}" if shown.unit else ""
+    span = f"{format_number(shown.scale * low)} to {format_number(shown.scale * high)}{unit}"
+    phase = f" while {clean(place.phase)}" if place.phase in ("loading", "unloading") else ""
+    period = ""
+    if place.period is not None and math.isfinite(place.period):
+        period = f"; it repeats every {format_number(shown.scale * place.period)}{unit}"
+    channel = describe_quantity(place.channel).name
+    share = f"{format_share(place.share)} of the misfit of the {channel}"
+    return f"{share} sits where the {shown.name} is {span}{phase}{period}."
+
+
+def count_records(discovery: Discovery) -> int:
+    """How many records were fitted."""
+    return len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
+
+
+def show_estimate(estimate: Estimate) -> tuple[str, str, str, str]:
+    """Value, standard deviation and the ends of the 95 % interval, to the digits that count."""
+    sd = estimate.sd
+    return (format_value(estimate.estimate, sd), format_value(sd, sd), format_value(estimate.q025, sd),
+            format_value(estimate.q975, sd))  # fmt: skip
+
+
+def list_alternatives(alternatives: Sequence[Mapping]) -> list[tuple[str, str, str, str]]:
+    """Rows of a confusion set: effect, paired held-out difference, its standard error, and both as a ratio."""
+    rows = []
+    for item in alternatives:
+        difference, error = (_read(item, key) for key in ("heldout_difference", "standard_error"))
+        ratio = difference / error if math.isfinite(difference) and error > 0 else math.nan
+        rows.append((clean(item.get("effect", "")), format_value(difference, error), format_value(error, error),
+                     format_number(ratio, 2)))  # fmt: skip
+    return rows
+
+
+def _read(item: Mapping, key: str) -> float:
+    value = item.get(key)
+    return math.nan if value is None else float(value)
+
+
+def flatten(settings: Mapping, prefix: str = "") -> list[tuple[str, str]]:
+    """Nested settings as rows of name and value."""
+    rows = []
+    for key, value in settings.items():
+        name = f"{prefix}{clean(str(key).replace('_', ' '), 60)}"
+        if isinstance(value, Mapping):
+            rows += flatten(value, f"{name}, ")
+        elif isinstance(value, (list, tuple)):
+            rows.append((name, ", ".join(clean(item, 80) for item in value)))
+        else:
+            rows.append((name, f"{value:.4g}" if isinstance(value, float) else clean(value, 200)))
+    return rows

@@ -1,0 +1,282 @@
+"""Figures and reports: every verdict gives a page that says so first, stands alone, and escapes what data files say."""
+
+import base64
+import dataclasses as dc
+import math
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ddetumble import figures
+from ddetumble._errors import InputError
+from ddetumble.discrepancy.records import Trace
+from ddetumble.figures.binning import bin_residuals, choose_records, group_values, is_peaks, sort_traces
+from ddetumble.figures.labels import describe_conditions, format_number, format_p, format_value
+from ddetumble.report import Picture, Section, Table, describe, write_comparison, write_page, write_report
+from ddetumble.report.text import align
+from tests.helpers_report import make_candidates, make_discovery, make_peaks
+
+
+VERDICTS = ("nothing-missing", "explained", "improved", "unexplained", "undecided")
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """Reads a page: its visible text, its images, its links; fails where tags do not close."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.text, self.images, self.links, self.tags = [], [], [], [], []
+        self.feed(html)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        attributes = dict(attrs)
+        self.links += [attributes[key] for key in ("href", "src", "srcset", "action") if key in attributes]
+        if tag == "img":
+            self.images.append(attributes)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "body" in self.open and data.strip():
+            self.text.append(" ".join(data.split()))
+
+
+def read_image(data):
+    """Pixels of a PNG file."""
+    import io
+
+    import matplotlib.image
+
+    return matplotlib.image.imread(io.BytesIO(data), format="png")
+
+
+def check_page(path, sentence):
+    html = path.read_text(encoding="utf-8")
+    page = Page(html)
+    assert page.text[0] == sentence
+    assert len(html.encode()) < 3_000_000
+    assert all(link.startswith(("#", "data:image/png;base64,")) for link in page.links)
+    assert "http" not in html and "//" not in "".join(html.split("base64,")[:1]) and "@import" not in html
+    pictures = sorted((path.parent / "figures").iterdir())
+    assert len(page.images) == len(pictures) > 0
+    assert all(len(image["alt"]) > 20 for image in page.images)
+    for picture in pictures:
+        pixels = read_image(picture.read_bytes())
+        assert pixels.shape[1] > 800 and pixels[..., :3].std() > 0.02, picture.name
+    for image in page.images:
+        assert read_image(base64.b64decode(image["src"].partition("base64,")[2])).shape[1] > 300
+    assert not [item for item in path.parent.rglob("*") if item.name.startswith(".")]
+    return page
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_page_of_every_verdict(verdict, tmp_path):
+    discovery = make_discovery(verdict)
+    path = write_report(discovery, tmp_path / "out")
+    assert path == tmp_path / "out" / "report.html"
+    page = check_page(path, discovery.sentence)
+    text = " ".join(page.text)
+    for word in (discovery.campaign, discovery.sha256, *discovery.effects, *discovery.notes, "effective_mass"):
+        assert word in text
+    for step in discovery.steps:
+        for item in step.alternatives:
+            assert item["effect"] in text and "Confusion sets" in text
+    lines = describe(discovery).splitlines()
+    assert " ".join(describe(discovery).split()).startswith(discovery.sentence)
+    assert max(map(len, lines)) <= 100
+    assert any("effective_mass" in line and "+-" in line and line.rstrip().endswith("kg") for line in lines)
+
+
+def test_three_channels(tmp_path):
+    discovery = make_discovery("explained", "impact-e")
+    path = write_report(discovery, tmp_path)
+    check_page(path, discovery.sentence)
+    names = {item.stem for item in (tmp_path / "figures").iterdir()}
+    assert {f"fit-{channel}" for channel in ("normal_force", "depression", "pressure")} <= names
+
+
+def test_peaks_only(tmp_path):
+    discovery = make_peaks()
+    assert is_peaks(discovery.steps[0].traces)
+    path = write_report(discovery, tmp_path)
+    check_page(path, discovery.sentence)
+    bare = dc.replace(discovery.steps[0], traces=())
+    page = check_page(write_report(dc.replace(discovery, steps=(bare,)), tmp_path / "bare"), discovery.sentence)
+    assert "ranked" in " ".join(page.text)
+
+
+def test_text_from_data_files_is_escaped(tmp_path):
+    evil = "<script>alert('x')</script>$\\frac{1}$ & \x1b[31m\u4e2d"
+    discovery = make_discovery("explained")
+    renamed = {}
+
+    def rename(trace):
+        renamed.setdefault(trace.record, f"{evil}{trace.record}")
+        conditions = trace.conditions | {"<b>pad</b> $x$": float(len(renamed))}
+        return dc.replace(trace, record=renamed[trace.record], conditions=conditions)
+
+    steps = tuple(dc.replace(step, traces=tuple(map(rename, step.traces))) for step in discovery.steps)
+    discovery = dc.replace(
+        discovery, campaign=evil, title=evil, model=evil, sentence=f"Missing: {evil}", notes=(evil,), steps=steps,
+        settings={evil: {evil: evil}}, noise={"normal_force": {"sd": 0.25, "text": evil}},
+    )  # fmt: skip
+    html = write_report(discovery, tmp_path).read_text(encoding="utf-8")
+    page = Page(html)
+    assert "script" not in page.tags and "b" not in page.tags
+    assert "<script" not in html and "&lt;script&gt;" in html
+    assert "\x1b" not in describe(discovery)
+
+
+def test_figures_without_numbers(tmp_path):
+    nan = math.nan
+    discovery = make_discovery("unexplained")
+    traces = tuple(
+        dc.replace(trace, measured=np.full_like(trace.measured, nan), conditions={"pad_thickness": 0.002})
+        for trace in discovery.steps[0].traces[:3]
+    )  # fmt: skip
+    fit = dc.replace(discovery.steps[0].lack_of_fit, statistic=nan, p_value=nan, score_p_value=nan)
+    step = dc.replace(discovery.steps[0], traces=traces, nrmse=nan, heldout_nrmse=nan, chi2_reduced=nan, parameters={},
+                      correlations=(), lack_of_fit=fit, converged=False)
+    empty = dc.replace(discovery, steps=(step, dc.replace(step, added="gas-leak")), candidates=(), noise={}, where=(),
+                       noise_nrmse=nan)
+    check_page(write_report(empty, tmp_path / "nan"), discovery.sentence)
+    nothing = dc.replace(empty, steps=())
+    page = Page(write_report(nothing, tmp_path / "nothing").read_text(encoding="utf-8"))
+    assert page.text[0] == discovery.sentence and describe(nothing)
+
+
+def test_many_and_few_records():
+    own = make_discovery("explained").steps[0].traces
+    many = [dc.replace(trace, record=f"{trace.record}-{i}") for i in range(4) for trace in own]
+    for traces in (many, own[:1], own[:5]):
+        for draw in (figures.draw_fit, figures.draw_residual_map, figures.draw_dependence, figures.draw_missing_force,
+                     figures.draw_record_errors):
+            assert len(figures.render_png(draw({"model": traces}), 60)) > 3000
+
+
+def test_ledger_on_a_long_scale():
+    discovery = dc.replace(make_discovery("explained"), noise_nrmse=1e-4)
+    axes = figures.draw_ledger(discovery).axes[0]
+    assert axes.get_xscale() == "log"
+
+
+def test_ranking_greys_what_cannot_be_seen():
+    axes = figures.draw_ranking(make_candidates(("adhesion",)), ("adhesion",)).axes[0]
+    labels = {label.get_text(): label for label in axes.get_yticklabels()}
+    assert labels["adhesion"].get_fontweight() == "bold"
+    assert labels["sensor-lag"].get_color() != labels["gas-leak"].get_color()
+    assert sum(text.get_text() == "cannot be seen" for text in axes.texts) == 2
+
+
+def test_settings_of_the_user_stay():
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    figures.render_png(figures.draw_ledger(make_discovery("explained")))
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_same_input_same_bytes():
+    discovery = make_discovery("nothing-missing")
+    for draw in (figures.draw_ledger, lambda one: figures.draw_residual_map({"model": one.steps[0].traces})):
+        one, other = (figures.render_png(draw(discovery)) for _ in "ab")
+        assert one == other
+
+
+@figures.styled
+def draw_line():
+    figure = figures.new_figure(2.0, 4.0)
+    figure.add_subplot().plot([0, 1], [1, 0])
+    return figure
+
+
+def test_generic_page(tmp_path):
+    table = pd.DataFrame({"claim": ["a <b>", "c"], "paper": [1.5, np.nan]})
+    sections = [
+        Section("One", ["Text & more."], [("line", "A falling line, drawn twice.", draw_line())], [table]),
+        Section("Two", [], [Picture("other", "Caption", draw_line(), "A line that falls from one to zero.")],
+                [[("x", "y"), (1, 2.0)], Table(("x",), [], "empty")], ["a point"]),
+    ]  # fmt: skip
+    path = write_page("Title", "It falls.", sections, tmp_path, "paper.html", facts=[("a", "1", "")])
+    page = Page(path.read_text(encoding="utf-8"))
+    assert path.name == "paper.html" and page.text[0] == "It falls."
+    assert {"a <b>", "–", "1.5", "a point"} <= set(page.text) and page.images[1]["alt"].startswith("A line that")
+    with pytest.raises(ValueError, match="no name for a file"):
+        write_page("t", "s", [Section("x", figures=[("../up", "c", draw_line())])], tmp_path)
+
+
+def test_comparison(tmp_path):
+    step = make_discovery("unexplained").steps[0]
+    path = write_comparison("The model misses.", {"paper": step.traces}, tmp_path, status=["campaign impact-f"])
+    assert path.name == "comparison.html"
+    check_page(path, "The model misses.")
+
+
+def test_pages_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = write_page("t", "First.", [], tmp_path)
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(InputError, match="No space left"):
+        write_page("t", "Second.", [], tmp_path)
+    assert "First." in path.read_text() and [item.name for item in tmp_path.iterdir() if item.is_file()] == [path.name]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_page("t", "s", [], tmp_path / "file")
+
+
+def test_budget_shrinks_large_pages(tmp_path, monkeypatch):
+    monkeypatch.setattr("ddetumble.report.page.BUDGET", 20_000)
+    path = write_page("t", "s", [Section("x", figures=[(n, "caption", draw_line()) for n in "ab"])], tmp_path)
+    whole = sum(item.stat().st_size for item in (tmp_path / "figures").iterdir()) * 4 / 3
+    assert len(path.read_text()) < whole + 15_000
+
+
+@pytest.mark.parametrize("value, sd, text", [
+    (86000.0, 1032.0, "86000"), (1.118, 0.00336, "1.1180"), (0.0, 0.1, "0.00"), (1163.0, 9.0, "1163.0"),
+    (2.5e8, 1e6, "2.500e+08"), (1.5, math.nan, "1.500"), (math.nan, 1.0, "–"),
+])  # fmt: skip
+def test_values_have_the_digits_that_count(value, sd, text):
+    assert format_value(value, sd) == text
+
+
+def test_small_words():
+    assert [format_number(x) for x in (0.0, 12.345, 1e-9, None, math.inf)] == ["0.00", "12.3", "1.00e-09", "–", "–"]
+    assert [format_p(x) for x in (1e-9, 0.0312, 0.4, math.nan)] == ["< 0.001", "0.031", "0.40", "–"]
+    conditions = {"initial_pressure": 1.109e6, "approach_speed": 0.1398, "pad_thickness": 0.002}
+    assert describe_conditions(conditions, conditions) == "1.11 MPa · 0.14 m/s · pad thickness 0.002"
+    assert align(("a", "b"), [("x", "1")], "lr") == "a  b\n----\nx  1"
+
+
+def test_settings_are_grouped_and_spread():
+    assert group_values([0.50, 0.505, 1.11, math.nan, 1.10])[:3] == pytest.approx([0.5025, 0.5025, 1.105])
+    assert len(set(group_values([293.15, 300.0, 293.2]))) == 2
+    assert group_values([-1.0, -1.01, 2.0]) == pytest.approx([-1.005, -1.005, 2.0])
+    traces = make_discovery("explained").steps[0].traces
+    chosen = choose_records(traces, 8)
+    cells = {(round(t.conditions["initial_pressure"], -5), round(t.conditions["approach_speed"], 1)) for t in chosen}
+    assert len(chosen) == len(cells) == 8
+    pressures = [trace.conditions["initial_pressure"] for trace in sort_traces(traces)]
+    assert np.all(np.diff(pressures) > -0.05 * np.array(pressures[1:]))
+
+
+def test_bands_hold_noise():
+    generator = np.random.default_rng(3)
+    size, rho = 400, 0.6
+    traces = []
+    for i in range(60):
+        noise = np.zeros(size)
+        for k in range(1, size):
+            noise[k] = rho * noise[k - 1] + math.sqrt(1 - rho**2) * generator.normal()
+        time = np.arange(size) * 1e-3
+        traces.append(Trace(f"r{i}", "normal_force", "N", {}, time, noise, 0 * time, 1.0, np.ones(size), np.ones(size)))
+    noise = {"correlation": rho, "white_share": 0.0}
+    bins = bin_residuals(traces, [trace.time for trace in traces], np.linspace(0, 0.4, 11), noise)
+    assert np.mean(np.abs(bins.mean) < 2 * bins.floor) >= 0.8
+    assert np.median(bins.error / bins.floor) == pytest.approx(1, abs=0.25)
