@@ -1,0 +1,54 @@
+"""The `ddetumble` command: all commands under one name, and the way in."""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from . import caching, estimation, examination, measurement, story
+from .failures import run_guarded
+
+
+app = typer.Typer(
+    name="ddetumble",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+for _module in (story, measurement, examination, estimation, caching):
+    _module.register(app)
+
+
+@app.callback(
+    invoke_without_command=True,
+    epilog="\b\nExamples:\n  ddetumble demo\n  ddetumble discover data/impact-c -o discovery\n  ddetumble fit --help",
+)
+def _show_help(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+):
+    """Find out which physics an impact model leaves out: compare it with measured impacts, see where it fails,
+    rank the effects that could be missing, add one, and watch the error fall.
+
+    CAMPAIGN is a folder with measured tests (or the name of one that comes with the toolkit, such as impact-a);
+    `ddetumble import` makes one from a laboratory's CSV files. MODEL is paper, paper-printed, matunaga, power-law, a
+    folder that `fit` or `discover` wrote, or FILE.py:NAME.
+    """
+    if version:
+        from importlib.metadata import version as read_version
+
+        typer.echo(f"ddetumble {read_version('ddetumble')}")
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code: 0, 2 for bad input, 1 for a failure of the computation.
+
+    Args:
+        arguments: What stands behind `ddetumble` on the command line; the process's own arguments if not given.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    return run_guarded(lambda: app(words, prog_name="ddetumble", standalone_mode=False), words)

@@ -1,0 +1,125 @@
+"""Commands about parameters: `fit`, `predict` and `effects`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .._errors import InputError
+from .examination import MODEL
+from .places import locate_campaign, prepare_file, prepare_folder, write_table
+from .progress import show_progress
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command(
+        "fit",
+        short_help="Fit parameters, with uncertainty and what cannot be told apart.",
+        epilog="\b\nExamples:\n  ddetumble fit data/impact-c --effect wall-stiffness -o fit\n"
+        "  ddetumble fit fits/figure-8/fit.toml -o fit",
+    )(fit_parameters)
+    app.command(
+        "predict",
+        short_help="A fitted model at new conditions, with uncertainty.",
+        epilog="\b\nExample:\n  ddetumble predict fit conditions.csv -o predictions.csv",
+    )(predict_records)
+    app.command(
+        "effects",
+        short_help="The catalogue of effects that a model may be missing.",
+        epilog="\b\nExamples:\n  ddetumble effects\n  ddetumble effects wall-stiffness",
+    )(show_effects)
+
+
+def fit_parameters(
+    source: Annotated[
+        str, typer.Argument(metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")
+    ],
+    model: Annotated[str | None, MODEL] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result and the fitted model.")
+    ] = None,
+):
+    """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
+    if none is named.
+    """
+    specified = source.endswith(".toml")
+    if specified and (model or effect):
+        raise InputError("the specification says which model and effects; leave out --model and --effect", file=source)
+    path = Path(source) if specified else locate_campaign(source)
+    name = path.resolve().parent.name if specified else path.resolve().name
+    from ..measurement.package import read_campaign
+
+    measured = path if specified else read_campaign(path)
+    folder = prepare_folder(output or Path(f"{name}-fit"))
+    from ..inference.estimation import fit
+
+    with show_progress(f"fitting {name}"):
+        result = fit(measured) if specified else fit(measured, model=model or "paper", effects=tuple(effect or ()))
+        result.save(folder)
+    typer.echo(result.text())
+    typer.echo(f"Written to {folder}")
+
+
+def predict_records(
+    model: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit or discover wrote.")],
+    conditions: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CONDITIONS.csv", help="Columns record, the conditions, and time: one row a wanted sample, in SI."
+        ),
+    ],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="OUT.csv", help="Predictions; without it, printed.")
+    ] = None,
+):
+    """A fitted model at new conditions: mean, its uncertainty, and that of a new measurement, for each channel."""
+    for path in (model, conditions):
+        if not path.exists():
+            raise InputError("there is no such file or folder", file=path)
+    file = prepare_file(output)
+    from ..discrepancy.prediction import predict
+
+    with show_progress(f"predicting {conditions.name}"):
+        table = predict(model, conditions)
+    write_table(table, file)
+    if file is not None:
+        typer.echo(f"Written to {file}: {len(table)} samples")
+
+
+def show_effects(
+    effect: Annotated[
+        str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
+    ] = None,
+    family: Annotated[str, typer.Option(metavar="NAME", help="Family of records.")] = "impact",
+):
+    """The catalogue of effects that a model may be missing: law, parameters, units, null, reference."""
+    from ..effects import catalogue, parameters_of, stage_of
+
+    try:
+        effects = {entry.id: entry for entry in catalogue(family)}
+    except ValueError as error:
+        raise InputError(str(error), column="--family") from None
+    if effect is None:
+        width = max(map(len, effects))
+        for name, entry in effects.items():
+            typer.echo(f"{name:{width}}  {entry.law}")
+        return
+    if effect not in effects:
+        raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")
+    entry = effects[effect]
+    typer.echo(f"{entry.id}\n  law        {entry.law}\n  stage      {stage_of(entry)}")
+    for parameter in parameters_of(entry):
+        typer.echo(f"  parameter  {_describe_parameter(parameter)}")
+    typer.echo(f"  reference  {entry.reference}")
+
+
+def _describe_parameter(parameter) -> str:
+    """One line on a parameter: name, unit, where it is absent or starts, and what it is."""
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    value = f"{'null' if parameter.kind == 'amplitude' else 'from'} {parameter.default:g}"
+    return f"{parameter.name}{unit}, {value}: {parameter.text}"

@@ -1,0 +1,112 @@
+"""Commands that hold a model against a campaign: `compare`, `identify` and `discover`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .places import locate_campaign, prepare_file, prepare_folder, write_table
+from .progress import show_progress
+
+
+CAMPAIGN = typer.Argument(metavar="CAMPAIGN", help="Folder of a campaign, or the name of a shipped one.")
+MODEL = typer.Option(
+    "-m",
+    "--model",
+    metavar="MODEL",
+    help="paper, paper-printed, matunaga, power-law, a folder that fit or discover wrote, or FILE.py:NAME.",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command(
+        "compare",
+        short_help="Hold a model against measurements: where it fails, against the noise.",
+        epilog="\b\nExample:\n  ddetumble compare data/impact-c --model paper -o comparison",
+    )(compare_model)
+    app.command(
+        "discover",
+        short_help="Find the missing physics, and write the report.",
+        epilog="\b\nExample:\n  ddetumble discover data/impact-c -o discovery",
+    )(discover_effects)
+    app.command(
+        "identify",
+        short_help="Force from measured depression and pressure, with uncertainty.",
+        epilog="\b\nExample:\n  ddetumble identify data/impact-i -o forces.csv",
+    )(identify_force)
+
+
+def compare_model(
+    campaign: Annotated[str, CAMPAIGN],
+    model: Annotated[str, MODEL] = "paper",
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Also write compare.json and figures here.")
+    ] = None,
+):
+    """Hold a model against measurements: error by channel, record and condition, against the noise."""
+    path = locate_campaign(campaign)
+    from ..measurement.package import read_campaign
+
+    measured = read_campaign(path)
+    folder = None if output is None else prepare_folder(output)
+    from ..discrepancy.comparison import compare
+
+    with show_progress(f"comparing {measured.name} with {model}"):
+        result = compare(measured, model=model)
+    typer.echo(result.text())
+    if folder is not None:
+        with show_progress("drawing"):
+            result.save(folder)
+        typer.echo(f"Written to {folder}")
+
+
+def identify_force(
+    campaign: Annotated[str, CAMPAIGN],
+    model: Annotated[str, MODEL] = "paper",
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="OUT.csv", help="Table of the force; without it, printed.")
+    ] = None,
+):
+    """The paper's own task: force with uncertainty from measured depression and pressure, against the gauge where there
+    is one.
+    """
+    path = locate_campaign(campaign)
+    from ..measurement.package import read_campaign
+
+    measured = read_campaign(path)
+    file = prepare_file(output)
+    from ..discrepancy.identification import identify
+
+    with show_progress(f"identifying the force of {measured.name}"):
+        result = identify(measured, model=model)
+    write_table(result.table, file)
+    typer.echo(result.text(), err=file is None)
+    if file is not None:
+        typer.echo(f"Written to {file}")
+
+
+def discover_effects(
+    campaign: Annotated[str, CAMPAIGN],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for result.json, report.html and the grown model."),
+    ] = None,
+    model: Annotated[str, MODEL] = "paper",
+):
+    """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
+    missing or nothing helps.
+    """
+    path = locate_campaign(campaign)
+    from ..measurement.package import read_campaign
+
+    measured = read_campaign(path)
+    folder = prepare_folder(output or Path(f"{measured.name}-discovery"))
+    from ..discrepancy.discovery import discover
+
+    with show_progress(f"looking at {measured.name}") as report:
+        result = discover(measured, model=model, progress=report)
+        report("writing the report")
+        page = result.save(folder)
+    typer.echo(result.text())
+    typer.echo(f"Report: {page}")

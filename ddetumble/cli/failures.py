@@ -1,0 +1,117 @@
+"""Whatever goes wrong becomes one sentence on standard error and an exit code; nobody sees a traceback."""
+
+import errno
+import io
+import os
+import shlex
+import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+
+from .._errors import ComputationError, InputError
+
+
+BAD_INPUT, FAILED, INTERRUPTED, PIPE_CLOSED = 2, 1, 130, 141
+
+
+def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
+    """Run a command and turn each way of failing into a sentence and an exit code.
+
+    Args:
+        action: The command; an integer that it returns is its exit code.
+        words: The command line, for the report of an unforeseen error.
+
+    Returns:
+        0 on success, 2 on bad input, 1 on a failed computation, 130 if interrupted, 141 if nobody reads the output.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # not so under a test runner
+            stream.reconfigure(errors="replace")
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        try:
+            code = action()
+            sys.stdout.flush()
+            return code if isinstance(code, int) else 0
+        except KeyboardInterrupt:
+            return tell("stopped.", INTERRUPTED)
+        except BrokenPipeError:
+            return _leave_pipe()
+        except SystemExit as error:  # typer's answer to a closed pipe
+            if isinstance(error.__context__, BrokenPipeError):
+                return _leave_pipe()
+            raise
+        except Exception as error:
+            return _explain(error, words)
+
+
+def tell(sentence: str, code: int) -> int:
+    """Print a sentence to standard error and hand the exit code on."""
+    try:
+        print(f"ddetumble: {sentence}", file=sys.stderr, flush=True)
+    except OSError:
+        pass  # nobody is listening; the exit code says the rest
+    return code
+
+
+def _explain(error: Exception, words: Sequence[str]) -> int:
+    """Find the sentence and the exit code for an exception."""
+    if isinstance(error, InputError):
+        return tell(str(error), BAD_INPUT)
+    if isinstance(error, ComputationError):
+        return tell(_join(str(error)), FAILED)
+    if hasattr(error, "format_message"):  # typer's own, about the command line
+        return tell(_explain_usage(error), BAD_INPUT)
+    if isinstance(error, MemoryError):
+        return tell("there is not enough memory for this.", FAILED)
+    if isinstance(error, OSError) and error.filename is not None:
+        place, reason = error.filename, (error.strerror or "it cannot be used").lower()
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        return tell(_join(f"{place}: {reason}."), FAILED if full else BAD_INPUT)
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return tell("there is no space left on the disk.", FAILED)
+    return tell(_report_bug(error, words), FAILED)
+
+
+def _explain_usage(error) -> str:
+    """One sentence on a faulty command line, with the way to help."""
+    message = _join(error.format_message()).rstrip(".")
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "ddetumble"
+    return f"{message[:1].lower()}{message[1:]}; `{command} --help` shows what it takes, with an example."
+
+
+def _report_bug(error: Exception, words: Sequence[str]) -> str:
+    """Write the traceback of an unforeseen error to a file; returns the sentence that says so."""
+    text = f"ddetumble {shlex.join(words)}\nPython {sys.version}\n\n" + "".join(traceback.format_exception(error))
+    try:
+        handle, path = tempfile.mkstemp(prefix="ddetumble-", suffix=".log")
+        with open(handle, "w", encoding="utf-8", errors="backslashreplace") as stream:
+            stream.write(text)
+        where = f"the traceback is in {path}"
+    except OSError:
+        where = "its traceback could not be written anywhere"
+    reason = _join(f"{type(error).__name__}: {error}")
+    reason = reason if len(reason) <= 200 else reason[:197] + "..."
+    return f"this is a bug in ddetumble, not in your input ({reason}), and {where}."
+
+
+def _leave_pipe() -> int:
+    """Go quietly when the reader of a pipe has left, and keep Python from complaining at exit."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError:
+        pass
+    return PIPE_CLOSED
+
+
+def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
+    """Tell a warning as a note in one line."""
+    print(f"ddetumble: note: {_join(str(message))}", file=sys.stderr)
+
+
+def _join(text: str) -> str:
+    """Put text on one line."""
+    return " ".join(text.split())

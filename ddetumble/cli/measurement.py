@@ -1,0 +1,113 @@
+"""The command that makes campaigns from a laboratory's files: `import`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .progress import show_progress
+
+
+EXAMPLES = """\b
+Examples:
+  ddetumble import run*.csv --conditions settings.csv -o campaign
+  ddetumble import "P1.0MPa_v0.4.csv" --name-pattern "P{initial_pressure}MPa_v{approach_speed:m/s}" -o campaign
+  ddetumble import all.csv --record-column Test --force "Fz [N]" --uncertainty "force=0.25 N" -o campaign"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command("import", short_help="A laboratory's CSV files to a checked campaign.", epilog=EXAMPLES)(import_files)
+
+
+def import_files(
+    raw: Annotated[list[Path], typer.Argument(metavar="RAW", help="CSV files, or folders with CSV files.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="CAMPAIGN", help="Folder of the new campaign.")],
+    conditions: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Table of conditions: one row a file or record, units in the headings."),
+    ] = None,
+    name_pattern: Annotated[
+        str | None,
+        typer.Option(metavar="TEXT", help="Conditions in file names: '{initial_pressure}MPa_{approach_speed:m/s}'."),
+    ] = None,
+    pressure: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help="Initial pressure of all tests: '1.0 MPa'.")
+    ] = None,
+    speed: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help="Approach speed of all tests: '0.4 m/s'.")
+    ] = None,
+    gauge: Annotated[
+        bool | None, typer.Option("--gauge/--absolute", help="Whether pressures count from the ambient pressure.")
+    ] = None,
+    ambient: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help="Ambient pressure of the day: '101.3 kPa'.")
+    ] = None,
+    force: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column with the force.")] = None,
+    time: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column with the time.")] = None,
+    record_column: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Column that says which test a row belongs to.")
+    ] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option(metavar="[NAME=]COLUMN", help="A further column, or the column of a quantity; may be repeated."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=UNIT", help="Unit where a heading has none; may be repeated.")
+    ] = None,
+    uncertainty: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=QUANTITY", help="One standard deviation: 'force=0.25 N'; may be repeated."),
+    ] = None,
+    known: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=QUANTITY", help="Parameter of the model: 'outer_diameter=60 mm', or null to have it fitted."
+        ),
+    ] = None,
+    onset: Annotated[
+        str | None,
+        typer.Option(metavar="TIME|COLUMN", help="Contact onset, or the conditions' column with it; else it is found."),
+    ] = None,
+    decimal: Annotated[str | None, typer.Option(metavar="SIGN", help="Decimal sign: . or ,")] = None,
+    delimiter: Annotated[str | None, typer.Option(metavar="SIGN", help="Delimiter: , ; | tab or space")] = None,
+    family: Annotated[str, typer.Option(metavar="NAME", help="impact, slip or tumble.")] = "impact",
+    title: Annotated[str | None, typer.Option(metavar="TEXT", help="Title of the campaign.")] = None,
+    force_overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a campaign that is in the folder already.")
+    ] = False,
+):
+    """Turn a laboratory's CSV files into a checked campaign: one file a test, or one long file.
+
+    What can be read off the files (delimiter, decimal sign, units, columns, contact onset) is, and every decision is
+    told. What cannot is not guessed: the message names the option that settles it.
+    """
+    from ..measurement.laboratory import import_tests
+    from ..measurement.package import write_campaign
+
+    with show_progress("reading"):
+        campaign = import_tests(
+            raw,
+            conditions=conditions,
+            name_pattern=name_pattern,
+            pressure=pressure,
+            speed=speed,
+            gauge=gauge,
+            ambient=ambient,
+            force=force,
+            time=time,
+            record_column=record_column,
+            keep=keep,
+            units=unit,
+            uncertainty=uncertainty,
+            known=known,
+            onset=onset,
+            decimal=decimal,
+            delimiter=delimiter,
+            family=family,
+            title=title,
+        )
+        written = write_campaign(output, campaign, overwrite=force_overwrite)
+    for note in written.notes:
+        typer.echo(f"- {note}")
+    typer.echo(f"{output}: {len(written.records)} records")

@@ -1,0 +1,35 @@
+"""Progress of long work: a bar on a terminal, nothing in a pipe."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+Report = Callable[..., None]
+
+
+@contextmanager
+def show_progress(title: str) -> Iterator[Report]:
+    """Show what long work is at, on standard error, as long as that is a terminal.
+
+    Args:
+        title: What is being done, until the work reports something.
+
+    Yields:
+        A function of a message and, if known, of the fraction done (0 to 1), for the work to call.
+    """
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield lambda message, fraction=None: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, refresh_per_second=5) as progress:
+        task = progress.add_task(title, total=None)
+
+        def report(message: str, fraction: float | None = None) -> None:
+            progress.update(task, description=message, total=None if fraction is None else 1.0, completed=fraction)
+
+        yield report

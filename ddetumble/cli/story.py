@@ -1,0 +1,52 @@
+"""Commands that show what the toolkit does on shipped data: `demo` and `paper`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .places import prepare_folder
+from .progress import show_progress
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands."""
+    app.command(
+        "demo",
+        short_help="The whole story on shipped data, with the report.",
+        epilog="\b\nExample:\n  ddetumble demo -o demo",
+    )(tell_story)
+    app.command(
+        "paper",
+        short_help="The paper beside the toolkit, contradiction by contradiction.",
+        epilog="\b\nExample:\n  ddetumble paper -o paper",
+    )(examine_paper)
+
+
+def tell_story(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the report and its figures.")
+    ] = Path("ddetumble-demo"),
+):
+    """The whole story on shipped data: the paper's tables, then a campaign with a hidden effect; writes the report."""
+    folder = prepare_folder(output)
+    from ..demo import run_demo
+
+    run_demo(folder, typer.echo)
+
+
+def examine_paper(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures and tables.")
+    ] = Path("ddetumble-paper"),
+):
+    """The paper beside the toolkit: each contradiction with its two numbers, each table and figure that the printed
+    data allow, and what they do not allow.
+    """
+    folder = prepare_folder(output)
+    from ..paper import write_paper
+
+    with show_progress("comparing the paper with the toolkit"):
+        lines = write_paper(folder)
+    for line in lines:
+        typer.echo(line)
