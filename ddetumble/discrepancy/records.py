@@ -150,6 +150,7 @@ class Discovery:
         sentence: plain words: what is missing, how sure, what to measure next.
         notes: further sentences (what was assumed, what could not be seen).
         settings: level, versions, timings.
+        model_state: the fitted model itself, for saving and predicting; not part of the record.
     """
 
     campaign: str
@@ -167,3 +168,54 @@ class Discovery:
     sentence: str
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = dc.field(default_factory=dict)
+    model_state: Any = dc.field(default=None, repr=False, compare=False)
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def to_dict(self) -> dict[str, Any]:
+        """`result.json` of `discover`: plain numbers, text, lists."""
+        first = self.steps[0].lack_of_fit
+        last = self.steps[-1]
+        return _plain({
+            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
+            "effects": list(self.effects), "sentence": self.sentence,
+            "steps": [{
+                "added": s.added, "effects": list(s.effects), "chi2_reduced": s.chi2_reduced, "nrmse": s.nrmse,
+                "heldout_nrmse": s.heldout_nrmse, "alternatives": [a["effect"] for a in s.alternatives],
+                "paired_differences": [dict(a) for a in s.alternatives], "converged": s.converged,
+                "lack_of_fit": dc.asdict(s.lack_of_fit),
+            } for s in self.steps],
+            "noise_nrmse": self.noise_nrmse,
+            "candidates": [{
+                "effect": c.effect, "p_value": c.p_value, "explains": c.explains, "visible": c.visible,
+                "heldout_nrmse": c.heldout_nrmse, "smallest_detectable": dict(c.smallest_detectable),
+                "indistinguishable_from": list(c.indistinguishable_from),
+                "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
+                "cosines": dict(c.cosines), "estimates": {k: dc.asdict(v) for k, v in c.estimates.items()},
+                "text": c.text,
+            } for c in self.candidates],
+            "where": [{k: v for k, v in dc.asdict(w).items() if v is not None} for w in self.where],
+            "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
+            "correlations": [list(c) for c in last.correlations],
+            "lack_of_fit": dc.asdict(first), "noise": {k: dict(v) for k, v in self.noise.items()},
+            "notes": list(self.notes), "sha256": self.sha256, "settings": dict(self.settings),
+        })
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, text, lists and dictionaries that JSON knows; not-finite numbers become null."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, (bool, str, int)) or value is None:
+        return value
+    if isinstance(value, np.bool_):
+        return bool(value)
+    if isinstance(value, np.ndarray):
+        return [_plain(v) for v in value.tolist()]
+    number = float(value)
+    if not np.isfinite(number):
+        return None
+    return int(value) if isinstance(value, np.integer) else number

@@ -1,0 +1,109 @@
+"""The loop: compare, say where it fails, add the effect that helps, refit, until nothing is missing or nothing helps."""
+
+import dataclasses as dc
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .._errors import InputError
+from ..contact.effect import AbstractEffect
+from ..inference.models import resolve_model
+from ..measurement.campaign import Campaign
+from ..measurement.package import read_campaign
+from .adequacy import LEVEL
+from .candidates import could_have_shown, describe_candidates
+from .places import fit_probes, locate
+from .records import Discovery, Place
+from .search import MOST, SURE, Grown, free_shapes, grow, merit, try_effects
+from .steps import describe_noise, describe_step, noise_over_signal
+from .wording import explain
+from .workbench import Workbench
+
+
+Progress = Callable[[str, float], None]
+
+
+def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
+             progress: Progress | None = None) -> Discovery:
+    """Find out which physical effect a campaign shows and the model lacks.
+
+    Args:
+        campaign: a campaign of family `impact` with sampled records, or its folder.
+        model: reference model, see `ddetumble.inference.models`.
+        effects: effects of your own, tried beside the catalogue.
+        progress: called with a sentence and the share done.
+
+    Returns:
+        A `Discovery`: verdict, effects, parameters, where the misfit sits, what could not be told apart.
+
+    Raises:
+        InputError: the campaign cannot be used (wrong family, peaks only, nothing to fit).
+        ComputationError: the reference model could not be integrated.
+    """
+    began = time.perf_counter()
+    report = progress or (lambda text, share: None)
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    if campaign.family != "impact":
+        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; discover reads 'impact' so far")
+    resolved = resolve_model(model)
+    report("fitting the reference model", 0.02)
+    workbench = Workbench(campaign, resolved.reference, effects)
+    reference = workbench.begin()
+    report("looking for what is missing", 0.15)
+    lack, scores = workbench.judge(reference)
+    grown = [Grown(reference, lack, scores)]
+    tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
+                        lambda text, share: report(text, 0.2 + 0.4 * share))
+    first = tried
+    while grown[-1].lack.rejected and len(grown) <= MOST:
+        report("growing the model", min(0.6 + 0.1 * len(grown), 0.85))
+        more = grow(workbench, grown[-1], first=first)
+        first = None
+        if more is None:
+            break
+        if more.lack.rejected:
+            more = free_shapes(workbench, more)
+        grown.append(more)
+    verdict, where = _decide(workbench, grown, could_have_shown(workbench, scores))
+    report("writing it down", 0.92)
+    return _assemble(workbench, resolved.name, grown, tried, verdict, where, began)
+
+
+def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[str, list[Place]]:
+    """Verdict, and where the misfit sits."""
+    reference, final = grown[0], grown[-1]
+    if not reference.lack.rejected:
+        return ("nothing-missing" if visible else "undecided"), []
+    if len(grown) == 1:
+        probes = fit_probes(workbench, reference.fitted, reference.scores)
+        return "unexplained", locate(workbench, reference.fitted, probes)
+    if not final.lack.rejected and len(final.fitted.effects) == 1:
+        return "explained", locate(workbench, reference.fitted, {})
+    probes = fit_probes(workbench, reference.fitted, reference.scores)
+    best = min(probes.values(), key=merit, default=None)
+    if best is not None and merit(best) < merit(final.fitted) - SURE:
+        # One force that no catalogue lists does better than the effects together: they only imitate it.
+        return "improved", locate(workbench, reference.fitted, probes)
+    if not final.lack.rejected:
+        return "explained", locate(workbench, reference.fitted, {})
+    return "improved", locate(workbench, final.fitted, fit_probes(workbench, final.fitted, final.scores))
+
+
+def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdict: str, where: list[Place],
+              began: float) -> Discovery:
+    """Everything as plain records."""
+    steps = [describe_step(workbench, g, before=grown[k - 1] if k else None) for k, g in enumerate(grown)]
+    effects = grown[-1].fitted.effects if len(grown) > 1 else ()
+    candidates = describe_candidates(workbench, grown, tried)
+    found = Discovery(
+        campaign=workbench.campaign.name, title=workbench.campaign.title, family=workbench.campaign.family,
+        sha256=workbench.campaign.sha256, model=model, verdict=verdict, effects=effects, steps=tuple(steps),
+        candidates=tuple(candidates), where=tuple(where), noise_nrmse=noise_over_signal(steps[0].traces),
+        noise=describe_noise(workbench), sentence="", notes=(), settings={
+            "level": LEVEL, "records": workbench.records.count, "samples": int(workbench.records.lengths.sum()),
+            "conditions": int(workbench.groups.max()) + 1, "seconds": round(time.perf_counter() - began, 2)},
+        model_state={"workbench": workbench, "solution": grown[-1].fitted.solution},
+    )
+    sentence, notes = explain(found, workbench.left_out)
+    return dc.replace(found, sentence=sentence, notes=notes)

@@ -1,0 +1,68 @@
+"""Whole conditions left out: how well a fitted model predicts tests that did not choose it."""
+
+import numpy as np
+import pandas as pd
+
+from ..inference.problem import Solution
+
+
+GAP = 0.03  # neighbouring settings further apart than this share of their value are different conditions
+
+
+def group_conditions(records: pd.DataFrame) -> np.ndarray:
+    """Number of the condition to which each record belongs, shape (records,).
+
+    Settings scatter about nominal values: along each condition, sorted values are cut where neighbours differ by more
+    than 3 % (and five times the median step). The order in a series is no condition.
+    """
+    labels = []
+    for name in records.columns:
+        if name == "sequence":
+            continue
+        values = records[name].to_numpy(dtype=float)
+        order = np.argsort(values)
+        ordered = values[order]
+        size = np.maximum(np.abs(ordered[1:]), 1e-300)
+        label = np.zeros(len(values), dtype=int)
+        label[order[1:]] = np.cumsum(np.diff(ordered) / size > GAP)
+        labels.append(label)
+    if not labels:
+        return np.arange(len(records))
+    _, groups = np.unique(np.stack(labels, axis=1), axis=0, return_inverse=True)
+    groups = np.ravel(groups)
+    return groups if groups.max() >= 2 else np.arange(len(records))
+
+
+def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
+    """Loss of every record under the fit without its condition, shape (records,), in units of the noise variance.
+
+    One Gauss-Newton step from the full fit, by downdating its normal equations; the left-out record's own nuisances
+    are profiled under their priors.
+    """
+    columns, residual = solution.projected()
+    count = columns.shape[2]
+    prior = np.diag(solution.prior_weight**2)
+    blocks = np.einsum("grk,grl->gkl", columns, columns)
+    sides = np.einsum("grk,gr->gk", columns, residual)
+    whole = blocks.sum(axis=0) + prior
+    gradient = sides.sum(axis=0) + solution.prior_weight * solution.prior_residual
+    loss = np.zeros(len(residual))
+    for group in np.unique(groups):
+        out = groups == group
+        left = whole - blocks[out].sum(axis=0)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
+        right = -(gradient - sides[out].sum(axis=0))
+        step = scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * right, rcond=1e-12)[0] if count else 0
+        moved = residual[out] + (columns[out] @ step if count else 0.0)
+        loss[out] = np.sum(moved**2, axis=1)
+    return loss
+
+
+def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tuple[float, float]:
+    """Paired difference of two models' held-out losses, and its standard error over conditions (noise variances)."""
+    difference = loss - best
+    sums = np.array([difference[groups == g].sum() for g in np.unique(groups)])
+    n = len(sums)
+    if n < 2:
+        return float(sums.sum()), float("inf")
+    return float(sums.sum()), float(np.sqrt(n / (n - 1) * np.sum((sums - sums.mean()) ** 2)))

@@ -1,0 +1,259 @@
+"""Which effect is missing: refits of every candidate, greedy growth with swaps, confusion sets."""
+
+import dataclasses as dc
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..contact.effect import parameters_of
+from ..inference.assembly import default_starts
+from .adequacy import Score
+from .holdout import compare_losses
+from .records import LackOfFit
+from .workbench import Fitted, Workbench
+
+
+SURE = 9.0  # a held-out difference of so many noise variances is not chance
+DECISIVE = 50.0
+MOST = 3
+
+
+@dc.dataclass(frozen=True)
+class Tried:
+    """Every single addition to a model.
+
+    Attributes:
+        screened: by effect id, fitted to thinned records (to all samples where records are short).
+        refined: the finalists among them, fitted to all samples.
+        before: the model without the addition, on the samples of `screened`.
+        order: effect ids, best held-out prediction first.
+    """
+
+    screened: dict[str, Fitted]
+    refined: dict[str, Fitted]
+    before: Fitted
+    order: tuple[str, ...]
+
+
+@dc.dataclass(frozen=True)
+class Grown:
+    """A model of the loop with its judgement.
+
+    Attributes:
+        fitted: the fit; `lack` its lack of fit; `scores` of what is outside it.
+        tried: the additions among which the last effect was chosen (None for the reference model).
+        alternatives: confusion set: (effect, held-out difference, standard error).
+    """
+
+    fitted: Fitted
+    lack: LackOfFit
+    scores: list[Score]
+    tried: Tried | None = None
+    alternatives: tuple[tuple[str, float, float], ...] = ()
+
+
+def merit(fitted: Fitted) -> float:
+    """Held-out loss, and 9 noise variances a parameter: of two effects that predict alike the simpler is named first.
+
+    A viscoelastic wall that relaxes at once is a dashpot: left-out conditions alone would leave their order to chance.
+    """
+    return fitted.score + SURE * len(fitted.solution.names)
+
+
+def amplitude_names(workbench: Workbench, effect: str) -> list[str]:
+    """Names of an effect's amplitudes."""
+    return [f"{effect}.{p.name}" for p in parameters_of(workbench.whole(effect)) if p.kind != "shape"]
+
+
+def has_physical_sign(workbench: Workbench, fitted: Fitted, effect: str) -> bool:
+    """Whether a fitted amplitude lies on the side of its null that physics allows."""
+    for name in amplitude_names(workbench, effect):
+        p = workbench.space.slots[workbench.space.index[name]].parameter
+        if p.sign and p.sign * (fitted.solution.u[workbench.space.index[name]] - p.default) < 0:
+            return False
+    return True
+
+
+def directed_starts(workbench: Workbench, effect: str, scores: Sequence[Score]) -> list[dict[str, float]]:
+    """Interior starts of an effect; the amplitude's side follows its score where physics leaves it open."""
+    starts = []
+    for start in default_starts(workbench.whole(effect)):
+        start = dict(start)
+        for name in amplitude_names(workbench, effect):
+            p = workbench.space.slots[workbench.space.index[name]].parameter
+            own = [s for s in scores if s.name == name]
+            if own and not p.sign:
+                side = np.sign(max(own, key=lambda s: abs(s.z)).z) or 1.0
+                start[name] = p.default + side * abs(start[name] - p.default)
+        starts.append(start)
+    return starts
+
+
+def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], effects: Sequence[str],
+                report: Callable[[str, float], None] = lambda text, share: None) -> Tried:
+    """Refit `current` with each of `effects` added, from interior starts; wrong-signed amplitudes count as absent.
+
+    All are tried on thinned records; those that come near the best there are fitted to all samples.
+    """
+    before = current
+    if workbench.thin is not None:
+        again = workbench.fit(current.effects, [{}], current.solution.u, current.solution.z, thinned=True)
+        before = current if again is None else again
+    done = []
+
+    def one(job):
+        effect, start = job
+        fitted = workbench.fit((*current.effects, effect), [start], before.solution.u, before.solution.z, thinned=True)
+        done.append(effect)
+        report(f"refitting with {effect}", min(len(done) / count, 1.0))
+        return effect, fitted
+
+    screened: dict[str, Fitted] = {}
+
+    def keep(found):
+        for effect, fitted in found:
+            usable = fitted is not None and has_physical_sign(workbench, fitted, effect)
+            if usable and (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2):
+                screened[effect] = fitted
+
+    jobs = [(e, s) for e in effects for s in directed_starts(workbench, e, scores)]
+    count = len(jobs)
+    keep(workbench.map(one, jobs))
+    # A second start, one Gauss-Newton step from the null, where the first led astray.
+    linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
+    jobs = []
+    for effect in effects:
+        lost = (effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + 1.0
+                or not screened[effect].solution.converged)
+        if effect in linear and lost:
+            s = linear[effect]
+            p = workbench.space.slots[workbench.space.index[s.name]].parameter
+            if not (p.sign and p.sign * s.step < 0):
+                jobs.append((effect, {**s.shapes, s.name: workbench.start[workbench.space.index[s.name]] + s.step}))
+    keep(workbench.map(one, jobs))
+    for effect in effects:
+        if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
+            screened[effect] = Fitted((*current.effects, effect), before.solution, before.loss, before.thinned)
+    order = sorted(effects, key=lambda e: (merit(screened[e]), screened[e].solution.chi2))
+    refined = refine(workbench, current, screened, before, order)
+    rest = [e for e in order if e not in refined]
+    first = sorted(refined, key=lambda e: (merit(refined[e]), refined[e].solution.chi2))
+    return Tried(screened, refined, before, (*first, *rest))
+
+
+def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], before: Fitted, order: list[str]
+           ) -> dict[str, Fitted]:
+    """Fit the finalists to all samples: those that come near the best of the screening."""
+    best = screened[order[0]].score
+    near = max(0.25 * (before.score - best), 25.0)
+    finalists = [e for e in order if screened[e].score - best <= near][:5]
+    if workbench.thin is None:
+        return {e: screened[e] for e in finalists}
+
+    def one(effect):
+        if screened[effect].solution is before.solution:
+            return effect, Fitted((*current.effects, effect), current.solution, current.loss)
+        start = screened[effect].solution.u
+        fitted = workbench.fit((*current.effects, effect), [{}], start, screened[effect].solution.z)
+        if fitted is None or fitted.solution.chi2 > current.solution.chi2:
+            fitted = Fitted((*current.effects, effect), current.solution, current.loss)
+        return effect, fitted
+
+    return dict(workbench.map(one, finalists))
+
+
+def compare_additions(workbench: Workbench, tried: Tried, effect: str) -> tuple[float, float]:
+    """Paired held-out difference of an addition from the best one, and its standard error (noise variances)."""
+    best = tried.order[0]
+    if effect in tried.refined and best in tried.refined:
+        return compare_losses(tried.refined[effect].loss, tried.refined[best].loss, workbench.groups)
+    return compare_losses(tried.screened[effect].loss, tried.screened[best].loss, workbench.groups)
+
+
+def find_alternatives(workbench: Workbench, tried: Tried, current: Fitted) -> tuple[tuple[str, float, float], ...]:
+    """Every other effect that the best does not beat on held-out conditions, with the paired difference.
+
+    Beaten means: worse by at least 9 noise variances and two standard errors, or by 50.
+    """
+    close = []
+    for effect in tried.order[1:]:
+        if effect not in tried.refined or tried.refined[effect].solution is current.solution:
+            continue
+        difference, error = compare_additions(workbench, tried, effect)
+        if difference < SURE or (difference < DECISIVE and difference < 2 * error):
+            close.append((effect, difference, error))
+    return tuple(close)
+
+
+def helps(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
+    """Whether an addition predicts held-out conditions better, beyond chance."""
+    if grown.solution is current.solution:
+        return False
+    gain, error = compare_losses(current.loss, grown.loss, workbench.groups)
+    by_group = np.array([(current.loss - grown.loss)[workbench.groups == g].sum() for g in np.unique(workbench.groups)])
+    return gain > SURE and (gain > 2 * error or float(np.mean(by_group > 0)) >= 0.6 or gain > DECISIVE)
+
+
+def grow(workbench: Workbench, current: Grown, report: Callable[[str, float], None] = lambda text, share: None,
+         first: Tried | None = None) -> Grown | None:
+    """Add the effect that helps most; None where none helps. With two or more effects, swaps are tried too."""
+    base = current.fitted
+    others = [e.id for e in workbench.catalogue if e.id not in base.effects]
+    tried = first if first is not None else try_effects(workbench, base, current.scores, others, report)
+    chosen = tried.refined[tried.order[0]]
+    if not helps(workbench, base, chosen):
+        return None
+    if len(chosen.effects) > 1:
+        chosen, tried, base = swap_effects(workbench, chosen, tried, base, report)
+    lack, scores = workbench.judge(chosen)
+    return Grown(chosen, lack, scores, tried, find_alternatives(workbench, tried, base))
+
+
+def swap_effects(workbench: Workbench, chosen: Fitted, tried: Tried, base: Fitted, report
+                 ) -> tuple[Fitted, Tried, Fitted]:
+    """Exchange each earlier effect for any other while that predicts held-out conditions better.
+
+    The first of a pair is chosen while the second is still missing, and may be a third effect that mimics both.
+    """
+    for _ in range(2):
+        changed = False
+        for place in range(len(chosen.effects) - 1):
+            kept = tuple(e for k, e in enumerate(chosen.effects) if k != place)
+            start = workbench.fit(kept, [{}], _without(workbench, chosen, chosen.effects[place]), chosen.solution.z)
+            if start is None:
+                continue
+            _, scores = workbench.judge(start)
+            others = [e.id for e in workbench.catalogue if e.id not in kept]
+            again = try_effects(workbench, start, scores, others, report)
+            best = again.refined[again.order[0]]
+            simpler = len(best.solution.names) < len(chosen.solution.names)
+            if merit(best) < merit(chosen) - (1e-6 if simpler else SURE):
+                chosen, tried, base, changed = best, again, start, True
+        if not changed:
+            break
+    return chosen, tried, base
+
+
+def free_shapes(workbench: Workbench, grown: Grown) -> Grown:
+    """Free shapes that are held at their default (the power of a wall's stiffness) where that predicts better."""
+    fitted = grown.fitted
+    for effect in fitted.effects:
+        held = [f"{effect}.{p.name}" for p in parameters_of(workbench.whole(effect)) if not p.free]
+        if not held or held[0] in workbench.freed:
+            continue
+        wider = workbench.fit(fitted.effects, [{}], fitted.solution.u, fitted.solution.z, extra=held)
+        if wider is not None and merit(wider) < merit(fitted) - SURE and helps(workbench, fitted, wider):
+            workbench.freed = (*workbench.freed, *held)
+            lack, scores = workbench.judge(wider)
+            grown = dc.replace(grown, fitted=wider, lack=lack, scores=scores)
+            fitted = wider
+    return grown
+
+
+def _without(workbench: Workbench, fitted: Fitted, effect: str) -> np.ndarray:
+    """Coordinates of a fit with one effect put back to its null."""
+    u = fitted.solution.u.copy()
+    for k, slot in enumerate(workbench.space.slots):
+        if slot.owner == effect:
+            u[k] = workbench.start[k]
+    return u

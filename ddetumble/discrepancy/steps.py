@@ -1,0 +1,84 @@
+"""One model of the loop as a plain record: errors, parameters, correlations, traces."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..inference.problem import Solution
+from .records import Estimate, Step
+from .search import Grown
+from .traces import make_traces, noise_nrmse, nrmse
+from .workbench import Fitted, Workbench
+
+
+def public_estimates(workbench: Workbench, solution: Solution, owners: Sequence[str | None] | None = None
+                     ) -> dict[str, Estimate]:
+    """Estimates of the free parameters in their public units."""
+    covariance = solution.covariance()
+    found = {}
+    for k, name in enumerate(solution.names):
+        slot = workbench.space.slots[workbench.space.index[name]]
+        if owners is not None and slot.owner not in owners:
+            continue
+        sd = float(np.sqrt(max(covariance[k, k], 0.0)))
+        values = workbench.space.public(name, float(solution.u[workbench.space.index[name]]), sd)
+        found[name] = Estimate(**values, text=slot.parameter.text)
+    return found
+
+
+def strongest_correlations(solution: Solution, least: float = 0.1) -> tuple[tuple[str, str, float], ...]:
+    """Correlations of the free parameters by size."""
+    covariance = solution.covariance()
+    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    pairs = [(a, b, float(covariance[i, j] / (sd[i] * sd[j])))
+             for i, a in enumerate(solution.names) for j, b in enumerate(solution.names) if i < j]
+    return tuple(sorted((p for p in pairs if abs(p[2]) >= least), key=lambda p: -abs(p[2])))
+
+
+def finish_fit(workbench: Workbench, fitted: Fitted) -> Fitted:
+    """The same fit at a tight tolerance."""
+    solution = workbench.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-6)
+    if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
+        return fitted
+    return Fitted(fitted.effects, solution, fitted.loss)
+
+
+def whitened_share(workbench: Workbench, fitted: Fitted) -> float:
+    """rms residual over rms signal implied by a fit's whitened chi-square (exact for white noise)."""
+    noise = workbench.noise["normal_force"].sd
+    rows = max(float((fitted.solution.residual != 0).sum()), 1.0)
+    signal = float(np.sqrt(np.nanmean(workbench.campaign.samples["normal_force"].to_numpy() ** 2)))
+    return float(np.sqrt(fitted.solution.chi2 / rows)) * noise / max(signal, 1e-300)
+
+
+def describe_step(workbench: Workbench, grown: Grown, before: Grown | None) -> Step:
+    """The record of one step."""
+    fitted = finish_fit(workbench, grown.fitted)
+    solution = fitted.solution
+    object.__setattr__(grown, "fitted", fitted)
+    traces = make_traces(workbench.campaign, workbench.records, solution, workbench.noise)
+    error = nrmse(traces)
+    rows = float((np.asarray(workbench.records.stack.weights) > 0).sum())
+    held_out = error * float(np.sqrt(fitted.score / max(solution.chi2, 1e-300)))
+    added = None
+    if before is not None:
+        added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])
+    alternatives = tuple({"effect": e, "heldout_difference": d, "standard_error": s}
+                         for e, d, s in grown.alternatives)
+    return Step(
+        added=added, effects=fitted.effects, chi2_reduced=solution.chi2 / max(rows - len(solution.names), 1.0),
+        nrmse=error, heldout_nrmse=max(held_out, 0.0), alternatives=alternatives, lack_of_fit=grown.lack,
+        parameters=public_estimates(workbench, solution), correlations=strongest_correlations(solution),
+        traces=traces, converged=solution.converged)
+
+
+def noise_over_signal(traces) -> float:
+    """rms noise over rms signal."""
+    return noise_nrmse(traces)
+
+
+def describe_noise(workbench: Workbench) -> dict[str, dict[str, Any]]:
+    """What is known about the noise of every channel."""
+    return {channel: {"stated_sd": n.stated_sd, "sd": n.sd, "correlation": n.correlation,
+                      "white_share": n.white_share, "text": n.text} for channel, n in workbench.noise.items()}

@@ -1,0 +1,101 @@
+"""What was found, in plain words."""
+
+import numpy as np
+
+from .records import Discovery, Estimate, Place, Step
+
+
+UNSEEN = 0.002
+
+CHANNEL_WORDS = {"normal_force": "force", "depression": "depression", "pressure": "pressure"}
+UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
+         "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0)}
+NAMES = {"depression": "depression", "time": "time since touch", "depression_rate": "depression rate",
+         "initial_pressure": "pressure", "approach_speed": "approach speed", "sequence": "order in the series"}
+
+
+def name_value(name: str, e: Estimate) -> str:
+    """`k_w = 1175 ± 10 N/m`."""
+    sd = e.sd if np.isfinite(e.sd) else 0.0
+    digits = max(0, -int(np.floor(np.log10(sd))) + 1) if sd > 0 else 4
+    digits = min(digits, 9)
+    if abs(e.estimate) >= 1e5 or (0 < abs(e.estimate) < 1e-3):
+        return f"{name} = {e.estimate:.4g} ± {sd:.2g} {e.unit}".rstrip()
+    return f"{name} = {e.estimate:.{digits}f} ± {sd:.{digits}f} {e.unit}".rstrip()
+
+
+def describe_place(place: Place) -> str:
+    """One place of a misfit in words."""
+    unit, factor = UNITS.get(place.variable, ("", 1.0))
+    low, high = (f"{v * factor:.3g}" for v in place.range)
+    phase = "" if place.phase == "both" else f" while {place.phase}"
+    text = (f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {NAMES.get(place.variable, place.variable)} "
+            f"{low} to {high} {unit}".rstrip() + phase)
+    if place.period is not None:
+        text += f", repeating every {place.period * factor:.3g} {unit}"
+    return text
+
+
+def _join(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def _values(step: Step, effects: tuple[str, ...]) -> str:
+    return "; ".join(name_value(n.split(".", 1)[1], e) for n, e in step.parameters.items()
+                     if n.split(".")[0] in effects)
+
+
+def _times(step: Step, noise: float) -> str:
+    return f"{step.nrmse / max(noise, 1e-300):.2f}"
+
+
+def explain(found: Discovery, left_out: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """The sentence of a verdict, and further notes."""
+    first, last = found.steps[0], found.steps[-1]
+    lack = first.lack_of_fit
+    records = f"{found.settings['records']} records"
+    misfit = (f"it leaves {_times(first, found.noise_nrmse)} times the noise, more than chance allows "
+              f"(p = {min(lack.p_value, lack.score_p_value):.1g})")
+    if found.verdict == "nothing-missing":
+        sentence = (f"Nothing is missing: the model {found.model!r} fits all {records} to the noise "
+                    f"(lack of fit p = {lack.p_value:.2g}, level {lack.level:g}).")
+        best = [c for c in found.candidates if c.visible > UNSEEN and c.smallest_detectable]
+        if best:
+            shown = best[:3]
+            sentence += " It would have shown " + _join(
+                [f"{n} of {v:.3g}" for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
+    elif found.verdict == "undecided":
+        sentence = (f"Undecided: these {records} are too few or too short; no effect of the catalogue at three times "
+                    "the noise could have been shown. Measure more records.")
+    elif found.verdict == "explained":
+        sentence = (f"Missing was {_join(list(found.effects))} ({_values(last, found.effects)}). Without it the model "
+                    f"{found.model!r} fails: {misfit}; with it {_times(last, found.noise_nrmse)} times the noise is "
+                    f"left, and the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
+                    f"{last.heldout_nrmse:.2%} (noise {found.noise_nrmse:.2%}).")
+    elif found.verdict == "improved":
+        sentence = (f"{_join(list(found.effects)).capitalize()} helps but is not all: the model {found.model!r} alone "
+                    f"leaves {_times(first, found.noise_nrmse)} times the noise, with it "
+                    f"{_times(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
+    else:
+        sentence = (f"Something is missing that the catalogue does not hold: the model {found.model!r} fails "
+                    f"({misfit}), and none of {len(found.candidates)} effects helps on left-out conditions.")
+    if found.verdict in ("improved", "unexplained") and found.where:
+        sentence += f" The misfit sits in the {describe_place(found.where[0])}."
+    notes = []
+    alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
+    if alike:
+        sentence += (f" This campaign cannot tell it apart from {_join(alike)}: measure at other pressures and speeds, "
+                     "or add the depression and pressure channels.")
+    elif found.verdict == "explained":
+        sentence += " No other effect of the catalogue predicts left-out conditions as well."
+    unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
+    if unseen:
+        notes.append(f"This campaign can hardly see {_join(unseen)}: refitting mass, restitution and the settings "
+                     "absorbs more than 99.8 % of what they do.")
+    if left_out:
+        notes.append(f"Not tried, because the model or the campaign lacks what they need: {_join(list(left_out))}.")
+    for channel, noise in found.noise.items():
+        notes.append(f"Noise of {channel}: {noise['text']}.")
+    if any(not s.converged for s in found.steps):
+        notes.append("The optimiser did not converge at one of the steps: take its numbers with care.")
+    return sentence, tuple(notes)

@@ -1,0 +1,155 @@
+"""One campaign with one compiled model of everything: reference, catalogue and probes."""
+
+import dataclasses as dc
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from .._errors import ComputationError, InputError
+from ..contact.effect import AbstractEffect, parameters_of
+from ..contact.law import AbstractReference
+from ..inference.assembly import assemble_space, default_starts, guess_start
+from ..inference.noise import Noise
+from ..inference.problem import Problem, Solution
+from ..inference.stack import Records, stack_records
+from ..inference.whiteness import differs_from_stated, measure_noise
+from ..measurement.campaign import Campaign
+from .adequacy import Score, family_p_value, judge_fit, score_directions, smooth_bases
+from .holdout import group_conditions, leave_out
+from .records import LackOfFit
+
+
+WORKERS = 2
+THIN = 128  # samples a record on which candidates are screened
+
+
+@dc.dataclass
+class Fitted:
+    """A model of the loop: which effects, its fit, its held-out losses."""
+
+    effects: tuple[str, ...]
+    solution: Solution
+    loss: np.ndarray
+
+    thinned: bool = False
+
+    @property
+    def score(self) -> float:
+        """Held-out loss over all records, in noise variances."""
+        return float(self.loss.sum())
+
+
+class Workbench:
+    """Fits, scores and judgements on one campaign.
+
+    Args:
+        campaign: of family `impact`, with samples.
+        reference: template of the reference model.
+        extra: effects of the user, beside the catalogue.
+    """
+
+    def __init__(self, campaign: Campaign, reference: AbstractReference,
+                 extra: Sequence[type[AbstractEffect]] = ()):
+        self.campaign, self.reference = campaign, reference
+        found = assemble_space(campaign, reference, extra)
+        self.space, self.start, self.base = found.space, found.start, list(found.base)
+        self.catalogue, self.probes, self.left_out = found.catalogue, found.probes, found.left_out
+        self.by_id = {e.id: e for e in (*self.catalogue, *self.probes)}
+        self.groups = group_conditions(campaign.records)
+        self._stack({})
+        self.noise: dict[str, Noise] = {}
+        self.freed: tuple[str, ...] = ()
+
+    def begin(self) -> Fitted:
+        """Fit the reference model, measure the noise's correlation, and fit again under it."""
+        solution = self._require(self._fit_reference())
+        self.noise = measure_noise(self.campaign, self.records, solution)
+        if differs_from_stated(self.noise):
+            self._stack(self.noise)
+            solution = self._require(self.problem.solve(self.base, solution.u, solution.z))
+        self.bases = smooth_bases(self.problem, solution.separation)
+        return Fitted((), solution, leave_out(solution, self.groups))
+
+    def _stack(self, noise: dict[str, Noise]) -> None:
+        """All samples, and thinned records on which many candidates are tried."""
+        self.records: Records = stack_records(self.campaign, noise)
+        self.problem = Problem(self.space, self.records)
+        self.thin: Problem | None = None
+        if self.records.lengths.max() > THIN:
+            self.thin = Problem(self.space, stack_records(self.campaign, noise, THIN))
+
+    def _fit_reference(self) -> Solution:
+        """From a start guessed from the contact times, else from the defaults."""
+        return self.problem.solve(self.base, guess_start(self.campaign, self.space, self.start, self.base))
+
+    def _require(self, solution: Solution) -> Solution:
+        if solution.failed:
+            raise ComputationError(
+                f"the reference model could not be integrated for record {solution.failed[0]!r} "
+                f"({len(solution.failed)} of {self.records.count} records): check its pressure, speed and units")
+        return solution
+
+    def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
+            tolerance: float = 1e-4, extra: Sequence[str] = (), thinned: bool = False) -> Fitted | None:
+        """Fit the reference model with `effects` from several starts and keep the best; None if none worked."""
+        problem = self.thin if thinned and self.thin is not None else self.problem
+        freed = [n for n in self.freed if n.split(".")[0] in effects]
+        free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
+        best = None
+        for start in starts:
+            u = base.copy()
+            for name, value in start.items():
+                u[self.space.index[name]] = value
+            solution = problem.solve(free, u, z, tolerance=tolerance)
+            if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
+                best = solution
+        if best is None:
+            return None
+        return Fitted(tuple(effects), best, leave_out(best, self.groups), problem is not self.problem)
+
+    def map(self, function, items: Sequence) -> list:
+        """Apply a function to items on the cores there are."""
+        with ThreadPoolExecutor(WORKERS) as pool:
+            return list(pool.map(function, items))
+
+    def directions(self, exclude: Sequence[str], probes: bool = True, depth: float | None = None,
+                   frequency: float | None = None) -> list[tuple[str, str, dict[str, float]]]:
+        """Every direction outside a model: catalogue (shapes on their grids), and probes."""
+        wanted = []
+        for effect in self.catalogue:
+            if effect.id in exclude:
+                continue
+            amplitudes = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.kind != "shape"]
+            for start in default_starts(effect):
+                shapes = {n: v for n, v in start.items() if n not in amplitudes}
+                wanted += [(effect.id, a, shapes) for a in amplitudes]
+        if probes:
+            for effect in self.probes:
+                if effect.id in exclude:
+                    continue
+                if effect.id == "probe-depth":
+                    if depth:
+                        wanted += [(effect.id, "probe-depth.k", {"probe-depth.depth": float(np.log(d * depth))})
+                                   for d in (0.15, 0.3, 0.45, 0.6, 0.75, 0.88)]
+                elif effect.id == "probe-ringing":
+                    if frequency:
+                        shape = {"probe-ringing.frequency": float(np.log(frequency))}
+                        wanted += [(effect.id, "probe-ringing.a", shape), (effect.id, "probe-ringing.b", shape)]
+                else:
+                    wanted += [(effect.id, f"{effect.id}.{p.name}", {}) for p in parameters_of(effect)
+                               if p.kind != "shape"]
+        return wanted
+
+    def judge(self, fitted: Fitted) -> tuple[LackOfFit, list[Score]]:
+        """Lack of fit of a model, and the scores of everything outside it."""
+        depth = float(fitted.solution.depression.max())
+        scores = score_directions(self.problem, fitted.solution, self.directions(fitted.effects, depth=depth))
+        p = family_p_value(scores, self.noise)
+        return judge_fit(self.problem, fitted.solution, self.bases, self.noise, p), scores
+
+    def whole(self, effect_id: str) -> type[AbstractEffect]:
+        """Class of an effect by its id."""
+        if effect_id not in self.by_id:
+            raise InputError(f"there is no effect {effect_id!r}; there are: {', '.join(e.id for e in self.catalogue)}")
+        return self.by_id[effect_id]

@@ -1,0 +1,1 @@
+"""Inverse problems: parameters with uncertainty from measured records."""

@@ -1,0 +1,365 @@
+"""A fitted model on disk: `model.json`, all that a prediction, a design or another fit needs to go on from it."""
+
+import dataclasses as dc
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import jax.numpy as jnp
+import numpy as np
+import pydantic
+
+from .._errors import InputError
+from ..contact.effect import AbstractEffect
+from ..contact.law import AbstractReference, ContactLaw
+from ..effects import IMPACT
+from ..measurement.campaign import Campaign, Uncertainty
+from .files import hash_file, list_versions, make_plain, write_json
+from .models import resolve_effect, resolve_model
+from .noise import Noise
+from .parameters import ParameterSpace
+from .problem import Solution
+
+
+FILE = "model.json"
+SCHEMA = "ddetumble.model/1"
+
+
+class _Strict(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class NoiseEntry(_Strict):
+    """Noise of one channel, as in `Noise`."""
+
+    sd: float = pydantic.Field(gt=0)
+    correlation: float = pydantic.Field(ge=0, lt=1)
+    white_share: float = pydantic.Field(ge=0, le=1)
+    interval: float = pydantic.Field(gt=0)
+    stated_sd: float | None
+    log_level_sd: float
+    text: str
+
+
+class ChannelEntry(_Strict):
+    """One measured channel: SI unit and noise."""
+
+    unit: str
+    noise: NoiseEntry
+
+
+class ConditionEntry(_Strict):
+    """One condition of the campaign: SI unit, range of the campaign, one standard deviation."""
+
+    unit: str
+    low: float
+    high: float
+    absolute: float | None = None
+    relative: float | None = None
+
+
+class EffectEntry(_Strict):
+    """One effect of the model; `source` is `FILE.py:NAME` from the folder on, null for one of the catalogue."""
+
+    id: str
+    source: str | None = None
+    source_sha256: str | None = None
+
+
+class ModelFile(_Strict):
+    """Content of `model.json`; coordinates are those in which the fit moves (logarithm, logit, ...), SI."""
+
+    schema_: Literal["ddetumble.model/1"] = pydantic.Field(alias="schema")
+    campaign: str
+    sha256: str
+    family: str
+    model: str
+    model_sha256: str | None = None
+    choices: dict[str, Any] = {}
+    effects: list[EffectEntry]
+    coordinates: dict[str, float]
+    free: list[str]
+    covariance: list[list[float]]
+    channels: dict[str, ChannelEntry]
+    conditions: dict[str, ConditionEntry]
+    time_sd: float = pydantic.Field(ge=0)
+    records: int
+    chi2: float
+    versions: dict[str, str]
+    extra: dict[str, Any] = {}
+
+    @pydantic.model_validator(mode="after")
+    def _agree(self):
+        count = len(self.free)
+        if len(set(self.free)) < count or not set(self.free) <= set(self.coordinates):
+            raise ValueError("free: every name has to be one of coordinates, and there once")
+        if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
+            raise ValueError(f"covariance: has to have {count} rows of {count} numbers, one for each free parameter")
+        return self
+
+
+@dc.dataclass(frozen=True, eq=False)
+class SavedModel:
+    """A fitted model, read back.
+
+    Attributes:
+        folder: it was read from.
+        campaign, sha256, family: of the campaign it was fitted to.
+        model: name of the reference model.
+        effects: ids of the effects in the model.
+        space: the reference model with these effects alone.
+        u: coordinates of all parameters of `space`, shape (parameters,).
+        free: names of the fitted parameters.
+        covariance: of the coordinates of `free`, shape (free, free).
+        noise: by channel, in the order of the campaign's channels.
+        units: SI unit of every channel and condition.
+        uncertainties: of the conditions, by name, where one is stated.
+        time_sd: standard deviation of the time origin [s]; 0 where none is stated.
+        ranges: lowest and highest value of every condition in the campaign, SI.
+        records: how many the campaign has.
+        chi2: of the fit.
+        versions: of the packages it was fitted with.
+        extra: what else the writer put there.
+        notes: sentences on what has changed since it was written.
+    """
+
+    folder: Path
+    campaign: str
+    sha256: str
+    family: str
+    model: str
+    effects: tuple[str, ...]
+    space: ParameterSpace
+    u: np.ndarray
+    free: tuple[str, ...]
+    covariance: np.ndarray
+    noise: Mapping[str, Noise]
+    units: Mapping[str, str]
+    uncertainties: Mapping[str, Uncertainty]
+    time_sd: float
+    ranges: Mapping[str, tuple[float, float]]
+    records: int
+    chi2: float
+    versions: Mapping[str, str]
+    extra: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of the campaign."""
+        return tuple(self.noise)
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Rows of the identity that belong to `free`: `u + x @ directions` moves them, shape (free, parameters)."""
+        columns = [self.space.index[name] for name in self.free]
+        return np.eye(len(self.space))[columns].reshape(len(columns), len(self.space))
+
+    def law(self) -> ContactLaw:
+        """The fitted law."""
+        return self.space.build(jnp.asarray(self.u))
+
+    def outside(self, conditions: Mapping[str, float], slack: float = 0.05) -> list[str]:
+        """Conditions that lie outside the campaign's range by more than `slack` of their value, each as a phrase."""
+        found = []
+        for name, (low, high) in self.ranges.items():
+            value = conditions.get(name)
+            if value is not None and name != "sequence" and not low - slack * abs(low) <= value <= high * (1 + slack):
+                unit = "" if self.units[name] == "1" else f" {self.units[name]}"
+                found.append(f"{name} = {value:g}{unit} lies outside the {low:g} to {high:g}{unit} of the campaign")
+        return found
+
+
+def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
+               noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
+               extra: Mapping[str, Any] | None = None) -> Path:
+    """Write a fitted model into a folder, as `model.json`.
+
+    Args:
+        folder: where to; made where it is not there.
+        campaign: that was fitted.
+        model_name: of the reference model, as `resolve_model` takes it.
+        space: of the fit; parameters of effects that are not in the model are left out.
+        solution: the fit.
+        noise: by channel.
+        effects: ids of the effects in the model; effects that are not at their null belong to it too.
+        covariance: of the coordinates of `solution.names`; that of the solution where not given.
+        extra: anything more that JSON can hold, for whoever reads the file.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        InputError: The folder cannot be written, or an effect is defined in no file.
+    """
+    folder = Path(folder)
+    inside = [e for e in space.effects if e.id in effects or not _at_null(space, solution.u, e)]
+    owners = {None, *(e.id for e in inside)}
+    covariance = solution.covariance() if covariance is None else np.asarray(covariance)
+    spread = campaign.independent.uncertainty if campaign.independent is not None else None
+    model, digest = _place_model(model_name, folder)
+    content = ModelFile.model_validate({
+        "schema": SCHEMA,
+        "campaign": campaign.name, "sha256": campaign.sha256, "family": campaign.family,
+        "model": model, "model_sha256": digest, "choices": make_plain(_list_choices(space.reference)),
+        "effects": [_describe_effect(e, folder) for e in inside],
+        "coordinates": {s.name: float(solution.u[k]) for k, s in enumerate(space.slots) if s.owner in owners},
+        "free": list(solution.names),
+        "covariance": [[float(x) for x in row] for row in covariance],
+        "channels": {name: {"unit": campaign.channels[name].unit, "noise": make_plain(level)}
+                     for name, level in noise.items()},
+        "conditions": {name: _describe_condition(campaign, name) for name in campaign.conditions},
+        "time_sd": 0.0 if spread is None else float(spread.sd(np.ones(1))[0]),
+        "records": len(campaign.records), "chi2": float(solution.chi2), "versions": list_versions(),
+        "extra": dict(extra or {}),
+    })  # fmt: skip
+    path = folder / FILE
+    write_json(path, content.model_dump(mode="json", by_alias=True))
+    return path
+
+
+def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel:
+    """Read a fitted model.
+
+    Args:
+        folder: that `fit` or `discover` wrote, or the `model.json` in it.
+        extra: effects of the user that are defined in no file.
+
+    Raises:
+        InputError: There is none, it is damaged, of another version, or needs a file that is not there.
+    """
+    path = Path(folder)
+    path = path if path.suffix == ".json" else path / FILE
+    content = _read(path)
+    notes = []
+    model = content.model
+    if content.model_sha256 is not None:
+        file, _, name = model.rpartition(":")
+        model = f"{path.parent / file}:{name}"
+        notes += _compare_source(path.parent / file, content.model_sha256)
+    reference = _choose(resolve_model(model).reference, content.choices, path)
+    classes = []
+    for entry in content.effects:
+        classes.append(_find_effect(entry, path, extra))
+        if entry.source is not None and entry.source_sha256 is not None:
+            notes += _compare_source(path.parent / entry.source.rpartition(":")[0], entry.source_sha256)
+    space = ParameterSpace(reference, classes)
+    wrong = set(space.index) ^ set(content.coordinates)
+    if wrong:
+        raise InputError(f"the parameters are not those of the model ({', '.join(sorted(wrong))}); fit it again",
+                         file=path, column="coordinates")
+    return SavedModel(
+        path.parent, content.campaign, content.sha256, content.family, model, tuple(e.id for e in classes), space,
+        np.array([content.coordinates[name] for name in space.index]), tuple(content.free),
+        np.array(content.covariance).reshape(len(content.free), len(content.free)),
+        {name: Noise(**entry.noise.model_dump()) for name, entry in content.channels.items()},
+        {name: entry.unit for name, entry in (content.conditions | content.channels).items()},
+        {name: Uncertainty(entry.absolute, entry.relative) for name, entry in content.conditions.items()
+         if entry.absolute is not None or entry.relative is not None},
+        content.time_sd, {name: (entry.low, entry.high) for name, entry in content.conditions.items()},
+        content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)))
+
+
+def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect]) -> bool:
+    amplitudes = [(k, s.parameter) for k, s in enumerate(space.slots)
+                  if s.owner == effect.id and s.parameter.kind != "shape"]
+    return all(u[k] == p.default for k, p in amplitudes)
+
+
+def _list_choices(reference: AbstractReference) -> dict[str, Any]:
+    """What is chosen once for a reference model and is no parameter: `doubled_core`, `condition`."""
+    return {f.name: getattr(reference, f.name) for f in dc.fields(reference) if "parameter" not in f.metadata}
+
+
+def _choose(reference: AbstractReference, choices: Mapping[str, Any], path: Path) -> AbstractReference:
+    own = _list_choices(reference)
+    if set(own) != set(choices):
+        raise InputError("the choices are not those of the model; fit it again", file=path, column="choices")
+    tuples = {k: _freeze(v) for k, v in choices.items()}
+    try:
+        return reference if own == tuples else dc.replace(reference, **tuples)
+    except Exception as error:
+        raise InputError(f"the model cannot be made ({error}); fit it again", file=path, column="choices") from None
+
+
+def _freeze(value: Any) -> Any:
+    return tuple(_freeze(v) for v in value) if isinstance(value, list) else value
+
+
+def _describe_condition(campaign: Campaign, name: str) -> dict[str, Any]:
+    values, column = campaign.records[name].to_numpy(dtype=float), campaign.conditions[name]
+    spread = column.uncertainty or Uncertainty()
+    return {"unit": column.unit, "low": float(np.nanmin(values)), "high": float(np.nanmax(values)),
+            "absolute": spread.absolute, "relative": spread.relative}
+
+
+def _describe_effect(effect: type[AbstractEffect], folder: Path) -> dict[str, Any]:
+    if effect in IMPACT:
+        return {"id": effect.id}
+    file = getattr(sys.modules.get(effect.__module__), "__file__", None)
+    if file is None or not Path(file).is_file():
+        return {"id": effect.id, "source": None}
+    return {"id": effect.id, "source": f"{_relative(Path(file), folder)}:{effect.__qualname__}",
+            "source_sha256": hash_file(Path(file))}
+
+
+def _place_model(name: str, folder: Path) -> tuple[str, str | None]:
+    """A model's name as seen from the folder, and the hash of its file where it has one."""
+    file, colon, attribute = name.rpartition(":")
+    if colon and file.endswith(".py") and Path(file).is_file():
+        return f"{_relative(Path(file), folder)}:{attribute}", hash_file(Path(file))
+    return name, None
+
+
+def _relative(file: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # another drive
+        return file.resolve().as_posix()
+
+
+def _compare_source(file: Path, digest: str) -> list[str]:
+    if file.is_file() and hash_file(file) != digest:
+        return [f"{file.name} has changed since the model was fitted; the parameters may not belong to it any more."]
+    return []
+
+
+def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEffect]]) -> type[AbstractEffect]:
+    known = {e.id: e for e in (*IMPACT, *extra)}
+    if entry.id in known:
+        return known[entry.id]
+    if entry.source is None:
+        raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; "
+                         "give its class to load_model(extra=...)", file=path, column="effects")
+    file, _, name = entry.source.rpartition(":")
+    return resolve_effect(f"{path.parent / file}:{name}")
+
+
+def _read(path: Path) -> ModelFile:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"there is no {FILE} in this folder; name a folder that fit or discover wrote",
+                         file=path.parent) from None
+    except OSError as error:
+        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
+    try:
+        content = json.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError("this is no JSON file, or only a part of one; fit the model again", file=path,
+                         row=getattr(error, "lineno", None)) from None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != SCHEMA:
+        raise InputError(f"the schema is {found!r}; this version reads {SCHEMA!r}: fit the model again", file=path,
+                         column="schema")
+    try:
+        return ModelFile.model_validate(content)
+    except pydantic.ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or None
+        reason = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; fit the model again", file=path,
+                         column=where) from None

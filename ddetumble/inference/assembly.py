@@ -1,0 +1,91 @@
+"""One parameter space for a campaign: reference model, catalogue and probes, the same for every fit of it.
+
+A fit of two parameters and the search through the whole catalogue share one compiled program this way.
+"""
+
+import dataclasses as dc
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..contact.effect import AbstractEffect, parameters_of
+from ..contact.law import AbstractReference
+from ..effects import IMPACT
+from ..effects.probes import PROBES
+from ..measurement.campaign import Campaign
+from .parameters import ParameterSpace, to_coordinate
+
+
+@dc.dataclass(frozen=True)
+class Assembly:
+    """Everything that a model of a campaign may hold.
+
+    Attributes:
+        space: of all parameters.
+        catalogue: effects that the campaign's model may have.
+        probes: that it may have.
+        left_out: ids of effects that need what model or campaign lack.
+        start: coordinates, known parameters put in, effects at their null, shape (parameters,).
+        base: free parameters of the reference model.
+    """
+
+    space: ParameterSpace
+    catalogue: tuple[type[AbstractEffect], ...]
+    probes: tuple[type[AbstractEffect], ...]
+    left_out: tuple[str, ...]
+    start: np.ndarray
+    base: tuple[str, ...]
+
+
+def assemble_space(campaign: Campaign, reference: AbstractReference,
+                   extra: Sequence[type[AbstractEffect]] = ()) -> Assembly:
+    """Gather everything that a model of the campaign may hold.
+
+    Args:
+        campaign: of family `impact`.
+        reference: template of the reference model.
+        extra: effects of the user, beside the catalogue.
+    """
+    catalogue = tuple(e for e in (*IMPACT, *extra) if fits_campaign(e, reference, campaign))
+    probes = tuple(e for e in PROBES if fits_campaign(e, reference, campaign))
+    space = ParameterSpace(reference, (*catalogue, *probes))
+    start = space.coordinates({k: v for k, v in campaign.known.items() if v is not None and k in space.index})
+    base = tuple(s.name for s in space.slots
+                 if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None)
+    return Assembly(space, catalogue, probes, tuple(e.id for e in (*IMPACT, *extra) if e not in catalogue), start, base)
+
+
+def fits_campaign(effect: type[AbstractEffect], reference: AbstractReference, campaign: Campaign) -> bool:
+    """Whether everything that an effect requires is there: features of the model, or conditions of the campaign."""
+    return all(need in reference.provides or need in campaign.records.columns for need in effect.requires)
+
+
+def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
+    """Interior starting points of an effect's parameters by public name (coordinates), one per shape to scan."""
+    amplitudes, shapes = {}, [{}]
+    for p in parameters_of(effect):
+        name = f"{effect.id}.{p.name}"
+        values = [to_coordinate(p.coordinate, v) for v in (p.starts or (p.default + 0.3 * p.typical,))]
+        if p.kind == "shape":
+            if p.free:
+                shapes = [{**s, name: v} for s in shapes for v in values]
+        else:
+            amplitudes[name] = values[0]
+    return [{**amplitudes, **s} for s in shapes]
+
+
+def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]) -> np.ndarray:
+    """Start with a mass guessed from the measured impulses, where it is free: impulse = m v (1 + e), e near 0.7."""
+    start = start.copy()
+    samples, records = campaign.samples, campaign.records
+    if samples is not None and "effective_mass" in free:
+        masses = []
+        for key in campaign.record_keys[:64]:
+            trace = samples[samples["record"] == key]
+            t, f = trace["time"].to_numpy(), np.nan_to_num(trace["normal_force"].to_numpy())
+            impulse = np.trapezoid(f * (t > 0), t)
+            masses.append(impulse / (1.7 * records.loc[key, "approach_speed"]))
+        mass = float(np.median(masses))
+        if np.isfinite(mass) and mass > 0:
+            start[space.index["effective_mass"]] = np.log(mass)
+    return start

@@ -1,0 +1,199 @@
+"""Reference models by name: the printed forms of the paper, a plain power law, and models of the user's own."""
+
+import dataclasses as dc
+import difflib
+import hashlib
+import math
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+from .._errors import InputError
+from ..contact.effect import AbstractEffect
+from ..contact.law import AbstractReference, Ball, ContactLaw, PowerLaw
+
+
+@dc.dataclass(frozen=True)
+class BuiltinModel:
+    """A reference model that comes with the toolkit.
+
+    Attributes:
+        text: which equations it is, one sentence.
+        make: builds the template.
+    """
+
+    text: str
+    make: Callable[[], AbstractReference]
+
+
+@dc.dataclass(frozen=True)
+class ResolvedModel:
+    """What a MODEL argument stands for.
+
+    Attributes:
+        name: as given.
+        reference: template of the reference model; its values are the defaults.
+        text: which equations it is, one sentence.
+        effects: instances that extend it from the start, for a `ContactLaw` of the user's own.
+    """
+
+    name: str
+    reference: AbstractReference
+    text: str
+    effects: tuple[AbstractEffect, ...] = ()
+
+
+MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel(
+        "Eqs. 2 to 5 with a constant perimeter (b = pi depression/4), the core counted once, exact damping.",
+        Ball),
+    "paper-eq6": BuiltinModel(
+        "as paper, with the damping coefficient of Eq. 6, which delivers another restitution than asked for.",
+        lambda: Ball(damping_form="printed")),
+    "paper-doubled-core": BuiltinModel(
+        "as paper, with the cylinder under the contact disc counted twice, as Eq. 2 prints it.",
+        lambda: Ball(doubled_core=True)),
+    "paper-printed": BuiltinModel(
+        "Eq. 7 as printed: b = depression/4 in the area alone, Eq. 2 with its doubled core, Eq. 6; a tenth of the "
+        "force.",
+        lambda: Ball(contact_radius_coefficient=0.25, volume_coefficient=math.pi / 4, doubled_core=True,
+                     damping_form="printed")),
+    "paper-quarter": BuiltinModel(
+        "Eq. 7 with b = depression/4 in the volume too, doubled core, Eq. 6; the perimeter is not kept.",
+        lambda: Ball(contact_radius_coefficient=0.25, doubled_core=True, damping_form="printed")),
+    "paper-eq5-sign": BuiltinModel(
+        "as paper, with the sign of Eq. 5 at face value: damping lowers the force while loading and feeds energy in.",
+        lambda: Ball(damping_sign=-1.0)),
+    "matunaga": BuiltinModel(
+        "Eq. 1: a truncated sphere at constant pressure, with exact damping.",
+        lambda: Ball(truncated=True)),
+    "power-law": BuiltinModel(
+        "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
+        PowerLaw),
+}  # fmt: skip
+
+
+def describe_models() -> str:
+    """The built-in models, one line each."""
+    width = max(map(len, MODELS))
+    return "\n".join(f"{name:<{width}}  {model.text}" for name, model in MODELS.items())
+
+
+def resolve_model(name: str) -> ResolvedModel:
+    """The reference model that a name stands for.
+
+    Args:
+        name: a built-in model; a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or
+            `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference`, an instance of one, or a
+            `ContactLaw` that extends one by effects.
+
+    Raises:
+        InputError: There is no such model, file or name, or it is none of these things.
+    """
+    name = str(name)
+    if name in MODELS:
+        model = MODELS[name]
+        return ResolvedModel(name, model.make(), model.text)
+    path, colon, attribute = name.rpartition(":")
+    if colon and path.endswith(".py"):
+        return _import_model(name, Path(path), attribute)
+    if Path(name).is_dir():
+        return _read_folder(Path(name))
+    if name.endswith(".py"):
+        raise InputError(f"name the model in the file too: {name}:NAME", file=name)
+    near = difflib.get_close_matches(name, MODELS, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(MODELS)}, a folder that fit or "
+                     f"discover "
+                     "wrote, or FILE.py:NAME")
+
+
+def resolve_effect(name: str) -> type[AbstractEffect]:
+    """The effect that a name stands for.
+
+    Args:
+        name: an id of the catalogue, or `FILE.py:NAME` for a class of the user's own.
+
+    Raises:
+        InputError: There is no such effect, file or name, or it is no effect.
+    """
+    from ..effects import IMPACT
+
+    known = {effect.id: effect for effect in IMPACT}
+    if name in known:
+        return known[name]
+    path, colon, attribute = str(name).rpartition(":")
+    if not colon or not path.endswith(".py"):
+        near = difflib.get_close_matches(str(name), known, n=1)
+        hint = f" (did you mean {near[0]}?)" if near else ""
+        raise InputError(f"there is no effect {name!r}{hint}; `ddetumble effects` lists them, and FILE.py:NAME is one "
+                         "of your own")
+    found = _run_file(Path(path)).__dict__.get(attribute)
+    if not isinstance(found, type) or not issubclass(found, AbstractEffect):
+        raise InputError(f"there is no effect {attribute!r} in the file: it has to be a class made from one of "
+                         "ddetumble's effect classes", file=path)
+    return found
+
+
+def _read_folder(folder: Path) -> ResolvedModel:
+    """The model that was fitted, its values as defaults."""
+    from .archive import load_model
+
+    saved = load_model(folder)
+    law = saved.law()
+    added = f" with {', '.join(saved.effects)}" if saved.effects else ""
+    return ResolvedModel(saved.model, law.reference, f"{saved.model}{added}, as fitted to {saved.campaign}.",
+                         tuple(law.effects))
+
+
+def _run_file(path: Path) -> types.ModuleType:
+    """Run the user's file as a module of its own; the same text is run once only."""
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
+    digest = hashlib.sha256(source + str(path.resolve()).encode()).hexdigest()[:12]
+    name = f"ddetumble_user_{path.stem}_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    module = types.ModuleType(name)
+    module.__file__ = str(path.resolve())
+    sys.modules[name] = module  # dataclasses look their module up there
+    try:
+        exec(compile(source, str(path), "exec"), module.__dict__)
+    except Exception as error:
+        del sys.modules[name]
+        line = getattr(error, "lineno", None)
+        raise InputError(f"the file cannot be run: {type(error).__name__}: {error}", file=path, row=line) from error
+    return module
+
+
+def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
+    """Take one model from the user's file."""
+    module = _run_file(path)
+    if not attribute.isidentifier() or attribute not in module.__dict__:
+        here = [key for key, value in module.__dict__.items() if _is_model(value) and not key.startswith("_")
+                and getattr(value, "__module__", module.__name__) == module.__name__]
+        offer = f"; it has {', '.join(here)}" if here else ""
+        raise InputError(f"there is no {attribute!r} in the file{offer}", file=path)
+    found = module.__dict__[attribute]
+    if not _is_model(found):
+        raise InputError(f"{attribute} is no reference model: it has to be a subclass of ddetumble's "
+                         f"AbstractReference, an "
+                         "instance of one, or a ContactLaw", file=path)
+    try:
+        made = found() if isinstance(found, type) else found
+    except Exception as error:
+        raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
+                         file=path) from error
+    text = " ".join((type(made).__doc__ or "").strip().split("\n\n")[0].split()) or f"{attribute} of {path.name}"
+    if isinstance(made, ContactLaw):
+        return ResolvedModel(name, made.reference, f"{attribute} of {path.name}", tuple(made.effects))
+    return ResolvedModel(name, made, text)
+
+
+def _is_model(value) -> bool:
+    if isinstance(value, type):
+        return issubclass(value, AbstractReference) and value is not AbstractReference
+    return isinstance(value, (AbstractReference, ContactLaw))

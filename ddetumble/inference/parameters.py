@@ -1,0 +1,152 @@
+"""Parameters of a law as one vector: names, coordinates in which a fit moves, and the way back to a law."""
+
+import dataclasses as dc
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._errors import InputError
+from ..contact.effect import AbstractEffect, Parameter, parameters_of
+from ..contact.law import AbstractReference, ContactLaw
+
+
+@dc.dataclass(frozen=True)
+class Slot:
+    """One parameter of the law.
+
+    Attributes:
+        name: public name: `effective_mass`, `wall-stiffness.k_w`.
+        owner: id of the effect, None for the reference model.
+        parameter: its declaration.
+    """
+
+    name: str
+    owner: str | None
+    parameter: Parameter
+
+
+def to_coordinate(kind: str, value: float) -> float:
+    """Field value to the coordinate in which a fit moves (`inverse`: the field itself, 1/parameter, is linear)."""
+    if kind == "log":
+        return math.log(value)
+    if kind == "logit":
+        return math.log(value / (1.0 - value))
+    return float(value)
+
+
+def from_coordinate(kind: str, u):
+    """Coordinate to field value, for numpy and jax arrays alike."""
+    xp = np if isinstance(u, (np.ndarray, float, np.floating)) else jnp
+    if kind == "log":
+        return xp.exp(u)
+    if kind == "logit":
+        return 1.0 / (1.0 + xp.exp(-u))
+    return u
+
+
+class ParameterSpace:
+    """All parameters of a reference model and a family's effects, in one fixed order.
+
+    Args:
+        reference: template of the reference model (its values are the defaults).
+        effects: classes of the effects, all present, each at its null unless set.
+    """
+
+    def __init__(self, reference: AbstractReference, effects: Sequence[type[AbstractEffect]]):
+        self.reference = reference
+        self.effects = tuple(effects)
+        slots = [Slot(p.name, None, dc.replace(p, default=float(getattr(reference, p.field))))
+                 for p in parameters_of(reference)]
+        for effect in self.effects:
+            slots += [Slot(f"{effect.id}.{p.name}", effect.id, p) for p in parameters_of(effect)]
+        self.slots = tuple(slots)
+        self.index = {slot.name: k for k, slot in enumerate(slots)}
+        if len(self.index) != len(slots):
+            raise InputError("two parameters of the model have the same name; give every effect an id of its own")
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+    def __eq__(self, other) -> bool:
+        return isinstance(other, ParameterSpace) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    @property
+    def key(self) -> tuple:
+        """What identifies the space: compiled programs are shared between equal ones."""
+        statics = tuple((f.name, getattr(self.reference, f.name)) for f in dc.fields(self.reference)
+                        if "parameter" not in f.metadata)
+        return type(self.reference), statics, self.effects
+
+    def coordinates(self, values: Mapping[str, float] | None = None) -> np.ndarray:
+        """Coordinates of all parameters, shape (parameters,): defaults, with `values` (fields) put in by name."""
+        values = values or {}
+        unknown = [name for name in values if name not in self.index]
+        if unknown:
+            raise InputError(f"there is no parameter {unknown[0]!r} in this model; it has: {', '.join(self.index)}")
+        return np.array([to_coordinate(s.parameter.coordinate, values.get(s.name, s.parameter.default))
+                         for s in self.slots])
+
+    def scales(self) -> np.ndarray:
+        """Typical change of each coordinate, shape (parameters,)."""
+        found = []
+        for slot in self.slots:
+            p = slot.parameter
+            if p.coordinate == "log":
+                found.append(min(1.0, p.typical / abs(p.default)) if p.default else 1.0)
+            elif p.coordinate == "logit":
+                found.append(1.0)
+            else:
+                found.append(p.typical)
+        return np.array(found)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Hard limits of the coordinates, each shape (parameters,)."""
+        low, high = [], []
+        for slot in self.slots:
+            p, (a, b) = slot.parameter, slot.parameter.bounds
+            if p.coordinate == "log":
+                a, b = (math.log(a) if a > 0 else -math.inf), (math.log(b) if b < math.inf else math.inf)
+            elif p.coordinate == "logit":
+                a, b = -math.inf, math.inf
+            low.append(a)
+            high.append(b)
+        return np.array(low), np.array(high)
+
+    def build(self, u: Array) -> ContactLaw:
+        """The law at coordinates `u`, shape (parameters,); works under jit."""
+        values = [from_coordinate(s.parameter.coordinate, u[k]) for k, s in enumerate(self.slots)]
+        fields = [s.parameter.field for s in self.slots]
+        count = len(parameters_of(self.reference))
+        reference = eqx.tree_at(lambda r: [getattr(r, f) for f in fields[:count]], self.reference, values[:count])
+        effects = []
+        for effect in self.effects:
+            size = len(parameters_of(effect))
+            effects.append(effect(**dict(zip(fields[count:count + size], values[count:count + size], strict=True))))
+            count += size
+        return ContactLaw(reference, tuple(effects))
+
+    def of(self, owners: Iterable[str | None], shapes: bool = True) -> list[str]:
+        """Names of the free parameters of the given owners (None: the reference model)."""
+        owners = tuple(owners)
+        return [s.name for s in self.slots
+                if s.owner in owners and s.parameter.free and (shapes or s.parameter.kind != "shape")]
+
+    def public(self, name: str, u: float, sd: float, spread: float = 1.959964) -> dict[str, float | str]:
+        """Estimate, standard deviation and 95 % interval of a parameter in its public unit from its coordinate."""
+        p = self.slots[self.index[name]].parameter
+        low, high = (float(from_coordinate(p.coordinate, np.float64(u + k * spread * sd))) for k in (-1, 1))
+        middle = float(from_coordinate(p.coordinate, np.float64(u)))
+        slope = {"log": middle, "logit": middle * (1 - middle)}.get(p.coordinate, 1.0)
+        width = abs(slope) * sd
+        if p.coordinate == "inverse":
+            width = width / middle**2 if middle else math.inf
+            low, high = (1.0 / high if high > 0 else math.inf), (1.0 / low if low > 0 else math.inf)
+            middle = 1.0 / middle if middle else math.inf
+        return {"estimate": middle, "sd": width, "q025": low, "q975": high, "unit": p.unit}

@@ -1,0 +1,277 @@
+"""The compiled model: residuals, Jacobian and Levenberg-Marquardt of many records in one program.
+
+All parameters of a space are present; a fit moves a few of them. Each record's nuisances (conditions, time origin) are
+unknowns with their stated uncertainty as prior, eliminated by the arrow structure of the problem.
+"""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array
+
+from ..dynamics.impact import simulate
+from .arrow import ArrowSolver, profile_own
+from .parameters import ParameterSpace
+from .stack import Records, Stack
+
+
+SLOTS = (5, 8, 12, 16, 24, 32, 48)
+LINEAR_SLOTS = 16
+FAILED = 1e4
+_STRETCH = 30.0  # unknowns are typical changes over this, so that the first damping is gentle
+
+
+class Evaluation(eqx.Module):
+    """Model and Jacobian at one point.
+
+    Attributes:
+        residual: whitened, shape (records, rows).
+        shared: its derivative by the free parameters in units of their scales, shape (records, rows, slots).
+        own: by the nuisances in units of their deviations, shape (records, rows, nuisances).
+        channels: model, shape (records, channels, samples), SI.
+        depression, depression_rate: shape (records, samples) [m, m/s].
+        separation: shape (records,) [s].
+        failed: shape (records,).
+    """
+
+    residual: Array
+    shared: Array
+    own: Array
+    channels: Array
+    depression: Array
+    depression_rate: Array
+    separation: Array
+    failed: Array
+
+
+def _whitened(weights: Array, taps: Array, x: Array) -> Array:
+    """Whitening filter along axis 2 of `x`, shape (records, channels, samples, columns)."""
+    y = x
+    for k in range(taps.shape[-1]):
+        y = y - taps[..., k, None] * jnp.pad(x, ((0, 0), (0, 0), (k + 1, 0), (0, 0)))[:, :, : x.shape[2]]
+    return y * weights[..., None]
+
+
+def _record(space, names, channels, theta, z, row, base, directions):
+    """Channels of one record, shape (channels, samples), and what else the simulation says."""
+    u = base + theta @ directions
+    law = space.build(u)
+    conditions = dict(row.conditions)
+    time = row.time
+    for k, name in enumerate(names):
+        if name == "time":
+            time = time - z[k] * row.condition_sd[k]
+        else:
+            conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
+    impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode())
+    model = jnp.stack([getattr(impact, channel) for channel in channels])
+    return model, (u, impact.depression, impact.depression_rate, impact.separation, impact.failed)
+
+
+def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, low, high) -> Evaluation:
+    """Residual, Jacobian and channels of all records."""
+    count, own = theta.shape[0], z.shape[1]
+
+    def one(z_row, row, base_row):
+        def f(a, b):
+            return _record(space, names, channels, a, b, row, base_row, directions)
+
+        unit = jnp.eye(count + own)
+        return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
+                        out_axes=(None, -1, None))(unit)
+
+    model, jacobian, (u, depression, rate, separation, failed) = jax.vmap(one)(z, stack, base)
+    failed = failed | jnp.any((u < low) | (u > high), axis=1) | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
+    there = stack.present > 0
+    keep = (there & ~failed)[:, None, None, None]
+    # Without the barrier the compiler computes the whole model again for every tap of the filter.
+    columns = jax.lax.optimization_barrier(jnp.concatenate([(model - stack.values)[..., None], jacobian], axis=-1))
+    columns = _whitened(stack.weights, stack.taps, jnp.where(keep & jnp.isfinite(columns), columns, 0.0))
+    columns = columns.reshape(columns.shape[0], -1, columns.shape[-1])
+    failed = failed & there
+    residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
+    return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, depression, rate,
+                      separation, failed)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2, 13))
+def _solve(space, names, channels, stack, base, directions, low, high, prior_mean, prior_weight, z0, moving,
+           tolerance, max_steps):
+    """Levenberg-Marquardt by optimistix; `moving` 0 evaluates at the start only."""
+    count = directions.shape[0]
+
+    @jax.custom_jvp
+    def model(theta, z):
+        at = evaluate(space, names, channels, moving * theta, z0 + moving * z, stack, base, directions, low, high)
+        own_prior = (z0 + moving * z) * stack.present[:, None]
+        shared_prior = (moving * theta - prior_mean) * prior_weight
+        return (at.residual, own_prior, shared_prior), at
+
+    @model.defjvp
+    def _(primals, tangents):
+        theta_dot, z_dot = tangents
+        value, at = model(*primals)
+        theta_dot, z_dot = moving * theta_dot, moving * z_dot
+        data = jnp.einsum("grk,k->gr", at.shared, theta_dot) + jnp.einsum("grk,gk->gr", at.own, z_dot)
+        change = (data, z_dot * stack.present[:, None], theta_dot * prior_weight)
+        return (value, at), (change, jax.tree.map(_zero, at))
+
+    def fn(y, args):
+        return model(_STRETCH * y[0], _STRETCH * y[1])
+
+    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance, linear_solver=ArrowSolver())
+    start = (jnp.zeros((count,)), jnp.zeros_like(z0))
+    found = optx.least_squares(fn, solver, start, has_aux=True, max_steps=max_steps, throw=False)
+    theta, z = found.value
+    return (_STRETCH * moving * theta, z0 + _STRETCH * moving * z, found.aux,
+            found.result == optx.RESULTS.successful, found.stats["num_steps"])
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _linearise(space, names, channels, stack, base, directions, low, high, z):
+    """Residual and derivatives at one point, without moving."""
+    theta = jnp.zeros((directions.shape[0],))
+    return evaluate(space, names, channels, theta, z, stack, base, directions, low, high)
+
+
+def _zero(x):
+    return (jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating)
+            else np.zeros(x.shape, dtype=jax.dtypes.float0))
+
+
+@dc.dataclass(frozen=True)
+class Solution:
+    """A fit of some parameters of the space, with everything linear algebra needs afterwards (numpy arrays).
+
+    Attributes:
+        names: free parameters, in the order of the columns.
+        u: coordinates of all parameters, shape (parameters,).
+        z: nuisances in units of their deviations, shape (records, nuisances).
+        scales: of the free coordinates: columns of `shared` are derivatives by coordinate/scale.
+        residual, shared, own: as in `Evaluation`, only the records that are there and the columns that are free.
+        channels, depression, depression_rate, separation: as in `Evaluation`.
+        prior_residual, prior_weight: prior rows of the free parameters.
+        chi2: sum of squares of all rows.
+        converged, steps, failed: state of the optimiser; keys of failed records are in `failed`.
+    """
+
+    names: tuple[str, ...]
+    u: np.ndarray
+    z: np.ndarray
+    scales: np.ndarray
+    residual: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+    channels: np.ndarray
+    depression: np.ndarray
+    depression_rate: np.ndarray
+    separation: np.ndarray
+    prior_residual: np.ndarray
+    prior_weight: np.ndarray
+    chi2: float
+    converged: bool
+    steps: int
+    failed: tuple[str, ...]
+
+    def projected(self) -> tuple[np.ndarray, np.ndarray]:
+        """Columns and residual with each record's nuisances eliminated; rows are data, then nuisance priors."""
+        records, _, own = self.own.shape
+        prior = np.broadcast_to(np.eye(own), (records, own, own))
+        rows = np.concatenate([self.own, prior], axis=1)
+        shared = np.concatenate([self.shared, np.zeros((records, own, self.shared.shape[2]))], axis=1)
+        return profile_own(shared, rows, np.concatenate([self.residual, self.z], axis=1))
+
+    def covariance(self) -> np.ndarray:
+        """Covariance of the free coordinates, shape (free, free)."""
+        columns, _ = self.projected()
+        flat = columns.reshape(-1, columns.shape[2])
+        information = flat.T @ flat + np.diag(self.prior_weight**2)
+        return np.linalg.pinv(information, rcond=1e-13) * np.outer(self.scales, self.scales)
+
+
+class Problem:
+    """Records and a space of parameters, ready to be fitted.
+
+    Args:
+        space: parameters of the model.
+        records: stacked records.
+        priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate.
+    """
+
+    def __init__(self, space: ParameterSpace, records: Records, priors: Mapping[str, tuple[float, float]] | None = None):
+        self.space, self.records, self.priors = space, records, dict(priors or {})
+        self.scales = space.scales()
+        self.limits = space.bounds()
+
+    def _padded(self, start: np.ndarray, z: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and nuisances of all rows of the stack."""
+        count, rows = self.records.count, self.records.stack.time.shape[0]
+        base = np.broadcast_to(start, (count, len(self.space)))
+        base = np.concatenate([base, np.broadcast_to(base[:1], (rows - count, len(self.space)))])
+        z0 = np.zeros((rows, len(self.records.nuisances)))
+        if z is not None:
+            z0[:count] = z
+        return base, z0
+
+    def columns(self, names: Sequence[str], start: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Whitened derivatives by the named coordinates, in units of their scales, shape (records, rows, names)."""
+        base, z0 = self._padded(start, z)
+        found = []
+        for first in range(0, len(names), LINEAR_SLOTS):
+            part = [self.space.index[name] for name in names[first:first + LINEAR_SLOTS]]
+            directions = np.zeros((LINEAR_SLOTS, len(self.space)))
+            directions[np.arange(len(part)), part] = self.scales[part]
+            at = _linearise(self.space, self.records.nuisances, self.records.channels, self.records.stack,
+                            jnp.asarray(base), jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits),
+                            jnp.asarray(z0))
+            found.append(np.asarray(at.shared)[: self.records.count, :, : len(part)])
+        return np.concatenate(found, axis=-1)
+
+    def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
+              tolerance: float = 1e-7, max_steps: int = 30) -> Solution:
+        """Fit the `free` parameters (names) and all nuisances from the coordinates `start`.
+
+        Args:
+            free: names of the parameters that move.
+            start: coordinates, shape (parameters,), or one row a record, shape (records, parameters).
+            z: start of the nuisances, shape (records, nuisances).
+            moving: False evaluates residual and Jacobian at the start only.
+            tolerance: of the optimiser.
+            max_steps: after which the fit counts as not converged.
+        """
+        stack, count = self.records.stack, self.records.count
+        slots = next(s for s in SLOTS if len(free) <= s)
+        columns = [self.space.index[name] for name in free]
+        directions = np.zeros((slots, len(self.space)))
+        scales = self.scales[columns]
+        directions[np.arange(len(free)), columns] = scales
+        base, z0 = self._padded(start, z)
+        mean, weight = np.zeros(slots), np.where(np.arange(slots) < len(free), 0.0, 1.0)
+        for k, name in enumerate(free):
+            if name in self.priors:
+                centre, sd = self.priors[name]
+                mean[k], weight[k] = (centre - np.ravel(base)[columns[k]]) / scales[k], scales[k] / sd
+        theta, z_new, at, converged, steps = _solve(
+            self.space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
+            jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean), jnp.asarray(weight),
+            jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance), max_steps)
+        theta = np.asarray(theta)[: len(free)]
+        u = np.array(base[0])
+        u[columns] += scales * theta
+        residual = np.asarray(at.residual)[:count]
+        z_new = np.asarray(z_new)[:count]
+        prior = (theta - mean[: len(free)]) * weight[: len(free)]
+        failed = tuple(k for k, bad in zip(self.records.keys, np.asarray(at.failed), strict=False) if bad)
+        return Solution(
+            tuple(free), u, z_new, scales, residual, np.asarray(at.shared)[:count, :, : len(free)],
+            np.asarray(at.own)[:count], np.asarray(at.channels)[:count], np.asarray(at.depression)[:count],
+            np.asarray(at.depression_rate)[:count], np.asarray(at.separation)[:count], prior,
+            weight[: len(free)], float(np.sum(residual**2) + np.sum(z_new**2) + np.sum(prior**2)),
+            bool(converged) and not failed, int(steps), failed)

@@ -1,0 +1,60 @@
+"""The noise of a campaign, measured from what a model of it leaves above the frequencies of the contact."""
+
+import dataclasses as dc
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ..measurement.campaign import Campaign
+from .noise import Noise, estimate_noise
+from .problem import Solution
+from .stack import Records, default_noise
+
+
+SPLINES = 20
+
+
+def spline_columns(time: np.ndarray, end: float, count: int) -> np.ndarray:
+    """Cubic B-splines over first touch to separation and a shorter set over what follows, shape (samples, columns)."""
+    found = []
+    for low, high, number in ((0.0, end, count), (end, time[-1], max(count // 4, 4))):
+        inside = (time > low) & (time <= high)
+        number = min(number, int(inside.sum()) // 4)
+        if number < 4:
+            continue
+        knots = np.concatenate([[low] * 3, np.linspace(low, high, number - 2), [high] * 3])
+        columns = np.zeros((len(time), number))
+        columns[inside] = BSpline.design_matrix(time[inside], knots, 3).toarray()
+        found.append(columns)
+    return np.concatenate(found, axis=1) if found else np.zeros((len(time), 0))
+
+
+def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
+    """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
+    found = {}
+    values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
+    for c, channel in enumerate(records.channels):
+        traces, steps = [], []
+        for r, n in enumerate(records.lengths):
+            difference = np.diff(time[r, :n])
+            if records.complete[r, c] and np.allclose(difference, difference[0], rtol=2e-3):
+                trace = (values[r, c] - solution.channels[r, c])[:n]
+                smooth = spline_columns(time[r, :n], float(solution.separation[r]), SPLINES)
+                # What is smooth over a contact may be missing physics: it tells nothing about the noise.
+                traces.append(trace - smooth @ np.linalg.lstsq(smooth, trace, rcond=None)[0])
+                steps.append(difference[0])
+        stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
+        if not traces:
+            found[channel] = dc.replace(stated, log_level_sd=0.1,
+                                        text="uneven sampling: taken as white, of the stated size")
+            continue
+        interval = float(np.median(steps))
+        lowest = 10.0 / float(np.median(solution.separation))
+        found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
+                                         if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd)
+    return found
+
+
+def differs_from_stated(noise: dict[str, Noise]) -> bool:
+    """Whether any channel's noise is correlated, or of another size than the campaign states by more than a tenth."""
+    return any(n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > 0.1 for n in noise.values() if n.stated_sd)
