@@ -102,11 +102,28 @@ def discover_effects(
 
     measured = read_campaign(path)
     folder = prepare_folder(output or Path(f"{measured.name}-discovery"))
+    if measured.samples is None:
+        _judge_peaks(measured, model, folder)
+        return
     from ..discrepancy.discovery import discover
+    from ..report import describe, write_report
 
     with show_progress(f"looking at {measured.name}") as report:
         result = discover(measured, model=model, progress=report)
-        report("writing the report")
-        page = result.save(folder)
-    typer.echo(result.text())
+        report("writing the report", 0.95)
+        result.save(folder)
+        page = write_report(result, folder)
+    typer.echo(describe(result))
     typer.echo(f"Report: {page}")
+
+
+def _judge_peaks(campaign, model: str, folder: Path) -> None:
+    """A campaign of peaks only: no curve, hence fewer questions it can answer."""
+    from ..inference.files import write_json
+    from ..paper import judge_campaign
+
+    with show_progress(f"looking at the peaks of {campaign.name}"):
+        result = judge_campaign(campaign, model=model)
+        write_json(folder / "result.json", result.to_dict())
+    typer.echo(result.text() if callable(getattr(result, "text", None)) else result.sentence)
+    typer.echo(f"Result: {folder / 'result.json'}")

@@ -122,7 +122,9 @@ class Ball(AbstractReference):
         radius = radius + increment(radius)
         inner = radius if self.volume_coefficient is None else contact_radius(
             depression, jnp.asarray(self.volume_coefficient))
-        volume = racetrack_volume(inner, 0.5 * (diameter - depression), self.doubled_core)
+        # A ball without gas can be squeezed flat and further: its height stays positive, so that nothing is NaN.
+        half_height = jnp.maximum(0.5 * (diameter - depression), 1e-6 * diameter)
+        volume = racetrack_volume(inner, half_height, self.doubled_core)
         return radius, sphere_volume(diameter) / volume
 
     def elastic(self, contact: Contact) -> Scalar:

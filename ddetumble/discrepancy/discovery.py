@@ -65,9 +65,18 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         if more.lack.rejected:
             more = free_shapes(workbench, more)
         grown.append(more)
+        if workbench.measure_again(more.fitted):
+            grown = [_again(workbench, g) for g in grown]
     verdict, where = _decide(workbench, grown, could_have_shown(workbench, scores))
     report("writing it down", 0.92)
     return _assemble(workbench, resolved.name, grown, tried, verdict, where, began)
+
+
+def _again(workbench: Workbench, grown: Grown) -> Grown:
+    """A step fitted and judged again under another noise."""
+    fitted = workbench.repeat(grown.fitted)
+    lack, scores = workbench.judge(fitted)
+    return dc.replace(grown, fitted=fitted, lack=lack, scores=scores)
 
 
 def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[str, list[Place]]:

@@ -98,7 +98,7 @@ class Rebound:
     Attributes:
         u: coordinates of all parameters.
         names: of those that were found; `covariance` of their coordinates.
-        chi2_reduced: of the depression.
+        chi2_reduced: of the depression; `slack` is how far above 1 it may lie by chance.
         converged: whether the fit did.
     """
 
@@ -107,6 +107,7 @@ class Rebound:
     covariance: np.ndarray
     chi2_reduced: float
     converged: bool
+    slack: float = 0.0
 
 
 def _follow(law: ContactLaw, conditions: dict, pressure: Array, end: Array) -> tuple[Array, Array]:
@@ -212,7 +213,8 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     _, information = eliminate(*state[1:5])
     covariance = inflation * np.linalg.pinv(information, rcond=1e-12) * np.outer(scale, scale)
     degrees = max(float(there.sum()) - len(names), 1.0)
-    return Rebound(u, tuple(names), covariance, float(best) / degrees, done)
+    return Rebound(u, tuple(names), covariance, float(best) / degrees, done,
+                   5.0 * float(np.sqrt(2.0 * inflation / degrees)))
 
 
 def eliminate(own, residual, a, b, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

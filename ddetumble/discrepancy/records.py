@@ -173,11 +173,30 @@ class Discovery:
     def __str__(self) -> str:
         return self.sentence
 
+    def text(self) -> str:
+        """The sentence and its notes, one a line."""
+        return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
+
+    def save(self, folder: Any) -> Any:
+        """Write `result.json`, and `model.json` with the grown model for `predict`, into a folder.
+
+        Args:
+            folder: made if it is not there.
+
+        Returns:
+            Path of `result.json`.
+        """
+        from .saving import save_discovery
+
+        return save_discovery(self, folder)
+
     def to_dict(self) -> dict[str, Any]:
         """`result.json` of `discover`: plain numbers, text, lists."""
         first = self.steps[0].lack_of_fit
         last = self.steps[-1]
-        return _plain({
+        from ..inference.files import make_plain
+
+        return make_plain({
             "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
             "effects": list(self.effects), "sentence": self.sentence,
             "steps": [{
@@ -202,20 +221,3 @@ class Discovery:
             "notes": list(self.notes), "sha256": self.sha256, "settings": dict(self.settings),
         })
 
-
-def _plain(value: Any) -> Any:
-    """Numbers, text, lists and dictionaries that JSON knows; not-finite numbers become null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, (bool, str, int)) or value is None:
-        return value
-    if isinstance(value, np.bool_):
-        return bool(value)
-    if isinstance(value, np.ndarray):
-        return [_plain(v) for v in value.tolist()]
-    number = float(value)
-    if not np.isfinite(number):
-        return None
-    return int(value) if isinstance(value, np.integer) else number

@@ -5,30 +5,33 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.optimize import minimize_scalar
 
-from ..inference.noise import Noise
+from ..inference.noise import Noise, whiten, whitening
 
 
 DEGREE = 5
-COUNTS = (6, 7, 8, 10, 12, 15, 19, 24, 30, 38, 48, 60, 76, 96)
-MOST_DENSE = 2000  # samples up to which the covariance of correlated noise is used as it is
+MOST_COLUMNS = 64
+ROUGHNESS = 3  # derivative whose square is penalised
 
 
 @dc.dataclass(frozen=True)
 class Smooth:
-    """A regression spline over a contact.
+    """A smoothing spline over a contact.
 
     Attributes:
         knots: with repeated ends [s].
         coefficients: shape (columns,), unit of the channel.
         covariance: of the coefficients, shape (columns, columns).
         residual: of the samples that were used, in their order.
+        spent: degrees of freedom that the curve takes.
     """
 
     knots: np.ndarray
     coefficients: np.ndarray
     covariance: np.ndarray
     residual: np.ndarray
+    spent: float
 
     def columns(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Basis or its derivative at times inside the contact (held at its ends), shape (times, columns)."""
@@ -45,35 +48,56 @@ def _columns(knots: np.ndarray, time: np.ndarray, derivative: int = 0) -> np.nda
 
 
 def smooth_samples(time: np.ndarray, values: np.ndarray, noise: Noise, start: float, end: float) -> Smooth:
-    """Fit a spline to the samples of one contact.
+    """Fit a smoothing spline to the samples of one contact.
 
-    The number of coefficients weighs bias against noise: the least estimated squared error at the known noise (Mallows'
-    C_p), and then one size finer, so that what bias is left is small beside the stated deviation.
+    How smooth it is follows from the known noise, by the largest marginal likelihood of the samples. The covariance is
+    the posterior one: it holds the noise that is left and the bias that the smoothing brings.
 
     Args:
         time, values: samples in contact, at least 8, shape (samples,).
         noise: of the channel.
         start, end: of the contact [s].
     """
-    lag = time - time[0]
-    coloured = noise.correlation > 0
-    dense = noise.covariance(lag[:, None] - lag[None, :]) if coloured and len(time) <= MOST_DENSE else None
-    scores, fits = [], []
-    for count in [c for c in COUNTS if c <= max(COUNTS[0], len(time) // 2)]:
-        knots = np.concatenate([[start] * DEGREE, np.linspace(start, end, count - DEGREE + 1), [end] * DEGREE])
-        basis = _columns(knots, np.clip(time, start, end))
-        smoother = np.linalg.pinv(basis, rcond=1e-9)
-        residual = values - basis @ (smoother @ values)
-        if dense is not None:
-            covariance = smoother @ dense @ smoother.T
-            spent = float(np.sum((basis @ covariance) * basis)) / noise.sd**2
-        else:
-            inflation = inflate(noise)
-            covariance = noise.sd**2 * inflation * smoother @ smoother.T
-            spent = count * inflation
-        scores.append(float(residual @ residual) / noise.sd**2 + 2.0 * spent)
-        fits.append(Smooth(knots, smoother @ values, covariance, residual))
-    return fits[min(int(np.argmin(scores)) + 1, len(fits) - 1)]
+    count = int(np.clip(len(time) // 2, DEGREE + 1, MOST_COLUMNS))
+    knots = np.concatenate([[start] * DEGREE, np.linspace(start, end, count - DEGREE + 1), [end] * DEGREE])
+    basis = _columns(knots, np.clip(time, start, end))
+    filters = whitening(noise, time, np.ones(len(time), dtype=bool))
+    seen, target = whiten(*filters, basis), whiten(*filters, values[:, None])[:, 0]
+    middles = np.linspace(start, end, 8 * count + 1)
+    rough = _columns(knots, 0.5 * (middles[1:] + middles[:-1]), ROUGHNESS)
+    _, sizes, vectors = np.linalg.svd(rough, full_matrices=True)
+    # Coordinates in which roughness is the identity on all but the polynomials.
+    rank = count - ROUGHNESS
+    scale = np.concatenate([sizes[:rank] / sizes[0], np.ones(ROUGHNESS)])
+    turn = (vectors / scale[:, None]).T
+    design = seen @ turn
+    flat, bent = design[:, rank:], design[:, :rank]
+    q, r = np.linalg.qr(flat)
+    bent_only, target_only = bent - q @ (q.T @ bent), target - q @ (q.T @ target)
+    left, strength, right = np.linalg.svd(bent_only, full_matrices=False)
+    along = left.T @ target_only
+
+    def evidence(logarithm: float) -> float:
+        spread = 1.0 + strength**2 * np.exp(logarithm)
+        return float(np.sum(np.log(spread)) - np.sum(along**2 * (1.0 - 1.0 / spread)))
+
+    top = np.log(max(float(strength[0]) ** 2, 1e-300))
+    grid = np.arange(-10.0, 50.0, 1.0) - top
+    best = grid[int(np.argmin([evidence(x) for x in grid]))]
+    best = minimize_scalar(evidence, bounds=(best - 1.0, best + 1.0), method="bounded").x
+    precision = strength**2 + np.exp(-best)
+    inner = np.zeros((count, count))
+    inner[:rank, :rank] = (right.T / precision) @ right + np.exp(best) * (np.eye(rank) - right.T @ right)
+    carry = -np.linalg.solve(r, q.T @ bent)  # what the polynomials do as the rest moves
+    inner[rank:, :rank] = carry @ inner[:rank, :rank]
+    inner[:rank, rank:] = inner[rank:, :rank].T
+    inverse = np.linalg.inv(r)
+    inner[rank:, rank:] = inverse @ inverse.T + carry @ inner[:rank, rank:]
+    parts = np.concatenate([right.T @ (strength * along / precision), np.zeros(ROUGHNESS)])
+    parts[rank:] = np.linalg.solve(r, q.T @ target) + carry @ parts[:rank]
+    coefficients = turn @ parts
+    spent = float(np.sum(strength**2 / precision)) + ROUGHNESS
+    return Smooth(knots, coefficients, turn @ inner @ turn.T, values - basis @ coefficients, spent)
 
 
 def inflate(noise: Noise) -> float:

@@ -13,7 +13,7 @@ from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Records, stack_records
-from ..inference.whiteness import differs_from_stated, measure_noise
+from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
 from .adequacy import Score, family_p_value, judge_fit, score_directions, smooth_bases
 from .holdout import group_conditions, leave_out
@@ -89,6 +89,24 @@ class Workbench:
                 f"the reference model could not be integrated for record {solution.failed[0]!r} "
                 f"({len(solution.failed)} of {self.records.count} records): check its pressure, speed and units")
         return solution
+
+    def measure_again(self, fitted: Fitted) -> bool:
+        """Measure the noise on a better model's residuals; True if it changed, and every fit has to be made again.
+
+        What a poor model leaves may be too sharp for the splines that are taken out of its residuals first.
+        """
+        noise = measure_noise(self.campaign, self.records, fitted.solution)
+        if not changed(self.noise, noise):
+            return False
+        self.noise = noise
+        self._stack(noise)
+        return True
+
+    def repeat(self, fitted: Fitted) -> Fitted:
+        """The same model fitted again from where it was (after the noise has changed)."""
+        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
+        self.bases = smooth_bases(self.problem, solution.separation)
+        return Fitted(fitted.effects, solution, leave_out(solution, self.groups))
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
             tolerance: float = 1e-4, extra: Sequence[str] = (), thinned: bool = False) -> Fitted | None:

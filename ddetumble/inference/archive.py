@@ -175,7 +175,7 @@ class SavedModel:
 
 def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
-               extra: Mapping[str, Any] | None = None) -> Path:
+               names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> Path:
     """Write a fitted model into a folder, as `model.json`.
 
     Args:
@@ -186,7 +186,8 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
         solution: the fit.
         noise: by channel.
         effects: ids of the effects in the model; effects that are not at their null belong to it too.
-        covariance: of the coordinates of `solution.names`; that of the solution where not given.
+        covariance: of the coordinates of `names`; that of the solution where not given.
+        names: of the fitted parameters; those of the solution where not given.
         extra: anything more that JSON can hold, for whoever reads the file.
 
     Returns:
@@ -207,7 +208,7 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
         "model": model, "model_sha256": digest, "choices": make_plain(_list_choices(space.reference)),
         "effects": [_describe_effect(e, folder) for e in inside],
         "coordinates": {s.name: float(solution.u[k]) for k, s in enumerate(space.slots) if s.owner in owners},
-        "free": list(solution.names),
+        "free": list(solution.names if names is None else names),
         "covariance": [[float(x) for x in row] for row in covariance],
         "channels": {name: {"unit": campaign.channels[name].unit, "noise": make_plain(level)}
                      for name, level in noise.items()},

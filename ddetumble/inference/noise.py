@@ -51,7 +51,8 @@ def _spectrum(frequency: np.ndarray, interval: float, correlation: float, white:
     return (1 - white) * coloured + white
 
 
-def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None) -> Noise:
+def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
+                   quiet_sd: tuple[float, int] | None = None) -> Noise:
     """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
 
     Args:
@@ -59,7 +60,14 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         interval: sampling interval [s].
         lowest: lowest frequency that is used [Hz].
         stated_sd: standard deviation that the campaign states, or None.
+        quiet_sd: standard deviation of samples without contact and how many they are; it replaces what is stated where
+            the two disagree beyond doubt.
     """
+    expected = stated_sd
+    if quiet_sd is not None and stated_sd is not None and quiet_sd[1] >= 30:
+        doubt = max(0.15, 10.0 / np.sqrt(2.0 * quiet_sd[1]))
+        if abs(np.log(quiet_sd[0] / stated_sd)) > doubt:
+            expected = quiet_sd[0]
     power, frequency = [], []
     for trace in traces:
         n = len(trace)
@@ -74,7 +82,7 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         frequency.append(f[keep])
     count = sum(len(p) for p in power)
     if count < 24:
-        sd = stated_sd if stated_sd is not None else float(np.std(np.concatenate(traces)))
+        sd = expected if expected is not None else float(np.std(np.concatenate(traces)))
         return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2, "too few samples to measure its correlation: taken as white")
     power, frequency = np.concatenate(power), np.concatenate(frequency)
     # A Hann window makes neighbouring ordinates correlated: about half of them are independent.
@@ -87,11 +95,11 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         white = 1 / (1 + np.exp(-x[2])) if mixed else 0.0
         s = sd**2 * _spectrum(frequency, interval, rho, white)
         value = weight * np.sum(np.log(s) + power / s)
-        if stated_sd is not None:
-            value += 0.5 * ((x[0] - np.log(stated_sd)) / 0.05) ** 2
+        if expected is not None:
+            value += 0.5 * ((x[0] - np.log(expected)) / 0.01) ** 2
         return value
 
-    start = np.log(raw if stated_sd is None else stated_sd)
+    start = np.log(raw if expected is None else expected)
     plain = minimize(loss, [np.log(raw)], args=(False,), method="Nelder-Mead", options=dict(xatol=1e-4, fatol=1e-3))
     best, kind = (plain.fun, plain.x, "white"), "white"
     for rho0 in (-0.5, 2.0):
@@ -159,23 +167,21 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
     if noise.correlation <= 0 or n < 2:
         return weights, taps
     steps = np.diff(time)
-    even = np.allclose(steps, steps[0], rtol=1e-3) and bool(valid.all())
-    rows = range(min(n, TAPS + 1)) if even else range(n)
-    for t in rows:
+    even = bool(np.allclose(steps, steps[0], rtol=1e-3))
+    known: dict[tuple[int, ...], tuple[np.ndarray, float]] = {}
+    for t in range(n):
         if not valid[t]:
             continue
-        back = [k for k in range(1, TAPS + 1) if t - k >= 0 and valid[t - k]]
+        back = tuple(k for k in range(1, TAPS + 1) if t - k >= 0 and valid[t - k])
         if not back:
             continue
-        times = time[[t - k for k in back]]
-        among = noise.covariance(times[:, None] - times[None, :]) + 1e-12 * noise.sd**2 * np.eye(len(back))
-        to = noise.covariance(times - time[t])
-        a = np.linalg.solve(among, to)
-        taps[t, [k - 1 for k in back]] = a
-        weights[t] = 1.0 / np.sqrt(max(noise.sd**2 - a @ to, 1e-6 * noise.sd**2))
-    if even and n > TAPS + 1:
-        taps[TAPS + 1:] = taps[TAPS]
-        weights[TAPS + 1:] = weights[TAPS]
+        if not even or back not in known:
+            times = time[[t - k for k in back]]
+            among = noise.covariance(times[:, None] - times[None, :]) + 1e-12 * noise.sd**2 * np.eye(len(back))
+            to = noise.covariance(times - time[t])
+            a = np.linalg.solve(among, to)
+            known[back] = a, 1.0 / np.sqrt(max(noise.sd**2 - a @ to, 1e-6 * noise.sd**2))
+        taps[t, np.array(back) - 1], weights[t] = known[back]
     return weights, taps
 
 

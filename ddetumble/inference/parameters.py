@@ -38,6 +38,20 @@ def to_coordinate(kind: str, value: float) -> float:
     return float(value)
 
 
+def from_public(kind: str, value: float) -> float:
+    """Public value to the coordinate: the field's, but for `inverse`, where the public value is 1/field."""
+    if kind == "inverse":
+        return 1.0 / value if value else math.inf
+    return to_coordinate(kind, value)
+
+
+def to_public(kind: str, u: float) -> float:
+    """Coordinate to public value."""
+    if kind == "inverse":
+        return 1.0 / float(u) if u else math.inf
+    return float(from_coordinate(kind, np.float64(u)))
+
+
 def from_coordinate(kind: str, u):
     """Coordinate to field value, for numpy and jax arrays alike."""
     xp = np if isinstance(u, (np.ndarray, float, np.floating)) else jnp

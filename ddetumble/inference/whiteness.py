@@ -51,8 +51,28 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
         interval = float(np.median(steps))
         lowest = 10.0 / float(np.median(solution.separation))
         found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
-                                         if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd)
+                                         if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
+                                        _quiet_deviation(records, c))
     return found
+
+
+def _quiet_deviation(records: Records, channel: int) -> tuple[float, int]:
+    """Standard deviation of the samples before first touch, each record about its own mean, and their number."""
+    values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
+    squares, count = 0.0, 0
+    for r, n in enumerate(records.lengths):
+        before = values[r, channel, :n][time[r, :n] < -1e-4]
+        if len(before) > 3 and records.complete[r, channel]:
+            squares += float(np.sum((before - before.mean()) ** 2))
+            count += len(before) - 1
+    return (float(np.sqrt(squares / count)), count) if count and squares > 0 else (float("nan"), 0)
+
+
+def changed(before: dict[str, Noise], after: dict[str, Noise]) -> bool:
+    """Whether a second measurement of the noise differs enough from the first to fit again."""
+    return any(abs(np.log(after[c].sd / before[c].sd)) > 0.03
+               or abs(after[c].correlation - before[c].correlation) > 0.05
+               or abs(after[c].white_share - before[c].white_share) > 0.15 for c in after)
 
 
 def differs_from_stated(noise: dict[str, Noise]) -> bool:

@@ -66,7 +66,7 @@ def draw_models(judged: PeakJudgement):
     if zero.any():
         upper.annotate("no gas, no force:\nour model gives 0 N here", (0, 0), (0.22, 5), textcoords="data", va="bottom",
                        color=AFTER, arrowprops=dict(arrowstyle="-|>", color=AFTER))
-        lower.annotate("0 N: −100 %, off the scale", (0, -14), (4, 3), textcoords="offset points", color=AFTER,
+        lower.annotate("−100 %, off the scale", (0, -15), (-4, 4), textcoords="offset points", color=AFTER,
                        fontsize=8.5)
     share = 200 * float(np.mean(judged.noise.share))
     lower.axhspan(-share, share, color=FLOOR, alpha=0.18, lw=0)

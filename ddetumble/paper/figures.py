@@ -190,7 +190,7 @@ def draw_duration(times: np.ndarray, forces: np.ndarray, pressures: Sequence[flo
     axes.set_ylim(0, 80)
     axes.set_xlabel("time after first touch [ms]")
     axes.set_ylabel("normal force [N]")
-    axes.legend(loc="center right", title=f"free impact of {mass:.2f} kg at 0.4 m/s", alignment="left")
+    axes.legend(loc="center", title=f"free impact of {mass:.2f} kg at 0.4 m/s", alignment="left")
     return figure
 
 

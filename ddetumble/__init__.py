@@ -1,0 +1,84 @@
+"""ddetumble: compare impact models with measurements, learn which physical effect is missing, add it.
+
+The loop in three lines:
+
+    from ddetumble import discover, read_campaign
+    found = discover(read_campaign("data/impact-b"))
+    print(found.sentence)
+
+Symbols used throughout, SI units, pressures absolute (`physics.md`'s names):
+
+================  =======================  ====================================================
+symbol            name                     unit and meaning
+================  =======================  ====================================================
+delta             `depression`             m, how far the ball is squeezed along the normal
+w                 `depression_rate`        m/s, > 0 while loading
+b                 `contact_radius`         m, radius of the flat contact disc
+D                 `outer_diameter`         m, ball before deformation
+P0, P'            `initial_pressure`,      Pa, gas before and during contact
+                  `pressure`
+e, v1             `restitution`,           -, m/s, speed at first touch
+                  `approach_speed`
+m_eff             `effective_mass`         kg, felt along the normal at the contact point
+F_n               `normal_force`           N
+================  =======================  ====================================================
+
+Nothing heavy is imported until a name is used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Campaign": "measurement.campaign", "read_campaign": "measurement.package",
+    "write_campaign": "measurement.package", "import_tests": "measurement.laboratory",
+    "InputError": "_errors", "ComputationError": "_errors",
+    "Ball": "contact.law", "PowerLaw": "contact.law", "ContactLaw": "contact.law",
+    "check_effect": "contact.contract", "catalogue": "effects", "simulate": "dynamics.impact",
+    "resolve_model": "inference.models", "fit": "inference.estimation", "compare": "discrepancy.comparison",
+    "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
+    "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
+    "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
+}
+
+__all__ = ["__version__", *sorted(_HOMES)]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its home when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'ddetumble' has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)
+
+
+if TYPE_CHECKING:
+    from ._errors import ComputationError as ComputationError
+    from ._errors import InputError as InputError
+    from ._settings import find_data as find_data
+    from .contact.contract import check_effect as check_effect
+    from .contact.law import Ball as Ball
+    from .contact.law import ContactLaw as ContactLaw
+    from .contact.law import PowerLaw as PowerLaw
+    from .demo import run_demo as run_demo
+    from .discrepancy.comparison import compare as compare
+    from .discrepancy.discovery import discover as discover
+    from .discrepancy.identification import identify as identify
+    from .discrepancy.prediction import predict as predict
+    from .dynamics.impact import simulate as simulate
+    from .effects import catalogue as catalogue
+    from .inference.estimation import fit as fit
+    from .inference.models import resolve_model as resolve_model
+    from .measurement.campaign import Campaign as Campaign
+    from .measurement.laboratory import import_tests as import_tests
+    from .measurement.package import read_campaign as read_campaign
+    from .measurement.package import write_campaign as write_campaign
+    from .paper import write_paper as write_paper
+    from .report import describe as describe
+    from .report import write_report as write_report

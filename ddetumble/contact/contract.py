@@ -1,0 +1,368 @@
+"""The contract of an effect, proved by trial: absent at its null, alive in its amplitudes, compiled = eager.
+
+    print(check_effect(WallStiffness))
+    check_effect(MyEffect).require()
+"""
+
+import dataclasses as dc
+import functools
+import itertools
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._errors import InputError
+from .effect import STAGE_OF, AbstractEffect, Parameter, parameters_of
+from .law import AbstractReference, Ball, ContactLaw
+from .trial import STEPS, Trial, evaluate_path, read_gauge, try_impact
+
+
+TOLERANCE = 1e-10  # compiled against eager, batch against loop, relative to the largest value
+_ALIVE = 1e-9  # smallest change of a reading by a typical change of a parameter, relative to the largest reading
+_CONDITIONS = {"initial_pressure": (0.6e6, 1.1e6, 2.3e6), "approach_speed": (0.25, 0.5, 0.34),
+               "sequence": (1.0, 4.0, 9.0)}  # fmt: skip
+_READINGS = ("normal_force", "depression", "pressure")
+
+
+@dc.dataclass(frozen=True)
+class Check:
+    """One clause of the contract.
+
+    Attributes:
+        name: what was checked.
+        ok: whether it holds.
+        sentence: what was found and, where it does not hold, what to do.
+    """
+
+    name: str
+    ok: bool
+    sentence: str
+
+
+@dc.dataclass(frozen=True)
+class EffectReport:
+    """What `check_effect` found.
+
+    Attributes:
+        effect: id of the effect, or the name of its class.
+        checks: all clauses, in the order in which they were tried.
+    """
+
+    effect: str
+    checks: tuple[Check, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every clause holds."""
+        return all(check.ok for check in self.checks)
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The clauses that do not hold."""
+        return tuple(check for check in self.checks if not check.ok)
+
+    def require(self) -> "EffectReport":
+        """Raise `InputError` with every broken clause, or return the report itself."""
+        if not self.ok:
+            broken = "; ".join(f"{check.name}: {check.sentence}" for check in self.failures)
+            raise InputError(f"effect {self.effect} breaks its contract: {broken}")
+        return self
+
+    def __str__(self) -> str:
+        width = max(len(check.name) for check in self.checks)
+        lines = [f"{'ok    ' if c.ok else 'BROKEN'}  {c.name:<{width}}  {c.sentence}" for c in self.checks]
+        verdict = "keeps its contract" if self.ok else f"breaks its contract in {len(self.failures)} clauses"
+        return "\n".join([f"{self.effect} {verdict}", *lines])
+
+
+@eqx.filter_jit
+def _try_references(reference, conditions, spans) -> Trial:
+    return jax.vmap(try_impact, in_axes=(None, 0, 0))(ContactLaw(reference), conditions, spans)
+
+
+def check_effect(
+    effect_class: type[AbstractEffect], reference: AbstractReference | None = None,
+    conditions: Mapping[str, Sequence[float]] | None = None,
+) -> EffectReport:
+    """Prove by trial impacts that an effect keeps the contract on which fits and discovery rely.
+
+    The clauses: it is complete (one stage, id, law, reference, nothing missing on the model); its parameters have units
+    that `pint` reads; its values survive flattening; new values do not compile anew; it is finite at its starts;
+    compiled code gives what eager code gives; a batch gives what a loop gives; at its null it is absent to the last
+    bit; every amplitude moves the readings at its null, every shape parameter (and every parameter whose null is
+    singular, `coordinate="inverse"`) somewhere over its starts.
+
+    Args:
+        effect_class: the class, with defaults for all parameters.
+        reference: the reference model that it extends; the paper's ball by default.
+        conditions: conditions of a few records by name, SI, each shape (records,); by default three records that
+            differ in pressure, speed and place in a series, and in every further condition that the effect requires.
+
+    Returns:
+        An `EffectReport`; nothing is raised (see `EffectReport.require`).
+    """
+    name = str(getattr(effect_class, "id", "") or getattr(effect_class, "__name__", effect_class))
+    try:
+        bench = _Bench(effect_class, Ball() if reference is None else reference, conditions)
+    except Exception as error:
+        return EffectReport(name, (Check("complete", False, _explain(error)),))
+    clauses: list[tuple[str, Callable[[], str | tuple[bool, str]]]] = [
+        ("complete", bench.find_gaps), ("units", bench.read_units), ("flattens", bench.flatten),
+        ("compiled = eager", bench.compare_eager), ("compiles once", bench.count_traces),
+        ("finite at its starts", bench.find_infinite), ("batch = loop", bench.compare_loop),
+        ("absent at its null", bench.compare_null),
+    ]
+    for k, one in enumerate(bench.parameters):
+        clauses.append((f"{one.name} alive", functools.partial(bench.find_slope, k)))
+    checks = [_judge(*clause) for clause in clauses]
+    return EffectReport(name, tuple(checks))
+
+
+def _judge(name: str, clause: Callable[[], str | tuple[bool, str]]) -> Check:
+    """Try one clause: a text is what is wrong, a pair says itself whether it holds; an exception breaks it."""
+    try:
+        found = clause()
+    except Exception as error:
+        return Check(name, False, _explain(error))
+    ok, sentence = found if isinstance(found, tuple) else (False, found)
+    return Check(name, bool(ok), sentence)
+
+
+def _explain(error: Exception) -> str:
+    """One line about an exception, with the remedy for the commonest two."""
+    text = (str(error).strip().splitlines() or [""])[0]
+    if isinstance(error, jax.errors.TracerBoolConversionError):
+        return "Python's `if` or `and` meets a value known only when the program runs; write `jnp.where(...)` instead."
+    if isinstance(error, KeyError):
+        return f"it asks for {text}, which no record has; name the condition in `requires`."
+    return f"{type(error).__name__}: {text}"
+
+
+class _Bench:
+    """An effect, a reference model and records to try them on; programs are compiled when they are first needed."""
+
+    def __init__(self, effect_class, reference, conditions):
+        self.kind, self.reference = effect_class, reference
+        if not (isinstance(effect_class, type) and issubclass(effect_class, AbstractEffect)):
+            raise TypeError("an effect is a class derived from one of the stages in ddetumble.contact.effect.")
+        self.parameters = parameters_of(effect_class)
+        self.effect = effect_class()
+        found = dict(_CONDITIONS)
+        found |= {name: (1.0, 2.0, 3.0) for name in effect_class.requires if name not in ("gas", "geometry", "damping")
+                  and name not in found}  # fmt: skip
+        given = found if conditions is None else conditions
+        self.conditions = {key: jnp.asarray(value, dtype=float) for key, value in given.items()}
+        self.records = len(self.conditions["approach_speed"])
+        self.null = np.array([p.default for p in self.parameters])
+        self.traces = 0
+        self.seen: dict[tuple[float, ...], tuple[Trial, Trial]] = {}
+
+        def values_of(values, conditions, spans) -> Trial:
+            return jax.vmap(try_impact, in_axes=(None, 0, 0))(self.build(values), conditions, spans)
+
+        def slopes_of(values, conditions, spans):
+            trial, push = jax.linearize(lambda v: values_of(v, conditions, spans), values)
+            return trial, jax.vmap(push)(jnp.eye(len(self.parameters)))
+
+        def one_of(law, conditions, span) -> Trial:
+            self.traces += 1
+            return try_impact(law, conditions, span)
+
+        self.run_slopes, self.run_one = eqx.filter_jit(slopes_of), eqx.filter_jit(one_of)
+
+    def build(self, values) -> ContactLaw:
+        """The law with the effect at these field values."""
+        fields = {p.field: values[k] for k, p in enumerate(self.parameters)}
+        return ContactLaw(self.reference, (self.kind(**fields),))
+
+    def record(self, k: int) -> dict[str, Array]:
+        """Conditions of one record."""
+        return {name: value[k] for name, value in self.conditions.items()}
+
+    @functools.cached_property
+    def spans(self) -> Array:
+        """Durations in which the reference model separates, shape (records,) [s], with half as much again to spare."""
+        spans = np.full(self.records, 1e-3)
+        for _ in range(14):
+            touching = np.asarray(_try_references(self.reference, self.conditions, jnp.asarray(spans)).touching)
+            if not touching.any():
+                break
+            spans = np.where(touching, 2.0 * spans, spans)
+        return jnp.asarray(1.5 * spans)
+
+    @functools.cached_property
+    def bare(self) -> Trial:
+        """The reference model alone, all records."""
+        return _try_references(self.reference, self.conditions, self.spans)
+
+    @functools.cached_property
+    def starts(self) -> list[np.ndarray]:
+        """All combinations of the parameters' starts, at most a dozen."""
+        several = [p.starts or (p.default + 0.3 * p.typical,) for p in self.parameters]
+        return [np.array(values) for values in itertools.islice(itertools.product(*several), 12)]
+
+    def at(self, values: Sequence[float]) -> tuple[Trial, Trial]:
+        """Trials of all records at field values, and their derivatives, shape (parameters, records, ...)."""
+        key = tuple(float(v) for v in values)
+        if key not in self.seen:
+            self.seen[key] = self.run_slopes(jnp.asarray(key), self.conditions, self.spans)
+        return self.seen[key]
+
+    def find_gaps(self):
+        """One stage, texts, and a reference model that has what the effect needs."""
+        stages = [name for base, name in STAGE_OF if issubclass(self.kind, base)]
+        if len(stages) != 1:
+            return f"it has {len(stages)} stages ({', '.join(stages) or 'none'}); derive it from exactly one."
+        for field in ("id", "law", "reference"):
+            if not str(getattr(self.kind, field, "")).strip():
+                return f"`{field}` is empty."
+        for need in self.kind.requires:
+            if need not in self.reference.provides and need not in self.conditions:
+                return f"it requires {need!r}, which {type(self.reference).__name__} and the conditions do not provide."
+        return True, f"acts on {stages[0]}; {self.kind.law} ({self.kind.reference})."
+
+    def read_units(self):
+        """Every number is a declared parameter whose unit `pint` reads."""
+        declared = {p.field for p in self.parameters}
+        undeclared = [f.name for f in dc.fields(self.kind) if f.name not in declared and not f.metadata.get("static")]
+        if undeclared:
+            return f"`{undeclared[0]}` has no unit: declare it by `parameter(unit, ...)` or `eqx.field(static=True)`."
+        if not self.parameters:
+            return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
+        for one in self.parameters:
+            problem = _read_unit(one, self.parameters)
+            if problem:
+                return problem
+        return True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in self.parameters) + "."
+
+    def flatten(self):
+        """Its leaves are its parameters, and a round trip keeps them."""
+        effect = self.kind(**{p.field: v for p, v in zip(self.parameters, self.starts[0], strict=True)})
+        leaves, structure = jax.tree.flatten(effect)
+        if len(leaves) != len(self.parameters):
+            return f"it has {len(leaves)} leaves and {len(self.parameters)} parameters."
+        again = jax.tree.unflatten(structure, leaves)
+        jax.tree.unflatten(structure, [object()] * len(leaves))  # JAX does this too
+        same = eqx.tree_equal(effect, again)
+        return bool(same), "flatten and unflatten keep it." if same else "flatten and unflatten change it."
+
+    def compare_eager(self):
+        """Forces of the compiled trial against the law evaluated operation by operation."""
+        law, k = self.build([float(v) for v in self.starts[0]]), 1 % self.records
+        conditions, span = self.record(k), self.spans[k]
+        trial = self.run_one(law, conditions, span)
+        forces = evaluate_path(law, conditions, trial)
+        inside = np.asarray((trial.depression > 0) | (trial.time == 0))
+        reading = read_gauge(law, trial.true_force, span / STEPS)
+        worst = max(_differ(np.where(inside, forces.normal, 0.0), trial.true_force),
+                    _differ(forces.pressure, trial.pressure), _differ(reading, trial.normal_force))
+        return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
+
+    def count_traces(self):
+        """New values, Python numbers among them, meet the program that is there already."""
+        self.run_one(self.build(self.null), self.record(0), self.spans[0])
+        before = self.traces
+        whole = [int(v) if float(v).is_integer() else float(v) for v in self.null]
+        self.run_one(self.build(whole), self.record(0), self.spans[0])
+        self.run_one(self.build(np.array(self.starts[-1])), self.record(self.records - 1), self.spans[-1])
+        if self.traces > before:
+            return "a new value compiles the program anew; `parameter(...)` makes a field an array, which does not."
+        return True, "new values meet the program that is there already."
+
+    def find_infinite(self):
+        """Readings and derivatives at every start."""
+        for values in self.starts:
+            trial, slopes = self.at(values)
+            where = dict(zip([p.name for p in self.parameters], (float(v) for v in values), strict=True))
+            if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(trial)):
+                return f"a reading is not finite at {where}."
+            if not all(np.isfinite(getattr(slopes, name)).all() for name in _READINGS):
+                return f"a derivative is not finite at {where}."
+        return True, f"readings and derivatives are finite at {len(self.starts)} starts."
+
+    def compare_loop(self):
+        """All records at once against one after the other."""
+        values = self.starts[0]
+        batch, _ = self.at(values)
+        worst = 0.0
+        for k in range(self.records):
+            one = self.run_one(self.build(values), self.record(k), self.spans[k])
+            worst = max(worst, *(_differ(getattr(one, n), getattr(batch, n)[k]) for n in _READINGS))
+        return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
+
+    def compare_null(self):
+        """Force, pressure and reading with and without the effect, operation by operation, to the last bit."""
+        shapes = [(p.default, *p.starts) if p.kind == "shape" else (p.default,) for p in self.parameters]
+        for values in itertools.islice(itertools.product(*shapes), 12):
+            law = self.build(values)
+            for k in range(self.records):
+                conditions = self.record(k)
+                trial = self.run_one(law, conditions, self.spans[k])
+                alone = eqx.tree_at(lambda t: t.states, trial, trial.states[:, :0])
+                extended = evaluate_path(law, conditions, trial)
+                bare = evaluate_path(ContactLaw(self.reference), conditions, alone)
+                read = read_gauge(law, trial.true_force, self.spans[k] / STEPS)
+                pairs = {"force": (extended.normal, bare.normal), "drive": (extended.drive, bare.drive),
+                         "pressure": (extended.pressure, bare.pressure), "reading": (read, trial.true_force)}
+                for name, (a, b) in pairs.items():
+                    if not np.array_equal(np.asarray(a), np.asarray(b)):
+                        where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(self.parameters, values, strict=True))
+                        return f"the {name} changes by up to {np.abs(a - b).max():.3g} [SI] at {where}."
+        return True, "force, motion, pressure and reading are those without it, to the last bit."
+
+    def find_slope(self, k: int):
+        """Derivative of the readings by one parameter: at the null, or over the starts."""
+        one = self.parameters[k]
+        scanned = one.kind == "shape" or one.coordinate == "inverse"
+        points = self.starts if scanned else [self.null]
+        if one.kind == "shape":
+            points = [np.where(np.arange(len(self.parameters)) == k, v, p)
+                      for p in self.starts for v in (one.starts or (one.default,))]
+        best = 0.0
+        for values in points:
+            trial, slopes = self.at(values)
+            for name in _READINGS:
+                slope, largest = np.asarray(getattr(slopes, name)[k]), np.abs(getattr(self.bare, name)).max()
+                if not np.isfinite(slope).all():
+                    return f"the derivative of {name} is not finite{'' if scanned else ' at the null'}."
+                best = max(best, float(np.abs(slope).max() * one.typical / max(float(largest), 1e-300)))
+        place = "over its starts" if scanned else "at its null"
+        if best <= _ALIVE:
+            remedy = "nothing reads it" if scanned else "let the law start linearly in its amplitude"
+            return f"no reading moves with it {place}: {remedy}."
+        change = f"{one.typical:g} {one.unit}".rstrip()
+        return True, f"a typical change ({change}) moves a reading by {best:.1e} of its largest value {place}."
+
+
+def _differ(a: Any, b: Any) -> float:
+    """Largest difference relative to the largest value; infinite where either is not a number."""
+    a, b = np.asarray(a), np.asarray(b)
+    difference = float(np.abs(a - b).max() / max(float(np.abs(b).max()), 1e-300))
+    return difference if np.isfinite(difference) else float("inf")
+
+
+@functools.cache
+def _registry():
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _read_unit(one: Parameter, parameters: Sequence[Parameter]) -> str:
+    """What is wrong with a parameter's unit; a power may be another parameter's name (`N/m^q`)."""
+    if not isinstance(one.unit, str):
+        return f"the unit of {one.name} is missing: give it as text, '' for a pure number."
+    text = one.unit
+    for other in parameters:
+        text = re.sub(rf"(\^|\*\*){re.escape(other.name)}\b", rf"\g<1>({other.default!r})", text)
+    try:
+        _registry().parse_units(text)
+    except Exception:  # pint raises many kinds
+        return f"pint cannot read the unit {one.unit!r} of {one.name}; write it like N/m, N*s/m or 1/s."
+    return ""

@@ -1,0 +1,379 @@
+"""The paper's own task: the force of an impact from measured depression and pressure (Eqs. 3 to 5), with uncertainty."""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from .._errors import ComputationError, InputError
+from ..contact.effect import AbstractSensorEffect, parameters_of
+from ..inference.archive import load_model
+from ..inference.files import make_plain
+from ..inference.models import ResolvedModel, resolve_model
+from ..inference.noise import Noise, estimate_noise
+from ..inference.parameters import ParameterSpace, to_coordinate
+from ..inference.stack import default_noise
+from ..measurement.campaign import Campaign
+from ..measurement.package import read_campaign
+from .rebound import MEASURED, REACH, STEPS, Motion, build_law, find_rebound, follow_states
+from .smoothing import Smooth, find_separation, inflate, smooth_samples
+
+
+FEWEST = 8  # samples in contact
+MOST = 128  # samples of a record from which the restitution is found
+BAND = 1.959964
+
+
+@dc.dataclass(frozen=True)
+class Identification:
+    """The force that depression and pressure say.
+
+    Attributes:
+        campaign, model: names.
+        table: columns `record`, `time`, `normal_force`, `normal_force_sd` and, where there is a gauge, `gauge`,
+            `difference`, `z` (difference over the standard deviation of both); SI, the campaign's samples in order.
+        records: one row a record: `record`, `peak_force`, `peak_force_sd`, and with a gauge `peak_gauge`, `bias`
+            (mean difference in contact), `rms_z`, `coverage` (share of the samples in contact inside the 95 % band).
+        rms_z, coverage: over all samples in contact; nan without a gauge.
+        restitution, restitution_sd: the value that was used, and its standard deviation.
+        source: where it comes from, one sentence.
+        notes: further sentences.
+    """
+
+    campaign: str
+    model: str
+    table: pd.DataFrame
+    records: pd.DataFrame
+    rms_z: float
+    coverage: float
+    restitution: float
+    restitution_sd: float
+    source: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in one sentence."""
+        if not np.isfinite(self.rms_z):
+            peak = self.records["peak_force_sd"].median()
+            return (f"The force of {len(self.records)} records follows from depression and pressure to {peak:.2g} N "
+                    "at its peak (one standard deviation); there is no gauge to hold it against.")
+        sure = 0.85 <= self.rms_z <= 1.2
+        verdict = "agrees with the gauge within its uncertainty" if sure else (
+            "differs from the gauge by more than its uncertainty" if self.rms_z > 1 else
+            "is closer to the gauge than its uncertainty says")
+        return (f"The force from depression and pressure {verdict}: rms {self.rms_z:.2f} standard deviations, "
+                f"{self.coverage:.1%} of the samples in contact inside the 95 % band.")
+
+    def text(self) -> str:
+        """The outcome for a terminal."""
+        rows = self.records.copy()
+        if "coverage" in rows:
+            rows["coverage"] = [f"{x:.1%}" for x in rows["coverage"]]
+        return "\n\n".join([self.sentence, self.source, rows.to_string(index=False, float_format="{:.3g}".format),
+                            *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the table of samples, as JSON can hold it."""
+        plain = {f.name: getattr(self, f.name) for f in dc.fields(self) if f.name not in ("table", "records")}
+        return make_plain({**plain, "sentence": self.sentence, "records": self.records.to_dict("records")})
+
+
+@dc.dataclass
+class _Contact:
+    """One record on its way."""
+
+    key: str
+    conditions: dict[str, float]
+    deviations: tuple[float, float]
+    table: pd.DataFrame
+    touch: np.ndarray
+    end: float
+    smooth: dict[str, Smooth]
+
+
+def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identification:
+    """Find the force from measured depression and pressure, and hold it against the gauge where there is one.
+
+    Depression and pressure become smooth curves over each contact; Eqs. 4 and 5 (or the law of a fitted model) then give
+    the force. Its uncertainty holds the noise of both, the record's own speed and pressure, and the restitution. The
+    gauge is never used for the force.
+
+    Args:
+        campaign: with the channel `depression`, best with `pressure` too; or its folder.
+        model: reference model, see `ddetumble.inference.models`.
+
+    Raises:
+        InputError: no depression, no stated noise, too few samples in a contact, or a model without gas.
+    """
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    resolved = resolve_model(model)
+    _check(campaign, resolved)
+    measured = "pressure" in campaign.channels
+    notes = [] if measured else ["There is no channel `pressure`: the gas pressure is that of Eqs. 2 and 3 for the "
+                                 "initial pressure, so a leak or another gas law goes unseen."]
+    channels = ("depression", "pressure") if measured else ("depression",)
+    contacts = [_prepare(campaign, key) for key in campaign.record_keys]
+    noise = _smooth_all(campaign, contacts, channels)
+    space = ParameterSpace(resolved.reference, tuple(type(e) for e in resolved.effects))
+    u = _coordinates(space, resolved, campaign)
+    names, covariance, u, source, more = _find_parameters(campaign, model, space, u, contacts, noise, measured)
+    notes += more
+    left = [e.id for e in resolved.effects if isinstance(e, AbstractSensorEffect)]
+    if left:
+        notes.append(f"{', '.join(left)} acts on the gauge, not on the force: it is left out here.")
+    table = pd.concat(_evaluate(space, u, names, covariance, contacts, measured), ignore_index=True)
+    gauge = campaign.channels["normal_force"] if "normal_force" in campaign.channels else None
+    records, rms_z, coverage = _summarise(campaign, table, contacts, gauge)
+    k = space.index.get("restitution")
+    value = space.public("restitution", float(u[k]), 0.0)["estimate"] if k is not None else float("nan")
+    sd = 0.0
+    if "restitution" in names:
+        i = names.index("restitution")
+        sd = float(space.public("restitution", float(u[k]), float(np.sqrt(max(covariance[i, i], 0.0))))["sd"])
+    return Identification(campaign.name, model, table.drop(columns="inside"), records, rms_z, coverage, float(value), sd,
+                          source, tuple(notes))
+
+
+def _check(campaign: Campaign, resolved: ResolvedModel):
+    if campaign.family != "impact":
+        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; identify reads 'impact'")
+    if campaign.samples is None:
+        raise InputError(f"campaign {campaign.name!r} holds peaks only; identify needs the depression over time")
+    if "depression" not in campaign.channels:
+        raise InputError(f"campaign {campaign.name!r} has no channel 'depression', from which the force would follow; "
+                         f"it has: {', '.join(campaign.channels)}")
+    if "gas" not in resolved.reference.provides:
+        raise InputError(f"the model {resolved.name!r} has no gas; identify finds the force from its pressure and the "
+                         "contact area")
+
+
+def _coordinates(space: ParameterSpace, resolved: ResolvedModel, campaign: Campaign) -> np.ndarray:
+    """The model's values, and the campaign's where it knows better."""
+    values = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
+    u = space.coordinates(values)
+    for effect in resolved.effects:
+        for p in parameters_of(effect):
+            u[space.index[f"{effect.id}.{p.name}"]] = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
+    return u
+
+
+def _prepare(campaign: Campaign, key: str) -> _Contact:
+    """Find the contact of one record."""
+    table = campaign.trace(key)
+    row = campaign.records.loc[key]
+    conditions = {str(name): float(value) for name, value in row.items()}
+    deviations = tuple(
+        float(column.uncertainty.sd(conditions[name])) if column.uncertainty is not None else 0.0
+        for name, column in ((n, campaign.conditions[n]) for n in ("approach_speed", "initial_pressure")))
+    time, depression = table["time"].to_numpy(dtype=float), table["depression"].to_numpy(dtype=float)
+    good = np.isfinite(depression) & (time > 0)
+    if good.sum() < FEWEST:
+        raise InputError(f"record {key!r} of campaign {campaign.name!r} has {int(good.sum())} samples of depression "
+                         f"after first touch; identify needs at least {FEWEST}")
+    end = find_separation(time[good], depression[good])
+    touch = (time > 0) & (time < end)
+    if (touch & good).sum() < FEWEST:
+        raise InputError(f"record {key!r} of campaign {campaign.name!r} has {int((touch & good).sum())} samples of "
+                         f"depression in contact; identify needs at least {FEWEST}: sample faster")
+    return _Contact(str(key), conditions, deviations, table, touch, end, {})
+
+
+def _smooth_all(campaign: Campaign, contacts: Sequence[_Contact], channels: Sequence[str]) -> dict[str, Noise]:
+    """Smooth every channel of every record; the noise is first taken as stated, then as measured."""
+    spread = campaign.independent.uncertainty
+    blind = 2.0 * float(spread.sd(np.ones(1))[0]) if spread is not None else 0.0
+    found = {}
+    for channel in channels:
+        first = contacts[0].table["time"].to_numpy(dtype=float)
+        noise = default_noise(campaign, channel, first)
+        for again in (False, True):
+            residuals, steps = [], []
+            for contact in contacts:
+                time = contact.table["time"].to_numpy(dtype=float)
+                values = contact.table[channel].to_numpy(dtype=float)
+                # Whether a sample so close to first touch lies before or after the kink is not known.
+                use = contact.touch & np.isfinite(values) & (time > min(blind, 0.1 * contact.end))
+                if use.sum() < FEWEST:
+                    raise InputError(f"record {contact.key!r} of campaign {campaign.name!r} has {int(use.sum())} "
+                                     f"samples of {channel} in contact; identify needs at least {FEWEST}")
+                smooth = smooth_samples(time[use], values[use], noise, 0.0, contact.end)
+                contact.smooth[channel] = smooth
+                step = np.diff(time[use])
+                if np.allclose(step, step[0], rtol=2e-3):
+                    spent = smooth.spent / use.sum()
+                    residuals.append(smooth.residual / np.sqrt(max(1.0 - spent, 0.25)))
+                    steps.append(step[0])
+            if again or not residuals:
+                break
+            interval = float(np.median(steps))
+            lowest = 10.0 / float(np.median([c.end for c in contacts]))
+            even = [x for x, s in zip(residuals, steps, strict=True) if abs(s / interval - 1) < 2e-3]
+            noise = estimate_noise(even, interval, lowest, noise.stated_sd)
+        found[channel] = noise
+    return found
+
+
+def _find_parameters(campaign: Campaign, model: str, space: ParameterSpace, u: np.ndarray,
+                     contacts: Sequence[_Contact], noise: Mapping[str, Noise], measured: bool):
+    """Restitution and whatever else is unknown: names, covariance, coordinates, source, notes."""
+    if Path(model).is_dir():
+        saved = load_model(model)
+        u = u.copy()
+        for name in saved.space.index:
+            u[space.index[name]] = saved.u[saved.space.index[name]]
+        return (saved.free, saved.covariance, u,
+                f"Restitution and all other parameters are those of the fitted model in {model}.", [])
+    wanted = [s.name for s in space.slots
+              if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None]
+    if not [name for name in wanted if name != "effective_mass"]:
+        return (), np.zeros((0, 0)), u, "The restitution is the one that the campaign states as known.", []
+    found = _fit_depression(campaign, space, u, wanted, contacts, noise["depression"], measured)
+    if not np.isfinite(found.chi2_reduced):
+        raise ComputationError("the motion of the ball could not be integrated with the measured pressure: check the "
+                               "conditions and the units of depression and pressure")
+    notes = []
+    if not found.converged:
+        notes.append("The fit of the restitution did not converge.")
+    if found.chi2_reduced > 1.0 + found.slack:
+        notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.1f} times the noise in the depression: "
+                     "something is missing in this model, and restitution and force may be off by more than is stated.")
+    gas = "pressure" if measured else "initial pressure"
+    source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
+              "motion, without the gauge.")
+    return found.names, found.covariance, found.u, source, notes
+
+
+def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wanted: Sequence[str],
+                    contacts: Sequence[_Contact], noise: Noise, measured: bool):
+    """Fit the wanted parameters to the measured depression."""
+    spread = campaign.independent.uncertainty
+    time_sd = float(spread.sd(np.ones(1))[0]) if spread is not None else 0.0
+    motions, masses = [], []
+    for contact in contacts:
+        time = contact.table["time"].to_numpy(dtype=float)
+        depth = contact.table["depression"].to_numpy(dtype=float)
+        reach = min(REACH * contact.end, max(float(time[-1]), contact.end))
+        inside = np.flatnonzero((time > 0) & (time <= reach))
+        inside = inside[:: -(-len(inside) // MOST)]
+        pad = MOST - len(inside)
+        half = np.linspace(0.0, reach, 2 * STEPS + 1)
+        gas = contact.smooth["pressure"].at(np.minimum(half, contact.end)) if measured else np.zeros(2 * STEPS + 1)
+        motions.append(Motion(
+            contact.conditions, np.pad(time[inside], (0, pad), mode="edge"),
+            np.pad(depth[inside], (0, pad), constant_values=np.nan), gas, reach, contact.deviations[0], time_sd))
+        # Half a contact is about a quarter of a period of the effective mass on its spring.
+        rise = contact.smooth["depression"].at(half[half <= contact.end]).max()
+        pressure = float(np.mean(gas)) if measured else contact.conditions.get("initial_pressure", 0.0)
+        masses.append(1.3 * pressure * (np.pi / 4) ** 2 * np.pi * rise**3 / 1.5 / contact.conditions["approach_speed"]**2)
+    mass = float(np.median(masses))
+    if "effective_mass" in wanted and mass > 0:
+        u = u.copy()
+        u[space.index["effective_mass"]] = np.log(mass)
+    thin = max(1.0, float(np.median([(c.touch.sum()) for c in contacts])) / MOST)
+    inflation = max(inflate(noise) / thin, 1.0)
+    return find_rebound(space, u, wanted, motions, noise.sd, inflation, measured)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _forces(space, names, measured, u, conditions, time, depression, rate, pressure):
+    """Force at every instant and its derivatives by depression, rate, pressure; parameters; speed, initial pressure."""
+    index = jnp.array([space.index[name] for name in names], dtype=int)
+
+    def one(conditions, time, depression, rate, pressure):
+        theta = u[index]
+        law = build_law(space, u, measured)
+        states = jax.lax.stop_gradient(follow_states(law, conditions, time, depression, rate, pressure))
+
+        def force(seen, theta, common, t, state):
+            law = build_law(space, u.at[index].set(theta), measured)
+            known = {**conditions, "approach_speed": common[0], "initial_pressure": common[1], MEASURED: seen[2]}
+            diameter, damping = law.start(known)
+            contact = law.contact(known, diameter, t, seen[0], seen[1], state)
+            return law.forces(contact, damping, state).normal
+
+        common = jnp.stack([conditions["approach_speed"], conditions["initial_pressure"]])
+
+        def at(t, d, w, p, state):
+            seen = jnp.stack([d, w, p])
+            slopes = jax.jacfwd(force, argnums=(0, 1, 2))(seen, theta, common, t, state)
+            return force(seen, theta, common, t, state), slopes
+
+        return jax.vmap(at)(time, depression, rate, pressure, states)
+
+    return jax.vmap(one)(conditions, time, depression, rate, pressure)
+
+
+def _evaluate(space: ParameterSpace, u: np.ndarray, names: Sequence[str], covariance: np.ndarray,
+              contacts: Sequence[_Contact], measured: bool) -> list[pd.DataFrame]:
+    """The force of every record with its standard deviation, at all its samples."""
+    longest = max(int(c.touch.sum()) for c in contacts) + 1
+    size = 1 << int(np.ceil(np.log2(longest)))
+    inputs = []
+    for contact in contacts:
+        # First touch itself leads the samples: the effects' states start there.
+        inside = np.concatenate([[0.0], contact.table["time"].to_numpy(dtype=float)[contact.touch]])
+        time = np.pad(inside, (0, size - len(inside)), mode="edge")
+        depth = np.maximum(contact.smooth["depression"].at(time), 0.0)
+        pressure = contact.smooth["pressure"].at(time) if measured else np.zeros(size)
+        inputs.append((time, depth, contact.smooth["depression"].at(time, 1), pressure))
+    stacked = [jnp.asarray(np.stack(column)) for column in zip(*inputs, strict=True)]
+    conditions = {k: jnp.array([c.conditions[k] for c in contacts]) for k in contacts[0].conditions}
+    force, (by_seen, by_theta, by_common) = _forces(space, tuple(names), measured, jnp.asarray(u), conditions, *stacked)
+    tables = []
+    for r, contact in enumerate(contacts):
+        n = int(contact.touch.sum())
+        here = slice(1, n + 1)
+        time = inputs[r][0][here]
+        smooth = contact.smooth["depression"]
+        a, b = smooth.columns(time), smooth.columns(time, 1)
+        rows = np.asarray(by_seen)[r, here, 0, None] * a + np.asarray(by_seen)[r, here, 1, None] * b
+        variance = np.sum((rows @ smooth.covariance) * rows, axis=1)
+        if measured:
+            gas = contact.smooth["pressure"]
+            rows = np.asarray(by_seen)[r, here, 2, None] * gas.columns(time)
+            variance += np.sum((rows @ gas.covariance) * rows, axis=1)
+        slopes = np.asarray(by_theta)[r, here]
+        variance += np.sum((slopes @ covariance) * slopes, axis=1)
+        variance += (np.asarray(by_common)[r, here] ** 2) @ (np.array(contact.deviations) ** 2)
+        if not np.all(np.isfinite(variance)):
+            raise ComputationError(f"the force of record {contact.key!r} is not finite; check its pressure and depression")
+        values, deviation = np.zeros(len(contact.table)), np.zeros(len(contact.table))
+        values[contact.touch] = np.asarray(force)[r, here]
+        deviation[contact.touch] = np.sqrt(np.maximum(variance, 0.0))
+        tables.append(pd.DataFrame({
+            "record": contact.key, "time": contact.table["time"].to_numpy(dtype=float), "normal_force": values,
+            "normal_force_sd": deviation, "inside": contact.touch}))
+    return tables
+
+
+def _summarise(campaign: Campaign, table: pd.DataFrame, contacts: Sequence[_Contact], gauge):
+    """Fill in what the gauge says, and put one row a record together."""
+    if gauge is not None:
+        reading = campaign.samples["normal_force"].to_numpy(dtype=float)
+        sd = default_noise(campaign, "normal_force", contacts[0].table["time"].to_numpy(dtype=float)).sd
+        table["gauge"] = reading
+        table["difference"] = table["normal_force"] - reading
+        table["z"] = table["difference"] / np.hypot(table["normal_force_sd"], sd)
+    rows = []
+    for key, own in table.groupby("record", sort=False):
+        top = own.loc[own["normal_force"].idxmax()]
+        row = {"record": key, "peak_force": top["normal_force"], "peak_force_sd": top["normal_force_sd"]}
+        if gauge is not None:
+            z = own.loc[own["inside"] & np.isfinite(own["z"]), "z"].to_numpy()
+            row |= {"peak_gauge": own["gauge"].max(),
+                    "bias": own.loc[own["inside"], "difference"].mean(),
+                    "rms_z": float(np.sqrt(np.mean(z**2))) if len(z) else float("nan"),
+                    "coverage": float(np.mean(np.abs(z) < BAND)) if len(z) else float("nan")}
+        rows.append(row)
+    if gauge is None:
+        return pd.DataFrame(rows), float("nan"), float("nan")
+    z = table.loc[table["inside"] & np.isfinite(table["z"]), "z"].to_numpy()
+    return pd.DataFrame(rows), float(np.sqrt(np.mean(z**2))), float(np.mean(np.abs(z) < BAND))

@@ -1,0 +1,106 @@
+"""Least squares with bounds: parameters that want to leave theirs are held there, and let go where they turn back."""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+from .problem import Problem, Solution
+
+
+ROUNDS = 8
+NEAR = 2e-3  # of its scale: so near to a limit of the model, a parameter counts as stopped by it
+
+
+@dc.dataclass(frozen=True)
+class Bounded:
+    """A fit with some parameters held at their bounds.
+
+    Attributes:
+        solution: of the parameters that move.
+        names: of all free parameters, moving or held.
+        held: bound of each held parameter: -1 lower, +1 upper.
+        bounds: of coordinates, by name, where there are any.
+    """
+
+    solution: Solution
+    names: tuple[str, ...]
+    held: Mapping[str, int]
+    bounds: Mapping[str, tuple[float, float]]
+
+
+def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: np.ndarray | None,
+                  bounds: Mapping[str, tuple[float, float]], tolerance: float = 1e-7) -> Bounded:
+    """Fit with bounds by an active set.
+
+    Args:
+        problem: to solve.
+        names: of the free parameters.
+        start: coordinates, shape (parameters,).
+        z: start of the nuisances.
+        bounds: of coordinates, by name; further limits are those of the model.
+        tolerance: of the optimiser.
+    """
+    index, (low, high) = problem.space.index, problem.limits
+    held: dict[str, int] = {}
+    u = start.copy()
+    for name, (a, b) in bounds.items():
+        inside = 1e-3 * min(problem.scales[index[name]], b - a)
+        u[index[name]] = np.clip(u[index[name]], a + inside, b - inside)
+    solution = problem.solve(names, u, z, tolerance=tolerance)
+    for _ in range(ROUNDS):
+        if solution.failed:
+            break
+        changed = False
+        for name in names:
+            k = index[name]
+            a, b = bounds.get(name, (-np.inf, np.inf))
+            near = NEAR * problem.scales[k]
+            if name in held:
+                continue
+            if solution.u[k] <= max(a, low[k] + near):
+                held[name], changed = -1, True
+            elif solution.u[k] >= min(b, high[k] - near):
+                held[name], changed = 1, True
+        u = solution.u.copy()
+        for name, side in held.items():
+            a, b = bounds.get(name, (-np.inf, np.inf))
+            k, margin = index[name], 1e-6 * problem.scales[index[name]]
+            u[k] = max(a, low[k] + margin) if side < 0 else min(b, high[k] - margin)
+        if held and not changed:
+            released = [n for n, x in _pull(problem, solution, held, u).items() if x * held[n] < 0]
+            for name in released:
+                del held[name]
+                changed = True
+        if not changed:
+            break
+        solution = problem.solve([n for n in names if n not in held], u, solution.z, tolerance=tolerance)
+    return Bounded(solution, tuple(names), held, dict(bounds))
+
+
+def _pull(problem: Problem, solution: Solution, held: Mapping[str, int], u: np.ndarray) -> dict[str, float]:
+    """Where each held parameter wants to go: sign of its Gauss-Newton step with everything else refitted."""
+    full = linearise_all(problem, solution, [*solution.names, *held], u)
+    columns, right = full.projected()
+    flat = np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(full.prior_weight)])
+    rest = np.concatenate([right.reshape(-1), full.prior_residual])
+    step = -np.linalg.lstsq(flat, rest, rcond=1e-10)[0]
+    return {name: float(step[len(solution.names) + j]) for j, name in enumerate(held)}
+
+
+def linearise_all(problem: Problem, solution: Solution, names: Sequence[str], u: np.ndarray) -> Solution:
+    """Residual and Jacobian of held and moving parameters at a fit."""
+    return problem.solve(names, u, solution.z, moving=False)
+
+
+def truncate_normal(mean: float, sd: float, low: float, high: float) -> tuple[float, float, float]:
+    """Standard deviation and 95 % interval of a normal distribution cut off at `low` and `high`."""
+    a, b = (low - mean) / sd, (high - mean) / sd
+    if max(a, -b) > 30:  # all of it is in the tail: an exponential at the nearer end
+        rate = max(a, -b) / sd
+        ends = [-np.log1p(-q) / rate for q in (0.025, 0.975)]
+        near = low if a > -b else high
+        return 1.0 / rate, *sorted(near + (x if a > -b else -x) for x in ends)
+    cut = stats.truncnorm(a, b, loc=mean, scale=sd)
+    return float(cut.std()), float(cut.ppf(0.025)), float(cut.ppf(0.975))

@@ -1,0 +1,310 @@
+"""Fit a model to a campaign: parameters with uncertainty, by Levenberg-Marquardt with every record's nuisances."""
+
+import dataclasses as dc
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._errors import ComputationError, InputError
+from ..contact.effect import AbstractEffect
+from ..measurement.campaign import Campaign
+from ..measurement.package import read_campaign
+from .assembly import Assembly, assemble_space, default_starts, guess_start
+from .bounded import Bounded, solve_bounded
+from .findings import Fit, summarise_fit
+from .models import ResolvedModel, resolve_effect, resolve_model
+from .noise import Noise
+from .parameters import ParameterSpace, from_public, to_coordinate
+from .problem import SLOTS, Problem, Solution
+from .specification import Specification, read_specification
+from .stack import Records, stack_records
+from .whiteness import differs_from_stated, measure_noise
+
+
+STARTS = 12  # tried at most
+Progress = Callable[[str, float], None]
+
+
+def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence[str | type[AbstractEffect]] = (), *,
+        free: Sequence[str] | Mapping[str, float | bool] | None = None, fixed: Mapping[str, float] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None, bounds: Mapping[str, tuple[float, float]] | None = None,
+        start: Mapping[str, float] | None = None, noise: str | Mapping[str, Noise] | None = None,
+        nuisances: bool = True, progress: Progress | None = None) -> Fit:
+    """Fit a model to a campaign of impacts.
+
+    Args:
+        campaign: a campaign, its folder, or a specification `fit.toml` (which then says everything else).
+        model: reference model; a folder that `fit` or `discover` wrote brings its effects and starts from its values.
+        effects: ids of the catalogue, `FILE.py:NAME`, or classes, that extend the model.
+        free: parameters to fit beside those of the effects and the unknown ones of the reference model; with their
+            starts where it is a mapping.
+        fixed: parameters held at a value.
+        priors: Gaussian (mean, sd) of free parameters.
+        bounds: (low, high) of free parameters.
+        start: where to start from.
+        noise: by channel; `stated` for white noise of the stated size, None to measure its correlation.
+        nuisances: whether each record's conditions and time origin move within their stated uncertainty.
+        progress: called with a sentence and the share done.
+
+    All values are in the parameters' public units, those of `ddetumble effects`.
+
+    Raises:
+        InputError: The campaign cannot be fitted, or a name or value makes no sense.
+        ComputationError: The model could not be integrated from any start.
+    """
+    settings: dict = {}
+    if not isinstance(campaign, Campaign) and Path(campaign).suffix == ".toml":
+        path = Path(campaign)
+        found, digest = read_specification(path)
+        settings = {"command": f"ddetumble fit {path.name}", "specification": path.name, "sha256": digest,
+                    "title": found.title, "seed": found.seed}
+        try:
+            return _fit(read_campaign(found.campaign), found, settings, {}, progress or _quiet, ())
+        except InputError as error:
+            if error.file is not None:
+                raise
+            raise InputError(error.problem, file=path, column=error.column, row=error.row) from None
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    wanted = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
+    ids = [e if isinstance(e, str) else e.id for e in effects]
+    specification = Specification.model_construct(
+        schema_="ddetumble.fit/1", campaign=campaign.name, model=str(model), effects=ids, free=wanted,
+        fixed=dict(fixed or {}), priors={k: _Pair(*v) for k, v in (priors or {}).items()}, bounds=dict(bounds or {}),
+        nuisances=nuisances, noise="stated" if noise == "stated" else "measured")
+    added = "".join(f" --effect {e}" for e in ids)
+    settings = {"command": f"ddetumble fit {campaign.name} --model {_shorten(str(model))}{added}"}
+    given = noise if isinstance(noise, Mapping) else None
+    classes = tuple(e for e in effects if not isinstance(e, str))
+    return _fit(campaign, specification, settings, dict(start or {}), progress or _quiet, classes, given)
+
+
+def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Mapping[str, float], report: Progress,
+         classes: Sequence[type[AbstractEffect]], noise: Mapping[str, Noise] | None = None) -> Fit:
+    """Fit what a specification says."""
+    if campaign.family != "impact":
+        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; fit reads 'impact' so far")
+    resolved = resolve_model(wanted.model)
+    chosen = choose_effects(wanted.effects, classes, resolved)
+    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if not _is_builtin(e)])
+    for effect in chosen:
+        if effect.id in assembly.left_out:
+            raise InputError(f"effect {effect.id!r} needs {_list_needs(effect)}, which the model {wanted.model!r} and the "
+                             f"campaign {campaign.name!r} do not have")
+    space = assembly.space
+    names = choose_free(assembly, chosen, wanted)
+    given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
+    base = place_values(space, assembly.start, _values_of(resolved))
+    base = place_values(space, base, dict(wanted.fixed) | {k: v for k, v in given.items()})
+    if "effective_mass" not in given and not (Path(wanted.model) / "model.json").is_file():
+        base = guess_start(campaign, space, base, names)
+    priors, limits = place_priors(space, names, wanted), place_bounds(space, names, wanted)
+
+    report("fitting the reference model", 0.05)
+    stated = stack_records(campaign)
+    problem = _pose(space, stated, priors, wanted.nuisances)
+    known = set(assembly.base) & set(names)
+    first = _require(problem.solve([n for n in names if n in known], base), stated)
+    measured = dict(noise or {}) or measure_noise(campaign, stated, first)
+    if wanted.noise == "stated":
+        measured = {c: dc.replace(n, sd=n.stated_sd or n.sd, correlation=0.0, white_share=0.0, text="white, as stated")
+                    for c, n in measured.items()}
+    if noise or differs_from_stated(measured):
+        problem = _pose(space, stack_records(campaign, measured), priors, wanted.nuisances)
+    starts = list_starts(space, chosen, names, given, resolved)
+    best: Bounded | None = None
+    for k, values in enumerate(starts):
+        report(f"start {k + 1} of {len(starts)}", 0.2 + 0.7 * k / len(starts))
+        u = base.copy()
+        u[[space.index[n] for n in values]] = list(values.values())
+        u[[space.index[n] for n in known if n not in given]] = first.u[[space.index[n] for n in known if n not in given]]
+        found = solve_bounded(problem, names, u, first.z, limits, 1e-7 if len(starts) == 1 else 1e-4)
+        if not found.solution.failed and (best is None or found.solution.chi2 < best.solution.chi2):
+            best = found
+    if best is None:
+        raise ComputationError("the model could not be integrated from any start; try other starting values or fix a "
+                               "parameter")
+    if len(starts) > 1:
+        report("refining the best start", 0.92)
+        again = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-7)
+        best = again if not again.solution.failed and again.solution.chi2 <= best.solution.chi2 + 1e-6 else best
+    report("writing it down", 0.96)
+    return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, base, measured,
+                         dict(wanted.fixed), settings, wanted.nuisances)
+
+
+def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel
+                   ) -> tuple[type[AbstractEffect], ...]:
+    """Classes of all effects of the model: its own first, then those asked for, each once."""
+    own = {e.id: e for e in classes}
+    found: dict[str, type[AbstractEffect]] = {e.id: type(e) for e in resolved.effects}
+    for name in names:
+        effect = own.get(name) or found.get(name) or resolve_effect(name)
+        found.setdefault(effect.id, effect)
+    return tuple(found.values())
+
+
+def choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification) -> list[str]:
+    """Names of the parameters to fit, in the order of the space.
+
+    Raises:
+        InputError: A name is no parameter of the model, is both free and fixed, or there is nothing to fit.
+    """
+    space, ids = assembly.space, {e.id for e in chosen}
+    usable = [s.name for s in space.slots if s.owner is None or s.owner in ids]
+    for section in ("free", "fixed", "priors", "bounds"):
+        for name in getattr(wanted, section):
+            if name not in space.index or (name not in usable and section != "fixed"):
+                raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(usable)}",
+                                 column=section)
+            if section == "free" and name in wanted.fixed:
+                raise InputError(f"{name} is both free and fixed; leave one out", column=section)
+    names = {*assembly.base, *space.of(ids), *wanted.free} - set(wanted.fixed)
+    for section in ("priors", "bounds"):
+        for name in getattr(wanted, section):
+            if name not in names:
+                raise InputError(f"{name} is not fitted, so that this has no meaning; free it or leave this out",
+                                 column=section)
+    if not names:
+        raise InputError("nothing is left to fit: every parameter is known or fixed; free one", column="free")
+    if len(names) > SLOTS[-1]:
+        raise InputError(f"{len(names)} free parameters are too many; at most {SLOTS[-1]}", column="free")
+    return [s.name for s in space.slots if s.name in names]
+
+
+def place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+    """Coordinates with public values put in by name.
+
+    Raises:
+        InputError: No such parameter, or a value outside what is possible.
+    """
+    u, (low, high) = base.copy(), space.bounds()
+    for name, value in values.items():
+        if name not in space.index:
+            raise InputError(f"there is no parameter {name!r} in this model", column=name)
+        u[space.index[name]] = _coordinate(space, name, float(value))
+        if not low[space.index[name]] <= u[space.index[name]] <= high[space.index[name]]:
+            raise InputError(f"{value:g} is outside what {name} can be", column=name)
+    return u
+
+
+def place_priors(space: ParameterSpace, names: Sequence[str], wanted: Specification) -> dict[str, tuple[float, float]]:
+    """Priors in coordinates: mean, and standard deviation to first order."""
+    found = {}
+    for name in names:
+        if name in wanted.priors:
+            prior = wanted.priors[name]
+            if not prior.sd > 0:
+                raise InputError(f"the standard deviation of {name} has to be positive", column="priors")
+            u = _coordinate(space, name, float(prior.mean))
+            kind = space.slots[space.index[name]].parameter.coordinate
+            slope = {"log": 1 / prior.mean, "logit": 1 / (prior.mean * (1 - prior.mean)) if kind == "logit" else 1.0,
+                     "inverse": 1 / prior.mean**2 if prior.mean else 1.0}.get(kind, 1.0)
+            found[name] = (u, float(prior.sd * slope))
+    return found
+
+
+def place_bounds(space: ParameterSpace, names: Sequence[str], wanted: Specification) -> dict[str, tuple[float, float]]:
+    """Bounds in coordinates, lower first."""
+    found = {}
+    for name in names:
+        if name in wanted.bounds:
+            low, high = wanted.bounds[name]
+            kind = space.slots[space.index[name]].parameter.coordinate
+            ends = []
+            for value, nothing in ((low, -np.inf), (high, np.inf)):
+                if kind == "log" and value <= 0 and nothing < 0:
+                    ends.append(nothing)
+                elif kind == "logit" and not 0 < value < 1:
+                    ends.append(nothing)
+                else:
+                    ends.append(_coordinate(space, name, float(value)) if np.isfinite(value) else
+                                (0.0 if kind == "inverse" else nothing))
+            if not low < high:
+                raise InputError(f"the lower bound of {name} has to be below the upper one", column="bounds")
+            found[name] = (min(ends), max(ends))
+    return found
+
+
+def list_starts(space: ParameterSpace, chosen: Sequence[type[AbstractEffect]], names: Sequence[str],
+                given: Mapping[str, float], resolved: ResolvedModel) -> list[dict[str, float]]:
+    """Coordinates to start the effects from: inside their range, every shape that is to be scanned."""
+    fitted = {e.id for e in resolved.effects}
+    options = [default_starts(e) for e in chosen if e.id not in fitted]
+    combined = list(itertools.islice(itertools.product(*options), 500))
+    if len(combined) > STARTS:
+        combined = [combined[k] for k in np.linspace(0, len(combined) - 1, STARTS).astype(int)]
+    starts: list[dict[str, float]] = []
+    for parts in combined:
+        values = {n: v for part in parts for n, v in part.items() if n in names and n not in given}
+        if values not in starts:
+            starts.append(values)
+    return starts or [{}]
+
+
+def _coordinate(space: ParameterSpace, name: str, value: float) -> float:
+    p = space.slots[space.index[name]].parameter
+    unit = f" {p.unit}" if p.unit else ""
+    if not np.isfinite(value) and p.coordinate != "inverse":
+        raise InputError(f"the value of {name} has to be a finite number", column=name)
+    if p.coordinate == "log" and value <= 0:
+        raise InputError(f"{name} has to be positive; it is {value:g}{unit}", column=name)
+    if p.coordinate == "logit" and not 0 < value < 1:
+        raise InputError(f"{name} has to lie between 0 and 1; it is {value:g}", column=name)
+    return from_public(p.coordinate, value)
+
+
+def _values_of(resolved: ResolvedModel) -> dict[str, float]:
+    """Public values of the effects that a model brings with it, and of its own parameters where it was fitted."""
+    from ..contact.effect import parameters_of
+
+    found = {}
+    for effect in resolved.effects:
+        for p in parameters_of(effect):
+            u = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
+            found[f"{effect.id}.{p.name}"] = (1.0 / u if u else np.inf) if p.coordinate == "inverse" else float(
+                getattr(effect, p.field))
+    return found
+
+
+def _pose(space: ParameterSpace, records: Records, priors: Mapping[str, tuple[float, float]], moving: bool) -> Problem:
+    if not moving:
+        still = jnp.zeros_like(records.stack.condition_sd)
+        records = dc.replace(records, stack=eqx.tree_at(lambda s: s.condition_sd, records.stack, still))
+    return Problem(space, records, priors)
+
+
+def _require(solution: Solution, records: Records) -> Solution:
+    if solution.failed:
+        raise ComputationError(
+            f"the reference model could not be integrated for record {solution.failed[0]!r} ({len(solution.failed)} of "
+            f"{records.count} records): check its pressure, speed and units")
+    return solution
+
+
+def _is_builtin(effect: type[AbstractEffect]) -> bool:
+    from ..effects import IMPACT
+
+    return effect in IMPACT
+
+
+def _list_needs(effect: type[AbstractEffect]) -> str:
+    return " and ".join(effect.requires)
+
+
+def _shorten(model: str) -> str:
+    return Path(model).name if "/" in model or "\\" in model else model
+
+
+def _quiet(text: str, share: float) -> None:
+    """Report nothing."""
+
+
+@dc.dataclass(frozen=True)
+class _Pair:
+    mean: float
+    sd: float

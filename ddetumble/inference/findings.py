@@ -1,0 +1,291 @@
+"""What a fit found: parameters with uncertainty, in a form that people and programs read."""
+
+import dataclasses as dc
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._errors import InputError
+from ..measurement.campaign import Campaign
+from .archive import save_model
+from .bounded import Bounded, linearise_all, truncate_normal
+from .files import list_versions, make_plain, write_json
+from .identifiability import Knowledge, analyse_columns, describe_knowledge
+from .noise import Noise
+from .parameters import ParameterSpace, to_public
+from .problem import Problem, Solution
+
+
+FILE = "fit.json"
+SCHEMA = "ddetumble.fit-result/1"
+LEAST = 0.1  # correlations below are not printed
+
+
+@dc.dataclass(frozen=True)
+class Fitted:
+    """One fitted parameter, in its public unit.
+
+    Attributes:
+        estimate, sd: value and one standard deviation; infinite where the data determine nothing.
+        q025, q975: 95 % interval, from the coordinate in which the fit moves.
+        unit: of all of them.
+        initial: where the fit started.
+        at_bound: "" or which bound stopped it, `lower` or `upper`.
+        determined: False where the records say nothing about it.
+        text: what else there is to say.
+    """
+
+    estimate: float
+    sd: float
+    q025: float
+    q975: float
+    unit: str
+    initial: float
+    at_bound: str = ""
+    determined: bool = True
+    text: str = ""
+
+
+@dc.dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """A fitted model.
+
+    Attributes:
+        campaign, title, sha256: of the campaign.
+        model: name of the reference model.
+        effects: ids of the effects in the model.
+        parameters: fitted ones, by name.
+        fixed: held ones, by name, in their public unit.
+        covariance: of the coordinates of `parameters`, in their order, shape (free, free).
+        correlations: of the same, shape (free, free).
+        chi2, degrees, chi2_reduced: sum of squares of whitened residuals, nuisances and priors; degrees of freedom.
+        records, samples: how many.
+        noise: by channel.
+        converged, steps, state: of the optimiser; `state` is a sentence.
+        nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio).
+        cannot_tell_apart: sentences.
+        notes: further sentences.
+        settings: command, specification, seed.
+        space, solution: for those who go on computing.
+    """
+
+    campaign: str
+    title: str
+    sha256: str
+    model: str
+    effects: tuple[str, ...]
+    parameters: Mapping[str, Fitted]
+    fixed: Mapping[str, float]
+    covariance: np.ndarray
+    correlations: np.ndarray
+    chi2: float
+    degrees: int
+    chi2_reduced: float
+    records: int
+    samples: int
+    noise: Mapping[str, Noise]
+    converged: bool
+    steps: int
+    state: str
+    nuisances: Mapping[str, Mapping[str, Mapping[str, float]]]
+    cannot_tell_apart: tuple[str, ...]
+    notes: tuple[str, ...]
+    settings: Mapping[str, Any]
+    space: ParameterSpace
+    solution: Solution
+    source: Campaign
+
+    def __repr__(self) -> str:
+        return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
+
+    @property
+    def model_text(self) -> str:
+        """Model and effects in words."""
+        return self.model + (f" with {', '.join(self.effects)}" if self.effects else "")
+
+    def text(self) -> str:
+        """The report, as lmfit's users expect it."""
+        lines = [f"[[Model]]\n    {self.model_text}, fitted to {self.campaign}", "[[Fit Statistics]]"]
+        entries = [("fitting method", "Levenberg-Marquardt"), ("function evals", self.steps), ("records", self.records),
+                   ("data points", self.samples), ("variables", len(self.parameters)),
+                   ("chi-square", f"{self.chi2:.8g}"), ("reduced chi-square", f"{self.chi2_reduced:.6g}")]
+        lines += [f"    # {name:<18} = {value}" if not name.endswith("square") else f"    {name:<20} = {value}"
+                  for name, value in entries]
+        lines += [f"    noise of {name}: {n.sd:.4g} {self.source.channels[name].unit}, {n.text}"
+                  for name, n in self.noise.items()]
+        lines += [f"    {self.state}", "[[Variables]]"]
+        width = max(map(len, (*self.parameters, *self.fixed))) + 1
+        for name, p in self.parameters.items():
+            unit = f" {p.unit}" if p.unit else ""
+            share = f" ({100 * p.sd / abs(p.estimate):.2f}%)" if p.estimate and math.isfinite(p.sd) else ""
+            spread = f"+/- {p.sd:.4g}{share}" if math.isfinite(p.sd) else "+/- not determined"
+            bound = f", at its {p.at_bound} bound" if p.at_bound else ""
+            lines.append(f"    {name + ':':<{width}} {p.estimate:.7g} {spread}{unit} (init = {p.initial:.5g}){bound}")
+        for name, value in self.fixed.items():
+            unit = self.space.slots[self.space.index[name]].parameter.unit
+            lines.append(f"    {name + ':':<{width}} {value:.7g}{f' {unit}' if unit else ''} (fixed)")
+        names, pairs = list(self.parameters), []
+        for i in range(len(names)):
+            pairs += [(self.correlations[i, j], names[i], names[j]) for j in range(i + 1, len(names))]
+        pairs = sorted((p for p in pairs if abs(p[0]) >= LEAST), key=lambda p: -abs(p[0]))
+        if pairs:
+            lines.append(f"[[Correlations]] (unreported correlations are < {LEAST:.3f})")
+            wide = max(len(f"{a}, {b}") for _, a, b in pairs)
+            lines += [f"    C({f'{a}, {b}':<{wide}}) = {value:+.4f}" for value, a, b in pairs]
+        pulls = sorted(((abs(v["pull"]), r, n, v) for r, own in self.nuisances.items() for n, v in own.items()),
+                       key=lambda p: -p[0])[:3]
+        if pulls:
+            lines.append("[[Settings]] (largest shifts, in their stated standard deviations)")
+            lines += [f"    {n} of {r}: {v['pull']:+.2f}" for _, r, n, v in pulls]
+        for title, sentences in (("Cannot be told apart", self.cannot_tell_apart), ("Notes", self.notes)):
+            if sentences:
+                lines += [f"[[{title}]]", *(f"    {s}" for s in sentences)]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that JSON can hold."""
+        return make_plain({
+            "schema": SCHEMA, "campaign": self.campaign, "title": self.title, "sha256": self.sha256,
+            "model": self.model, "effects": self.effects, "parameters": self.parameters, "fixed": self.fixed,
+            "names": list(self.parameters), "covariance": self.covariance, "correlations": self.correlations,
+            "chi2": self.chi2, "degrees": self.degrees, "chi2_reduced": self.chi2_reduced, "records": self.records,
+            "samples": self.samples, "noise": self.noise, "converged": self.converged, "steps": self.steps,
+            "state": self.state, "nuisances": self.nuisances, "cannot_tell_apart": self.cannot_tell_apart,
+            "notes": self.notes, "settings": self.settings, "versions": list_versions(),
+        })  # fmt: skip
+
+    def save(self, folder) -> Path:
+        """Write `fit.json`, for reading, and `model.json`, from which predictions go on; returns the folder."""
+        folder = Path(folder)
+        if folder.exists() and not folder.is_dir():
+            raise InputError("is a file; name a folder for the fit", file=folder)
+        save_model(folder, campaign=self.source, model_name=self.model, space=self.space, solution=self.solution,
+                   noise=self.noise, effects=self.effects, covariance=self.covariance, names=tuple(self.parameters),
+                   extra={"made_by": "fit", "chi2_reduced": self.chi2_reduced})
+        write_json(folder / FILE, self.to_dict())
+        return folder
+
+
+def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
+                  start: np.ndarray, noise: Mapping[str, Noise], fixed: Mapping[str, float],
+                  settings: Mapping[str, Any], nuisances: bool) -> Fit:
+    """Turn a solution into what people read.
+
+    Args:
+        campaign, model, effects, noise, fixed, settings: as they go into `Fit`.
+        problem: that was solved.
+        found: its solution.
+        start: coordinates that the fit started from.
+        nuisances: whether the conditions moved.
+    """
+    space, solution, names = problem.space, found.solution, found.names
+    moving = list(solution.names)
+    flat = _flatten(solution)
+    known = analyse_columns(space, moving, flat, solution.scales)
+    told = describe_knowledge(problem, solution, flat, known)
+    parameters, covariance, correlations = _estimate(problem, found, known, start)
+    counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
+    degrees = counted + len(problem.priors) - len(moving)
+    notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others hold "
+             "it there." for n, p in parameters.items() if p.at_bound]
+    notes += [f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound]
+    if not nuisances:
+        notes.append("Conditions and time origins were taken as exact.")
+    steps = f"after {solution.steps} steps"
+    state = (f"converged {steps}" if solution.converged else f"not converged {steps}: the values may move further")
+    if known.undetermined:
+        state += "; not all parameters are determined by these records"
+    return Fit(
+        campaign.name, campaign.title, campaign.sha256, model, effects, parameters, dict(fixed), covariance,
+        correlations, solution.chi2, degrees, solution.chi2 / max(degrees, 1), problem.records.count, counted,
+        dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
+        dict(settings), space, solution, campaign)
+
+
+def _flatten(solution: Solution) -> np.ndarray:
+    """Columns of all rows with nuisances eliminated, priors below."""
+    columns, _ = solution.projected()
+    return np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(solution.prior_weight)])
+
+
+def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
+              ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray]:
+    """Parameters in the order of `found.names`, their covariance and correlations; held ones are uncorrelated."""
+    space, solution, names = problem.space, found.solution, found.names
+    moving = list(solution.names)
+    place = [names.index(n) for n in moving]
+    covariance, correlations = np.zeros((len(names),) * 2), np.eye(len(names))
+    covariance[np.ix_(place, place)] = known.covariance
+    correlations[np.ix_(place, place)] = known.correlations
+    cut = _cut_off(problem, found) if found.held else {}
+    parameters = {}
+    for k, name in enumerate(names):
+        p = space.slots[space.index[name]].parameter
+        initial, u = to_public(p.coordinate, start[space.index[name]]), solution.u[space.index[name]]
+        if name in cut:
+            sd, low, high = cut[name]
+            covariance[k, k] = sd**2
+            parameters[name] = _make_public(p, u, sd, low, high, initial, "upper" if found.held[name] > 0 else "lower")
+            continue
+        sd = float(np.sqrt(covariance[k, k]))
+        if name in known.undetermined:
+            low, high = (to_public(p.coordinate, x) for x in space_ends(p))
+            parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), p.unit,
+                                      initial, "", False, "not determined by these records")
+            continue
+        public = space.public(name, u, sd)
+        text = ""
+        if p.sign and p.sign * (u - p.default) < 0:
+            text = "on the side of its null that physics does not allow" + (
+                ", and no farther than noise explains" if abs(u - p.default) < 2 * sd else "")
+        parameters[name] = Fitted(public["estimate"], public["sd"], public["q025"], public["q975"], p.unit, initial,
+                                  text=text)
+    return parameters, covariance, correlations
+
+
+def space_ends(p) -> tuple[float, float]:
+    """Coordinates between which a parameter may lie."""
+    low, high = p.bounds
+    if p.coordinate == "log":
+        return (math.log(low) if low > 0 else -math.inf), (math.log(high) if high < math.inf else math.inf)
+    return (-math.inf, math.inf) if p.coordinate == "logit" else (low, high)
+
+
+def _make_public(p, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:
+    """A parameter at its bound, from the coordinates of its interval."""
+    ends = sorted(to_public(p.coordinate, x) for x in (low, high))
+    value = to_public(p.coordinate, u)
+    slope = {"log": value, "logit": value * (1 - value), "inverse": value**2}.get(p.coordinate, 1.0)
+    if bound and p.coordinate == "inverse":
+        bound = {"lower": "upper", "upper": "lower"}[bound]
+    return Fitted(value, abs(slope) * sd, ends[0], ends[1], p.unit, initial, bound, True, "stopped at its bound")
+
+
+def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float, float]]:
+    """Standard deviation and interval of held parameters: their Gaussian, cut off at the bounds."""
+    index, (low, high) = problem.space.index, problem.limits
+    moving = list(found.solution.names)
+    full = linearise_all(problem, found.solution, [*moving, *found.held], found.solution.u)
+    _, right = full.projected()
+    flat = _flatten(full)
+    rest = np.concatenate([right.reshape(-1), full.prior_residual])
+    known = analyse_columns(problem.space, full.names, flat, full.scales)
+    step = -known.covariance @ ((flat / full.scales).T @ rest)
+    result = {}
+    for j, name in enumerate(found.held, start=len(moving)):
+        a, b = found.bounds.get(name, (-np.inf, np.inf))
+        a, b = max(a, low[index[name]]), min(b, high[index[name]])
+        result[name] = truncate_normal(found.solution.u[index[name]] + step[j], math.sqrt(known.covariance[j, j]), a, b)
+    return result
+
+
+def _list_nuisances(problem: Problem, solution: Solution) -> dict[str, dict[str, dict[str, float]]]:
+    """Shift of every record's conditions."""
+    sd = np.asarray(problem.records.stack.condition_sd)
+    return {key: {name: {"shift": float(solution.z[r, k] * sd[r, k]), "sd": float(sd[r, k]),
+                         "pull": float(solution.z[r, k])}
+                  for k, name in enumerate(problem.records.nuisances) if sd[r, k] > 0}
+            for r, key in enumerate(problem.records.keys)}

@@ -1,0 +1,171 @@
+"""`fits/NAME/fit.toml`: one file that specifies a fit completely."""
+
+import hashlib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pydantic
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
+
+from .._errors import InputError
+from .._settings import find_data
+
+
+SCHEMA = "ddetumble.fit/1"
+Number = StrictFloat | StrictInt
+
+
+class _Strict(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class Prior(_Strict):
+    """A Gaussian prior of one parameter, in its unit."""
+
+    mean: Number
+    sd: Annotated[Number, Field(gt=0)]
+
+
+class Sampler(_Strict):
+    """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
+
+    name: Literal["emcee", "nuts"] = "emcee"
+    walkers: Annotated[StrictInt, Field(ge=4)] = 32
+    steps: Annotated[StrictInt, Field(ge=1)] = 2000
+    burn: Annotated[StrictInt, Field(ge=0)] = 500
+    thin: Annotated[StrictInt, Field(ge=1)] = 1
+
+
+class Specification(_Strict):
+    """Content of `fit.toml`; all numbers are in the units that `ddetumble effects` shows (SI).
+
+    Attributes:
+        campaign: folder from the file's own folder on, or the name of a campaign that comes with the toolkit.
+        model: reference model; `FILE.py:NAME` from the file's own folder on.
+        effects: ids of the catalogue, or `FILE.py:NAME`.
+        free: further parameters to fit, each with its start (or `true`).
+        fixed: parameters held at a value.
+        priors: Gaussian priors of free parameters.
+        bounds: low and high of free parameters.
+        nuisances: whether each record's conditions and time origin move within their uncertainty.
+        noise: `measured` (correlation from the residuals) or `stated` (white).
+        sampler, seed: for `ddetumble sample`.
+    """
+
+    schema_: Literal["ddetumble.fit/1"] = Field(alias="schema")
+    campaign: Annotated[StrictStr, Field(min_length=1)]
+    title: StrictStr = ""
+    model: Annotated[StrictStr, Field(min_length=1)] = "paper"
+    effects: list[StrictStr] = []
+    free: dict[str, Number | Literal[True]] = {}
+    fixed: dict[str, Number] = {}
+    priors: dict[str, Prior] = {}
+    bounds: dict[str, tuple[Number, Number]] = {}
+    nuisances: StrictBool = True
+    noise: Literal["measured", "stated"] = "measured"
+    sampler: Sampler = Sampler()
+    seed: Annotated[StrictInt, Field(ge=0)] = 0
+
+    @pydantic.field_validator("bounds")
+    @classmethod
+    def _order(cls, value):
+        for name, (low, high) in value.items():
+            if not low < high:
+                raise ValueError(f"the lower bound of {name} has to be below the upper one; they are {low:g} and {high:g}")
+        return value
+
+
+def read_specification(path) -> tuple[Specification, str]:
+    """Read a specification; paths in it become those seen from here.
+
+    Args:
+        path: the file `fit.toml`, or its folder.
+
+    Returns:
+        The specification, and the SHA-256 of the file.
+
+    Raises:
+        InputError: It is not there, no TOML, or says something that is not understood; the key is named.
+    """
+    path = Path(path)
+    path = path / "fit.toml" if path.is_dir() else path
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("there is no such file", file=path) from None
+    except OSError as error:
+        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
+    try:
+        content = tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError:
+        raise InputError("the file is not text in UTF-8", file=path) from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"this is no TOML file: {error}", file=path) from None
+    if content.get("schema") != SCHEMA:
+        raise InputError(f"the schema has to be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, column="schema")
+    try:
+        found = Specification.model_validate(_flatten(content))
+    except pydantic.ValidationError as error:
+        raise InputError(_list_faults(error), file=path) from None
+    here = path.parent
+    update = {"campaign": str(_find_campaign(found.campaign, path)), "model": _see(found.model, here),
+              "effects": [_see(name, here) for name in found.effects]}
+    return found.model_copy(update=update), hashlib.sha256(data).hexdigest()
+
+
+def _flatten(content: dict) -> dict:
+    """Parameters of effects may be written with their dot, which TOML reads as a table: `wall-stiffness.q = 1.5`."""
+    content = dict(content)
+    for section in ("free", "fixed", "priors", "bounds"):
+        table = content.get(section)
+        if not isinstance(table, dict):
+            continue
+        flat = {}
+        for name, value in table.items():
+            if isinstance(value, dict) and not (section == "priors" and set(value) & {"mean", "sd"}):
+                flat |= {f"{name}.{key}": inner for key, inner in value.items()}
+            else:
+                flat[name] = value
+        content[section] = flat
+    return content
+
+
+def _list_faults(error: pydantic.ValidationError) -> str:
+    """All faults in one sentence, each with its key."""
+    faults: dict[str, str] = {}
+    for fault in error.errors():
+        place = fault["loc"]
+        section = place[0] in ("free", "fixed", "priors", "bounds")
+        key = ".".join(str(part) for part in (place[:2] if section else place))
+        message = fault["msg"].removeprefix("Value error, ")
+        kind = fault["type"]
+        if kind == "extra_forbidden":
+            message = "is not a key that a fit has"
+        elif kind == "missing":
+            message = "is missing"
+        elif section and kind != "value_error":
+            message = {"free": "has to be a number (its start) or true", "fixed": "has to be a number",
+                       "priors": "has to be { mean = number, sd = positive number }",
+                       "bounds": "has to be [low, high]"}[str(place[0])]
+        else:
+            message = f"{message[:1].lower()}{message[1:]}"
+        faults.setdefault(key, message)
+    return "; ".join(f"{key}: {message}" for key, message in faults.items())
+
+
+def _find_campaign(text: str, path: Path) -> Path:
+    given = Path(text)
+    for candidate in (path.parent / given, find_data() / given):
+        if candidate.exists():
+            return candidate
+    raise InputError(f"there is no campaign {text!r}, neither from this file's folder on nor among those that come with "
+                     "the toolkit", file=path, column="campaign")
+
+
+def _see(name: str, here: Path) -> str:
+    """A name of a model or effect as seen from the working folder."""
+    file, colon, attribute = name.rpartition(":")
+    if colon and file.endswith(".py"):
+        return f"{here / file}:{attribute}"
+    return str(here / name) if (here / name / "model.json").is_file() else name

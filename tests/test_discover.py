@@ -1,0 +1,98 @@
+"""Verdicts on campaigns of the independent simulator: nothing missing, one effect, outside the catalogue, hard noise."""
+
+import json
+
+import pytest
+
+from ddetumble._settings import find_data
+from ddetumble.discrepancy.discovery import discover
+from ddetumble.measurement.package import read_campaign
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+
+
+BASE = {"effective_mass": 1.37, "restitution": 0.73}
+PRESSURES, SPEEDS = [0.5e6, 1.1e6, 1.9e6, 2.4e6], [0.16, 0.38, 0.66]
+
+
+def judge(tmp_path, name, effects, seed, **options):
+    """Simulate a campaign, write it, and let `discover` judge the folder."""
+    options = {"repeats": 1, "interval": 4e-4, **options}
+    campaign = make_campaign(name, seed, effects, BASE, PRESSURES, SPEEDS, **options)
+    write_campaign_folder(tmp_path / name, campaign)
+    return discover(tmp_path / name)
+
+
+def holds(found, name, truth):
+    """Whether four deviations about the estimate hold the truth (a 95 % interval would fail once in twenty tests)."""
+    e = found.steps[-1].parameters[name]
+    return abs(e.estimate - truth) < 4.0 * e.sd
+
+
+@pytest.mark.parametrize(("seed", "noise"), [(11, {}), (12, {"rho": 0.7}), (13, {"rho": 0.85, "white_share": 0.4}),
+                                             (14, {"setting_scatter": 0.01})])
+def test_nothing_missing(tmp_path, seed, noise):
+    found = judge(tmp_path, "null", {}, seed, **noise)
+    assert found.verdict == "nothing-missing", found.sentence
+    assert found.effects == ()
+    assert holds(found, "effective_mass", BASE["effective_mass"])
+    assert holds(found, "restitution", BASE["restitution"])
+    assert len(found.candidates) == 16
+    assert found.steps[0].lack_of_fit.p_value > 0.005
+
+
+@pytest.mark.parametrize(("effect", "values", "noise"), [
+    ("wall-stiffness", {"k_w": 1100.0, "q": 1.0}, {}),
+    ("viscous-dashpot", {"c_v": 6.0}, {"rho": 0.6}),
+    ("sensor-highpass", {"tau_s": 0.7}, {}),
+    ("speed-dependent-restitution", {"p": 0.09}, {}),
+    ("adhesion", {"tau_a": 5e4}, {}),
+])
+def test_single_effect_is_found(tmp_path, effect, values, noise):
+    found = judge(tmp_path, "single", {effect: values}, 21, **noise)
+    assert found.verdict == "explained", found.sentence
+    assert found.effects == (effect,)
+    assert found.candidates[0].effect == effect
+    for name, value in values.items():
+        if f"{effect}.{name}" in found.steps[-1].parameters:
+            assert holds(found, f"{effect}.{name}", value)
+    assert found.steps[-1].heldout_nrmse < found.steps[0].heldout_nrmse
+    assert found.steps[-1].nrmse == pytest.approx(found.noise_nrmse, rel=0.1)
+
+
+def test_pair_is_found(tmp_path):
+    found = judge(tmp_path, "pair", {"wall-stiffness": {"k_w": 1300.0, "q": 1.0}, "sensor-highpass": {"tau_s": 0.6}},
+                  31, repeats=2)
+    assert found.verdict == "explained", found.sentence
+    assert set(found.effects) == {"wall-stiffness", "sensor-highpass"}
+
+
+def test_end_stop_is_outside_the_catalogue(tmp_path):
+    found = judge(tmp_path, "stop", {"x-end-stop": {"k": 1.5e5, "depth": 5.5e-3}}, 41, repeats=2)
+    assert found.verdict in ("improved", "unexplained"), found.sentence
+    place = found.where[0]
+    assert place.variable == "depression"
+    assert place.range[0] == pytest.approx(5.5e-3, rel=0.1)
+
+
+def test_result_has_every_field_and_predicts(tmp_path):
+    import pandas as pd
+
+    from ddetumble.discrepancy.prediction import predict
+
+    found = discover(find_data() / "impact-e")
+    found.save(tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text())
+    truth = json.loads((find_data() / "truth.json").read_text())["impact-e"]
+    assert result["verdict"] == "explained"
+    assert result["effects"] == list(truth["effects"])
+    for key in ("campaign", "family", "steps", "noise_nrmse", "candidates", "where", "parameters", "sentence"):
+        assert key in result
+    for key in ("p_value", "explains", "visible", "heldout_nrmse", "smallest_detectable", "indistinguishable_from"):
+        assert all(key in c for c in result["candidates"])
+    heldout = truth["heldout"][0]
+    table = pd.DataFrame({"record": "a", **heldout["conditions"], "time": heldout["x"]})
+    table.to_csv(tmp_path / "conditions.csv", index=False)
+    predicted = predict(tmp_path, tmp_path / "conditions.csv")
+    error = predicted["normal_force"].to_numpy() - [y[0] for y in heldout["y"]]
+    noise = read_campaign(find_data() / "impact-e").uncertainty("normal_force").absolute
+    assert (error**2).mean() ** 0.5 < 0.5 * noise
