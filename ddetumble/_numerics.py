@@ -16,21 +16,20 @@ def scalar(x: Any) -> Array:
 
 
 def positive_part(x: Array) -> Array:
-    """max(x, 0), with derivative 0 on the negative side."""
-    return jnp.where(x > 0, x, 0.0)
+    """max(x, 0), with derivative 0 on the negative side; what is not a number stays so."""
+    return jnp.where(x <= 0, 0.0, x)
 
 
 def safe_power(x: Array, exponent: Array) -> Array:
-    """x**exponent for x > 0 and 0 for x <= 0, with finite derivatives in both arguments."""
-    positive = x > 0
-    base = jnp.where(positive, x, 1.0)
-    return jnp.where(positive, jnp.exp(exponent * jnp.log(base)), 0.0)
+    """x**exponent for x > 0 and 0 for x <= 0, with finite derivatives in both arguments; NaN stays NaN."""
+    zero = x <= 0
+    return jnp.where(zero, 0.0, jnp.exp(exponent * jnp.log(jnp.where(zero, 1.0, x))))
 
 
 def safe_sqrt(x: Array) -> Array:
-    """Square root that is 0 with derivative 0 for x <= 0."""
-    positive = x > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    """Square root that is 0 with derivative 0 for x <= 0; NaN stays NaN."""
+    zero = x <= 0
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, x)))
 
 
 def safe_divide(a: Array, b: Array) -> Array:

@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
         "fit",
         short_help="Fit parameters, with uncertainty and what cannot be told apart.",
         epilog="\b\nExamples:\n  ddetumble fit data/impact-c --effect wall-stiffness -o fit\n"
-        "  ddetumble fit fits/figure-8/fit.toml -o fit",
+        "  ddetumble fit fits/impact-b/fit.toml",
     )(fit_parameters)
     app.command(
         "predict",
@@ -41,7 +41,7 @@ def fit_parameters(
         typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result and the fitted model.")
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result and the fitted model; beside a specification if not given.")
     ] = None,
 ):
     """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
@@ -54,12 +54,17 @@ def fit_parameters(
     name = path.resolve().parent.name if specified else path.resolve().name
     from ..measurement.package import read_campaign
 
+    if specified and not path.is_file():
+        raise InputError("there is no such file", file=path)
     measured = path if specified else read_campaign(path)
-    folder = prepare_folder(output or Path(f"{name}-fit"))
+    folder = prepare_folder(output or (path.parent if specified else Path(f"{name}-fit")))
     from ..inference.estimation import fit
 
-    with show_progress(f"fitting {name}"):
-        result = fit(measured) if specified else fit(measured, model=model or "paper", effects=tuple(effect or ()))
+    with show_progress(f"fitting {name}") as report:
+        if specified:
+            result = fit(measured, progress=report)
+        else:
+            result = fit(measured, model=model or "paper", effects=tuple(effect or ()), progress=report)
         result.save(folder)
     typer.echo(result.text())
     typer.echo(f"Written to {folder}")

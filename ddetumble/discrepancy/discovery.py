@@ -14,7 +14,7 @@ from .adequacy import LEVEL
 from .candidates import could_have_shown, describe_candidates
 from .places import fit_probes, locate
 from .records import Discovery, Place
-from .search import MOST, SURE, Grown, free_shapes, grow, merit, try_effects
+from .search import MOST, SURE, Grown, free_shapes, grow, merit, prune, try_effects
 from .steps import describe_noise, describe_step, noise_over_signal
 from .wording import explain
 from .workbench import Workbench
@@ -64,6 +64,8 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
             break
         if more.lack.rejected:
             more = free_shapes(workbench, more)
+        if len(more.fitted.effects) > 1:
+            more = prune(workbench, more)
         grown.append(more)
         if workbench.measure_again(more.fitted):
             grown = [_again(workbench, g) for g in grown]

@@ -250,6 +250,30 @@ def free_shapes(workbench: Workbench, grown: Grown) -> Grown:
     return grown
 
 
+def prune(workbench: Workbench, grown: Grown) -> Grown:
+    """Take back what a later addition has made needless: freed shapes first, then effects."""
+    fitted = grown.fitted
+    for name in [n for n in workbench.freed if n.split(".")[0] in fitted.effects]:
+        kept = workbench.freed
+        workbench.freed = tuple(n for n in kept if n != name)
+        start = fitted.solution.u.copy()
+        start[workbench.space.index[name]] = workbench.start[workbench.space.index[name]]
+        simpler = workbench.fit(fitted.effects, [{}], start, fitted.solution.z)
+        if simpler is not None and merit(simpler) < merit(fitted):
+            fitted = simpler
+        else:
+            workbench.freed = kept
+    for effect in fitted.effects[:-1]:
+        rest = tuple(e for e in fitted.effects if e != effect)
+        simpler = workbench.fit(rest, [{}], _without(workbench, fitted, effect), fitted.solution.z)
+        if simpler is not None and merit(simpler) < merit(fitted):
+            fitted = simpler
+    if fitted is grown.fitted:
+        return grown
+    lack, scores = workbench.judge(fitted)
+    return dc.replace(grown, fitted=fitted, lack=lack, scores=scores)
+
+
 def _without(workbench: Workbench, fitted: Fitted, effect: str) -> np.ndarray:
     """Coordinates of a fit with one effect put back to its null."""
     u = fitted.solution.u.copy()

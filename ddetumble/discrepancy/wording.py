@@ -45,6 +45,10 @@ def _values(step: Step, effects: tuple[str, ...]) -> str:
                      if n.split(".")[0] in effects)
 
 
+def _chance(p: float) -> str:
+    return f"p = {p:.1g}" if p >= 1e-6 else "p < 1e-6"
+
+
 def _times(step: Step, noise: float) -> str:
     return f"{step.nrmse / max(noise, 1e-300):.2f}"
 
@@ -55,7 +59,7 @@ def explain(found: Discovery, left_out: tuple[str, ...]) -> tuple[str, tuple[str
     lack = first.lack_of_fit
     records = f"{found.settings['records']} records"
     misfit = (f"it leaves {_times(first, found.noise_nrmse)} times the noise, more than chance allows "
-              f"(p = {min(lack.p_value, lack.score_p_value):.1g})")
+              f"({_chance(min(lack.p_value, lack.score_p_value))})")
     if found.verdict == "nothing-missing":
         sentence = (f"Nothing is missing: the model {found.model!r} fits all {records} to the noise "
                     f"(lack of fit p = {lack.p_value:.2g}, level {lack.level:g}).")

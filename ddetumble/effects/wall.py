@@ -26,7 +26,7 @@ WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
 class WallStiffness(AbstractElasticEffect):
     r"""The wall carries load beside the gas: $F_k$ gains $k_w \delta^q$."""
 
-    k_w: Scalar = parameter("N/m^q", 0.0, typical=1000.0, starts=(1000.0,), text="stiffness of the wall")
+    k_w: Scalar = parameter("N/m", 0.0, typical=1000.0, starts=(1000.0,), text="stiffness of the wall (N/m^q)")
     q: Scalar = parameter("", 1.0, kind="shape", typical=0.5, bounds=(0.5, 4.0), coordinate="log", free=False,
                           text="power of the depression")
     id: ClassVar[str] = "wall-stiffness"

@@ -10,6 +10,7 @@ from .problem import Problem, Solution
 
 
 ROUNDS = 8
+PATIENCE = 5
 NEAR = 2e-3  # of its scale: so near to a limit of the model, a parameter counts as stopped by it
 
 
@@ -48,7 +49,7 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
     for name, (a, b) in bounds.items():
         inside = 1e-3 * min(problem.scales[index[name]], b - a)
         u[index[name]] = np.clip(u[index[name]], a + inside, b - inside)
-    solution = problem.solve(names, u, z, tolerance=tolerance)
+    solution = _settle(problem, names, u, z, tolerance)
     for _ in range(ROUNDS):
         if solution.failed:
             break
@@ -75,8 +76,20 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
                 changed = True
         if not changed:
             break
-        solution = problem.solve([n for n in names if n not in held], u, solution.z, tolerance=tolerance)
+        solution = _settle(problem, [n for n in names if n not in held], u, solution.z, tolerance)
     return Bounded(solution, tuple(names), held, dict(bounds))
+
+
+def _settle(problem: Problem, names: Sequence[str], u: np.ndarray, z: np.ndarray | None, tolerance: float) -> Solution:
+    """Go on from where the optimiser ran out of steps, as long as that helps."""
+    solution = problem.solve(names, u, z, tolerance=tolerance)
+    for _ in range(PATIENCE if tolerance < 1e-6 else 0):
+        if solution.converged or solution.failed:
+            break
+        again = problem.solve(names, solution.u, solution.z, tolerance=tolerance)
+        settled = abs(solution.chi2 - again.chi2) < 1e-4
+        solution = dc.replace(again, steps=solution.steps + again.steps, converged=again.converged or settled)
+    return solution
 
 
 def _pull(problem: Problem, solution: Solution, held: Mapping[str, int], u: np.ndarray) -> dict[str, float]:

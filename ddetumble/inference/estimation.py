@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractEffect
+from ..contact.effect import AbstractEffect, parameters_of
+from ..effects import IMPACT
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .assembly import Assembly, assemble_space, default_starts, guess_start
@@ -18,7 +19,7 @@ from .bounded import Bounded, solve_bounded
 from .findings import Fit, summarise_fit
 from .models import ResolvedModel, resolve_effect, resolve_model
 from .noise import Noise
-from .parameters import ParameterSpace, from_public, to_coordinate
+from .parameters import ParameterSpace, from_public, to_public
 from .problem import SLOTS, Problem, Solution
 from .specification import Specification, read_specification
 from .stack import Records, stack_records
@@ -31,9 +32,10 @@ Progress = Callable[[str, float], None]
 
 def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence[str | type[AbstractEffect]] = (), *,
         free: Sequence[str] | Mapping[str, float | bool] | None = None, fixed: Mapping[str, float] | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None, bounds: Mapping[str, tuple[float, float]] | None = None,
-        start: Mapping[str, float] | None = None, noise: str | Mapping[str, Noise] | None = None,
-        nuisances: bool = True, progress: Progress | None = None) -> Fit:
+        priors: Mapping[str, tuple[float, float]] | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None, start: Mapping[str, float] | None = None,
+        noise: str | Mapping[str, Noise] | None = None, nuisances: bool = True, progress: Progress | None = None
+        ) -> Fit:
     """Fit a model to a campaign of impacts.
 
     Args:
@@ -90,11 +92,11 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
         raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; fit reads 'impact' so far")
     resolved = resolve_model(wanted.model)
     chosen = choose_effects(wanted.effects, classes, resolved)
-    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if not _is_builtin(e)])
+    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in IMPACT])
     for effect in chosen:
         if effect.id in assembly.left_out:
-            raise InputError(f"effect {effect.id!r} needs {_list_needs(effect)}, which the model {wanted.model!r} and the "
-                             f"campaign {campaign.name!r} do not have")
+            raise InputError(f"effect {effect.id!r} needs {' and '.join(effect.requires)}, which the model "
+                             f"{wanted.model!r} and the campaign {campaign.name!r} do not have")
     space = assembly.space
     names = choose_free(assembly, chosen, wanted)
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
@@ -105,36 +107,38 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     priors, limits = place_priors(space, names, wanted), place_bounds(space, names, wanted)
 
     report("fitting the reference model", 0.05)
-    stated = stack_records(campaign)
-    problem = _pose(space, stated, priors, wanted.nuisances)
-    known = set(assembly.base) & set(names)
-    first = _require(problem.solve([n for n in names if n in known], base), stated)
-    measured = dict(noise or {}) or measure_noise(campaign, stated, first)
-    if wanted.noise == "stated":
-        measured = {c: dc.replace(n, sd=n.stated_sd or n.sd, correlation=0.0, white_share=0.0, text="white, as stated")
-                    for c, n in measured.items()}
-    if noise or differs_from_stated(measured):
-        problem = _pose(space, stack_records(campaign, measured), priors, wanted.nuisances)
-    starts = list_starts(space, chosen, names, given, resolved)
+    problem = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
+    known = [n for n in names if n in assembly.base]
+    first = _require(problem.solve(known, base), problem.records)
+    places = [space.index[n] for n in known if n not in given]
     best: Bounded | None = None
+    origin = base
+    starts = list_starts(space, chosen, names, given, resolved)
     for k, values in enumerate(starts):
-        report(f"start {k + 1} of {len(starts)}", 0.2 + 0.7 * k / len(starts))
+        report(f"start {k + 1} of {len(starts)}", 0.2 + 0.6 * k / len(starts))
         u = base.copy()
         u[[space.index[n] for n in values]] = list(values.values())
-        u[[space.index[n] for n in known if n not in given]] = first.u[[space.index[n] for n in known if n not in given]]
-        found = solve_bounded(problem, names, u, first.z, limits, 1e-7 if len(starts) == 1 else 1e-4)
+        began = u.copy()
+        u[places] = first.u[places]
+        found = solve_bounded(problem, names, u, first.z, limits, 1e-4)
         if not found.solution.failed and (best is None or found.solution.chi2 < best.solution.chi2):
-            best = found
+            best, origin = found, began
     if best is None:
         raise ComputationError("the model could not be integrated from any start; try other starting values or fix a "
                                "parameter")
-    if len(starts) > 1:
-        report("refining the best start", 0.92)
-        again = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-7)
-        best = again if not again.solution.failed and again.solution.chi2 <= best.solution.chi2 + 1e-6 else best
+    report("measuring the noise", 0.82)
+    measured = dict(noise or {}) or measure_noise(campaign, problem.records, best.solution)
+    if wanted.noise == "stated":
+        measured = {c: dc.replace(n, sd=n.stated_sd or n.sd, correlation=0.0, white_share=0.0, text="white, as stated")
+                    for c, n in measured.items()}
+    elif not noise and differs_from_stated(measured):
+        problem = _pose(space, stack_records(campaign, measured), priors, wanted.nuisances)
+    report("refining the best start", 0.86)
+    again = solve_bounded(problem, names, best.solution.u, best.solution.z, limits)
+    best = best if again.solution.failed else again
     report("writing it down", 0.96)
-    return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, base, measured,
-                         dict(wanted.fixed), settings, wanted.nuisances)
+    return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
+                         settings, wanted.nuisances)
 
 
 def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel
@@ -259,15 +263,12 @@ def _coordinate(space: ParameterSpace, name: str, value: float) -> float:
 
 
 def _values_of(resolved: ResolvedModel) -> dict[str, float]:
-    """Public values of the effects that a model brings with it, and of its own parameters where it was fitted."""
-    from ..contact.effect import parameters_of
-
+    """Public values of the effects that a model brings with it."""
     found = {}
     for effect in resolved.effects:
         for p in parameters_of(effect):
-            u = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
-            found[f"{effect.id}.{p.name}"] = (1.0 / u if u else np.inf) if p.coordinate == "inverse" else float(
-                getattr(effect, p.field))
+            value = float(getattr(effect, p.field))
+            found[f"{effect.id}.{p.name}"] = to_public(p.coordinate, value) if p.coordinate == "inverse" else value
     return found
 
 
@@ -284,16 +285,6 @@ def _require(solution: Solution, records: Records) -> Solution:
             f"the reference model could not be integrated for record {solution.failed[0]!r} ({len(solution.failed)} of "
             f"{records.count} records): check its pressure, speed and units")
     return solution
-
-
-def _is_builtin(effect: type[AbstractEffect]) -> bool:
-    from ..effects import IMPACT
-
-    return effect in IMPACT
-
-
-def _list_needs(effect: type[AbstractEffect]) -> str:
-    return " and ".join(effect.requires)
 
 
 def _shorten(model: str) -> str:

@@ -170,18 +170,17 @@ class Fit:
 
 
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
-                  start: np.ndarray, noise: Mapping[str, Noise], fixed: Mapping[str, float],
-                  settings: Mapping[str, Any], nuisances: bool) -> Fit:
+                  start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool) -> Fit:
     """Turn a solution into what people read.
 
     Args:
-        campaign, model, effects, noise, fixed, settings: as they go into `Fit`.
+        campaign, model, effects, noise, settings: as they go into `Fit`.
         problem: that was solved.
         found: its solution.
         start: coordinates that the fit started from.
         nuisances: whether the conditions moved.
     """
-    space, solution, names = problem.space, found.solution, found.names
+    space, solution = problem.space, found.solution
     moving = list(solution.names)
     flat = _flatten(solution)
     known = analyse_columns(space, moving, flat, solution.scales)
@@ -189,8 +188,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     parameters, covariance, correlations = _estimate(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + len(problem.priors) - len(moving)
-    notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others hold "
-             "it there." for n, p in parameters.items() if p.at_bound]
+    notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others "
+             "hold it there." for n, p in parameters.items() if p.at_bound]
     notes += [f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound]
     if not nuisances:
         notes.append("Conditions and time origins were taken as exact.")
@@ -199,10 +198,22 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     if known.undetermined:
         state += "; not all parameters are determined by these records"
     return Fit(
-        campaign.name, campaign.title, campaign.sha256, model, effects, parameters, dict(fixed), covariance,
-        correlations, solution.chi2, degrees, solution.chi2 / max(degrees, 1), problem.records.count, counted,
+        campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
+        list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
+        solution.chi2 / max(degrees, 1), problem.records.count, counted,
         dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
         dict(settings), space, solution, campaign)
+
+
+def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], free: tuple[str, ...]
+               ) -> dict[str, float]:
+    """Public values of the model's parameters that were held, and of any other effect's that is not at its null."""
+    found = {}
+    for k, slot in enumerate(space.slots):
+        away = slot.parameter.kind != "shape" and u[k] != slot.parameter.default
+        if slot.name not in free and (slot.owner is None or slot.owner in effects or away):
+            found[slot.name] = to_public(slot.parameter.coordinate, u[k])
+    return found
 
 
 def _flatten(solution: Solution) -> np.ndarray:

@@ -129,7 +129,7 @@ def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray
                 found.append(f"{names[j]} and {a} are hard to tell apart (correlation {value:+.3f}).")
     for name in known.undetermined:
         if name not in known.silent and not any(name in t for t in told):
-            found.append(f"These records hardly determine {name}: its uncertainty is wider than anything that is likely.")
+            found.append(f"These records hardly determine {name}: its uncertainty is wider than any likely value.")
     return tuple(found)
 
 
@@ -144,7 +144,8 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
     first = names.index(blend.names[0])
     step = blend.step if blend.step[first] > 0 else -blend.step
     if blend.singular:  # any length will do
-        step = step / max(abs(step[names.index(n)]) / _typical(space, n) for n in blend.names) * 0.05
+        p = space.slots[space.index[blend.names[0]]].parameter
+        step = step / abs(step[first]) * (0.01 if p.coordinate == "log" else 0.05 * _typical(space, blend.names[0]))
     parts = []
     for name in blend.names:
         k = names.index(name)
@@ -153,7 +154,6 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
         before, after = to_public(p.coordinate, here), to_public(p.coordinate, here + step[k])
         change = after - before
         if p.coordinate == "log" and before:
-            size = f"{abs(change / before):.2g}".rstrip()
             size = f"{abs(change / before) * 100:.2g} %"
         else:
             size = f"{abs(change):.2g}" + (f" {p.unit}" if p.unit else "")
@@ -176,7 +176,10 @@ def _say_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend
     if "depression" not in problem.records.channels:
         ratios.append((_try_depression(problem, solution, blend), "the depression as a further channel"))
     best, text = min(ratios, default=(1.0, ""))
-    if best < 0.5:
+    size = max(abs(x) / _typical(problem.space, n) for n, x in zip(solution.names, blend.step, strict=True))
+    if blend.singular and best * size < 0.3:
+        return f"{text} would tell them apart"
+    if not blend.singular and best < 0.5:
         times = f"{1 / best:.1f}" if best > 0.1 else "more than ten"
         return f"{text} would make their difference {times} times as certain"
     return _say_elsewhere(blend)

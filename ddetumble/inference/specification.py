@@ -72,7 +72,7 @@ class Specification(_Strict):
     def _order(cls, value):
         for name, (low, high) in value.items():
             if not low < high:
-                raise ValueError(f"the lower bound of {name} has to be below the upper one; they are {low:g} and {high:g}")
+                raise ValueError(f"{name}: the lower bound {low:g} has to be below the upper one, {high:g}")
         return value
 
 
@@ -103,7 +103,8 @@ def read_specification(path) -> tuple[Specification, str]:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"this is no TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
-        raise InputError(f"the schema has to be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, column="schema")
+        found = content.get("schema")
+        raise InputError(f"the schema has to be {SCHEMA!r}; it is {found!r}", file=path, column="schema")
     try:
         found = Specification.model_validate(_flatten(content))
     except pydantic.ValidationError as error:
@@ -159,8 +160,8 @@ def _find_campaign(text: str, path: Path) -> Path:
     for candidate in (path.parent / given, find_data() / given):
         if candidate.exists():
             return candidate
-    raise InputError(f"there is no campaign {text!r}, neither from this file's folder on nor among those that come with "
-                     "the toolkit", file=path, column="campaign")
+    raise InputError(f"there is no campaign {text!r}, neither from this file's folder on nor among those that come "
+                     "with the toolkit", file=path, column="campaign")
 
 
 def _see(name: str, here: Path) -> str:

@@ -58,7 +58,7 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array], window: Array) 
         window: time after first touch in which the peak is sought [s].
     """
     times = window * (jnp.arange(1, SAMPLES + 1) / SAMPLES) ** 2
-    impact = simulate(law, conditions, times, adjoint=dfx.ForwardMode(), rtol=1e-6, atol=1e-8, max_steps=256)
+    impact = simulate(law, conditions, times, adjoint=dfx.ForwardMode(), rtol=1e-6, atol=1e-8, max_steps=160)
     peak = jnp.where(impact.failed, jnp.nan, refine_peak(times, impact.normal_force))
     return peak, (impact.separation, impact.rebound_speed / conditions["approach_speed"], jnp.max(impact.depression))
 
