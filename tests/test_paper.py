@@ -241,15 +241,18 @@ def test_peak_is_refined():
 
 def test_judges_stated_uncertainty():
     """Peaks made by the model itself, with a stated deviation and three speeds: nothing is missing."""
-    from ddetumble.effects.sensor import SensorGain
-    from ddetumble.effects.wall import InflationGrowth, WallStiffness
+    from ddetumble.contact.law import Ball
+    from ddetumble.effects import IMPACT
     from ddetumble.paper import judge_peaks
+    from ddetumble.paper.bench import choose_effects
 
     pressures, speeds = np.tile([0.5e6, 1.0e6, 2.0e6], 3), np.repeat([0.3, 0.4, 0.5], 3)
     truth = np.array([integrate_peak(1.4, 0.7, p, speed=v)[0] for p, v in zip(pressures, speeds, strict=True)])
     noise = np.array([0.4, -1.1, 0.7, 0.2, 1.3, -0.6, -0.9, 0.1, 0.5])
+    # The effects of Table 3, whose compiled program serves here too.
+    effects, _ = choose_effects(IMPACT, Ball(), {"approach_speed": np.full(9, 0.4)})
     judged = judge_peaks(pressures, speeds, truth * (1 + 0.005 * noise), sd=0.005 * truth,
-                         effects=(WallStiffness, InflationGrowth, SensorGain))
+                         effects=effects)
     assert judged.verdict == "nothing-missing"
     assert judged.steps[0].estimates["effective_mass"]["estimate"] == pytest.approx(1.4, rel=0.02)
     json.dumps(judged.to_dict(), allow_nan=False)

@@ -41,7 +41,8 @@ def fit_parameters(
         typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the result and the fitted model; beside a specification if not given.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for result and model; a specification's own."),
     ] = None,
 ):
     """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
@@ -92,6 +93,8 @@ def predict_records(
     with show_progress(f"predicting {conditions.name}"):
         table = predict(model, conditions)
     write_table(table, file)
+    for note in table.attrs["notes"]:
+        typer.echo(f"ddetumble: note: {note}", err=True)
     if file is not None:
         typer.echo(f"Written to {file}: {len(table)} samples")
 

@@ -50,14 +50,40 @@ def compare_model(
 
     measured = read_campaign(path)
     folder = None if output is None else prepare_folder(output)
+    if measured.samples is None:
+        _compare_peaks(measured, model, folder)
+        return
     from ..discrepancy.comparison import compare
 
     with show_progress(f"comparing {measured.name} with {model}"):
         result = compare(measured, model=model)
     typer.echo(result.text())
+    if folder is None:
+        return
+    from ..report import Section, write_comparison
+
+    with show_progress("drawing"):
+        result.save(folder)
+        tables = (result.channels, result.conditions, result.records)
+        page = write_comparison(
+            result.sentence, {model: result.traces}, folder, title=f"{measured.name} and the model {model}",
+            noise=result.noise, where=result.where, status=(measured.name, f"{len(measured.records)} records"),
+            sections=[Section("Errors", ("By channel, by condition, by record; `ratio` is the error over the noise.",),
+                              tables=tables)])
+    typer.echo(f"Report: {page}")
+
+
+def _compare_peaks(measured, model: str, folder: Path | None) -> None:
+    """Where a campaign holds peaks only: every model of them side by side."""
+    from ..paper import judge_campaign
+
+    with show_progress(f"comparing the peaks of {measured.name}"):
+        result = judge_campaign(measured, model=model)
+    typer.echo(f"{result.sentence}\n\n{result.table().to_string(index=False)}")
     if folder is not None:
-        with show_progress("drawing"):
-            result.save(folder)
+        from ..inference.files import write_json
+
+        write_json(folder / "compare.json", result.to_dict())
         typer.echo(f"Written to {folder}")
 
 
@@ -120,10 +146,12 @@ def discover_effects(
 def _judge_peaks(campaign, model: str, folder: Path) -> None:
     """A campaign of peaks only: no curve, hence fewer questions it can answer."""
     from ..inference.files import write_json
+    from ..inference.models import resolve_model
     from ..paper import judge_campaign
 
     with show_progress(f"looking at the peaks of {campaign.name}"):
-        result = judge_campaign(campaign, model=model)
+        result = judge_campaign(campaign, model=model, reference=resolve_model(model).reference)
         write_json(folder / "result.json", result.to_dict())
-    typer.echo(result.text() if callable(getattr(result, "text", None)) else result.sentence)
+    typer.echo(result.sentence)
+    typer.echo(result.table())
     typer.echo(f"Result: {folder / 'result.json'}")

@@ -152,7 +152,7 @@ class _Bench:
         if not (isinstance(effect_class, type) and issubclass(effect_class, AbstractEffect)):
             raise TypeError("an effect is a class derived from one of the stages in ddetumble.contact.effect.")
         self.parameters = parameters_of(effect_class)
-        self.effect = effect_class()
+        effect_class()  # pyright: ignore[reportCallIssue]  # raises where a method or a default is missing
         found = dict(_CONDITIONS)
         found |= {name: (1.0, 2.0, 3.0) for name in effect_class.requires if name not in ("gas", "geometry", "damping")
                   and name not in found}  # fmt: skip
@@ -207,7 +207,7 @@ class _Bench:
         several = [p.starts or (p.default + 0.3 * p.typical,) for p in self.parameters]
         return [np.array(values) for values in itertools.islice(itertools.product(*several), 12)]
 
-    def at(self, values: Sequence[float]) -> tuple[Trial, Trial]:
+    def at(self, values: Sequence[float] | np.ndarray) -> tuple[Trial, Trial]:
         """Trials of all records at field values, and their derivatives, shape (parameters, records, ...)."""
         key = tuple(float(v) for v in values)
         if key not in self.seen:

@@ -147,10 +147,10 @@ class Ball(AbstractReference):
 
 @final
 class PowerLaw(AbstractReference):
-    r"""A soft body without gas: $F_k = k\,(\delta/\delta_0)^n \prod_c (c/c_0)^{\beta_c}$ with $\delta_0$ = 10 mm.
+    r"""A soft body without gas: $F_k = F_{10}\,(\delta/10\,\mathrm{mm})^n (c/c_0)^\beta$ (Hertz: n = 1.5).
 
-    `stiffness_force` is the force at 10 mm. Every further condition $c$ of a campaign named in `names` has an exponent
-    $\beta_c$, and its reference value $c_0$ in `references`.
+    `condition` names the condition $c$ that the stiffness depends on (a campaign's pressure, or a pad's thickness), ''
+    for none; `condition_reference` is $c_0$.
     """
 
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
@@ -163,8 +163,8 @@ class PowerLaw(AbstractReference):
                                  bounds=(0.5, 6.0), text="power of the depression")
     condition_exponent: Scalar = parameter("", 0.0, kind="reference", typical=0.5,
                                            text="power of the further condition")
-    condition: str = eqx.field(static=True, default="initial_pressure")
-    condition_reference: float = eqx.field(static=True, default=1e6)
+    condition: str = eqx.field(static=True, default="")
+    condition_reference: float = eqx.field(static=True, default=1.0)
     provides: ClassVar[tuple[str, ...]] = ("damping",)
 
     def diameter(self) -> Scalar:
@@ -177,9 +177,11 @@ class PowerLaw(AbstractReference):
 
     def elastic(self, contact: Contact) -> Scalar:
         """F_k of the power law [N]."""
+        force = self.stiffness_force * safe_power(contact.depression / 0.01, self.exponent)
+        if not self.condition:
+            return force
         ratio = contact.conditions[self.condition] / self.condition_reference
-        return (self.stiffness_force * safe_power(contact.depression / 0.01, self.exponent)
-                * safe_power(ratio, self.condition_exponent))
+        return force * safe_power(ratio, self.condition_exponent)
 
     def inertia(self) -> Scalar:
         """Effective mass [kg]."""

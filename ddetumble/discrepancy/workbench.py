@@ -51,8 +51,9 @@ class Workbench:
 
     def __init__(self, campaign: Campaign, reference: AbstractReference,
                  extra: Sequence[type[AbstractEffect]] = ()):
-        self.campaign, self.reference = campaign, reference
+        self.campaign = campaign
         found = assemble_space(campaign, reference, extra)
+        self.reference = found.space.reference
         self.space, self.start, self.base = found.space, found.start, list(found.base)
         self.catalogue, self.probes, self.left_out = found.catalogue, found.probes, found.left_out
         self.by_id = {e.id: e for e in (*self.catalogue, *self.probes)}

@@ -1,6 +1,7 @@
 """One impact on the bench: from first touch to separation, and what the channels read at given times."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -17,7 +18,7 @@ from ..contact.signal import Signal
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
-RTOL, ATOL = 1e-7, 1e-9
+RTOL, ATOL = 5e-8, 5e-10
 MAX_STEPS = 256
 
 
@@ -95,7 +96,7 @@ def simulate(
     law: ContactLaw, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
     adjoint: dfx.AbstractAdjoint | None = None, rtol: float = RTOL, atol: float = ATOL, max_steps: int = MAX_STEPS,
 ) -> Impact:
-    r"""Simulate one impact: $m_{eff}\,dw/dt = -F_n + F_{drive}$, $\delta(0) = 0$, $w(0) = v_1$, until $\delta = 0$ again.
+    r"""Simulate one impact: $m_{eff}\,dw/dt = -F_n + F_{drive}$, $\delta(0) = 0$, $w(0) = v_1$, until $\delta = 0$.
 
     Batch records with `jax.vmap`. Differentiable in forward and reverse mode; the instant of separation follows the
     implicit-function theorem.
@@ -144,7 +145,7 @@ def simulate(
         return physical(t, y, args)
 
     constants = (diameter, damping, mass, conditions, law)
-    solution = dfx.diffeqsolve(
+    solution: Any = dfx.diffeqsolve(
         dfx.ODETerm(field), dfx.Tsit5(), t0=jnp.zeros(()), t1=jnp.ones(()), dt0=jnp.asarray(2e-3),
         y0=start, args=constants,
         saveat=dfx.SaveAt(subs=[dfx.SubSaveAt(t0=True, steps=True, fn=node), dfx.SubSaveAt(t1=True)]),

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._errors import InputError
 from ..contact.effect import AbstractEffect, parameters_of
-from ..contact.law import AbstractReference
+from ..contact.law import AbstractReference, PowerLaw
 from ..effects import IMPACT
 from ..effects.probes import PROBES
 from ..measurement.campaign import Campaign
@@ -46,13 +47,44 @@ def assemble_space(campaign: Campaign, reference: AbstractReference,
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
     """
+    reference = adapt_reference(campaign, reference)
     catalogue = tuple(e for e in (*IMPACT, *extra) if fits_campaign(e, reference, campaign))
     probes = tuple(e for e in PROBES if fits_campaign(e, reference, campaign))
     space = ParameterSpace(reference, (*catalogue, *probes))
     start = space.coordinates({k: v for k, v in campaign.known.items() if v is not None and k in space.index})
-    base = tuple(s.name for s in space.slots
-                 if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None)
+    fixed = {"condition_exponent"} if isinstance(reference, PowerLaw) and not reference.condition else set()
+    base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
+                 and campaign.known.get(s.name) is None and s.name not in fixed)
     return Assembly(space, catalogue, probes, tuple(e.id for e in (*IMPACT, *extra) if e not in catalogue), start, base)
+
+
+def adapt_reference(campaign: Campaign, reference: AbstractReference) -> AbstractReference:
+    """A reference model that reads the campaign's conditions; refused in words where they are missing.
+
+    A power law takes the pressure, or else the first further condition that varies, about its median.
+
+    Raises:
+        InputError: the model needs a gas pressure and the campaign has none, or none in some record.
+    """
+    records = campaign.records
+    if isinstance(reference, PowerLaw):
+        further = [c for c in records.columns if c not in ("approach_speed", "sequence", "initial_pressure")]
+        found = next((c for c in ("initial_pressure", *further) if c in records
+                      and records[c].nunique() > 1 and (records[c] > 0).all()), "")
+        middle = float(records[found].median()) if found else 1.0
+        return dc.replace(reference, condition=found, condition_reference=middle)
+    if "gas" not in reference.provides:
+        return reference
+    if "initial_pressure" not in records:
+        raise InputError(f"campaign {campaign.name!r} has no condition 'initial_pressure', and this model is of an "
+                         "inflated ball; give the pressure, or take --model power-law")
+    empty = records.index[records["initial_pressure"] <= 0]
+    if len(empty):
+        raise InputError(f"campaign {campaign.name!r}: record {empty[0]!r} has no absolute pressure "
+                         f"({records.loc[empty[0], 'initial_pressure']:g} Pa), and without gas this model gives no "
+                         "force at all; mark gauge pressures with \"reference\": \"gauge\", leave the record out, "
+                         "or take --model power-law")
+    return reference
 
 
 def fits_campaign(effect: type[AbstractEffect], reference: AbstractReference, campaign: Campaign) -> bool:
@@ -80,8 +112,7 @@ def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, fr
     samples, records = campaign.samples, campaign.records
     if samples is not None and "effective_mass" in free:
         masses = []
-        for key in campaign.record_keys[:64]:
-            trace = samples[samples["record"] == key]
+        for key, trace in list(samples.groupby("record", sort=False))[:64]:
             t, f = trace["time"].to_numpy(), np.nan_to_num(trace["normal_force"].to_numpy())
             impulse = np.trapezoid(f * (t > 0), t)
             masses.append(impulse / (1.7 * records.loc[key, "approach_speed"]))

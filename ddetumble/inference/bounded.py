@@ -10,7 +10,7 @@ from .problem import Problem, Solution
 
 
 ROUNDS = 8
-PATIENCE = 5
+PATIENCE = 3
 NEAR = 2e-3  # of its scale: so near to a limit of the model, a parameter counts as stopped by it
 
 
@@ -87,7 +87,7 @@ def _settle(problem: Problem, names: Sequence[str], u: np.ndarray, z: np.ndarray
         if solution.converged or solution.failed:
             break
         again = problem.solve(names, solution.u, solution.z, tolerance=tolerance)
-        settled = abs(solution.chi2 - again.chi2) < 1e-4
+        settled = abs(solution.chi2 - again.chi2) < 1e-3 + 1e-6 * again.chi2
         solution = dc.replace(again, steps=solution.steps + again.steps, converged=again.converged or settled)
     return solution
 

@@ -34,7 +34,8 @@ def write_json(path: Path, content: Any) -> None:
     except OSError as error:
         raise InputError(f"the file cannot be written ({error.strerror or error})", file=path) from None
     finally:
-        draft.unlink(missing_ok=True)
+        if draft.is_file():
+            draft.unlink()
 
 
 def make_plain(value: Any) -> Any:

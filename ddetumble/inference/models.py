@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .._errors import InputError
+from .._numerics import scalar
 from ..contact.effect import AbstractEffect
 from ..contact.law import AbstractReference, Ball, ContactLaw, PowerLaw
 
@@ -57,11 +58,11 @@ MODELS: dict[str, BuiltinModel] = {
     "paper-printed": BuiltinModel(
         "Eq. 7 as printed: b = depression/4 in the area alone, Eq. 2 with its doubled core, Eq. 6; a tenth of the "
         "force.",
-        lambda: Ball(contact_radius_coefficient=0.25, volume_coefficient=math.pi / 4, doubled_core=True,
+        lambda: Ball(contact_radius_coefficient=scalar(0.25), volume_coefficient=math.pi / 4, doubled_core=True,
                      damping_form="printed")),
     "paper-quarter": BuiltinModel(
         "Eq. 7 with b = depression/4 in the volume too, doubled core, Eq. 6; the perimeter is not kept.",
-        lambda: Ball(contact_radius_coefficient=0.25, doubled_core=True, damping_form="printed")),
+        lambda: Ball(contact_radius_coefficient=scalar(0.25), doubled_core=True, damping_form="printed")),
     "paper-eq5-sign": BuiltinModel(
         "as paper, with the sign of Eq. 5 at face value: damping lowers the force while loading and feeds energy in.",
         lambda: Ball(damping_sign=-1.0)),

@@ -145,7 +145,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
             valid = np.isfinite(x)
             complete[r, c] = valid.all()
             values[r, c, :n] = np.where(valid, x, 0.0)
-            valid = valid & ~((np.abs(t) <= blind) if blind > 0 and channel == "normal_force" else False)
+            if blind > 0 and channel == "normal_force":
+                valid = valid & (np.abs(t) > blind)
             level = (noise or {}).get(channel) or default_noise(campaign, channel, t)
             if channel == "pressure":
                 valid = valid & (t < last)

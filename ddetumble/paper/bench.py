@@ -199,7 +199,7 @@ class Bench:
         """A row that predicts every record by the model which, among physical ones, fits the other records best."""
         fits = [self.fits[row.label] for row in rows]
         cost = np.array([[np.inf if self._outside(fit.names, x) else c
-                          for x, c in zip(fit.fold_x, fit.fold_cost, strict=True)] for fit in fits])
+                          for x, c in zip(_made(fit.fold_x), _made(fit.fold_cost), strict=True)] for fit in fits])
         pick = np.argmin(cost, axis=0)
         held = np.array([fits[k].held[i] for i, k in enumerate(pick)])
         names = sorted({" + ".join(rows[k].effects) for k in pick})
@@ -215,8 +215,8 @@ class Bench:
             if name in PHYSICAL:
                 value = self.program.space.public(name, float(x[self.program.space.index[name]]), 0.0)
                 low, high = PHYSICAL[name]
-                if not low <= value["estimate"] <= high:
-                    return f"{name} = {value['estimate']:.3g} {value['unit']}".strip()
+                if not low <= float(value["estimate"]) <= high:
+                    return f"{name} = {float(value['estimate']):.3g} {value['unit']}".strip()
         return ""
 
     def read_as_gauge(self) -> list[PeakRow]:
@@ -242,6 +242,12 @@ class Bench:
         """Contact times [s] and ratios of rebound to approach speed of a row's fit, each shape (records,)."""
         _, times, ratios, _ = self.program.evaluate_contact(self.fits[row.label].x, self.data.conditions)
         return times, ratios
+
+
+def _made(folds: np.ndarray | None) -> np.ndarray:
+    if folds is None:
+        raise ValueError("`hold_out` has to come before a choice inside the folds.")
+    return folds
 
 
 def _field(value: float, program: PeakProgram, name: str) -> float:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._numerics import scalar
 from ..contact.law import Ball, ContactLaw
 from . import drawings, figures
 from .bench import Bench, Recipe, choose_effects
@@ -155,7 +156,7 @@ def _write_points(points: list[Contradiction], rows, judged, masses):
 
 def _draw_duration(judged: PeakJudgement, mass: float):
     times = np.linspace(0.0, 0.3, 900)
-    law = ContactLaw(Ball(effective_mass=mass))
+    law = ContactLaw(Ball(effective_mass=scalar(mass)))
     conditions = {"initial_pressure": judged.pressures, "approach_speed": np.full(len(judged.peaks), SPEED)}
     impact = simulate_impacts(law, conditions, times)
     return figures.draw_duration(times, np.asarray(impact.normal_force), judged.pressures / 1e6, judged.peaks, mass)
@@ -166,7 +167,7 @@ def _draw_sign(mass: float):
     conditions = {"initial_pressure": np.array([1e6]), "approach_speed": np.array([SPEED])}
     forces, depths = {}, {}
     for name, sign in (("as printed", -1.0), ("Hunt and Crossley", 1.0)):
-        impact = simulate_impacts(ContactLaw(Ball(effective_mass=mass, damping_sign=sign)), conditions, times)
+        impact = simulate_impacts(ContactLaw(Ball(effective_mass=scalar(mass), damping_sign=sign)), conditions, times)
         forces[name], depths[name] = np.asarray(impact.normal_force)[0], np.asarray(impact.depression)[0]
     return figures.draw_sign(times, forces, depths)
 

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections.abc import Mapping
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -88,7 +89,7 @@ def pressure_ratio(share: np.ndarray, law: str) -> np.ndarray:
 
 def printed_restitution(asked: float) -> float:
     """Restitution that Eq. 6 delivers when asked for `asked` [-]."""
-    return float(delivered_restitution(0.75 * (1.0 - asked**2)))
+    return float(delivered_restitution(jnp.asarray(0.75 * (1.0 - asked**2))))
 
 
 def reversed_restitution(restitution: float) -> float:
@@ -97,7 +98,8 @@ def reversed_restitution(restitution: float) -> float:
 
     kappa = float(damping_number(jnp.asarray(restitution)))
     # Run backwards it is an impact at R v1 with the same c_n that rebounds with v1.
-    return float(brentq(lambda r: float(delivered_restitution(kappa * r)) * r - 1.0, 1.0, 50.0))
+    root: Any = brentq(lambda r: float(delivered_restitution(jnp.asarray(kappa * r))) * r - 1.0, 1.0, 50.0)
+    return float(root)
 
 
 def miss_peaks(low: float, high: float, measured: np.ndarray, pressures: np.ndarray, peaks: np.ndarray) -> float:
@@ -189,7 +191,7 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
             {f"{a:g}-{b:g}": value for (a, b), value in miss.items()}),
         Contradiction(
             9, "the duration of an impact", f"{STATED_TIME} s",
-            f"{ours[0]:.3f} to {ours[1]:.3f} s for a free impact", "`arm-servo` as an effect",
+            f"{ours[0]:.3f} to {ours[1]:.3f} s for a free impact", "arm-servo as an effect",
             f"The text states an impact time of {STATED_TIME} s. A free impact whose mass fits the four peaks of "
             f"Figure 8 "
             f"lasts {ours[0]:.3f} to {ours[1]:.3f} s ({min(quarter[0], times['area'][0]):.2f} to "

@@ -1,5 +1,7 @@
 """Which single physical change would turn the printed theory into the measured peaks, if peaks can tell at all."""
 
+from typing import Any
+
 import numpy as np
 
 from .bench import ATMOSPHERE
@@ -54,7 +56,7 @@ def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, sp
         curve = CubicSpline(grid, np.log(values / start[0]), axis=0)
 
         def fit(keep, curve=curve, low=low, high=high):
-            found = minimize_scalar(
+            found: Any = minimize_scalar(
                 lambda t: np.sum((printed * np.exp(curve(t)) / peaks - 1.0)[keep] ** 2), bounds=(low, high),
                 method="bounded", options={"xatol": 1e-7})
             return float(found.x)

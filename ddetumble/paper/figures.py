@@ -1,6 +1,6 @@
 """Figures of the contradictions: each takes numbers and returns a matplotlib figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -168,7 +168,7 @@ def draw_ranges(point: Contradiction, measured: np.ndarray, pressures: np.ndarra
 
 
 @styled
-def draw_duration(times: np.ndarray, forces: np.ndarray, pressures: Sequence[float], peaks: np.ndarray, mass: float):
+def draw_duration(times: np.ndarray, forces: np.ndarray, pressures: np.ndarray, peaks: np.ndarray, mass: float):
     """Simulated free impacts beside the stated impact time.
 
     Args:

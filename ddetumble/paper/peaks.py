@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -64,7 +65,7 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array], window: Array) 
 
 
 @eqx.filter_jit
-def simulate_impacts(law: ContactLaw, conditions: Mapping[str, Array], times: Array) -> Impact:
+def simulate_impacts(law: ContactLaw, conditions: Mapping[str, Any], times: Any) -> Impact:
     """Impacts at conditions of shape (records,), SI, each at the same times [s]: an `Impact` with a leading axis."""
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}
     return jax.vmap(lambda one: simulate(law, one, jnp.asarray(times, dtype=float)))(conditions)

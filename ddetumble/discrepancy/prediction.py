@@ -1,0 +1,207 @@
+"""A fitted model at new conditions, with the uncertainty of its mean and of a new measurement."""
+
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from .._errors import ComputationError, InputError
+from ..inference.archive import SavedModel, load_model
+from ..inference.problem import evaluate
+from ..inference.stack import CHANNELS, RECORD_SIZES, SAMPLE_SIZES, Stack
+from ..measurement.tables import Table, convert_column, read_table
+
+
+CHUNK = 48  # records a call of the compiled program
+DIRECTIONS = 8  # slots of free parameters, a multiple of this
+POSITIVE = ("approach_speed",)
+NOT_NEGATIVE = ("initial_pressure", "temperature")
+
+
+def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+    """Predict records at new conditions.
+
+    Args:
+        model: folder that `fit` or `discover` wrote.
+        conditions: CSV file in long form, or a table like it: `record`, the conditions, `time`; one row a wanted
+            sample, SI.
+
+    Returns:
+        `record`, `time` and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from what the fit
+        leaves uncertain) and `<channel>_sd_new` (of a new measurement: its conditions, time origin and noise scatter
+        too), in the order of the rows given. `attrs["notes"]` holds sentences on what is extrapolated or left out.
+
+    Raises:
+        InputError: a column is missing or holds no numbers, conditions that no test can have.
+        ComputationError: the model could not be integrated there.
+    """
+    saved = model if isinstance(model, SavedModel) else load_model(model)
+    if saved.family != "impact":
+        raise InputError(f"the model is of family {saved.family!r}; predict reads 'impact' so far", file=saved.folder)
+    table, file = (_from_frame(conditions), None) if isinstance(conditions, pd.DataFrame) else (
+        read_table(conditions), str(conditions))
+    names = tuple(saved.ranges)
+    keys, values, notes = _read(table, names, saved, file)
+    groups = list(pd.Series(np.arange(len(keys))).groupby(pd.Series(keys), sort=False).indices.items())
+    settings = {name: np.array([values[name][rows[0]] for _, rows in groups]) for name in names}
+    notes += _find_extrapolation(saved, [key for key, _ in groups], settings)
+    channels = tuple(c for c in CHANNELS if c in saved.channels)
+    size = len(keys)
+    found = {c: np.zeros((3, size)) for c in channels}
+    order = sorted(range(len(groups)), key=lambda g: len(groups[g][1]))
+    for first in range(0, len(order), CHUNK):
+        part = order[first: first + CHUNK]
+        rows = [groups[g][1][np.argsort(values["time"][groups[g][1]], kind="stable")] for g in part]
+        times = [values["time"][r] for r in rows]
+        mean, sd, new = _predict_some(saved, channels, times, {n: settings[n][part] for n in names},
+                                      [groups[g][0] for g in part])
+        for i, r in enumerate(rows):
+            for c, channel in enumerate(channels):
+                found[channel][:, r] = mean[i, c, :len(r)], sd[i, c, :len(r)], new[i, c, :len(r)]
+    columns = {"record": keys, "time": values["time"]}
+    for channel in channels:
+        for k, ending in enumerate(("", "_sd", "_sd_new")):
+            columns[channel + ending] = found[channel][k]
+    result = pd.DataFrame(columns)
+    result.attrs["notes"] = tuple(dict.fromkeys([*saved.notes, *notes]))
+    return result
+
+
+def _from_frame(frame: pd.DataFrame) -> Table:
+    """A data frame as a table of text, so that it meets the same checks as a file."""
+    if not len(frame):
+        raise InputError("the table of conditions has no rows")
+    cells = {str(n): ["" if pd.isna(x) else repr(float(x)) if isinstance(x, (float, np.floating)) else str(x)
+                      for x in frame[n]] for n in frame.columns}
+    return Table("conditions", cells, np.arange(2, len(frame) + 2))
+
+
+def _read(table: Table, names: tuple[str, ...], saved: SavedModel, file: str | None
+          ) -> tuple[np.ndarray, dict[str, np.ndarray], list[str]]:
+    """Keys and numbers of all rows; the same conditions in all rows of a record."""
+    place, lines = file or table.file, table.lines
+    notes, values = [], {}
+    asked = {name for e in saved.space.effects for name in e.requires}
+    if "record" not in table.columns:
+        raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=place)
+    keys = np.array([cell.strip() for cell in table.columns["record"]], dtype=object)
+    for i, key in enumerate(keys):
+        if not key:
+            raise InputError("the cell is empty; every row needs the key of its record", file=place, column="record",
+                             row=lines[i])
+    for name in (*names, "time"):
+        if name == "sequence" and name not in table.columns and name not in asked:
+            values[name] = np.ones(len(keys))
+            continue
+        if name not in table.columns:
+            unit = "s" if name == "time" else saved.units.get(name, "1")
+            raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
+                             + ", ".join(table.columns), file=place)
+        values[name] = convert_column(table, name)
+        _check_sign(name, values[name], place, lines)
+    extra = [name for name in table.columns if name not in (*names, "record", "time")]
+    if extra:
+        notes.append(f"The model does not read {', '.join(extra)}: left out.")
+    first: dict[str, int] = {}
+    for i, key in enumerate(keys):
+        k = first.setdefault(key, i)
+        for name in names:
+            if values[name][i] != values[name][k]:
+                raise InputError(f"record {key!r} has {values[name][i]:g} here and {values[name][k]:g} on line "
+                                 f"{lines[k]}; a record has one value of each condition", file=place, column=name,
+                                 row=lines[i])
+    return keys, values, notes
+
+
+def _check_sign(name: str, values: np.ndarray, place: str, lines: np.ndarray):
+    bad = values <= 0 if name in POSITIVE else values < 0 if name in NOT_NEGATIVE else np.zeros(len(values), dtype=bool)
+    if bad.any():
+        i = int(np.argmax(bad))
+        rule = "has to be positive" if name in POSITIVE else "cannot be negative"
+        remedy = "; pressures are absolute, in Pa" if name == "initial_pressure" else ""
+        raise InputError(f"{values[i]:g} {rule}{remedy}", file=place, column=name, row=lines[i])
+
+
+def _find_extrapolation(saved: SavedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
+    """Sentences on conditions beyond those of the campaign."""
+    found: dict[str, list[str]] = {}
+    for i, key in enumerate(keys):
+        for phrase in saved.outside({name: float(v[i]) for name, v in settings.items()}, slack=0.02):
+            found.setdefault(phrase, []).append(key)
+    notes = []
+    for phrase, records in list(found.items())[:6]:
+        more = f" and {len(records) - 3} more" if len(records) > 3 else ""
+        notes.append(f"Extrapolated: {phrase} (record {', '.join(records[:3])}{more}).")
+    if len(found) > 6:
+        notes.append(f"Extrapolated in {len(found) - 6} further settings.")
+    pressure = settings.get("initial_pressure")
+    if pressure is not None and np.any(pressure == 0) and "gas" in saved.space.reference.provides:
+        notes.append("Without gas (initial_pressure = 0) this model's ball has no gas force.")
+    return notes
+
+
+def _size(wanted: int, sizes: tuple[int, ...]) -> int:
+    return next((s for s in sizes if wanted <= s), -(-wanted // sizes[-1]) * sizes[-1])
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _linearise(space, names, channels, stack, base, directions, low, high):
+    """Channels, derivatives along `directions` and by the nuisances in their deviations, separation, failures."""
+    theta, z = jnp.zeros(directions.shape[0]), jnp.zeros((stack.time.shape[0], len(names)))
+    at = evaluate(space, names, channels, theta, z, stack, base, directions, low, high)
+    return at.channels, at.shared, at.own, at.separation, at.failed
+
+
+def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.ndarray],
+                  settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
+    count, longest = len(times), max(len(t) for t in times)
+    rows, samples = _size(count, RECORD_SIZES), _size(longest, SAMPLE_SIZES)
+    time = np.zeros((rows, samples))
+    for i, t in enumerate(times):
+        time[i, :len(t)], time[i, len(t):] = t, t[-1]
+    time[count:] = time[0]
+    padded = {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
+    padded.setdefault("initial_pressure", np.zeros(rows))
+    padded.setdefault("sequence", np.ones(rows))
+    nuisances = (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")
+    deviations = np.stack([np.full(rows, saved.time_sd) if n == "time" else saved.uncertainties[n].sd(padded[n])
+                           for n in nuisances], axis=1)
+    shape = (rows, len(channels), samples)
+    last = time.max(axis=1)
+    span = np.where(last > 0, last, 1e-3) * 1.005
+    slots = max(-(-len(saved.free) // DIRECTIONS), 1) * DIRECTIONS
+    sds = np.sqrt(np.maximum(np.diag(saved.covariance), 0.0))
+    directions = np.zeros((slots, len(saved.space)))
+    # Principal directions of the covariance: the variance is the sum of the squares of the columns.
+    whole = sds > 0
+    correlation = saved.covariance[np.ix_(whole, whole)] / np.outer(sds[whole], sds[whole])
+    values, vectors = np.linalg.eigh(correlation)
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sds[whole]
+    if len(root):
+        directions[:len(root)] = root @ saved.directions[whole]
+    base = jnp.asarray(np.broadcast_to(saved.u, (rows, len(saved.u))))
+    limits = [jnp.asarray(b) for b in saved.space.bounds()]
+    conditions = {n: jnp.asarray(v) for n, v in padded.items()}
+    # A time after separation that is long against the contact would leave the integrator coarse steps there.
+    for _ in range(3):
+        stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.zeros(shape), jnp.ones(shape), jnp.zeros((*shape, 1)),
+                      conditions, jnp.asarray(deviations), jnp.ones(rows))
+        found = _linearise(saved.space, nuisances, channels, stack, base, jnp.asarray(directions), *limits)
+        mean, shared, own, separation, failed = (np.asarray(x) for x in found)
+        long = ~failed & (separation < 0.3 * span)
+        if not long.any():
+            break
+        span = np.where(long, 2.0 * separation, span)
+    if failed[:count].any():
+        i = int(np.argmax(failed[:count]))
+        where = ", ".join(f"{n} = {v[i]:g}" for n, v in settings.items())
+        raise ComputationError(f"the model could not be integrated for record {keys[i]!r} ({where}); check its conditions "
+                               "and their units")
+    variance = np.sum(shared.reshape(*shape, -1) ** 2, axis=-1)
+    scatter = np.sum(own.reshape(*shape, -1) ** 2, axis=-1)
+    noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2
+    return mean[:count], np.sqrt(variance)[:count], np.sqrt(variance + scatter + noise)[:count]

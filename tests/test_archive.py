@@ -1,0 +1,169 @@
+"""Fitted models on disk: what was written comes back, and damaged files are refused in one sentence."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddetumble._errors import InputError
+from ddetumble.contact.law import Ball
+from ddetumble.effects import IMPACT
+from ddetumble.inference.archive import load_model, save_model
+from ddetumble.inference.models import resolve_effect, resolve_model
+from ddetumble.inference.noise import Noise
+from ddetumble.inference.parameters import ParameterSpace
+from ddetumble.inference.problem import Solution
+from ddetumble.measurement import read_campaign
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+
+
+USER = '''"""An effect of the user."""
+
+from typing import ClassVar
+
+from ddetumble.contact.effect import AbstractElasticEffect, Contact, Scalar, parameter
+
+
+class Felt(AbstractElasticEffect):
+    """A layer of felt."""
+
+    k_f: Scalar = parameter("N/m", 0.0, typical=100.0)
+    id: ClassVar[str] = "felt"
+    law: ClassVar[str] = "F_k gains k_f delta"
+    reference: ClassVar[str] = "ours"
+
+    def force(self, contact: Contact) -> Scalar:
+        """k_f delta [N]."""
+        return self.k_f * contact.depression
+'''
+NOISE = {"normal_force": Noise(0.25, 0.3, 0.2, 5e-4, 0.25, 0.03, "correlated")}
+
+
+def make_solution(space, names, values):
+    u = space.coordinates(values)
+    count, empty = len(names), np.zeros((1, 3, 0))
+    shared = np.random.default_rng(0).normal(size=(1, 3, count))
+    return Solution(tuple(names), u, np.zeros((1, 0)), np.ones(count), np.zeros((1, 3)), shared, empty,
+                    np.zeros((1, 1, 3)), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(count),
+                    np.zeros(count), 3.0, True, 4, ())
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    place = tmp_path_factory.mktemp("archive") / "c"
+    made = make_campaign("c", 3, {}, {"effective_mass": 1.3, "restitution": 0.7}, [6e5, 1e6], [0.3], 1, interval=2e-3)
+    write_campaign_folder(place, made)
+    return read_campaign(place)
+
+
+@pytest.fixture
+def saved(campaign, tmp_path):
+    space = ParameterSpace(Ball(doubled_core=True), IMPACT)
+    solution = make_solution(space, ["effective_mass", "sensor-highpass.tau_s"],
+                             {"effective_mass": 1.4, "sensor-highpass.tau_s": 0.8})
+    save_model(tmp_path / "m", campaign=campaign, model_name="paper-doubled-core", space=space, solution=solution,
+               noise=NOISE, effects=["sensor-highpass"], extra={"verdict": "explained"})
+    return tmp_path / "m", solution
+
+
+def test_what_was_written_comes_back(saved, campaign):
+    folder, solution = saved
+    model = load_model(folder)
+    assert model.effects == ("sensor-highpass",) and model.free == solution.names
+    assert model.space.reference.doubled_core and len(model.space) == 5
+    np.testing.assert_array_equal(model.covariance, solution.covariance())
+    assert dict(model.noise) == NOISE and model.channels == ("normal_force",)
+    assert float(model.law().reference.effective_mass) == pytest.approx(1.4)
+    assert float(model.law().effects[0].decay_rate) == pytest.approx(0.8)
+    assert model.uncertainties["initial_pressure"].relative == pytest.approx(0.005) and model.time_sd == 5e-5
+    assert "sequence" not in model.uncertainties and model.sha256 == campaign.sha256
+    assert model.extra["verdict"] == "explained" and model.notes == () and "jax" in model.versions
+    assert model.ranges["approach_speed"][0] == pytest.approx(campaign.records["approach_speed"].min())
+    assert model.outside({"approach_speed": 0.3, "initial_pressure": 8e5}) == []
+    assert "initial_pressure" in model.outside({"approach_speed": 0.3, "initial_pressure": 5e6})[0]
+    assert model.directions.shape == (2, 5)
+
+
+def test_a_folder_is_a_model(saved):
+    resolved = resolve_model(str(saved[0]))
+    assert resolved.name == "paper-doubled-core" and float(resolved.reference.effective_mass) == pytest.approx(1.4)
+    assert [e.id for e in resolved.effects] == ["sensor-highpass"]
+
+
+def test_effects_of_the_user_come_back_from_their_file(campaign, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(USER)
+    felt = resolve_effect(f"{file}:Felt")
+    assert resolve_effect(f"{file}:Felt") is felt
+    space = ParameterSpace(Ball(), (*IMPACT, felt))
+    solution = make_solution(space, ["felt.k_f"], {"felt.k_f": 80.0})
+    save_model(tmp_path / "m", campaign=campaign, model_name="paper", space=space, solution=solution, noise=NOISE,
+               effects=["felt"])
+    assert str(tmp_path) not in (tmp_path / "m" / "model.json").read_text()
+    model = load_model(tmp_path / "m")
+    assert type(model.law().effects[0]) is felt and float(model.law().effects[0].k_f) == 80.0
+    file.write_text(USER + "\n# changed\n")
+    assert "mine.py has changed" in load_model(tmp_path / "m").notes[0]
+    file.unlink()
+    with pytest.raises(InputError, match="mine.py"):
+        load_model(tmp_path / "m")
+
+
+def test_an_effect_without_a_file_is_given_again(campaign, tmp_path):
+    namespace = {"__name__": "nowhere"}
+    exec(USER, namespace)
+    felt = namespace["Felt"]
+    space = ParameterSpace(Ball(), (felt,))
+    save_model(tmp_path / "m", campaign=campaign, model_name="paper", space=space,
+               solution=make_solution(space, ["felt.k_f"], {"felt.k_f": 80.0}), noise=NOISE, effects=["felt"])
+    with pytest.raises(InputError, match="extra"):
+        load_model(tmp_path / "m")
+    assert load_model(tmp_path / "m", extra=[felt]).effects == ("felt",)
+
+
+def _cut(text):
+    return text[: len(text) // 2]
+
+
+def _edit(**changes):
+    def change(text):
+        content = json.loads(text)
+        for key, value in changes.items():
+            content[key] = value
+        return json.dumps(content)
+
+    return change
+
+
+@pytest.mark.parametrize(("spoil", "part"), [
+    (_cut, "no JSON file"),
+    (lambda text: "", "no JSON file"),
+    (lambda text: "[]", "schema"),
+    (_edit(schema="ddetumble.model/9"), "schema"),
+    (_edit(covariance=[[1.0]]), "covariance"),
+    (_edit(free=["effective_mass", "nothing"]), "free"),
+    (_edit(model="nothing"), "no model"),
+    (_edit(effects=[{"id": "nothing"}]), "nothing"),
+    (_edit(coordinates={"effective_mass": 0.0}, free=[], covariance=[]), "coordinates"),
+    (_edit(time_sd="a"), "time_sd"),
+    (_edit(choices={"colour": 1}), "choices"),
+    (_edit(colour=1), "colour"),
+])  # fmt: skip
+def test_damaged_files_are_refused_in_one_sentence(saved, spoil, part):
+    path = saved[0] / "model.json"
+    path.write_text(spoil(path.read_text()))
+    with pytest.raises(InputError) as caught:
+        load_model(saved[0])
+    assert part in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_folder_without_a_model_is_refused(campaign, tmp_path):
+    with pytest.raises(InputError, match="model.json"):
+        load_model(tmp_path)
+    with pytest.raises(InputError, match="model.json"):
+        resolve_model(str(tmp_path))
+    (tmp_path / "file").write_text("")
+    space = ParameterSpace(Ball(), ())
+    with pytest.raises(InputError):
+        save_model(tmp_path / "file" / "m", campaign=campaign, model_name="paper", space=space,
+                   solution=make_solution(space, ["restitution"], {}), noise={}, effects=())

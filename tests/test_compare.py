@@ -1,0 +1,102 @@
+"""One model beside the measurements: errors against the noise, where they sit, and what is said about them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ddetumble._errors import InputError
+from ddetumble._settings import find_data
+from ddetumble.cli import main
+from ddetumble.contact.law import Ball
+from ddetumble.discrepancy.comparison import bin_residuals, compare
+from ddetumble.discrepancy.records import Trace
+from ddetumble.discrepancy.traces import noise_nrmse, nrmse, nrmse_by_channel
+from ddetumble.effects.wall import WallStiffness
+from ddetumble.inference.archive import save_model
+from ddetumble.inference.parameters import ParameterSpace
+from ddetumble.inference.problem import Problem
+from ddetumble.inference.stack import default_noise, stack_records
+from ddetumble.measurement.package import read_campaign
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+
+
+BASE = {"effective_mass": 1.3, "restitution": 0.72}
+WALL = {"wall-stiffness": {"k_w": 900.0, "q": 1.0}}
+
+
+def make(folder, seed, effects=None):
+    """Simulate and write a campaign of twelve records."""
+    made = make_campaign("made", seed, effects or {}, BASE, (5e5, 1e6, 2e6), (0.2, 0.45), 2, interval=1e-3)
+    write_campaign_folder(folder, made)
+    return read_campaign(folder)
+
+
+@pytest.mark.slow
+def test_adequate(tmp_path):
+    """Where nothing is missing, noise is all that is left, and the mass is the true one."""
+    found = compare(make(tmp_path, 1))
+    assert not found.lack_of_fit.rejected and "nothing but noise" in found.sentence
+    assert 0.9 < found.chi2_reduced < 1.1 and found.nrmse == pytest.approx(found.noise_nrmse, rel=0.1)
+    mass = found.parameters["effective_mass"]
+    assert abs(mass.estimate - 1.3) < 4 * mass.sd and found.fitted == ("effective_mass", "restitution")
+    assert len(found.records) == 12 and len(found.conditions) == 6 and (found.conditions["records"] == 2).all()
+    assert found.records["ratio"].between(0.7, 1.3).all()
+    score = found.residuals["mean"] / found.residuals["standard_error"]
+    assert np.mean(np.abs(score) < 3) > 0.9
+
+
+@pytest.mark.slow
+def test_missing(tmp_path, capsys):
+    """A stiff wall: the reference model fails and says where; the fitted model that has it does not, unrefitted."""
+    campaign = make(tmp_path / "campaign", 2, WALL)
+    found = compare(campaign)
+    assert found.lack_of_fit.rejected and found.where and "something is missing. Worst record r" in found.sentence
+    assert found.channels["ratio"][0] > 1.1 and found.nrmse > 1.1 * found.noise_nrmse
+    assert set(found.residuals["variable"]) == {"time", "depression", "depression_rate", "initial_pressure",
+                                               "approach_speed", "sequence"}
+    space = ParameterSpace(Ball(), (WallStiffness,))
+    problem = Problem(space, stack_records(campaign))
+    solution = problem.solve(space.of([None, "wall-stiffness"]), space.coordinates(), tolerance=1e-4)
+    save_model(tmp_path / "fit", campaign=campaign, model_name="paper", space=space, solution=solution,
+               noise={"normal_force": default_noise(campaign, "normal_force", np.arange(9) * 1e-3)},
+               effects=["wall-stiffness"])
+    grown = compare(campaign, str(tmp_path / "fit"))
+    assert not grown.lack_of_fit.rejected and grown.fitted == () and grown.parameters == {}
+    assert grown.nrmse == pytest.approx(grown.noise_nrmse, rel=0.1)
+    fixed = compare(campaign, refit=False)
+    assert fixed.fitted == () and fixed.channels["ratio"][0] > found.channels["ratio"][0]
+    assert main(["compare", str(tmp_path / "campaign"), "-o", str(tmp_path / "out")]) == 0
+    assert "times the noise" in capsys.readouterr().out
+    content = json.loads((tmp_path / "out" / "compare.json").read_text())
+    assert content["sentence"] == found.sentence and len(content["records"]) == 12
+    assert (tmp_path / "out" / "comparison.html").stat().st_size > 10000
+
+
+def test_refused(tmp_path):
+    campaign = read_campaign(find_data() / "paper" / "figure-8")
+    with pytest.raises(InputError, match="peaks only"):
+        compare(campaign)
+    with pytest.raises(InputError, match="no model"):
+        compare(campaign, "no-such-model")
+
+
+def test_errors_of_traces():
+    """Errors of hand-made traces; missing samples count for nothing."""
+    time = np.linspace(-0.1, 1.1, 13)
+    wave = np.where((time > 0) & (time < 1), 2.0, 0.0)
+    measured = wave + 0.5
+    measured[3] = np.nan
+    traces = [Trace(f"r{k}", channel, "N", {"initial_pressure": 1e6 * (k + 1)}, time, size * measured, size * wave,
+                    size * 0.25, np.where(wave > 0, 1e-3, 0.0), np.where(time < 0.5, 1.0, -1.0) * (wave > 0))
+              for k in range(2) for channel, size in (("normal_force", 1.0), ("pressure", 1e4))]
+    level = np.sqrt(np.nanmean(measured**2))
+    assert nrmse_by_channel(traces) == pytest.approx({"normal_force": 0.5 / level, "pressure": 0.5 / level})
+    assert nrmse(traces) == pytest.approx(0.5 / level) and noise_nrmse(traces) == pytest.approx(0.25 / level)
+
+    class Plan:
+        conditions = ("initial_pressure",)
+
+    table = bin_residuals(traces, {"r0": 1.0, "r1": 1.0}, Plan)
+    assert np.allclose(table["mean"], 2.0) and np.allclose(table["standard_error"], 0.0, atol=1e-12)
+    assert (table[table["variable"] == "depression"]["samples"] > 0).all()

@@ -1,0 +1,243 @@
+"""Fits of campaigns made by the independent simulator: truth in the intervals, bounds, priors, what is confounded."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ddetumble._errors import InputError
+from ddetumble.cli import main
+from ddetumble.inference.bounded import truncate_normal
+from ddetumble.inference.estimation import fit
+from ddetumble.inference.specification import read_specification
+from ddetumble.measurement import read_campaign
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+
+
+ROOT = Path(__file__).resolve().parent.parent
+BASE = {"effective_mass": 1.3, "restitution": 0.7}
+PLAN = dict(pressures=[6e5, 1.6e6], speeds=[0.3, 0.55], repeats=2, interval=8e-4)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("fit") / "wall"
+    made = make_campaign("wall", 11, {"wall-stiffness": {"k_w": 1500.0}}, BASE, **PLAN)
+    write_campaign_folder(place, made)
+    return place
+
+
+@pytest.fixture(scope="module")
+def campaign(folder):
+    return read_campaign(folder)
+
+
+@pytest.fixture(scope="module")
+def fitted(campaign):
+    return fit(campaign, effects=["wall-stiffness"])
+
+
+def test_intervals_hold_the_truth(fitted, tmp_path):
+    truth = BASE | {"wall-stiffness.k_w": 1500.0}
+    inside = total = 0
+    for seed in (12, 13):
+        place = tmp_path / str(seed)
+        write_campaign_folder(place, make_campaign("c", seed, {"wall-stiffness": {"k_w": 1500.0}}, BASE, **PLAN))
+        result = fit(place, effects=["wall-stiffness"])
+        for found in (result, fitted) if seed == 12 else (result,):
+            assert found.converged and 0.8 < found.chi2_reduced < 1.25
+            for name, value in truth.items():
+                p = found.parameters[name]
+                total += 1
+                inside += p.q025 <= value <= p.q975
+                assert abs(p.estimate - value) < 4 * p.sd
+    assert inside >= total - 1
+
+
+def test_report_reads_like_lmfit(fitted):
+    text = fitted.text()
+    for part in ("[[Fit Statistics]]", "# fitting method     = Levenberg-Marquardt", "reduced chi-square",
+                 "[[Variables]]", "+/-", "(init = ", "[[Correlations]] (unreported correlations are < 0.100)",
+                 "outer_diameter:"):
+        assert part in text
+    assert fitted.parameters["effective_mass"].unit == "kg"
+    assert json.loads(json.dumps(fitted.to_dict()))["parameters"]["effective_mass"]["q025"] > 1
+
+
+def test_lmfit_finds_the_same(campaign):
+    lmfit = pytest.importorskip("lmfit")
+    found = fit(campaign, effects=["wall-stiffness"], noise="stated", nuisances=False)
+    from ddetumble.inference.estimation import _pose
+    from ddetumble.inference.stack import stack_records
+
+    problem = _pose(found.space, stack_records(campaign), {}, False)
+    names = list(found.parameters)
+    places = [found.space.index[n] for n in names]
+
+    def residual(parameters):
+        u = found.solution.u.copy()
+        u[places] = [math.log(parameters["m"].value), math.log(parameters["e"] / (1 - parameters["e"])),
+                     parameters["k"].value]
+        return problem.solve(names, u, found.solution.z, moving=False).residual.ravel()
+
+    parameters = lmfit.Parameters()
+    parameters.add("m", 1.31, min=0.5, max=3.0)
+    parameters.add("e", 0.705, min=0.2, max=0.95)
+    parameters.add("k", 1450.0)
+    theirs = lmfit.minimize(residual, parameters, scale_covar=False, xtol=1e-10, ftol=1e-10, epsfcn=1e-8)
+    for mine, key in zip(names, "mek", strict=True):
+        assert theirs.params[key].value == pytest.approx(found.parameters[mine].estimate,
+                                                         abs=0.02 * found.parameters[mine].sd)
+        assert theirs.params[key].stderr == pytest.approx(found.parameters[mine].sd, rel=0.02)
+    assert theirs.chisqr == pytest.approx(found.chi2, rel=1e-6)
+    assert theirs.params["m"].correl["e"] == pytest.approx(found.correlations[0, 1], abs=0.02)
+
+
+def test_fixed_values_stay_and_priors_pull(campaign, fitted):
+    fixed = fit(campaign, effects=["wall-stiffness"], fixed={"effective_mass": 1.35})
+    assert fixed.fixed["effective_mass"] == pytest.approx(1.35)
+    assert "effective_mass" not in fixed.parameters and fixed.chi2 > fitted.chi2 + 10
+    pulled = fit(campaign, effects=["wall-stiffness"], priors={"wall-stiffness.k_w": (1000.0, 1.0)})
+    assert pulled.parameters["wall-stiffness.k_w"].estimate == pytest.approx(1000.0, abs=20)
+    assert pulled.parameters["wall-stiffness.k_w"].sd == pytest.approx(1.0, rel=0.05)
+    weak = fit(campaign, effects=["wall-stiffness"], priors={"effective_mass": (1.0, 1e3)})
+    assert weak.parameters["effective_mass"].estimate == pytest.approx(fitted.parameters["effective_mass"].estimate,
+                                                                       rel=1e-6)
+
+
+def test_bounds_hold_and_are_said(campaign, fitted):
+    stopped = fit(campaign, effects=["wall-stiffness"], bounds={"wall-stiffness.k_w": (0.0, 1200.0)})
+    p = stopped.parameters["wall-stiffness.k_w"]
+    assert p.at_bound == "upper" and p.estimate == pytest.approx(1200.0)
+    assert p.q975 <= 1200.0 and p.q025 < p.q975 and p.sd < 100
+    assert "at its upper bound" in stopped.text() and any("upper bound" in note for note in stopped.notes)
+    wide = fit(campaign, effects=["wall-stiffness"], bounds={"wall-stiffness.k_w": (0.0, 5000.0)})
+    assert wide.parameters["wall-stiffness.k_w"].at_bound == ""
+    assert wide.parameters["wall-stiffness.k_w"].estimate == pytest.approx(
+        fitted.parameters["wall-stiffness.k_w"].estimate, rel=1e-5)
+
+
+def test_a_cut_off_normal():
+    sd, low, high = truncate_normal(-2.0, 1.0, 0.0, np.inf)
+    draw = np.random.default_rng(1).normal(-2.0, 1.0, 2_000_000)
+    draw = draw[draw > 0]
+    assert sd == pytest.approx(draw.std(), rel=0.02)
+    assert (low, high) == (pytest.approx(np.quantile(draw, 0.025), rel=0.1),
+                           pytest.approx(np.quantile(draw, 0.975), rel=0.02))
+    sd, low, high = truncate_normal(-50.0, 1.0, 0.0, np.inf)
+    assert sd == pytest.approx(1 / 50) and 0 < low < high < 0.1
+
+
+def test_confounded_parameters_are_said_in_words(campaign):
+    found = fit(campaign, "power-law", ["sensor-gain"], fixed={"condition_exponent": 1.0})
+    trio = {"effective_mass", "stiffness_force", "sensor-gain.g"}
+    assert not any(found.parameters[name].determined for name in trio)
+    assert all(math.isinf(found.parameters[name].sd) for name in trio)
+    assert found.parameters["restitution"].determined and found.parameters["exponent"].sd < 0.05
+    sentence = found.cannot_tell_apart[0]
+    assert "cannot be told apart" in sentence and "weigh the moving parts" in sentence
+    assert all(name in sentence for name in trio)
+    assert "not determined" in found.text()
+    plain = found.to_dict()["parameters"]["sensor-gain.g"]
+    assert plain["sd"] is None and plain["determined"] is False
+
+
+def test_nearly_confounded_parameters_name_a_test(campaign):
+    found = fit(campaign, effects=["sensor-gain"], free=["contact_radius_coefficient"])
+    assert found.parameters["sensor-gain.g"].determined
+    assert found.cannot_tell_apart, found.text()
+    assert "hard to tell apart" in found.cannot_tell_apart[0] and "sensor-gain.g" in found.cannot_tell_apart[0]
+    assert any(word in found.cannot_tell_apart[0] for word in ("times as certain", "and fix"))
+
+
+def test_a_fit_goes_on_from_a_saved_one(campaign, fitted, tmp_path):
+    fitted.save(tmp_path / "one")
+    again = fit(campaign, tmp_path / "one")
+    assert again.model == "paper" and again.effects == ("wall-stiffness",)
+    assert again.chi2 == pytest.approx(fitted.chi2, rel=1e-6)
+    assert again.parameters["wall-stiffness.k_w"].initial == pytest.approx(
+        fitted.parameters["wall-stiffness.k_w"].estimate)
+
+
+@pytest.mark.parametrize(("arguments", "part"), [
+    (dict(effects=["wall-stifness"]), "did you mean wall-stiffness"),
+    (dict(effects=["wall-stiffness"], free=["no_such"]), "no parameter 'no_such'"),
+    (dict(free=["sensor-gain.g"]), "no parameter 'sensor-gain.g'"),
+    (dict(free=["outer_diameter"], fixed={"outer_diameter": 0.06}), "both free and fixed"),
+    (dict(fixed={"effective_mass": -1.0}), "positive"),
+    (dict(fixed={"restitution": 1.5}), "between 0 and 1"),
+    (dict(fixed={"effective_mass": 1.0, "restitution": 0.7}), "nothing is left to fit"),
+    (dict(priors={"outer_diameter": (0.06, 0.001)}), "not fitted"),
+    (dict(bounds={"effective_mass": (2.0, 1.0)}), "lower bound"),
+    (dict(model="papper"), "did you mean paper"),
+    (dict(model="power-law", effects=["polytropic-gas"]), "needs gas"),
+])  # fmt: skip
+def test_nonsense_is_refused_in_one_sentence(campaign, arguments, part):
+    with pytest.raises(InputError) as caught:
+        fit(campaign, **arguments)
+    assert part in str(caught.value) and "\n" not in str(caught.value)
+
+
+GOOD = 'schema = "ddetumble.fit/1"\ncampaign = "../wall"\n'
+
+
+@pytest.mark.parametrize(("text", "parts"), [
+    ("", ["schema"]),
+    ('schema = "ddetumble.fit/9"\n', ["schema", "ddetumble.fit/9"]),
+    ('schema = "ddetumble.fit/1"\n', ["campaign: is missing"]),
+    ("schema = ", ["no TOML"]),
+    (GOOD.replace("../wall", "../nowhere"), ["campaign", "nowhere"]),
+    (GOOD + "colour = 1\n", ["colour", "not a key"]),
+    (GOOD + 'effects = "adhesion"\n', ["effects"]),
+    (GOOD + 'nuisances = "yes"\n', ["nuisances"]),
+    (GOOD + "seed = -1\n", ["seed"]),
+    (GOOD + '[fixed]\nrestitution = "0.7"\n', ["fixed.restitution", "number"]),
+    (GOOD + "[priors]\nrestitution = { mean = 0.7 }\n", ["priors.restitution"]),
+    (GOOD + "[priors]\nrestitution = { mean = 0.7, sd = -1.0 }\n", ["priors.restitution"]),
+    (GOOD + "[bounds]\neffective_mass = [2.0, 1.0]\n", ["bounds", "effective_mass", "below"]),
+    (GOOD + "[bounds]\neffective_mass = [1.0]\n", ["bounds.effective_mass"]),
+    (GOOD + '[sampler]\nname = "guess"\nwalkers = 0\n', ["sampler.name", "sampler.walkers"]),
+    (GOOD + "[fixed]\nrestitution = nan\n", ["fixed.restitution"]),
+])  # fmt: skip
+def test_a_damaged_specification_is_one_sentence(folder, text, parts):
+    path = folder.parent / "spec" / "fit.toml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_specification(path)
+    message = str(caught.value)
+    assert "fit.toml" in message and "\n" not in message
+    assert all(part in message for part in parts), message
+
+
+def test_a_specification_says_everything(folder, fitted, capsys):
+    path = folder.parent / "named" / "fit.toml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(GOOD + 'effects = ["wall-stiffness"]\n[free]\nrestitution = 0.65\n[fixed]\n'
+                    'wall-stiffness.q = 1.0\n[bounds]\n"effective_mass" = [0.5, 3]\n')
+    assert main(["fit", str(path)]) == 0
+    assert "[[Variables]]" in capsys.readouterr().out
+    content = json.loads((path.parent / "fit.json").read_text())
+    assert content["sha256"] == fitted.sha256 and content["settings"]["sha256"]
+    assert content["parameters"]["restitution"]["initial"] == pytest.approx(0.65)
+    for name, p in fitted.parameters.items():
+        assert content["parameters"][name]["estimate"] == pytest.approx(p.estimate, abs=0.01 * p.sd)
+    assert (path.parent / "model.json").is_file()
+    path.write_text(GOOD + '[fixed]\nrestituton = 0.7\n')
+    assert main(["fit", str(path)]) == 2
+    assert "fit.toml" in capsys.readouterr().err
+
+
+def test_the_committed_fit_belongs_to_its_data():
+    for path in sorted((ROOT / "fits").glob("*/fit.toml")):
+        specification, digest = read_specification(path)
+        content = json.loads((path.parent / "fit.json").read_text())
+        assert content["settings"]["sha256"] == digest, f"run ddetumble fit {path.parent.name}/fit.toml again"
+        assert content["sha256"] == read_campaign(specification.campaign).sha256
+        assert content["converged"] and not (set(content["effects"]) ^ set(specification.effects))
+    truth = json.loads((ROOT / "data" / "truth.json").read_text())["impact-b"]
+    content = json.loads((ROOT / "fits" / "impact-b" / "fit.json").read_text())
+    for name, value in (truth["base"] | {"adhesion.tau_a": truth["effects"]["adhesion"]["tau_a"]}).items():
+        assert content["parameters"][name]["q025"] < value < content["parameters"][name]["q975"]

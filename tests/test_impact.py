@@ -1,0 +1,240 @@
+"""One impact against theory: restitution in closed form, gradients, convergence, and failures that say so."""
+
+import itertools
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ddetumble.contact.law import Ball, ContactLaw, PowerLaw
+from ddetumble.dynamics.impact import simulate
+from ddetumble.effects import IMPACT, ArmServo, SensorGain, StressSoftening, ViscoelasticWall, WallStiffness
+from ddetumble.inference.parameters import ParameterSpace
+
+
+SPACE = ParameterSpace(Ball(), IMPACT)
+TIMES = jnp.linspace(-0.002, 0.06, 125)
+RESTITUTIONS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
+GRID = jnp.asarray(list(itertools.product(RESTITUTIONS, (0.3, 3.0), (2e5, 2.5e6), (0.1, 0.8))))
+SPRINGS = {
+    "ball": (Ball(), ()),
+    "ball, wall and softening": (Ball(), (WallStiffness(3000.0, 1.6), StressSoftening(0.3, 2.0))),
+    "matunaga": (Ball(truncated=True), ()),
+    "doubled core": (Ball(doubled_core=True), ()),
+    **{f"power {n:g}": (PowerLaw(exponent=n, condition_exponent=0.3), ()) for n in (0.8, 1.0, 1.5, 2.0, 3.5)},
+}
+# Every amplitude away from its null, small enough for an ordinary impact.
+EVERYTHING = {
+    "polytropic-gas.n": 1.2, "ambient-pressure.p_a": 5e4, "wall-stiffness.k_w": 500.0, "membrane-area.alpha": 0.1,
+    "inflation-growth.beta": 0.2, "gas-leak.lambda": 2.0, "viscoelastic-wall.k_v": 500.0, "viscous-dashpot.c_v": 1.0,
+    "adhesion.tau_a": 5e3, "arm-servo.k_s": 100.0, "speed-dependent-restitution.p": 0.05,
+    "pressure-dependent-restitution.p": 0.05, "stress-softening.sigma_m": 0.05, "sensor-highpass.tau_s": 1.0,
+    "sensor-lag.T": 5e-4, "sensor-gain.g": 1.03,
+}  # fmt: skip
+
+
+def collect(pressure, speed, sequence=3.0):
+    """Conditions of one record."""
+    given = {"initial_pressure": pressure, "approach_speed": speed, "sequence": sequence}
+    return {name: jnp.asarray(value, dtype=float) for name, value in given.items()}
+
+
+@eqx.filter_jit
+def strike(law, conditions, times=TIMES, **options):
+    """One impact, compiled."""
+    return simulate(law, conditions, times, **options)
+
+
+@eqx.filter_jit
+def rebound(reference, effects, rows):
+    """Speed ratio, and whether all went well, for rows of restitution, mass, pressure and speed."""
+    def one(row):
+        e, mass, pressure, speed = row
+        body = eqx.tree_at(lambda r: (r.restitution, r.effective_mass), reference, (e, mass))
+        found = simulate(ContactLaw(body, effects), collect(pressure, speed), jnp.array([0.0, 3.0]))
+        return found.rebound_speed / speed, found.separated & ~found.failed
+
+    return jax.vmap(one)(rows)
+
+
+def is_finite(impact):
+    """Whether every channel is finite."""
+    return all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(impact))
+
+
+@pytest.mark.parametrize("spring", SPRINGS)
+def test_restitution_is_realised(spring):
+    """The closed form: rebound over approach is the restitution asked for, whatever spring, mass, pressure, speed."""
+    ratio, fine = rebound(*SPRINGS[spring], GRID)
+    assert fine.all()
+    np.testing.assert_allclose(ratio, GRID[:, 0], rtol=0, atol=1e-6)
+
+
+def test_elastic_impact_loses_nothing():
+    """Restitution 1 comes back at the speed of approach."""
+    ratio, fine = rebound(Ball(), (), GRID[:4].at[:, 0].set(1.0))
+    assert fine.all()
+    np.testing.assert_allclose(ratio, 1.0, atol=1e-6)
+
+
+def test_printed_forms_in_motion():
+    """Eq. 6 delivers 0.847 for 0.8 and 0.725 for 0.5; Eq. 5 at face value gains energy."""
+    for asked, delivered in ((0.8, 0.847), (0.5, 0.725)):
+        law = ContactLaw(Ball(damping_form="printed", restitution=asked))
+        assert round(float(strike(law, collect(1e6, 0.4)).rebound_speed) / 0.4, 3) == delivered
+    assert strike(ContactLaw(Ball(damping_sign=-1.0)), collect(1e6, 0.4)).rebound_speed > 0.4
+
+
+def test_impulse_is_change_of_momentum():
+    """The integral of the force is m (v1 + rebound)."""
+    found = strike(ContactLaw(Ball(effective_mass=1.3)), collect(1e6, 0.4), jnp.linspace(0.0, 0.05, 4001))
+    impulse = np.trapezoid(found.normal_force, dx=0.05 / 4000)
+    np.testing.assert_allclose(impulse, 1.3 * (0.4 + found.rebound_speed), rtol=1e-6)
+
+
+def test_tolerance_is_obeyed():
+    """The error falls with the tolerance, four digits for five, and the separation converges with it."""
+    rtol = 10.0 ** -np.arange(4.0, 11.0)
+    law, conditions = ContactLaw(Ball(), (WallStiffness(1000.0),)), collect(1e6, 0.4)
+    found = eqx.filter_jit(jax.vmap(lambda r: simulate(law, conditions, TIMES, rtol=r, atol=r / 100)))(jnp.asarray(rtol))
+    error = np.abs(np.asarray(found.rebound_speed) / 0.4 - 0.7)
+    assert error[5] < 1e-4 * error[0] and error[5] < 1e-8
+    assert np.abs(found.separation - found.separation[-1])[3:].max() < 1e-8
+    assert np.all(np.diff(found.steps) > 0)
+
+
+@pytest.mark.parametrize("end", [1e-5, 1e-3, 0.02, 0.06, 1.0, 60.0])
+def test_records_of_any_length(end):
+    """A contact is neither skipped in a long record nor needed in a short one; the end of the record changes nothing."""
+    law, conditions = ContactLaw(Ball()), collect(2e6, 0.5)
+    short = strike(law, conditions, jnp.linspace(0.0, end, 125))
+    fine = strike(law, conditions, TIMES)
+    assert bool(short.separated) == (end > float(fine.separation)) and not short.failed and is_finite(short)
+    if short.separated:
+        np.testing.assert_allclose(short.separation, fine.separation, rtol=1e-6)
+        np.testing.assert_allclose(short.rebound_speed, fine.rebound_speed, rtol=1e-6)
+    else:
+        np.testing.assert_allclose(short.separation, end, rtol=1e-12)
+
+
+def test_before_and_after_contact():
+    """Nothing at t <= 0 and after separation; the gas at P0 before, all of it back after."""
+    found = strike(ContactLaw(Ball()), collect(1e6, 0.4))
+    outside = (TIMES <= 0) | (TIMES >= found.separation)
+    assert outside.any() and not found.normal_force[outside].any() and not found.depression[outside].any()
+    np.testing.assert_allclose(found.pressure[outside], 1e6, rtol=1e-12)
+    before = strike(ContactLaw(Ball()), collect(1e6, 0.4), TIMES - 1.0)
+    assert is_finite(before) and not before.normal_force.any() and not before.failed
+
+
+def test_strong_servo_keeps_the_ball_on_the_plate():
+    """No separation within the record is an answer, not a failure."""
+    found = strike(ContactLaw(Ball(), (ArmServo(4000.0),)), collect(1e6, 0.4))
+    assert not found.separated and not found.failed and is_finite(found)
+    assert float(found.separation) == float(TIMES[-1]) and found.normal_force[-1] > 0
+
+
+def test_no_gas_gives_no_force():
+    """P0 = 0 without a wall: the ball is never stopped, no force and no NaN, and `separated` says so."""
+    for times in (TIMES, jnp.linspace(0.0, 1.0, 125)):  # in the second it would be squeezed flat
+        found = strike(ContactLaw(Ball()), collect(0.0, 0.4), times)
+        assert not found.separated and not found.failed and is_finite(found)
+        assert not found.normal_force.any() and not found.pressure.any()
+        np.testing.assert_allclose(found.rebound_speed, -0.4, rtol=1e-9)
+    wall = strike(ContactLaw(Ball(), (WallStiffness(3000.0),)), collect(0.0, 0.4), jnp.linspace(0.0, 1.0, 125))
+    assert wall.separated and is_finite(wall)
+    np.testing.assert_allclose(wall.rebound_speed, 0.28, atol=1e-6)
+
+
+@pytest.mark.parametrize("part", ["mass", "restitution", "pressure", "speed", "sensor"])
+def test_nan_says_so(part):
+    """NaN in any parameter or condition ends as `failed`."""
+    value = {name: jnp.nan if name == part else good for name, good in
+             (("mass", 1.2), ("restitution", 0.7), ("pressure", 1e6), ("speed", 0.4), ("sensor", 1.1))}
+    law = ContactLaw(Ball(value["mass"], value["restitution"]), (SensorGain(value["sensor"]),))
+    assert strike(law, collect(value["pressure"], value["speed"])).failed
+
+
+def test_too_few_steps_says_so():
+    """A solve that runs out of steps has failed."""
+    found = strike(ContactLaw(Ball()), collect(1e6, 0.4), max_steps=8)
+    assert found.failed and not found.separated
+
+
+def describe(values, mask, conditions, adjoint, **options):
+    """A smooth functional of force samples through onset and separation, the rebound, the separation."""
+    u = jnp.asarray(SPACE.coordinates(mask)) + values[2:]
+    found = simulate(SPACE.build(u), {**conditions, "initial_pressure": conditions["initial_pressure"] * jnp.exp(values[0]),
+                     "approach_speed": conditions["approach_speed"] * jnp.exp(values[1])}, TIMES, adjoint=adjoint, **options)
+    weights = jnp.sin(1.0 + jnp.arange(TIMES.size) / 9.0)
+    return jnp.stack([jnp.sum(weights * found.normal_force), found.rebound_speed, found.separation,
+                      jnp.sum(weights * found.depression), jnp.sum(weights * found.pressure)])
+
+
+def test_forward_gradient_is_that_of_differences():
+    """All parameters, pressure and speed, through onset and separation, with every effect on."""
+    tight = dict(rtol=1e-11, atol=1e-13, max_steps=512)
+    scale = np.concatenate([[1.0, 1.0], SPACE.scales()])
+    chosen = np.array([k for k, name in enumerate(["P", "v", *SPACE.index]) if name not in ("wall-stiffness.q",)])
+    start = jnp.zeros(scale.size)
+
+    def along(values):
+        return describe(values, EVERYTHING, collect(1e6, 0.4), dfx.DirectAdjoint(), **tight)
+
+    tangents = jnp.asarray(np.diag(scale)[chosen])
+    jacobian = jax.jit(lambda v: jax.vmap(lambda t: jax.jvp(along, (v,), (t,))[1])(tangents))(start)
+    sweep = jax.jit(jax.vmap(along))
+    h = 1e-4
+    out = sweep(jnp.concatenate([k * h * tangents for k in (-2, -1, 1, 2)])).reshape(4, len(chosen), -1)
+    differences = (out[0] - 8 * out[1] + 8 * out[2] - out[3]) / (12 * h)
+    largest = np.abs(differences).max(axis=0)
+    for k, row, expected in zip(chosen, jacobian, differences, strict=True):
+        np.testing.assert_allclose(row, expected, rtol=1e-5, atol=1e-7 * largest.max(), err_msg=str(k))
+    assert (np.abs(jacobian).max(axis=1) > 0).all()
+
+
+def test_reverse_gradient_is_forward_gradient():
+    """Direct and checkpointed reverse mode, and fast forward mode, agree; with a state and a sensor among the effects."""
+    effects = (ViscoelasticWall(800.0, 4e-3), WallStiffness(500.0))
+
+    def functional(values, adjoint):
+        law = ContactLaw(Ball(values[0], values[1]), (ViscoelasticWall(values[2], values[3]), effects[1]))
+        found = simulate(law, collect(values[4], values[5]), TIMES, adjoint=adjoint, rtol=1e-9, atol=1e-11)
+        weights = jnp.sin(1.0 + jnp.arange(TIMES.size) / 9.0)
+        return jnp.sum(weights * found.normal_force) + 30 * found.rebound_speed + 200 * found.separation
+
+    start = jnp.array([1.2, 0.7, 800.0, 4e-3, 1e6, 0.4])
+    forward = [jax.jit(jax.jacfwd(lambda v, a=a: functional(v, a)))(start) for a in (dfx.ForwardMode(), dfx.DirectAdjoint())]
+    reverse = [jax.jit(jax.grad(lambda v, a=a: functional(v, a)))(start)
+               for a in (dfx.DirectAdjoint(), dfx.RecursiveCheckpointAdjoint())]
+    for other in (forward[1], *reverse):
+        np.testing.assert_allclose(other, forward[0], rtol=1e-7)
+
+
+@eqx.filter_jit
+def push(u, conditions, direction):
+    """One impact of the whole catalogue at coordinates u, and its derivative along a direction."""
+    return jax.jvp(lambda v: (lambda f: (f.normal_force, f.separation, f.failed.astype(float)))(
+        simulate(SPACE.build(v), conditions, TIMES)), (u,), (direction,))
+
+
+NAMES = ["effective_mass", "restitution", *EVERYTHING]
+
+
+@settings(max_examples=40)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=len(NAMES), max_size=len(NAMES)), st.floats(5.0, 6.6), st.floats(0.03, 1.5))
+def test_any_valid_parameters_are_finite(shares, log_pressure, speed):
+    """Values and derivatives are finite wherever parameters and conditions make sense."""
+    u = SPACE.coordinates()
+    for name, share in zip(NAMES, shares, strict=True):
+        slot = SPACE.slots[SPACE.index[name]].parameter
+        amount = abs(share) if slot.sign > 0 else share
+        u[SPACE.index[name]] += amount * SPACE.scales()[SPACE.index[name]]
+    (force, separation, failed), slopes = push(jnp.asarray(u), collect(10**log_pressure, speed), jnp.asarray(SPACE.scales()))
+    assert not failed and np.isfinite(force).all() and separation > 0
+    assert all(np.isfinite(slope).all() for slope in slopes)

@@ -1,0 +1,169 @@
+"""Prediction: exact beside the independent simulator, honest deviations, strict about CONDITIONS.csv."""
+
+import dataclasses as dc
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ddetumble._errors import InputError
+from ddetumble.cli import main
+from ddetumble.contact.law import Ball
+from ddetumble.discrepancy.prediction import predict
+from ddetumble.effects.wall import StressSoftening, WallStiffness
+from ddetumble.inference.archive import load_model, save_model
+from ddetumble.inference.parameters import ParameterSpace
+from ddetumble.inference.problem import Problem
+from ddetumble.inference.stack import default_noise, stack_records
+from ddetumble.measurement.package import read_campaign
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+from tests.independent.impact import simulate
+
+
+BASE = {"effective_mass": 1.3, "restitution": 0.72}
+ALL = ("normal_force", "depression", "pressure")
+PRESSURES, SPEEDS = (5e5, 1e6, 2e6), (0.2, 0.45)
+
+
+def fit_folder(folder, seed, effects=None, classes=(), channels=("normal_force",)):
+    """Simulate a small campaign, fit it, and save the model; returns the folder and the campaign as simulated."""
+    made = make_campaign("made", seed, effects or {}, BASE, PRESSURES, SPEEDS, 2, channels=channels, interval=1e-3)
+    write_campaign_folder(folder / f"campaign-{seed}", made)
+    campaign = read_campaign(folder / f"campaign-{seed}")
+    space = ParameterSpace(Ball(), classes)
+    problem = Problem(space, stack_records(campaign))
+    solution = problem.solve(space.of([None, *(c.id for c in classes)]), space.coordinates(),
+                             tolerance=1e-4)
+    assert not solution.failed and 0.8 < solution.chi2 / np.sum(np.asarray(problem.records.stack.weights) > 0) < 1.2
+    noise = {c: default_noise(campaign, c, np.arange(9) * 1e-3) for c in channels}
+    save_model(folder / f"model-{seed}", campaign=campaign, model_name="paper", space=space, solution=solution,
+               noise=noise, effects=[c.id for c in classes])
+    return folder / f"model-{seed}", made
+
+
+def tabulate(settings, times):
+    """Rows of CONDITIONS.csv for settings by record, all at the same times."""
+    return pd.concat([pd.DataFrame({"record": key, **values, "time": times}) for key, values in settings.items()],
+                     ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("predict")
+
+
+@pytest.fixture(scope="module")
+def reference(folder):
+    return fit_folder(folder, 0)[0]
+
+
+@pytest.mark.slow
+def test_exact(reference):
+    """At other conditions and on all channels, the truth put into the model gives what the other simulator gives."""
+    effects = {"wall-stiffness": {"k_w": 900.0, "q": 1.0}, "stress-softening": {"sigma_m": 0.1, "j_0": 4.0}}
+    plain = load_model(reference)
+    space = ParameterSpace(Ball(), (WallStiffness, StressSoftening))
+    truth = {"wall-stiffness.k_w": 900.0, "stress-softening.sigma_m": 0.1, "stress-softening.j_0": 4.0}
+    noise = {channel: plain.noise["normal_force"] for channel in ALL}
+    saved = dc.replace(plain, space=space, u=space.coordinates(BASE | truth), noise=noise, free=(),
+                       covariance=np.zeros((0, 0)))
+    times = np.concatenate([np.linspace(-2e-3, 0.09, 150), [0.5, 8.0]])  # long after separation too
+    settings = {"a": {"initial_pressure": 7e5, "approach_speed": 0.31, "sequence": 3},
+                "b": {"initial_pressure": 1.7e6, "approach_speed": 0.42, "sequence": 14}}
+    table = predict(saved, tabulate(settings, times))
+    for key, conditions in settings.items():
+        exact = simulate(BASE, effects, conditions, times, ALL)
+        own = table[table.record == key]
+        for channel, values, size in zip(ALL, exact.T, (2e-4, 1e-9, 1.0), strict=True):
+            np.testing.assert_allclose(own[channel], values, atol=size, rtol=1e-5)
+    short = predict(saved, tabulate({"a": settings["a"]}, times[60:61]))  # one row only
+    np.testing.assert_allclose(short["normal_force"], table["normal_force"][60], rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_deviations(folder):
+    """The stated deviations hold the truth, and new measurements, as often as they say."""
+    generator = np.random.Generator(np.random.PCG64(5))
+    errors, inside = [], []
+    for seed in range(6):
+        path, _ = fit_folder(folder, seed)
+        nominal, true, shifts = {}, {}, {}
+        for k in range(8):
+            setting = {"initial_pressure": generator.uniform(5e5, 2e6), "approach_speed": generator.uniform(0.2, 0.45)}
+            a, b, c = generator.standard_normal(3)
+            nominal[f"n{k}"], shifts[f"n{k}"] = {**setting, "sequence": 1}, 5e-5 * c
+            true[f"n{k}"] = {"initial_pressure": setting["initial_pressure"] * (1 + 0.005 * a),
+                             "approach_speed": setting["approach_speed"] * (1 + 0.003 * b)}
+        times = np.linspace(1e-3, 0.07, 70)
+        table = predict(path, tabulate(nominal, times))
+        for key, own in table.groupby("record"):
+            mean = simulate(BASE, {}, nominal[key], times, rtol=1e-9)[:, 0]
+            new = simulate(BASE, {}, true[key], times - shifts[key], rtol=1e-9)[:, 0]
+            new += 0.25 * generator.standard_normal(len(times))
+            touch = own["normal_force"].to_numpy() > 1.0
+            errors.append(((own["normal_force"] - mean) / own["normal_force_sd"]).to_numpy()[touch])
+            inside.append(((own["normal_force"] - new) / own["normal_force_sd_new"]).to_numpy()[touch])
+    # Two parameters and six fits: twelve degrees of freedom.
+    assert 0.25 < np.mean(np.concatenate(errors) ** 2) < 2.7
+    new = np.concatenate(inside)
+    assert 0.90 < np.mean(np.abs(new) < 1.96) < 0.985 and 0.8 < np.sqrt(np.mean(new**2)) < 1.25
+
+
+def test_order(reference, tmp_path):
+    """Unsorted times come back in the order in which they were asked for; the file and the table give the same."""
+    settings = {"b": {"initial_pressure": 1e6, "approach_speed": 0.3}, "a": {"initial_pressure": 6e5,
+                                                                            "approach_speed": 0.4}}
+    rows = tabulate(settings, np.linspace(0.0, 0.05, 40))
+    mixed = rows.sample(frac=1.0, random_state=1)
+    mixed.to_csv(tmp_path / "conditions.csv", index=False)
+    plain, found = predict(reference, rows), predict(reference, tmp_path / "conditions.csv")
+    assert list(found.columns) == ["record", "time", "normal_force", "normal_force_sd", "normal_force_sd_new"]
+    assert list(found["record"]) == list(mixed["record"]) and list(found["time"]) == list(mixed["time"])
+    np.testing.assert_allclose(found["normal_force"], plain["normal_force"].to_numpy()[mixed.index], rtol=1e-9)
+    assert found.attrs["notes"] == ()
+    assert (found["normal_force_sd_new"] >= 0.24).all() and (found["normal_force_sd"] >= 0).all()
+
+
+def test_extrapolation(reference, tmp_path, capsys):
+    """Conditions beyond the campaign's are named, also where it was another unit that was meant."""
+    text = "record,initial_pressure,approach_speed,time\nx,9e6,0.3,0.01\n"
+    (tmp_path / "far.csv").write_text(text)
+    assert main(["predict", str(reference), str(tmp_path / "far.csv"), "-o", str(tmp_path / "out.csv")]) == 0
+    assert "initial_pressure = 9e+06 Pa lies outside" in capsys.readouterr().err
+    assert len(pd.read_csv(tmp_path / "out.csv")) == 1
+
+
+HEAD = "record,initial_pressure,approach_speed,time\n"
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("record,initial_pressure,time\nx,1e6,0.01\n", "approach_speed"),
+    ("record,initial_pressure,approach_speed\nx,1e6,0.3\n", "time"),
+    ("initial_pressure,approach_speed,time\n1e6,0.3,0.01\n", "record"),
+    (HEAD + "x,1e6,fast,0.01\n", "line 2, column approach_speed"),
+    (HEAD + "x,1e6,0.3,0.01\nx,1e6,0.3,\n", "line 3, column time"),
+    (HEAD + "x,-1e6,0.3,0.01\n", "line 2, column initial_pressure"),
+    (HEAD + "x,1e6,0,0.01\n", "line 2, column approach_speed"),
+    (HEAD + "x,1e6,0.3,0.01\nx,2e6,0.3,0.02\n", "line 3, column initial_pressure"),
+    (HEAD + ",1e6,0.3,0.01\n", "line 2, column record"),
+    (HEAD + "x,nan,0.3,0.01\n", "line 2, column initial_pressure"),
+    (HEAD + '"x","1,0",0.3,0.01\n', "line 2, column initial_pressure"),
+    (HEAD + "x,1e6,0.3\n", "line 2"),
+    (HEAD, "no data rows"),
+    ("", "empty"),
+])  # fmt: skip
+def test_malformed(reference, tmp_path, capsys, text, words):
+    """One sentence with file, line and column; exit code 2; nothing written."""
+    path = tmp_path / "conditions.csv"
+    path.write_text(text)
+    with pytest.raises(InputError):
+        predict(reference, path)
+    assert main(["predict", str(reference), str(path), "-o", str(tmp_path / "out.csv")]) == 2
+    output = capsys.readouterr()
+    assert words in output.err and "conditions.csv" in output.err and output.err.count("\n") == 1, output.err
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_no_model(tmp_path):
+    with pytest.raises(InputError, match=r"no model.json"):
+        predict(tmp_path, pd.DataFrame({"record": ["x"], "time": [0.0]}))

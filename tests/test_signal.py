@@ -1,0 +1,85 @@
+"""First-order filters of a sensor against their analytic responses."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ddetumble.contact.signal import Signal, lag, lag_deficits, low_pass, response_weights
+
+
+NODES = np.concatenate([[0.0, 1e-6], np.linspace(0.001, 0.05, 40), np.linspace(0.06, 0.3, 9)])
+MIDDLES = 0.5 * (NODES[1:] + NODES[:-1])
+CONSTANTS = np.array([1e-7, 1e-5, 1e-3, 1e-2, 0.1, 1.0, 1e3])
+
+
+def sample(function):
+    """A signal through the values of a function at the nodes and half-way."""
+    values, middles = function(NODES), function(MIDDLES)
+    return Signal(*map(jnp.asarray, (np.diff(NODES), values[:-1], middles, values[1:])))
+
+
+def respond_polynomial(t, constant):
+    """Response of T y' = x - y, y(0) = 0 to x = 2 - 30 t + 400 t^2, at times t; shape of t."""
+    a, b, c = 2.0, -30.0, 400.0
+    x, slope, curve = a + b * t + c * t**2, b + 2 * c * t, 2 * c
+    return x - constant * slope + constant**2 * curve - (a - constant * b + constant**2 * curve) * np.exp(-t / constant)
+
+
+@pytest.mark.parametrize("constant", CONSTANTS)
+@pytest.mark.parametrize("name", ["lag", "low_pass"])
+def test_polynomial_is_exact(name, constant):
+    """A parabola comes out exactly, whatever the interval over the time constant."""
+    signal = sample(lambda t: 2.0 - 30.0 * t + 400.0 * t**2)
+    out = lag(signal, constant) if name == "lag" else low_pass(signal, 1.0 / constant)
+    if constant > 1:  # the analytic form cancels
+        np.testing.assert_allclose(out.end, (2 * NODES - 15 * NODES**2 + 400 / 3 * NODES**3)[1:] / constant, rtol=1e-3)
+        return
+    atol = 1e-10 * max(1.0, constant**2)
+    np.testing.assert_allclose(out.end, respond_polynomial(NODES[1:], constant), atol=atol * 100)
+    np.testing.assert_allclose(out.middle, respond_polynomial(MIDDLES, constant), atol=atol * 100)
+
+
+@pytest.mark.parametrize("constant", [1e-3, 1e-2, 0.3])
+def test_exponential(constant):
+    """exp(-t/s) comes out to the accuracy of its parabolas, (h/s)^4."""
+    s = 0.13
+    expected = s / (s - constant) * (np.exp(-NODES[1:] / s) - np.exp(-NODES[1:] / constant))
+    for out in (lag(sample(lambda t: np.exp(-t / s)), constant), low_pass(sample(lambda t: np.exp(-t / s)), 1 / constant)):
+        np.testing.assert_allclose(out.end, expected, atol=2e-4)
+
+
+def test_absent_exactly_at_null():
+    """No lag and no leak change not one bit; an empty interval keeps what was."""
+    signal = sample(lambda t: np.sin(40 * t))
+    for part in ("start", "middle", "end"):
+        np.testing.assert_array_equal(getattr(lag(signal, 0.0), part), getattr(signal, part))
+        assert not np.any(getattr(low_pass(signal, 0.0), part))
+    empty = Signal(*(jnp.asarray(x) for x in ([0.1, 0.0, 0.1], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0])))
+    out = lag(empty, 0.1)
+    assert float(out.end[1]) == float(out.end[0]) == float(out.start[2]) and np.isfinite(out.end).all()
+
+
+def test_small_constants():
+    """To first order lag(x) = x - T x' and low_pass(x) = r * integral of x."""
+    signal = sample(lambda t: np.sin(30 * t))
+    slope = jax.jvp(lambda T: lag(signal, T).end, (0.0,), (1.0,))[1]
+    np.testing.assert_allclose(slope[1:], -30 * np.cos(30 * NODES[2:]), atol=2.5)  # slopes of the end of a parabola
+    slope = jax.jvp(lambda r: low_pass(signal, r).end, (0.0,), (1.0,))[1]
+    np.testing.assert_allclose(slope, (1 - np.cos(30 * NODES[1:])) / 30, atol=1e-5)
+
+
+@pytest.mark.parametrize("function, points", [
+    (response_weights, [0.0, 1e-9, 1e-3, 0.3, 0.699, 0.701, 2.0, 30.0, 800.0]),
+    (lag_deficits, [0.0, 1e-4, 1e-2, 0.3, 1.0, 1.39, 1.41, 5.0, 1e4]),
+])
+def test_weights_derive_smoothly(function, points):
+    """Slopes agree with differences on both sides of every change of formula, and are finite at zero."""
+    for x in points:
+        h = 1e-5 * max(x, 1e-4)
+        base = max(x, h)
+        exact = jax.jvp(function, (base,), (1.0,))[1]
+        at_zero = jax.jvp(function, (x,), (1.0,))[1]
+        for one, two, three, four in zip(exact, function(base + h), function(base - h), at_zero, strict=True):
+            assert np.isfinite(four)
+            np.testing.assert_allclose(one, (two - three) / (2 * h), rtol=1e-5, atol=2e-6)
