@@ -27,8 +27,8 @@ def press(reference, pressure, depression):
     """Elastic force [N] at rest."""
     law = ContactLaw(reference)
     conditions = {"initial_pressure": jnp.asarray(pressure), "approach_speed": jnp.asarray(0.4)}
-    zero = jnp.zeros(())
-    return float(law.contact(conditions, reference.diameter(), zero, jnp.asarray(depression), zero, zero[None][:0]).elastic_force)
+    zero, none = jnp.zeros(()), jnp.zeros((0,))
+    return float(law.contact(conditions, reference.diameter(), zero, jnp.asarray(depression), zero, none).elastic_force)
 
 
 @pytest.mark.parametrize("depression", [0.0, 1e-4, 5e-3, 0.02])
@@ -93,9 +93,11 @@ def test_gas():
 
 def test_power_law_reads_its_condition():
     """F = k (depression/10 mm)^n (c/c0)^beta."""
-    model = PowerLaw(stiffness_force=80.0, exponent=1.7, condition_exponent=0.4)
+    model = PowerLaw(stiffness_force=80.0, exponent=1.7, condition_exponent=0.4,
+                     condition="initial_pressure", condition_reference=1e6)
     np.testing.assert_allclose(press(model, 2e6, 4e-3), 80 * 0.4**1.7 * 2**0.4, rtol=1e-13)
     assert press(model, 2e6, -1e-3) == 0.0
+    np.testing.assert_allclose(press(PowerLaw(stiffness_force=80.0), 2e6, 4e-3), 80 * 0.4**1.5, rtol=1e-13)
 
 
 def test_squeezed_flat_stays_finite():

@@ -96,7 +96,7 @@ def test_gauge_unused(tmp_path, capsys):
 
 def test_refused(tmp_path, capsys):
     """Without depression there is nothing to identify from."""
-    made = make_campaign("made", 1, {}, BASE, (1e6,), (0.3,), 2, interval=1e-3)
+    made = make_campaign("made", 1, {}, BASE, (5e5, 1e6), (0.3,), 2, interval=1e-3)
     write_campaign_folder(tmp_path, made)
     campaign = read_campaign(tmp_path)
     with pytest.raises(InputError, match="no channel 'depression'"):

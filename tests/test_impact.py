@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ddetumble.contact.law import Ball, ContactLaw, PowerLaw
 from ddetumble.dynamics.impact import simulate
-from ddetumble.effects import IMPACT, ArmServo, SensorGain, StressSoftening, ViscoelasticWall, WallStiffness
+from ddetumble.effects import IMPACT, ArmServo, SensorGain, SensorLag, StressSoftening, ViscoelasticWall, WallStiffness
 from ddetumble.inference.parameters import ParameterSpace
 
 
@@ -21,12 +21,13 @@ SPACE = ParameterSpace(Ball(), IMPACT)
 TIMES = jnp.linspace(-0.002, 0.06, 125)
 RESTITUTIONS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.98)
 GRID = jnp.asarray(list(itertools.product(RESTITUTIONS, (0.3, 3.0), (2e5, 2.5e6), (0.1, 0.8))))
+PRESSED = {"condition": "initial_pressure", "condition_reference": 1e6}
 SPRINGS = {
     "ball": (Ball(), ()),
     "ball, wall and softening": (Ball(), (WallStiffness(3000.0, 1.6), StressSoftening(0.3, 2.0))),
     "matunaga": (Ball(truncated=True), ()),
     "doubled core": (Ball(doubled_core=True), ()),
-    **{f"power {n:g}": (PowerLaw(exponent=n, condition_exponent=0.3), ()) for n in (0.8, 1.0, 1.5, 2.0, 3.5)},
+    **{f"power {n:g}": (PowerLaw(exponent=n, condition_exponent=0.3, **PRESSED), ()) for n in (0.8, 1.0, 1.5, 2.0, 3.5)},
 }
 # Every amplitude away from its null, small enough for an ordinary impact.
 EVERYTHING = {
@@ -72,7 +73,8 @@ def test_restitution_is_realised(spring):
     """The closed form: rebound over approach is the restitution asked for, whatever spring, mass, pressure, speed."""
     ratio, fine = rebound(*SPRINGS[spring], GRID)
     assert fine.all()
-    np.testing.assert_allclose(ratio, GRID[:, 0], rtol=0, atol=1e-6)
+    # A spring whose stiffness is infinite at first touch costs the integrator's first step some accuracy.
+    np.testing.assert_allclose(ratio, GRID[:, 0], rtol=0, atol=3e-6 if spring == "power 0.8" else 1e-6)
 
 
 def test_elastic_impact_loses_nothing():
@@ -101,7 +103,7 @@ def test_tolerance_is_obeyed():
     """The error falls with the tolerance, four digits for five, and the separation converges with it."""
     rtol = 10.0 ** -np.arange(4.0, 11.0)
     law, conditions = ContactLaw(Ball(), (WallStiffness(1000.0),)), collect(1e6, 0.4)
-    found = eqx.filter_jit(jax.vmap(lambda r: simulate(law, conditions, TIMES, rtol=r, atol=r / 100)))(jnp.asarray(rtol))
+    found = jax.jit(jax.vmap(lambda r: simulate(law, conditions, TIMES, rtol=r, atol=r / 100)))(jnp.asarray(rtol))
     error = np.abs(np.asarray(found.rebound_speed) / 0.4 - 0.7)
     assert error[5] < 1e-4 * error[0] and error[5] < 1e-8
     assert np.abs(found.separation - found.separation[-1])[3:].max() < 1e-8
@@ -110,7 +112,7 @@ def test_tolerance_is_obeyed():
 
 @pytest.mark.parametrize("end", [1e-5, 1e-3, 0.02, 0.06, 1.0, 60.0])
 def test_records_of_any_length(end):
-    """A contact is neither skipped in a long record nor needed in a short one; the end of the record changes nothing."""
+    """A contact is neither skipped in a long record nor needed in a short one; the record's end changes nothing."""
     law, conditions = ContactLaw(Ball()), collect(2e6, 0.5)
     short = strike(law, conditions, jnp.linspace(0.0, end, 125))
     fine = strike(law, conditions, TIMES)
@@ -166,11 +168,14 @@ def test_too_few_steps_says_so():
     assert found.failed and not found.separated
 
 
-def describe(values, mask, conditions, adjoint, **options):
-    """A smooth functional of force samples through onset and separation, the rebound, the separation."""
-    u = jnp.asarray(SPACE.coordinates(mask)) + values[2:]
-    found = simulate(SPACE.build(u), {**conditions, "initial_pressure": conditions["initial_pressure"] * jnp.exp(values[0]),
-                     "approach_speed": conditions["approach_speed"] * jnp.exp(values[1])}, TIMES, adjoint=adjoint, **options)
+def describe(values, adjoint, **options):
+    """A smooth functional of force samples through onset and separation, the rebound, the separation, with all effects.
+
+    `values`: logarithmic changes of pressure and speed, then changes of all coordinates.
+    """
+    u = jnp.asarray(SPACE.coordinates(EVERYTHING)) + values[2:]
+    conditions = collect(1.3e6 * jnp.exp(values[0]), 0.5 * jnp.exp(values[1]))
+    found = simulate(SPACE.build(u), conditions, TIMES, adjoint=adjoint, **options)
     weights = jnp.sin(1.0 + jnp.arange(TIMES.size) / 9.0)
     return jnp.stack([jnp.sum(weights * found.normal_force), found.rebound_speed, found.separation,
                       jnp.sum(weights * found.depression), jnp.sum(weights * found.pressure)])
@@ -180,40 +185,41 @@ def test_forward_gradient_is_that_of_differences():
     """All parameters, pressure and speed, through onset and separation, with every effect on."""
     tight = dict(rtol=1e-11, atol=1e-13, max_steps=512)
     scale = np.concatenate([[1.0, 1.0], SPACE.scales()])
-    chosen = np.array([k for k, name in enumerate(["P", "v", *SPACE.index]) if name not in ("wall-stiffness.q",)])
     start = jnp.zeros(scale.size)
 
     def along(values):
-        return describe(values, EVERYTHING, collect(1e6, 0.4), dfx.DirectAdjoint(), **tight)
+        return describe(values, dfx.DirectAdjoint(), **tight)
 
-    tangents = jnp.asarray(np.diag(scale)[chosen])
+    tangents = jnp.diag(jnp.asarray(scale))
     jacobian = jax.jit(lambda v: jax.vmap(lambda t: jax.jvp(along, (v,), (t,))[1])(tangents))(start)
     sweep = jax.jit(jax.vmap(along))
     h = 1e-4
-    out = sweep(jnp.concatenate([k * h * tangents for k in (-2, -1, 1, 2)])).reshape(4, len(chosen), -1)
+    out = sweep(jnp.concatenate([k * h * tangents for k in (-2, -1, 1, 2)])).reshape(4, scale.size, -1)
     differences = (out[0] - 8 * out[1] + 8 * out[2] - out[3]) / (12 * h)
     largest = np.abs(differences).max(axis=0)
-    for k, row, expected in zip(chosen, jacobian, differences, strict=True):
-        np.testing.assert_allclose(row, expected, rtol=1e-5, atol=1e-7 * largest.max(), err_msg=str(k))
-    assert (np.abs(jacobian).max(axis=1) > 0).all()
+    assert largest.min() > 0
+    for name, row, expected in zip(["pressure", "speed", *SPACE.index], jacobian, differences, strict=True):
+        error = np.abs(row - expected)
+        # What hardly moves a reading is left to the noise of the differences: a share of the largest derivative.
+        assert (error <= 1e-5 * np.abs(expected) + 1e-8 * largest).all(), (name, row, expected)
+        assert np.abs(row).max() > 0, name
 
 
 def test_reverse_gradient_is_forward_gradient():
-    """Direct and checkpointed reverse mode, and fast forward mode, agree; with a state and a sensor among the effects."""
-    effects = (ViscoelasticWall(800.0, 4e-3), WallStiffness(500.0))
+    """Direct and checkpointed reverse mode, and both forward modes, agree, with a state and a sensor among the effects."""
 
     def functional(values, adjoint):
-        law = ContactLaw(Ball(values[0], values[1]), (ViscoelasticWall(values[2], values[3]), effects[1]))
+        law = ContactLaw(Ball(values[0], values[1]), (ViscoelasticWall(values[2], values[3]), SensorLag(values[6])))
         found = simulate(law, collect(values[4], values[5]), TIMES, adjoint=adjoint, rtol=1e-9, atol=1e-11)
         weights = jnp.sin(1.0 + jnp.arange(TIMES.size) / 9.0)
         return jnp.sum(weights * found.normal_force) + 30 * found.rebound_speed + 200 * found.separation
 
-    start = jnp.array([1.2, 0.7, 800.0, 4e-3, 1e6, 0.4])
-    forward = [jax.jit(jax.jacfwd(lambda v, a=a: functional(v, a)))(start) for a in (dfx.ForwardMode(), dfx.DirectAdjoint())]
-    reverse = [jax.jit(jax.grad(lambda v, a=a: functional(v, a)))(start)
-               for a in (dfx.DirectAdjoint(), dfx.RecursiveCheckpointAdjoint())]
-    for other in (forward[1], *reverse):
-        np.testing.assert_allclose(other, forward[0], rtol=1e-7)
+    start = jnp.array([1.2, 0.7, 800.0, 4e-3, 1e6, 0.4, 5e-4])
+    direct, forward, checkpointed = dfx.DirectAdjoint(), dfx.ForwardMode(), dfx.RecursiveCheckpointAdjoint()
+    expected = jax.jit(jax.jacfwd(lambda v: functional(v, forward)))(start)
+    for mode, adjoint in ((jax.jacfwd, direct), (jax.grad, direct), (jax.grad, checkpointed)):
+        found = jax.jit(mode(lambda v, adjoint=adjoint: functional(v, adjoint)))(start)
+        np.testing.assert_allclose(found, expected, rtol=1e-7)
 
 
 @eqx.filter_jit
@@ -227,7 +233,9 @@ NAMES = ["effective_mass", "restitution", *EVERYTHING]
 
 
 @settings(max_examples=40)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=len(NAMES), max_size=len(NAMES)), st.floats(5.0, 6.6), st.floats(0.03, 1.5))
+@given(
+    st.lists(st.floats(-1.0, 1.0), min_size=len(NAMES), max_size=len(NAMES)), st.floats(5.0, 6.6), st.floats(0.03, 1.5)
+)
 def test_any_valid_parameters_are_finite(shares, log_pressure, speed):
     """Values and derivatives are finite wherever parameters and conditions make sense."""
     u = SPACE.coordinates()
@@ -235,6 +243,7 @@ def test_any_valid_parameters_are_finite(shares, log_pressure, speed):
         slot = SPACE.slots[SPACE.index[name]].parameter
         amount = abs(share) if slot.sign > 0 else share
         u[SPACE.index[name]] += amount * SPACE.scales()[SPACE.index[name]]
-    (force, separation, failed), slopes = push(jnp.asarray(u), collect(10**log_pressure, speed), jnp.asarray(SPACE.scales()))
+    conditions = collect(10**log_pressure, speed)
+    (force, separation, failed), slopes = push(jnp.asarray(u), conditions, jnp.asarray(SPACE.scales()))
     assert not failed and np.isfinite(force).all() and separation > 0
     assert all(np.isfinite(slope).all() for slope in slopes)

@@ -45,7 +45,8 @@ def test_exponential(constant):
     """exp(-t/s) comes out to the accuracy of its parabolas, (h/s)^4."""
     s = 0.13
     expected = s / (s - constant) * (np.exp(-NODES[1:] / s) - np.exp(-NODES[1:] / constant))
-    for out in (lag(sample(lambda t: np.exp(-t / s)), constant), low_pass(sample(lambda t: np.exp(-t / s)), 1 / constant)):
+    signal = sample(lambda t: np.exp(-t / s))
+    for out in (lag(signal, constant), low_pass(signal, 1 / constant)):
         np.testing.assert_allclose(out.end, expected, atol=2e-4)
 
 

@@ -46,7 +46,9 @@ def examine_paper(
     folder = prepare_folder(output)
     from ..paper import write_paper
 
+    lines: list[str] = []
     with show_progress("comparing the paper with the toolkit"):
-        lines = write_paper(folder)
+        page = write_paper(folder, lines.append)
     for line in lines:
         typer.echo(line)
+    typer.echo(f"Report: {page}")

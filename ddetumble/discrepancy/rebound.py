@@ -184,7 +184,7 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     values = np.stack([m.depression for m in motions])
     there = np.isfinite(values)
     low, high = (bound[index] for bound in space.bounds())
-    u, own, damping, best, done = u.copy(), np.zeros((len(motions), 2)), 1e-3, None, False
+    u, own, damping, best, left = u.copy(), np.zeros((len(motions), 2)), 1e-3, None, np.inf
     state = None
     for _ in range(40):
         trial = (u, own) if state is None else propose(state, damping)
@@ -199,13 +199,14 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
             if damping > 1e8:
                 break
             continue
-        done = best is not None and best - chi2 < 1e-4 * max(1.0, 1e-4 * chi2)
         best = chi2
         damping = max(damping / 6.0, 1e-9)
         a = np.where(there[..., None], shared * scale / sd, 0.0)
         b = np.where(there[..., None], private / sd, 0.0)
         state = (trial[0], trial[1], residual, a, b, index, scale)
-        if done:
+        gradient, information = eliminate(trial[1], residual, a, b)
+        left = float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-12)[0])
+        if left < 1e-4:
             break
     if state is None:
         return Rebound(u, tuple(names), np.full((len(names), len(names)), np.inf), float("inf"), False)
@@ -213,7 +214,7 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     _, information = eliminate(*state[1:5])
     covariance = inflation * np.linalg.pinv(information, rcond=1e-12) * np.outer(scale, scale)
     degrees = max(float(there.sum()) - len(names), 1.0)
-    return Rebound(u, tuple(names), covariance, float(best) / degrees, done,
+    return Rebound(u, tuple(names), covariance, float(best) / degrees, left < 1e-2,
                    5.0 * float(np.sqrt(2.0 * inflation / degrees)))
 
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.optimize import minimize_scalar
 
 from ..inference.noise import Noise, whiten, whitening
 
@@ -50,8 +49,8 @@ def _columns(knots: np.ndarray, time: np.ndarray, derivative: int = 0) -> np.nda
 def smooth_samples(time: np.ndarray, values: np.ndarray, noise: Noise, start: float, end: float) -> Smooth:
     """Fit a smoothing spline to the samples of one contact.
 
-    How smooth it is follows from the known noise, by the largest marginal likelihood of the samples. The covariance is
-    the posterior one: it holds the noise that is left and the bias that the smoothing brings.
+    How smooth it is follows from the known noise: every smoothness counts by the marginal likelihood of the samples. The
+    covariance is the posterior one: it holds the noise that is left and the bias that the smoothing brings.
 
     Args:
         time, values: samples in contact, at least 8, shape (samples,).
@@ -82,21 +81,27 @@ def smooth_samples(time: np.ndarray, values: np.ndarray, noise: Noise, start: fl
         return float(np.sum(np.log(spread)) - np.sum(along**2 * (1.0 - 1.0 / spread)))
 
     top = np.log(max(float(strength[0]) ** 2, 1e-300))
-    grid = np.arange(-10.0, 50.0, 1.0) - top
-    best = grid[int(np.argmin([evidence(x) for x in grid]))]
-    best = minimize_scalar(evidence, bounds=(best - 1.0, best + 1.0), method="bounded").x
-    precision = strength**2 + np.exp(-best)
+    grid = np.arange(-10.0, 50.0, 0.5) - top
+    losses = np.array([evidence(x) for x in grid])
+    shares = np.exp(-0.5 * (losses - losses.min()))
+    keep = shares > 1e-4
+    shares = shares[keep] / shares[keep].sum()
+    # One row a smoothness: what each says of the curve, weighted by how likely it is.
+    precision = strength**2 + np.exp(-grid[keep])[:, None]
+    means = strength * along / precision
+    middle = shares @ means
+    spread = (means - middle).T * shares @ (means - middle) + np.diag(shares @ (1.0 / precision))
     inner = np.zeros((count, count))
-    inner[:rank, :rank] = (right.T / precision) @ right + np.exp(best) * (np.eye(rank) - right.T @ right)
+    inner[:rank, :rank] = right.T @ spread @ right
     carry = -np.linalg.solve(r, q.T @ bent)  # what the polynomials do as the rest moves
     inner[rank:, :rank] = carry @ inner[:rank, :rank]
     inner[:rank, rank:] = inner[rank:, :rank].T
     inverse = np.linalg.inv(r)
     inner[rank:, rank:] = inverse @ inverse.T + carry @ inner[:rank, rank:]
-    parts = np.concatenate([right.T @ (strength * along / precision), np.zeros(ROUGHNESS)])
+    parts = np.concatenate([right.T @ middle, np.zeros(ROUGHNESS)])
     parts[rank:] = np.linalg.solve(r, q.T @ target) + carry @ parts[:rank]
     coefficients = turn @ parts
-    spent = float(np.sum(strength**2 / precision)) + ROUGHNESS
+    spent = float(shares @ np.sum(strength**2 / precision, axis=1)) + ROUGHNESS
     return Smooth(knots, coefficients, turn @ inner @ turn.T, values - basis @ coefficients, spent)
 
 

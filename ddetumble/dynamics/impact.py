@@ -191,7 +191,7 @@ def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated:
 
 def _read(law, conditions, times, path, end, final, separated, failed, steps, diameter, damping) -> Impact:
     """Channels at the wanted times from the nodes of the solution."""
-    touch = (times > 0.0) & (times < end)
+    touch = (times > 0.0) & ((times < end) | (~separated & (times <= end)))
 
     def at(time):
         depression, rate, states = _interpolate(path, time)

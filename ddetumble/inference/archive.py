@@ -210,7 +210,7 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
         "coordinates": {s.name: float(solution.u[k]) for k, s in enumerate(space.slots) if s.owner in owners},
         "free": list(solution.names if names is None else names),
         "covariance": [[float(x) for x in row] for row in covariance],
-        "channels": {name: {"unit": campaign.channels[name].unit, "noise": make_plain(level)}
+        "channels": {name: {"unit": campaign.column(name).unit, "noise": make_plain(level)}
                      for name, level in noise.items()},
         "conditions": {name: _describe_condition(campaign, name) for name in campaign.conditions},
         "time_sd": 0.0 if spread is None else float(spread.sd(np.ones(1))[0]),

@@ -109,13 +109,14 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
 def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]) -> np.ndarray:
     """Start with a mass guessed from the measured impulses, where it is free: impulse = m v (1 + e), e near 0.7."""
     start = start.copy()
-    samples, records = campaign.samples, campaign.records
-    if samples is not None and "effective_mass" in free:
+    if campaign.samples is not None and "effective_mass" in free:
+        speeds = campaign.records["approach_speed"].to_numpy(dtype=float)
         masses = []
-        for key, trace in list(samples.groupby("record", sort=False))[:64]:
-            t, f = trace["time"].to_numpy(), np.nan_to_num(trace["normal_force"].to_numpy())
-            impulse = np.trapezoid(f * (t > 0), t)
-            masses.append(impulse / (1.7 * records.loc[key, "approach_speed"]))
+        for key, speed in list(zip(campaign.record_keys, speeds, strict=True))[:64]:
+            trace = campaign.trace(key)
+            t = trace["time"].to_numpy(dtype=float)
+            force = np.nan_to_num(trace["normal_force"].to_numpy(dtype=float))
+            masses.append(np.trapezoid(force * (t > 0), t) / (1.7 * speed))
         mass = float(np.median(masses))
         if np.isfinite(mass) and mass > 0:
             start[space.index["effective_mass"]] = np.log(mass)

@@ -114,6 +114,7 @@ def truncate_normal(mean: float, sd: float, low: float, high: float) -> tuple[fl
         rate = max(a, -b) / sd
         ends = [-np.log1p(-q) / rate for q in (0.025, 0.975)]
         near = low if a > -b else high
-        return 1.0 / rate, *sorted(near + (x if a > -b else -x) for x in ends)
+        first, last = sorted(float(near + (x if a > -b else -x)) for x in ends)
+        return 1.0 / rate, first, last
     cut = stats.truncnorm(a, b, loc=mean, scale=sd)
     return float(cut.std()), float(cut.ppf(0.025)), float(cut.ppf(0.975))

@@ -114,7 +114,7 @@ class Fit:
                    ("chi-square", f"{self.chi2:.8g}"), ("reduced chi-square", f"{self.chi2_reduced:.6g}")]
         lines += [f"    # {name:<18} = {value}" if not name.endswith("square") else f"    {name:<20} = {value}"
                   for name, value in entries]
-        lines += [f"    noise of {name}: {n.sd:.4g} {self.source.channels[name].unit}, {n.text}"
+        lines += [f"    noise of {name}: {n.sd:.4g} {self.source.column(name).unit}, {n.text}"
                   for name, n in self.noise.items()]
         lines += [f"    {self.state}", "[[Variables]]"]
         width = max(map(len, (*self.parameters, *self.fixed))) + 1
@@ -252,8 +252,8 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
         if p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
                 ", and no farther than noise explains" if abs(u - p.default) < 2 * sd else "")
-        parameters[name] = Fitted(public["estimate"], public["sd"], public["q025"], public["q975"], p.unit, initial,
-                                  text=text)
+        middle, width, low, high = (float(public[key]) for key in ("estimate", "sd", "q025", "q975"))
+        parameters[name] = Fitted(middle, width, low, high, p.unit, initial, text=text)
     return parameters, covariance, correlations
 
 

@@ -92,7 +92,8 @@ def analyse_columns(space: ParameterSpace, names: Sequence[str], columns: np.nda
         singular = bool(s[k] < SINGULAR or np.all(np.abs(v / s[k] * scales / safe)[part] > vast[part]))
         lost = lost | (part & singular)
         order = [j for j in np.argsort(-np.abs(v)) if part[j]]
-        blends.append(Blend(tuple(names[j] for j in order), v, v / max(s[k], 1e-6) * scales / safe, singular))
+        members = tuple(str(names[int(j)]) for j in order)
+        blends.append(Blend(members, v, v / max(s[k], 1e-6) * scales / safe, singular))
     return Knowledge(covariance, correlations, tuple(n for n, x in zip(names, lost, strict=True) if x),
                      tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends))
 
