@@ -14,6 +14,7 @@ from tests.independent.impact import simulate
 from tests.independent.make_data import PLANS
 from tests.independent.paper_tables import write_paper
 
+
 DATA = Path(__file__).resolve().parent.parent / "data"
 PACKAGES = sorted(path.parent.relative_to(DATA).as_posix() for path in DATA.rglob("datapackage.json"))
 DIMENSIONS = {

@@ -18,6 +18,7 @@ from tests.independent.impact import (
 from tests.independent.noise import draw_noise
 from tests.independent.strength import measure_misfit, scale_amplitude
 
+
 BASE = {"effective_mass": 1.4, "restitution": 0.72}
 CONDITIONS = {"initial_pressure": 1.2e6, "approach_speed": 0.4, "sequence": 5}
 TIMES = np.arange(-8, 400) * 2.5e-4

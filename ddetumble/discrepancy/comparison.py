@@ -143,8 +143,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     records = _by_record(campaign, traces)
     chi2 = np.sum(solution.residual.reshape(bench.records.count, -1) ** 2, axis=1) + np.sum(solution.z**2, axis=1)
     records["chi2_reduced"] = chi2 / np.maximum(used.sum(axis=(1, 2)), 1)
-    channels = pd.DataFrame([{"channel": c, "unit": _first(traces, c).unit, **_errors([t for t in traces if t.channel == c])}
-                             for c in list_channels(traces)])
+    channels = _by_channel(traces)
     separation = dict(zip(bench.records.keys, solution.separation, strict=True))
     residuals = bin_residuals(traces, separation, campaign)
     where = tuple(residual_places(bench, fitted))
@@ -157,8 +156,12 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces)
 
 
-def _first(traces: Sequence[Trace], channel: str) -> Trace:
-    return next(t for t in traces if t.channel == channel)
+def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:
+    rows = []
+    for channel in list_channels(traces):
+        own = [t for t in traces if t.channel == channel]
+        rows.append({"channel": channel, "unit": own[0].unit, **_errors(own)})
+    return pd.DataFrame(rows)
 
 
 def _errors(traces: Sequence[Trace]) -> dict[str, float]:
@@ -267,8 +270,8 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
             setting.append(f"{worst[name] * scale:.3g} {unit}")
     if not lack.rejected:
         p = min(lack.p_value, lack.score_p_value)
-        return (f"The model `{model}` leaves {ratio:.2f} times the noise, and nothing but noise as far as this campaign "
-                f"shows (p = {p:.2g}).")
+        return (f"The model `{model}` leaves {ratio:.2f} times the noise, and nothing but noise as far as this "
+                f"campaign shows (p = {p:.2g}).")
     place = ""
     if where:
         spot = max(where, key=lambda w: w.share)

@@ -1,4 +1,4 @@
-"""The paper's own task: the force of an impact from measured depression and pressure (Eqs. 3 to 5), with uncertainty."""
+"""The paper's own task: force from measured depression and pressure (Eqs. 3 to 5), with uncertainty."""
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
@@ -101,9 +101,9 @@ class _Contact:
 def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identification:
     """Find the force from measured depression and pressure, and hold it against the gauge where there is one.
 
-    Depression and pressure become smooth curves over each contact; Eqs. 4 and 5 (or the law of a fitted model) then give
-    the force. Its uncertainty holds the noise of both, the record's own speed and pressure, and the restitution. The
-    gauge is never used for the force.
+    Depression and pressure become smooth curves over each contact; Eqs. 4 and 5 (or the law of a fitted model) then
+    give the force. Its uncertainty holds the noise of both, the record's own speed and pressure, and the restitution.
+    The gauge is never used for the force.
 
     Args:
         campaign: with the channel `depression`, best with `pressure` too; or its folder.
@@ -138,8 +138,8 @@ def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identific
     if "restitution" in names:
         i = names.index("restitution")
         sd = float(space.public("restitution", float(u[k]), float(np.sqrt(max(covariance[i, i], 0.0))))["sd"])
-    return Identification(campaign.name, model, table.drop(columns="inside"), records, rms_z, coverage, float(value), sd,
-                          source, tuple(notes))
+    return Identification(campaign.name, model, table.drop(columns="inside"), records, rms_z, coverage, float(value),
+                          sd, source, tuple(notes))
 
 
 def _check(campaign: Campaign, resolved: ResolvedModel):
@@ -170,7 +170,7 @@ def _prepare(campaign: Campaign, key: str) -> _Contact:
     table = campaign.trace(key)
     row = campaign.records.loc[key]
     conditions = {str(name): float(value) for name, value in row.items()}
-    deviations = tuple(
+    speed, pressure = (
         float(column.uncertainty.sd(conditions[name])) if column.uncertainty is not None else 0.0
         for name, column in ((n, campaign.conditions[n]) for n in ("approach_speed", "initial_pressure")))
     time, depression = table["time"].to_numpy(dtype=float), table["depression"].to_numpy(dtype=float)
@@ -183,13 +183,18 @@ def _prepare(campaign: Campaign, key: str) -> _Contact:
     if (touch & good).sum() < FEWEST:
         raise InputError(f"record {key!r} of campaign {campaign.name!r} has {int((touch & good).sum())} samples of "
                          f"depression in contact; identify needs at least {FEWEST}: sample faster")
-    return _Contact(str(key), conditions, deviations, table, touch, end, {})
+    return _Contact(str(key), conditions, (speed, pressure), table, touch, end, {})
+
+
+def _find_time_sd(campaign: Campaign) -> float:
+    """Standard deviation of the time origin [s]; 0 where none is stated."""
+    spread = None if campaign.independent is None else campaign.independent.uncertainty
+    return 0.0 if spread is None else float(spread.sd(np.ones(1))[0])
 
 
 def _smooth_all(campaign: Campaign, contacts: Sequence[_Contact], channels: Sequence[str]) -> dict[str, Noise]:
     """Smooth every channel of every record; the noise is first taken as stated, then as measured."""
-    spread = campaign.independent.uncertainty
-    blind = 2.0 * float(spread.sd(np.ones(1))[0]) if spread is not None else 0.0
+    blind = 2.0 * _find_time_sd(campaign)
     found = {}
     for channel in channels:
         first = contacts[0].table["time"].to_numpy(dtype=float)
@@ -242,9 +247,13 @@ def _find_parameters(campaign: Campaign, model: str, space: ParameterSpace, u: n
     notes = []
     if not found.converged:
         notes.append("The fit of the restitution did not converge.")
+    k = space.index.get("restitution")
+    if k is not None and "restitution" in found.names and abs(found.u[k]) > 5.0:
+        notes.append("The restitution ran to its limit: the force is not to be trusted; give its value under `known`.")
     if found.chi2_reduced > 1.0 + found.slack:
-        notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.1f} times the noise in the depression: "
-                     "something is missing in this model, and restitution and force may be off by more than is stated.")
+        notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.2g} times the noise in the "
+                     "depression: something is missing in this model, and restitution and force may be off by more "
+                     "than is stated.")
     gas = "pressure" if measured else "initial pressure"
     source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
               "motion, without the gauge.")
@@ -254,8 +263,7 @@ def _find_parameters(campaign: Campaign, model: str, space: ParameterSpace, u: n
 def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wanted: Sequence[str],
                     contacts: Sequence[_Contact], noise: Noise, measured: bool):
     """Fit the wanted parameters to the measured depression."""
-    spread = campaign.independent.uncertainty
-    time_sd = float(spread.sd(np.ones(1))[0]) if spread is not None else 0.0
+    time_sd = _find_time_sd(campaign)
     motions, masses = [], []
     for contact in contacts:
         time = contact.table["time"].to_numpy(dtype=float)
@@ -269,10 +277,11 @@ def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wa
         motions.append(Motion(
             contact.conditions, np.pad(time[inside], (0, pad), mode="edge"),
             np.pad(depth[inside], (0, pad), constant_values=np.nan), gas, reach, contact.deviations[0], time_sd))
-        # Half a contact is about a quarter of a period of the effective mass on its spring.
+        # The work of the gas up to the largest depression, and a third of it for the damping, is m v^2 / 2.
         rise = contact.smooth["depression"].at(half[half <= contact.end]).max()
         pressure = float(np.mean(gas)) if measured else contact.conditions.get("initial_pressure", 0.0)
-        masses.append(1.3 * pressure * (np.pi / 4) ** 2 * np.pi * rise**3 / 1.5 / contact.conditions["approach_speed"]**2)
+        work = pressure * (np.pi / 4) ** 2 * np.pi * rise**3 / 3.0
+        masses.append(2.6 * work / contact.conditions["approach_speed"] ** 2)
     mass = float(np.median(masses))
     if "effective_mass" in wanted and mass > 0:
         u = u.copy()
@@ -344,7 +353,8 @@ def _evaluate(space: ParameterSpace, u: np.ndarray, names: Sequence[str], covari
         variance += np.sum((slopes @ covariance) * slopes, axis=1)
         variance += (np.asarray(by_common)[r, here] ** 2) @ (np.array(contact.deviations) ** 2)
         if not np.all(np.isfinite(variance)):
-            raise ComputationError(f"the force of record {contact.key!r} is not finite; check its pressure and depression")
+            raise ComputationError(f"the force of record {contact.key!r} is not finite; check its pressure and "
+                                   "depression")
         values, deviation = np.zeros(len(contact.table)), np.zeros(len(contact.table))
         values[contact.touch] = np.asarray(force)[r, here]
         deviation[contact.touch] = np.sqrt(np.maximum(variance, 0.0))

@@ -45,7 +45,8 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
         read_table(conditions), str(conditions))
     names = tuple(saved.ranges)
     keys, values, notes = _read(table, names, saved, file)
-    groups = list(pd.Series(np.arange(len(keys))).groupby(pd.Series(keys), sort=False).indices.items())
+    found_rows = pd.Series(np.arange(len(keys))).groupby(pd.Series(keys), sort=False).indices
+    groups = [(str(key), rows) for key, rows in found_rows.items()]
     settings = {name: np.array([values[name][rows[0]] for _, rows in groups]) for name in names}
     notes += _find_extrapolation(saved, [key for key, _ in groups], settings)
     channels = tuple(c for c in CHANNELS if c in saved.channels)
@@ -199,8 +200,8 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     if failed[:count].any():
         i = int(np.argmax(failed[:count]))
         where = ", ".join(f"{n} = {v[i]:g}" for n, v in settings.items())
-        raise ComputationError(f"the model could not be integrated for record {keys[i]!r} ({where}); check its conditions "
-                               "and their units")
+        raise ComputationError(f"the model could not be integrated for record {keys[i]!r} ({where}); check its "
+                               "conditions and their units")
     variance = np.sum(shared.reshape(*shape, -1) ** 2, axis=-1)
     scatter = np.sum(own.reshape(*shape, -1) ** 2, axis=-1)
     noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2

@@ -208,7 +208,7 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
         left = float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-12)[0])
         if left < 1e-4:
             break
-    if state is None:
+    if state is None or best is None:
         return Rebound(u, tuple(names), np.full((len(names), len(names)), np.inf), float("inf"), False)
     u, own = state[:2]
     _, information = eliminate(*state[1:5])

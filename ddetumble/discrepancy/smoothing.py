@@ -1,7 +1,6 @@
-"""A measured channel as a smooth curve over one contact, with its derivative and what noise leaves uncertain of both."""
+"""A measured channel as a smooth curve over one contact, with its derivative and the uncertainty of both."""
 
 import dataclasses as dc
-from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -11,7 +10,7 @@ from ..inference.noise import Noise, whiten, whitening
 
 DEGREE = 5
 MOST_COLUMNS = 64
-ROUGHNESS = 3  # derivative whose square is penalised
+ROUGHNESS = 4  # derivative whose square is penalised
 
 
 @dc.dataclass(frozen=True)
@@ -49,8 +48,8 @@ def _columns(knots: np.ndarray, time: np.ndarray, derivative: int = 0) -> np.nda
 def smooth_samples(time: np.ndarray, values: np.ndarray, noise: Noise, start: float, end: float) -> Smooth:
     """Fit a smoothing spline to the samples of one contact.
 
-    How smooth it is follows from the known noise: every smoothness counts by the marginal likelihood of the samples. The
-    covariance is the posterior one: it holds the noise that is left and the bias that the smoothing brings.
+    How smooth it is follows from the known noise: every smoothness counts by the marginal likelihood of the samples.
+    The covariance is the posterior one: it holds the noise that is left and the bias that the smoothing brings.
 
     Args:
         time, values: samples in contact, at least 8, shape (samples,).
@@ -136,7 +135,7 @@ def find_separation(time: np.ndarray, depression: np.ndarray) -> float:
         return float(np.sum((y - columns @ np.linalg.lstsq(columns, y, rcond=1e-9)[0]) ** 2))
 
     step = float(np.median(np.diff(t)))
-    for grid in (t[3:], None):
-        trial: Sequence[float] = grid if grid is not None else np.linspace(best - step, best + step, 21)
-        best = float(trial[int(np.argmin([misfit(end) for end in trial]))])
+    rough = float(t[3:][int(np.argmin([misfit(end) for end in t[3:]]))])
+    fine = np.linspace(rough - step, rough + step, 21)
+    best = float(fine[int(np.argmin([misfit(end) for end in fine]))])
     return min(best, float(time[-1]))

@@ -26,6 +26,7 @@ _CONTACT_GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(65) / 64)
 # Two steps of the classical Runge-Kutta method and the rate after them: reach, weight, whether a step ends.
 _STAGES = (np.array([0, 0.5, 0.5, 1, 0, 0.5, 0.5, 1, 0]), np.array([1, 2, 2, 1, 1, 2, 2, 1, 0]) / 6.0,
            np.array([0, 0, 0, 1.0, 0, 0, 0, 1, 0]))
+_FORCE_GRID = np.concatenate([_CONTACT_GRID, 0.5 * (_CONTACT_GRID[1:] + _CONTACT_GRID[:-1])])
 _TAIL_GRID = (np.arange(1, 25) / 24) ** 3
 
 
@@ -170,16 +171,20 @@ def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated:
     """Time, state and rate at the end, where the ball separates followed anew from the last node in contact.
 
     The integrator's last step reaches beyond separation, where the law breaks off: its interpolant loses two to four
-    digits there. Two steps of the classical Runge-Kutta method from node `k` to separation see the law in contact only;
-    a Newton step then takes the depression to zero, and carries the derivative of the instant.
+    digits there. Two steps of the classical Runge-Kutta method from node `k` to separation see the law, and its slopes,
+    in contact only (depressions are kept above `floor`); a Newton step then takes the depression to zero, and carries
+    the derivative of the instant.
     """
+    floor = stop(1e-6 * path.state[k, 0])
     end = jnp.where(separated, stop(end), end)
     half = 0.5 * (end - path.time[k])
 
     def stage(carry, coefficients):
         time, base, total, slope = carry
         reach, weight, done = coefficients
-        slope = field(time + reach * half, base + reach * half * slope)
+        y = base + reach * half * slope
+        y = y.at[0].add(jnp.where(y[0] > floor, 0.0, floor - stop(y[0])))
+        slope = field(time + reach * half, y)
         total = total + weight * half * slope
         return (time + done * half, base + done * total, (1.0 - done) * total, slope), None
 
@@ -198,10 +203,16 @@ def _read(law, conditions, times, path, end, final, separated, failed, steps, di
         contact = law.contact(conditions, diameter, time, depression, rate, states)
         return depression, rate, contact.pressure, law.forces(contact, damping, states).normal
 
-    depression, rate, pressure, normal = jax.vmap(at)(jnp.clip(times, 0.0, end))
+    count = times.shape[0]
+    wanted = jnp.clip(times, 0.0, end)
+    if law.has_sensor():
+        wanted = jnp.concatenate([wanted, end * _FORCE_GRID])
+    # One call for samples and grid: the law is compiled once.
+    everywhere = jax.vmap(at)(wanted)
+    depression, rate, pressure, normal = (x[:count] for x in everywhere)
     reading = jnp.where(touch, normal, 0.0)
     if law.has_sensor():
-        reading = reading + _deviation(law, jax.vmap(lambda t: at(t)[3]), times, end)
+        reading = reading + _deviation(law, everywhere[3][count:], times, end)
     initial = conditions.get("initial_pressure", jnp.zeros(()))
     zero = jnp.zeros(())
     left = law.contact(conditions, diameter, end, zero, zero, final[2:]).pressure
@@ -213,17 +224,15 @@ def _read(law, conditions, times, path, end, final, separated, failed, steps, di
     )
 
 
-def _deviation(law: ContactLaw, force, times: Array, end: Array) -> Array:
-    """What the sensor adds to the true force at the wanted times.
+def _deviation(law: ContactLaw, values: Array, times: Array, end: Array) -> Array:
+    """What the sensor adds to the true force at the wanted times; `values` is the force on `_FORCE_GRID`.
 
     Computed on a grid of its own, dense at first touch and after separation, where a sensor's transients are; the
     deviation is smooth, so that a parabola an interval is enough.
     """
     tail = jnp.maximum(stop(times[-1]) - end, 1e-3 * end)
     grid = jnp.concatenate([end * _CONTACT_GRID, end + tail * _TAIL_GRID])
-    middles = 0.5 * (grid[1:] + grid[:-1])
     inside = len(_CONTACT_GRID)
-    values = force(jnp.concatenate([grid[:inside], middles[: inside - 1]]))
     nodes, mids = values[:inside], values[inside:]
     rest = jnp.zeros((len(_TAIL_GRID),))
     signal = Signal(jnp.diff(grid), jnp.concatenate([nodes[:-1], rest]), jnp.concatenate([mids, rest]),

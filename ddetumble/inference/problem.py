@@ -75,8 +75,12 @@ def _record(space, names, channels, theta, z, row, base, directions):
     return model, (u, impact.depression, impact.depression_rate, impact.separation, impact.failed)
 
 
+@partial(jax.jit, static_argnums=(0, 1, 2))
 def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, low, high) -> Evaluation:
-    """Residual, Jacobian and channels of all records."""
+    """Residual, Jacobian and channels of all records.
+
+    Compiled on its own so that the optimiser, which asks for it in several places, traces it once.
+    """
     count, own = theta.shape[0], z.shape[1]
 
     def one(z_row, row, base_row):

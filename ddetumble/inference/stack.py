@@ -14,7 +14,7 @@ from .noise import TAPS, Noise, whitening
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
-RECORD_SIZES = (12, 24, 48, 96, 192, 384, 768)
+RECORD_SIZES = (24, 48, 96, 192, 384, 768)
 SAMPLE_SIZES = (128, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 
 

@@ -10,6 +10,7 @@ from .impact import simulate
 from .noise import draw_noise
 from .strength import measure_misfit, place_times
 
+
 # one standard deviation: relative for the two conditions, s for the time origin, SI for the channels
 UNCERTAINTIES = {"initial_pressure": 0.005, "approach_speed": 0.003, "time": 5e-5}
 NOISE = {"normal_force": 0.25, "depression": 2e-5, "pressure": 2e3}

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+
 OUTER_DIAMETER = 0.060  # m, Table 2
 ELASTIC_MODULUS = 7.8e6  # Pa, Table 2
 ADHESION_RATE = 5e-3  # m/s, rate over which adhesion switches on while unloading

@@ -11,6 +11,7 @@ from .campaigns import make_campaign, reveal_campaign, write_campaign_folder, wr
 from .impact import CHANNELS
 from .paper_tables import write_paper
 
+
 PAPER_PRESSURES = [1.0e6, 1.5e6, 2.0e6, 2.5e6]  # Pa, Figure 8
 
 PLANS = {

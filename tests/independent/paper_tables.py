@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .campaigns import write_json, write_table
 
+
 PAPER = (
     "Impact Force Identification of the Variable Pressure Flexible Impact End-Effector in Space Debris Active "
     "Detumbling (received 15 February 2020, accepted 23 April 2020, published 26 April 2020)"
