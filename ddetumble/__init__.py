@@ -44,7 +44,7 @@ _HOMES = {
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
 
-__all__ = ["__version__", *sorted(_HOMES)]
+__all__ = ["__version__", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

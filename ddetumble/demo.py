@@ -36,7 +36,8 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     for line in compare(campaign).text().splitlines()[:12]:
         echo("   " + line)
     echo("")
-    echo("3. Which effect is missing? Every one of the catalogue is added in turn, refitted and tried on left-out tests:")
+    echo("3. Which effect is missing? Every one of the catalogue is added in turn, refitted and tried on left-out "
+         "tests:")
     found = discover(campaign)
     for line in describe(found).splitlines():
         echo("   " + line)

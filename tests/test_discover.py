@@ -1,4 +1,4 @@
-"""Verdicts on campaigns of the independent simulator: nothing missing, one effect, outside the catalogue, hard noise."""
+"""Verdicts on the independent simulator's campaigns: nothing missing, one effect, outside the catalogue, hard noise."""
 
 import json
 

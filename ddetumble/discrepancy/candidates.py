@@ -26,7 +26,7 @@ def describe_candidates(workbench: Workbench, grown: list[Grown], tried: Tried) 
     scores = grown[0].scores
     first = grown[1] if len(grown) > 1 else None
     chosen = first.fitted.effects[0] if first is not None and first.tried is tried else None
-    alternatives = {e for e, _, _ in first.alternatives} if chosen is not None else set()
+    alternatives = {e for e, _, _ in first.alternatives} if first is not None and chosen is not None else set()
     order = list(tried.order)
     if len(grown) > 1:
         # After a swap the effects of the final model lead, in the order in which they were found.
@@ -62,7 +62,8 @@ def _describe(workbench: Workbench, tried: Tried, scores: list[Score], effect: s
     return Candidate(
         effect=effect, p_value=p_value, explains=float(np.clip(drop / excess, 0.0, 1.0)) if excess > 1.0 else 0.0,
         visible=float(max((s.visible for s in own), default=0.0)),
-        heldout_nrmse=_heldout(workbench, before, before if absent else fitted), smallest_detectable=_detectable(workbench, own),
+        heldout_nrmse=_heldout(workbench, before, before if absent else fitted),
+        smallest_detectable=_detectable(workbench, own),
         indistinguishable_from=alike,
         estimates={} if absent else public_estimates(workbench, shown.solution, [effect]),
         heldout_difference=difference, standard_error=error, cosines=cosines,

@@ -1,4 +1,4 @@
-"""The loop: compare, say where it fails, add the effect that helps, refit, until nothing is missing or nothing helps."""
+"""The loop: compare, say where it fails, add the effect that helps, until nothing is missing or nothing helps."""
 
 import dataclasses as dc
 import time

@@ -367,6 +367,7 @@ def _evaluate(space: ParameterSpace, u: np.ndarray, names: Sequence[str], covari
 def _summarise(campaign: Campaign, table: pd.DataFrame, contacts: Sequence[_Contact], gauge):
     """Fill in what the gauge says, and put one row a record together."""
     if gauge is not None:
+        assert campaign.samples is not None
         reading = campaign.samples["normal_force"].to_numpy(dtype=float)
         sd = default_noise(campaign, "normal_force", contacts[0].table["time"].to_numpy(dtype=float)).sd
         table["gauge"] = reading

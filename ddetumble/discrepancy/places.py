@@ -35,7 +35,7 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
 
 
 def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
-    """Frequency [Hz] of the strongest line in the contact part of the force residuals, over all records; None if weak."""
+    """Frequency [Hz] of the strongest line in the contact part of the force residuals of all records; None if weak."""
     time = np.asarray(workbench.records.stack.time)
     values, solution = np.asarray(workbench.records.stack.values), fitted.solution
     channel = workbench.records.channels.index("normal_force")
@@ -77,7 +77,7 @@ def _rows(workbench: Workbench, fitted: Fitted) -> float:
 def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float) -> Place:
     """The place that a probe stands for."""
     effect = workbench.whole(probe)
-    variable = effect.variable
+    variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every probe has one
     u = fitted.solution.u
     if probe == "probe-depth":
         onset = float(np.exp(u[workbench.space.index["probe-depth.depth"]]))

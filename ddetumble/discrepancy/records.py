@@ -78,7 +78,7 @@ class Step:
         effects: all effects in the model.
         chi2_reduced: chi-square of the whitened residuals and nuisances over degrees of freedom.
         nrmse, heldout_nrmse: rms residual over rms signal, fitted and with whole conditions left out.
-        alternatives: the confusion set of the added effect: dicts with `effect`, `heldout_difference`, `standard_error`.
+        alternatives: confusion set of the added effect: dicts with `effect`, `heldout_difference`, `standard_error`.
         lack_of_fit: whether something is still missing.
         parameters: estimates by public name.
         correlations: strongest correlations, (name, name, value).

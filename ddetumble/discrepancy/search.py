@@ -112,8 +112,9 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
 
     def keep(found):
         for effect, fitted in found:
-            usable = fitted is not None and has_physical_sign(workbench, fitted, effect)
-            if usable and (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2):
+            if fitted is None or not has_physical_sign(workbench, fitted, effect):
+                continue
+            if (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2):
                 screened[effect] = fitted
 
     jobs = [(e, s) for e in effects for s in directed_starts(workbench, e, scores)]
@@ -123,8 +124,7 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
     linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
     jobs = []
     for effect in effects:
-        lost = (effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + 1.0
-                or not screened[effect].solution.converged)
+        lost = effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + 1.0
         if effect in linear and lost:
             s = linear[effect]
             p = workbench.space.slots[workbench.space.index[s.name]].parameter
@@ -145,7 +145,7 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
            ) -> dict[str, Fitted]:
     """Fit the finalists to all samples: those that come near the best of the screening."""
     best = screened[order[0]].score
-    near = max(0.25 * (before.score - best), 25.0)
+    near = DECISIVE if workbench.thin is not None else max(0.25 * (before.score - best), DECISIVE)
     finalists = [e for e in order if screened[e].score - best <= near][:5]
     if workbench.thin is None:
         return {e: screened[e] for e in finalists}

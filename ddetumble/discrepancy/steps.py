@@ -46,6 +46,7 @@ def finish_fit(workbench: Workbench, fitted: Fitted) -> Fitted:
 
 def whitened_share(workbench: Workbench, fitted: Fitted) -> float:
     """rms residual over rms signal implied by a fit's whitened chi-square (exact for white noise)."""
+    assert workbench.campaign.samples is not None
     noise = workbench.noise["normal_force"].sd
     rows = max(float((fitted.solution.residual != 0).sum()), 1.0)
     signal = float(np.sqrt(np.nanmean(workbench.campaign.samples["normal_force"].to_numpy() ** 2)))
@@ -54,7 +55,7 @@ def whitened_share(workbench: Workbench, fitted: Fitted) -> float:
 
 def describe_step(workbench: Workbench, grown: Grown, before: Grown | None) -> Step:
     """The record of one step."""
-    fitted = finish_fit(workbench, grown.fitted)
+    fitted = finish_fit(workbench, grown.fitted) if before is not None else grown.fitted
     solution = fitted.solution
     object.__setattr__(grown, "fitted", fitted)
     traces = make_traces(workbench.campaign, workbench.records, solution, workbench.noise)

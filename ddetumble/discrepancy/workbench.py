@@ -120,7 +120,7 @@ class Workbench:
             u = base.copy()
             for name, value in start.items():
                 u[self.space.index[name]] = value
-            solution = problem.solve(free, u, z, tolerance=tolerance)
+            solution = problem.solve(free, u, z, tolerance=tolerance, max_steps=10 if thinned else 30)
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
                 best = solution
         if best is None:
@@ -150,7 +150,7 @@ class Workbench:
                 if effect.id == "probe-depth":
                     if depth:
                         wanted += [(effect.id, "probe-depth.k", {"probe-depth.depth": float(np.log(d * depth))})
-                                   for d in (0.15, 0.3, 0.45, 0.6, 0.75, 0.88)]
+                                   for d in (0.3, 0.55, 0.8)]
                 elif effect.id == "probe-ringing":
                     if frequency:
                         shape = {"probe-ringing.frequency": float(np.log(frequency))}

@@ -12,7 +12,7 @@ UNLOADING_SPEED = 5e-3  # width of the change from loading to unloading [m/s]
 
 @final
 class Adhesion(AbstractSurfaceForce):
-    r"""The disc sticks while it unloads: $F_n$ loses $\tau_a \pi b^2 \cdot \frac12 (1 - \tanh(w / 5\,\mathrm{mm/s}))$."""
+    r"""The disc sticks while it unloads: $F_n$ loses $\tau_a \pi b^2 \cdot \frac12 (1 - \tanh(w/5\,\mathrm{mm/s}))$."""
 
     tau_a: Scalar = parameter("Pa", 0.0, typical=2e4, sign=1, starts=(2e4,), text="adhesive stress")
     id: ClassVar[str] = "adhesion"

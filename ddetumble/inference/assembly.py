@@ -69,16 +69,16 @@ def adapt_reference(campaign: Campaign, reference: AbstractReference) -> Abstrac
     records = campaign.records
     if isinstance(reference, PowerLaw):
         further = [c for c in records.columns if c not in ("approach_speed", "sequence", "initial_pressure")]
-        found = next((c for c in ("initial_pressure", *further) if c in records
-                      and records[c].nunique() > 1 and (records[c] > 0).all()), "")
-        middle = float(records[found].median()) if found else 1.0
+        values = {c: records[c].to_numpy(dtype=float) for c in ("initial_pressure", *further) if c in records}
+        found = next((c for c, x in values.items() if (x > 0).all() and len(np.unique(x)) > 1), "")
+        middle = float(np.median(values[found])) if found else 1.0
         return dc.replace(reference, condition=found, condition_reference=middle)
     if "gas" not in reference.provides:
         return reference
     if "initial_pressure" not in records:
         raise InputError(f"campaign {campaign.name!r} has no condition 'initial_pressure', and this model is of an "
                          "inflated ball; give the pressure, or take --model power-law")
-    empty = records.index[records["initial_pressure"] <= 0]
+    empty = records.index[records["initial_pressure"].to_numpy(dtype=float) <= 0]
     if len(empty):
         raise InputError(f"campaign {campaign.name!r}: record {empty[0]!r} has no absolute pressure "
                          f"({records.loc[empty[0], 'initial_pressure']:g} Pa), and without gas this model gives no "

@@ -83,7 +83,8 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
     count = sum(len(p) for p in power)
     if count < 24:
         sd = expected if expected is not None else float(np.std(np.concatenate(traces)))
-        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2, "too few samples to measure its correlation: taken as white")
+        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2,
+                     "too few samples to measure its correlation: taken as white")
     power, frequency = np.concatenate(power), np.concatenate(frequency)
     # A Hann window makes neighbouring ordinates correlated: about half of them are independent.
     weight = 0.5
@@ -180,7 +181,7 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
             among = noise.covariance(times[:, None] - times[None, :]) + 1e-12 * noise.sd**2 * np.eye(len(back))
             to = noise.covariance(times - time[t])
             a = np.linalg.solve(among, to)
-            known[back] = a, 1.0 / np.sqrt(max(noise.sd**2 - a @ to, 1e-6 * noise.sd**2))
+            known[back] = a, 1.0 / float(np.sqrt(max(noise.sd**2 - a @ to, 1e-6 * noise.sd**2)))
         taps[t, np.array(back) - 1], weights[t] = known[back]
     return weights, taps
 

@@ -3,6 +3,7 @@
 import dataclasses as dc
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -142,7 +143,8 @@ class ParameterSpace:
         effects = []
         for effect in self.effects:
             size = len(parameters_of(effect))
-            effects.append(effect(**dict(zip(fields[count:count + size], values[count:count + size], strict=True))))
+            own: dict[str, Any] = dict(zip(fields[count:count + size], values[count:count + size], strict=True))
+            effects.append(effect(**own))
             count += size
         return ContactLaw(reference, tuple(effects))
 
@@ -152,7 +154,7 @@ class ParameterSpace:
         return [s.name for s in self.slots
                 if s.owner in owners and s.parameter.free and (shapes or s.parameter.kind != "shape")]
 
-    def public(self, name: str, u: float, sd: float, spread: float = 1.959964) -> dict[str, float | str]:
+    def public(self, name: str, u: float, sd: float, spread: float = 1.959964) -> dict[str, Any]:
         """Estimate, standard deviation and 95 % interval of a parameter in its public unit from its coordinate."""
         p = self.slots[self.index[name]].parameter
         low, high = (float(from_coordinate(p.coordinate, np.float64(u + k * spread * sd))) for k in (-1, 1))

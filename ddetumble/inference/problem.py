@@ -70,7 +70,8 @@ def _record(space, names, channels, theta, z, row, base, directions):
             time = time - z[k] * row.condition_sd[k]
         else:
             conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
-    impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode())
+    impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
+                      atol=0.01 * row.rtol)
     model = jnp.stack([getattr(impact, channel) for channel in channels])
     return model, (u, impact.depression, impact.depression_rate, impact.separation, impact.failed)
 
@@ -91,7 +92,8 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
                         out_axes=(None, -1, None))(unit)
 
-    model, jacobian, (u, depression, rate, separation, failed) = jax.vmap(one)(z, stack, base)
+    axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
+    model, jacobian, (u, depression, rate, separation, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
     failed = failed | jnp.any((u < low) | (u > high), axis=1) | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
     there = stack.present > 0
     keep = (there & ~failed)[:, None, None, None]
@@ -209,7 +211,8 @@ class Problem:
         priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate.
     """
 
-    def __init__(self, space: ParameterSpace, records: Records, priors: Mapping[str, tuple[float, float]] | None = None):
+    def __init__(self, space: ParameterSpace, records: Records,
+                 priors: Mapping[str, tuple[float, float]] | None = None):
         self.space, self.records, self.priors = space, records, dict(priors or {})
         self.scales = space.scales()
         self.limits = space.bounds()

@@ -10,12 +10,14 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from ..measurement.campaign import Campaign
+from ..dynamics.impact import RTOL
 from .noise import TAPS, Noise, whitening
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
+THIN_RTOL = 1e-5  # of thinned records, on which candidates are only screened
 RECORD_SIZES = (24, 48, 96, 192, 384, 768)
-SAMPLE_SIZES = (128, 512, 1024, 2048, 4096, 8192, 16384, 32768)
+SAMPLE_SIZES = (128, 768, 1536, 2048, 4096, 8192, 16384, 32768)
 
 
 class Stack(eqx.Module):
@@ -29,6 +31,7 @@ class Stack(eqx.Module):
         conditions: by name, each shape (records,), SI, as measured.
         condition_sd: standard deviations of the nuisances, shape (records, nuisances): `nuisances` names them.
         present: 1 for records that are there, shape (records,).
+        rtol: tolerance of the integrator, shape ().
     """
 
     time: Array
@@ -39,6 +42,7 @@ class Stack(eqx.Module):
     conditions: dict[str, Array]
     condition_sd: Array
     present: Array
+    rtol: Array
 
 
 @dc.dataclass(frozen=True)
@@ -126,7 +130,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     if most is not None:
         groups = {k: g.iloc[:: -(-len(g) // most)] for k, g in groups.items()}
     lengths = np.array([len(groups[str(k)]) for k in keys])
-    uncertainty = campaign.independent.uncertainty
+    uncertainty = None if campaign.independent is None else campaign.independent.uncertainty
     blind = 3.0 * float(np.max(uncertainty.sd(np.ones(1)))) if uncertainty is not None else 0.0
     complete = np.ones((len(keys), len(channels)), dtype=bool)
     rows, size = _size(len(keys), RECORD_SIZES), _size(int(lengths.max()), SAMPLE_SIZES)
@@ -169,8 +173,9 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     conditions.setdefault("sequence", np.ones(rows))
     present = (np.arange(rows) < len(keys)).astype(float)
     span = time.max(axis=1) + 5e-3 * (time.max(axis=1) - np.maximum(time.min(axis=1), 0.0))
-    stack = Stack(*(jnp.asarray(a) for a in (time, span, values, weights, taps)),
-                  {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present))
+    stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
+                  {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
+                  jnp.asarray(RTOL if most is None else THIN_RTOL))
     return Records(tuple(str(k) for k in keys), channels, nuisances, lengths, complete, stack)
 
 
@@ -186,6 +191,7 @@ def default_noise(campaign: Campaign, channel: str, time: np.ndarray) -> Noise:
     if uncertainty is None:
         raise InputError(f"campaign {campaign.name!r}: channel {channel!r} states no uncertainty; add one standard "
                          f"deviation to its field, such as \"uncertainty\": \"0.25 N\"")
+    assert campaign.samples is not None
     typical = np.abs(campaign.samples[channel].to_numpy(dtype=float))
     sd = float(np.atleast_1d(uncertainty.sd(np.nanmedian(typical[np.isfinite(typical)])))[0])
     interval = float(np.median(np.diff(time)))

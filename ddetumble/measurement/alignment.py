@@ -133,7 +133,7 @@ def check_increase(test: "RawTest", name: str = "time") -> None:
     if back.size:
         problem = f"the {name} of record {test.key!r} does not increase here; sort the rows, keep each once, "
         problem += "or tell the tests in the file apart with --record-column"
-        raise InputError(problem, file=test.file, column=name, row=test.lines[back[0] + 1])
+        raise InputError(problem, file=test.file, column=name, row=int(test.lines[back[0] + 1]))
     if len(test.lines) < FEWEST_SAMPLES:
         raise InputError(f"record {test.key!r} has fewer than {FEWEST_SAMPLES} samples", file=test.file)
 

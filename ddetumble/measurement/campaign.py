@@ -1,6 +1,6 @@
 """A campaign: the tests of one series, in SI units, with what is known about each number."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -84,18 +84,18 @@ class Campaign:
     records: pd.DataFrame
     conditions: dict[str, Column]
     independent: Column | None = None
-    channels: dict[str, Column] | None = None
+    channels: dict[str, Column] = field(default_factory=dict)
     samples: pd.DataFrame | None = None
     peaks: pd.DataFrame | None = None
-    peak_columns: dict[str, Column] | None = None
+    peak_columns: dict[str, Column] = field(default_factory=dict)
     sha256: str = ""
     sources: tuple[dict, ...] = ()
     licences: tuple[dict, ...] = ()
     notes: tuple[str, ...] = ()
 
     def __post_init__(self):
-        object.__setattr__(self, "channels", dict(self.channels or {}))
-        object.__setattr__(self, "peak_columns", dict(self.peak_columns or {}))
+        object.__setattr__(self, "channels", dict(self.channels))
+        object.__setattr__(self, "peak_columns", dict(self.peak_columns))
         if self.family not in FAMILIES:
             raise InputError(f"a campaign's family is one of {', '.join(FAMILIES)}, not {self.family!r}")
 
@@ -103,7 +103,7 @@ class Campaign:
         parts = [f"{len(self.records)} records"]
         if self.conditions:
             parts.append("conditions " + ", ".join(self.conditions))
-        if self.samples is not None:
+        if self.samples is not None and self.independent is not None:
             parts.append(f"{len(self.samples)} samples of {', '.join(self.channels)} over {self.independent.name}")
         if self.peaks is not None:
             parts.append(f"{len(self.peaks)} peaks: {', '.join(self.peak_columns)}")
@@ -158,7 +158,7 @@ class Campaign:
             raise InputError(f"select from campaign {self.name} at least one record, and each only once")
         samples = self.samples
         if samples is not None:
-            samples = arrange_samples(samples[samples["record"].isin(keys)], keys)
+            samples = arrange_samples(samples.loc[samples["record"].isin(keys)], keys)
         peaks = None if self.peaks is None else self.peaks.loc[[key for key in keys if key in self.peaks.index]]
         return replace(self, records=self.records.loc[keys], samples=samples, peaks=peaks)
 
@@ -176,7 +176,8 @@ class Campaign:
 
 def arrange_samples(samples: pd.DataFrame, keys) -> pd.DataFrame:
     """Put the samples of each record together, in the order of `keys`, keeping their order within a record."""
-    position = samples["record"].map({key: i for i, key in enumerate(keys)}).to_numpy()
+    place = {key: i for i, key in enumerate(keys)}
+    position = samples["record"].map(place).to_numpy()  # pyright: ignore[reportArgumentType]
     if len(position) and (position[1:] < position[:-1]).any():
         samples = samples.iloc[np.argsort(position, kind="stable")]
     return samples.reset_index(drop=True)

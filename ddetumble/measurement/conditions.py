@@ -81,7 +81,7 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
             continue
         role = guess_role(column, conditions.family)
         role = PRESSURE[conditions.family] if role == "pressure" else role
-        name = role if role in CONDITIONS[conditions.family] else name_condition(column)
+        name = role if role is not None and role in CONDITIONS[conditions.family] else name_condition(column)
         unit = units.get(column) or units.get(name) or raw.units[column] or ("1" if name == "sequence" else None)
         if unit is None:
             problem = f"the column has no unit; write it into the heading like '{column} [mm]', or give --unit "
@@ -157,7 +157,8 @@ def _match(table, links, records) -> dict[str, int]:
 
 def _unit_after(text: str, name: str) -> str | None:
     """The unit that the pattern's text begins with: `MPa_` is MPa, and `ms` after a speed is m/s."""
-    letters = re.match(r"[^\W\d_]*(?:-[^\W\d_]+)?", text)[0]
+    begin = re.match(r"[^\W\d_]*(?:-[^\W\d_]+)?", text)
+    letters = begin[0] if begin else ""
     if ROLES.get(name) == "speed":
         letters = {"ms": "m/s", "mps": "m/s", "mms": "mm/s", "cms": "cm/s"}.get(letters.split("-")[0], letters)
     for end in range(len(letters), 0, -1):

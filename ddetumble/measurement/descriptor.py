@@ -200,7 +200,7 @@ def _explain(error: ValidationError, tree: dict) -> str:
     place, here = "", tree
     for part in first["loc"]:
         try:
-            here = here[part]
+            here = None if here is None else here[part]
         except (KeyError, IndexError, TypeError):
             here = None
         if isinstance(part, int):

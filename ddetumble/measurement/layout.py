@@ -52,7 +52,7 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
     """
     file = str(path)
     text, notes = _decode(read_bytes(path), file)
-    delimiter = {"tab": "\t", "\\t": "\t", "space": " "}.get(delimiter, delimiter)
+    delimiter = {"tab": "\t", "\\t": "\t", "space": " "}.get(delimiter or "", delimiter)
     if delimiter not in (None, *DELIMITERS):
         raise InputError(f"the delimiter {delimiter!r} is not known; give --delimiter as , ; | tab or space", file=file)
     if decimal not in (None, ".", ","):
@@ -170,7 +170,7 @@ def _find_data(rows, file: str) -> tuple[int, int, list[int]]:
     ]
     # Samples may be missing, so a column counts as numeric where most of the cells that are not empty are numbers.
     likely = [i for i, mark in enumerate(marks) if mark is not None and any(mark)]
-    numbers = np.sum([marks[i] for i in likely], axis=0)
+    numbers = np.sum([mark for mark in marks if mark is not None and any(mark)], axis=0)
     filled = np.sum([[bool(cell) for cell in rows[i][1]] for i in likely], axis=0)
     numeric = [j for j in range(width) if numbers[j] > 0.5 * filled[j]]
     if not numeric:

@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -78,6 +79,7 @@ def format_campaign(campaign: Campaign) -> dict[str, str]:
     """The files of a campaign, name to text, the descriptor last."""
     texts, resources = {}, []
     if campaign.samples is not None:
+        assert campaign.independent is not None
         columns = {campaign.independent.name: campaign.independent} | campaign.channels
         parts = {"records": (campaign.records, campaign.conditions), "samples": (campaign.samples, columns)}
     else:
@@ -86,7 +88,7 @@ def format_campaign(campaign: Campaign) -> dict[str, str]:
         parts["peaks"] = (campaign.peaks, campaign.peak_columns)
     for name, (frame, columns) in parts.items():
         texts[f"{name}.csv"] = _format_table(frame, columns)
-        schema = {"fields": [{"name": "record", "type": "string"}, *map(_describe, columns.values())]}
+        schema: dict[str, Any] = {"fields": [{"name": "record", "type": "string"}, *map(_describe, columns.values())]}
         if name == "records":
             schema["primaryKey"] = "record"
         else:
@@ -109,7 +111,7 @@ def format_campaign(campaign: Campaign) -> dict[str, str]:
 
 
 def _describe(column: Column) -> dict:
-    field = {"name": column.name, "type": "integer" if column.name in _COUNTS else "number"}
+    field: dict[str, Any] = {"name": column.name, "type": "integer" if column.name in _COUNTS else "number"}
     if column.name not in _COUNTS:
         field["unit"] = column.unit
     if column.uncertainty is not None:
@@ -125,7 +127,7 @@ def _describe(column: Column) -> dict:
 def _format_uncertainty(uncertainty: Uncertainty, unit: str) -> str:
     if uncertainty.relative is not None and uncertainty.absolute is None:
         return f"{float(f'{uncertainty.relative * 100:.15g}')!r} %"
-    if uncertainty.relative is not None:
+    if uncertainty.relative is not None or uncertainty.absolute is None:
         raise InputError("an uncertainty is written either as absolute or as relative, not as both")
     return f"{float(uncertainty.absolute)!r} {unit}"
 

@@ -100,7 +100,8 @@ def parse_table(text: str, file: str, *, delimiter: str = ",", quote: str = '"')
     except csv.Error as error:
         raise InputError(f"broken quoting or an endless cell ({error}); mend the line", file=file, row=start) from None
     while not rows[-1]:
-        rows.pop(), lines.pop()
+        rows.pop()
+        lines.pop()
     header = [cell.strip() for cell in rows[0]]
     _check_header(header, rows[1:], file, lines[0], delimiter)
     width = len(header)

@@ -114,7 +114,7 @@ def parse_unit(text: str) -> Unit:
         zero, one, two = (registry.Quantity(x, unit).to_base_units() for x in (0.0, 1.0, 2.0))
         base = dict(one.dimensionality)
         low, middle, high = float(zero.magnitude), float(one.magnitude), float(two.magnitude)
-        exponents = {key: float(value) for key, value in base.items()}
+        exponents = {key: float(value) for key, value in base.items()}  # pyright: ignore[reportArgumentType]
         shown = f"{one.units:~C}"
     except Exception as error:  # pint raises many kinds, some of them bare AssertionErrors
         hint = _HINTS.get(text.casefold())
@@ -172,13 +172,13 @@ def parse_quantity(text: str | float, quantity: str) -> float:
     number, rest = _split_number(text, quantity)
     if not rest and role_of(quantity) not in (None, "pure number"):
         raise InputError(f"{quantity} needs a unit: write it like '{text} {si_unit(quantity)}'")
-    value = to_si(number, rest, quantity)
+    value = float(to_si(number, rest, quantity))
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")
     return value
 
 
-def parse_uncertainty(text: str, unit: Unit, quantity: str) -> Uncertainty:
+def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertainty:
     """Read one standard deviation: absolute ("0.25 N") or relative ("0.5 %"), for a column with that unit.
 
     Raises:

@@ -76,7 +76,8 @@ def judge_case(case: dict, folder: Path) -> dict:
     alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
     return {
         **case, "records": found.settings["records"], "verdict": found.verdict, "found": list(found.effects),
-        "confused_with": alike, "p_first": [found.steps[0].lack_of_fit.p_value, found.steps[0].lack_of_fit.score_p_value],
+        "confused_with": alike,
+        "p_first": [found.steps[0].lack_of_fit.p_value, found.steps[0].lack_of_fit.score_p_value],
         "p_last": [last.p_value, last.score_p_value], "inside": inside,
         "misfit": found.steps[0].nrmse / max(found.noise_nrmse, 1e-300),
         "visible": {c.effect: c.visible for c in found.candidates if c.effect in case["effects"]},
