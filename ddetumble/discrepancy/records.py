@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 
 
+UNSEEN = 0.002  # below this share of its own signature, a campaign cannot see an effect
+
+
 @dc.dataclass(frozen=True)
 class Trace:
     """One channel of one record beside a model of it; all arrays have shape (samples,).

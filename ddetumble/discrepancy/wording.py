@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from .records import Discovery, Estimate, Place, Step
+from .records import UNSEEN, Discovery, Estimate, Place, Step
 
-
-UNSEEN = 0.002
 
 CHANNEL_WORDS = {"normal_force": "force", "depression": "depression", "pressure": "pressure"}
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),

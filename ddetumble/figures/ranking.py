@@ -3,12 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from ..discrepancy.records import Candidate
+from ..discrepancy.records import UNSEEN, Candidate
 from .labels import clean, say_p
 from .style import AFTER, FAINT, GREY, INK, KIN, OTHER, PALE, WIDTH, dress, head_figure, new_figure, styled
-
-
-UNSEEN = 0.05  # share of its own signature below which an effect cannot be seen
 
 
 @styled

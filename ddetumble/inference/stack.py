@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
-from ..measurement.campaign import Campaign
 from ..dynamics.impact import RTOL
+from ..measurement.campaign import Campaign
 from .noise import TAPS, Noise, whitening
 
 
@@ -42,7 +42,7 @@ class Stack(eqx.Module):
     conditions: dict[str, Array]
     condition_sd: Array
     present: Array
-    rtol: Array
+    rtol: Array = eqx.field(default_factory=lambda: jnp.asarray(RTOL))
 
 
 @dc.dataclass(frozen=True)

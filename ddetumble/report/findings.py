@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..discrepancy.records import Discovery, Place, Step, Trace
+from ..discrepancy.records import UNSEEN, Discovery, Place, Step, Trace
 from ..figures.binning import is_peaks, list_channels
 from ..figures.labels import (
     clean,
@@ -16,7 +16,6 @@ from ..figures.labels import (
     format_value,
     say_p,
 )
-from ..figures.ranking import UNSEEN
 from .page import Picture, Section, Table, write_page
 from .words import (
     count_records,

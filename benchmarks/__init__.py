@@ -1,0 +1,1 @@
+"""How fast the toolkit is, beside the strongest thing that a user would write by hand."""

@@ -1,0 +1,186 @@
+"""The whole of `discover` beside a program of Numba and SciPy that refits every effect, in one process, in turn.
+
+    python -m benchmarks.discover CAMPAIGN --peer numba_scipy.py [--warm OTHER] [--repeats 3] [-o result.json]
+
+The peer is a file with `main()`, which reads its campaign and `--nuisance` from `sys.argv`, prints `wall ... s` for its
+candidate loop, and returns rows (BIC, effect, chi2/N, values), best first. It ranks; it neither holds out nor judges.
+"""
+
+import argparse
+import contextlib
+import importlib.util
+import io
+import os
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.records import describe_machine, print_table, summarise, write_result
+
+
+COMPILED = "/jax/core/compile/backend_compile_duration"
+
+
+def main(arguments=None):
+    """Run the comparison and print it."""
+    options = read_options(arguments)
+    campaign = locate(options.campaign)
+    # The peer's compiled code goes to a folder of our own, not beside its file.
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ.setdefault("NUMBA_CACHE_DIR", folder)
+        result = compare(campaign, [locate(one) for one in options.warm], options)
+    show(result)
+    write_result(result, options.output)
+    return result
+
+
+def read_options(arguments):
+    """What the command line says."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.discover", description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", metavar="CAMPAIGN", help="folder, or name of a shipped campaign")
+    parser.add_argument("--peer", metavar="FILE", type=Path, help="numba_scipy.py; without it, only ours is timed")
+    parser.add_argument("--warm", metavar="OTHER", action="append",
+                        help="campaign on which ours compiles first (default impact-i); may be repeated")
+    parser.add_argument("--repeats", metavar="N", type=int, default=3, help="timed runs of ours (default 3)")
+    parser.add_argument("--peer-repeats", metavar="N", type=int, default=1, help="timed runs of the peer (default 1)")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also write the result as JSON")
+    options = parser.parse_args(arguments)
+    options.warm = options.warm or ["impact-i"]
+    if options.repeats < 1 or options.peer_repeats < 1:
+        parser.error("repeats are 1 or more")
+    if options.peer is not None and not options.peer.is_file():
+        parser.error(f"there is no file {options.peer}")
+    return options
+
+
+def locate(text):
+    """Folder of a campaign: as given, or of the shipped one of that name."""
+    from ddetumble import find_data
+
+    for path in (Path(text), find_data() / text):
+        if (path / "datapackage.json").is_file():
+            return path.resolve()
+    sys.exit(f"{text}: there is no such campaign")
+
+
+def compare(campaign, warm, options):
+    """Warm both, then time them in turn.
+
+    Ours warms on other campaigns. The peer has nothing that depends on sizes: its `main` compiles with a first fit
+    that its own clock leaves out.
+    """
+    machine = describe_machine()
+    began = time.perf_counter()
+    for other in warm:
+        run_ours(other)
+    warming = time.perf_counter() - began
+    peer = None if options.peer is None else load_peer(options.peer)
+    ours, theirs = [], []
+    for who in interleave(options.repeats, options.peer_repeats if peer else 0):
+        print(f"running {who} on {campaign.name} ...", file=sys.stderr, flush=True)
+        (ours if who == "ours" else theirs).append(run_ours(campaign) if who == "ours" else run_peer(peer, campaign))
+    found = ours[-1]
+    result = {
+        "benchmark": "discover", "campaign": campaign.name, "records": found["records"], "samples": found["samples"],
+        "warmed_on": [describe_size(other) for other in warm], "warming_s": round(warming, 3), "machine": machine,
+        "ours": {
+            **summarise([one["seconds"] for one in ours]),
+            "compilations": [one["compilations"] for one in ours], "compiling_s": [one["compiling"] for one in ours],
+            "verdict": found["verdict"], "effects": found["effects"], "ranking": found["ranking"],
+        },
+    }  # fmt: skip
+    if peer:
+        times = [one["seconds"] for one in theirs]
+        result["peer"] = {"name": options.peer.name, **summarise(times), "ranking": theirs[-1]["ranking"]}
+        median = result["peer"]["median_s"]
+        result["ratio"] = round(median / result["ours"]["median_s"], 1)
+        result["ratio_of_first_run"] = round(median / ours[0]["seconds"], 1)
+    return result
+
+
+def interleave(ours, peer):
+    """Who runs when: both spread evenly over the whole time."""
+    turns = [((k + 0.5) / ours, "ours") for k in range(ours)] + [((k + 0.5) / peer, "peer") for k in range(peer)]
+    return [who for _, who in sorted(turns)]
+
+
+def run_ours(folder):
+    """The whole of `discover`, reading included; how much of it went into compiling."""
+    import jax
+
+    from ddetumble import discover
+
+    spent = []
+
+    def listen(event, duration, **more):
+        if event == COMPILED:
+            spent.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    began = time.perf_counter()
+    found = discover(folder)
+    seconds = time.perf_counter() - began
+    with contextlib.suppress(AttributeError):  # an older JAX keeps its listeners
+        jax.monitoring.unregister_event_duration_listener(listen)
+    return {
+        "seconds": seconds, "compilations": len(spent), "compiling": round(sum(spent), 3), "verdict": found.verdict,
+        "effects": list(found.effects), "ranking": [one.effect for one in found.candidates[:3]],
+        "records": found.settings["records"], "samples": found.settings["samples"],
+    }  # fmt: skip
+
+
+def describe_size(folder):
+    """Name of a campaign, with its records and the samples of its longest record."""
+    from ddetumble import read_campaign
+
+    campaign = read_campaign(folder)
+    longest = int(campaign.samples.groupby("record").size().max())
+    return f"{folder.name} ({len(campaign.records)} records of up to {longest} samples)"
+
+
+def load_peer(path):
+    """The peer as a module."""
+    specification = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[path.stem] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+def run_peer(module, folder):
+    """The peer's candidate loop by its own clock, which leaves out reading and compiling."""
+    arguments, printed = sys.argv, io.StringIO()
+    sys.argv = [module.__file__, str(folder), "--nuisance"]
+    try:
+        with contextlib.redirect_stdout(printed):
+            began = time.perf_counter()
+            rows = module.main()
+            whole = time.perf_counter() - began
+    finally:
+        sys.argv = arguments
+    told = re.search(r"wall ([\d.]+) s", printed.getvalue())
+    return {"seconds": float(told.group(1)) if told else whole, "ranking": [row[1] for row in rows[:3]]}
+
+
+def show(result):
+    """Print times, ratio, and what each found."""
+    print(f"{result['campaign']}: {result['records']} records, {result['samples']} samples; "
+          f"ours warmed on {', '.join(result['warmed_on'])} in {result['warming_s']:.1f} s")
+    rows = []
+    for name in ("ours", "peer"):
+        if name in result:
+            one = result[name]
+            runs = " ".join(f"{seconds:.2f}" for seconds in one["runs_s"])
+            rows.append((name, f"{one['median_s']:.2f} s", runs, ", ".join(one["ranking"])))
+    print_table(("", "median", "runs [s]", "first three"), rows)
+    ours = result["ours"]
+    print(f"ours: {ours['verdict']}{' by ' + ', '.join(ours['effects']) if ours['effects'] else ''}; compilations in "
+          f"the timed runs: {ours['compilations']}, {ours['compiling_s']} s")
+    if "ratio" in result:
+        print(f"ratio {result['ratio']:.1f} (of the first timed run alone: {result['ratio_of_first_run']:.1f})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""From the shell's point of view: the first ever `ddetumble discover`, the second one, and `ddetumble --help`.
+
+    python -m benchmarks.startup [CAMPAIGN] [--repeats 3] [-o result.json]
+
+Every run is a process of its own. The first one finds an empty folder for compiled programs, the second one what the
+first one left there.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.discover import describe_size, locate
+from benchmarks.records import ROOT, describe_machine, print_table, summarise, write_result
+
+
+def main(arguments=None):
+    """Run all and print a table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.startup", description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", metavar="CAMPAIGN", nargs="?", default="impact-a",
+                        help="folder, or name of a shipped campaign (default impact-a, 24 records)")
+    parser.add_argument("--repeats", metavar="N", type=int, default=3, help="pairs of runs (default 3)")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also write the result as JSON")
+    options = parser.parse_args(arguments)
+    if options.repeats < 1:
+        parser.error("repeats are 1 or more")
+    campaign, machine = locate(options.campaign), describe_machine()
+    times = {"help": [], "first": [], "second": []}
+    run(["--help"])  # the operating system has the files at hand from here on
+    for _ in range(max(options.repeats, 5)):
+        times["help"].append(run(["--help"]))
+    for k in range(options.repeats):
+        print(f"first and second discover, {k + 1} of {options.repeats} ...", file=sys.stderr, flush=True)
+        with tempfile.TemporaryDirectory() as folder:
+            command = ["discover", str(campaign), "-o", str(Path(folder) / "discovery")]
+            cache = str(Path(folder) / "cache")
+            times["first"].append(run(command, cache))
+            times["second"].append(run(command, cache))
+    result = {"benchmark": "startup", "campaign": describe_size(campaign), "machine": machine,
+              **{name: summarise(seconds) for name, seconds in times.items()}}  # fmt: skip
+    names = {"help": "ddetumble --help", "first": "first discover, nothing compiled", "second": "second discover"}
+    print(f"{result['campaign']}, {machine['cores']} cores")
+    print_table(("", "median", "runs [s]"), [
+        (names[key], f"{result[key]['median_s']:.2f} s", " ".join(f"{one:.2f}" for one in result[key]["runs_s"]))
+        for key in names])  # fmt: skip
+    write_result(result, options.output)
+    return result
+
+
+def run(command, cache=None):
+    """Wall time of one `ddetumble` process [s]; what it says goes to the screen only where it fails."""
+    environment = {name: value for name, value in os.environ.items() if name != "DDETUMBLE_CACHE"}
+    environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment["MPLBACKEND"] = "Agg"
+    if cache is not None:
+        environment["JAX_COMPILATION_CACHE_DIR"] = cache
+    began = time.perf_counter()
+    done = subprocess.run([sys.executable, "-m", "ddetumble.cli", *command], env=environment, capture_output=True,
+                          text=True)  # fmt: skip
+    seconds = time.perf_counter() - began
+    if done.returncode:
+        sys.exit(f"ddetumble {command[0]} failed:\n{done.stderr}")
+    return seconds
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Write the tables of README.md in this folder from the files in `results/`.
+
+    python -m benchmarks.tabulate            writes them
+    python -m benchmarks.tabulate --check    says whether they are what the files give
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from benchmarks.records import RESULTS
+
+
+PAGE = Path(__file__).resolve().parent / "README.md"
+BEGIN, END = "<!-- results: begin -->", "<!-- results: end -->"
+
+
+def main(arguments=None):
+    """Write or check; the exit status of the command."""
+    text = PAGE.read_text(encoding="utf-8")
+    head, _, rest = text.partition(BEGIN)
+    _, _, tail = rest.partition(END)
+    wanted = f"{head}{BEGIN}\n\n{write_tables(read_results())}\n\n{END}{tail}"
+    if "--check" in (sys.argv[1:] if arguments is None else arguments):
+        print("README.md is what the results give." if text == wanted else "README.md is not what the results give.")
+        return int(text != wanted)
+    PAGE.write_text(wanted, encoding="utf-8")
+    print(wanted.partition(BEGIN)[2].partition(END)[0].strip())
+    return 0
+
+
+def read_results():
+    """All results by file name."""
+    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(RESULTS.glob("*.json"))]
+
+
+def write_tables(results):
+    """Both tables as Markdown, with the machines they were measured on."""
+    parts = []
+    compared = [one for one in results if one["benchmark"] == "discover"]
+    if compared:
+        rows = [compare_row(one) for one in compared]
+        header = ("campaign", "records", "samples", "warmed on", "ours [s]", "first run [s]", "peer [s]", "ratio",
+                  "ours found", "peer's first")  # fmt: skip
+        parts.append(write_table(header, rows))
+    started = [one for one in results if one["benchmark"] == "startup"]
+    if started:
+        rows = [(one["campaign"], *(f"{one[key]['median_s']:.2f}" for key in ("help", "first", "second")))
+                for one in started]
+        parts.append(write_table(("campaign", "`--help` [s]", "first `discover` [s]", "second [s]"), rows))
+    machines = list(dict.fromkeys(say_machine(one["machine"]) for one in results))
+    parts += [f"Measured on: {machine}." for machine in machines]
+    return "\n\n".join(parts) or "No results yet."
+
+
+def compare_row(one):
+    """One line of the comparison."""
+    ours, peer = one["ours"], one.get("peer")
+    found = f"{ours['verdict']}{': ' + ', '.join(ours['effects']) if ours['effects'] else ''}"
+    return (one["campaign"], one["records"], one["samples"], ", ".join(one["warmed_on"]), f"{ours['median_s']:.2f}",
+            f"{ours['runs_s'][0]:.2f}", f"{peer['median_s']:.1f}" if peer else "–",
+            f"{one['ratio']:.1f}" if peer else "–", found, peer["ranking"][0] if peer else "–")  # fmt: skip
+
+
+def say_machine(machine):
+    """A machine in one line."""
+    libraries = ", ".join(f"{name} {number}" for name, number in machine["libraries"].items() if number)
+    return f"{machine['cores']} cores, {machine['processor']}, Python {machine['python']}, {libraries}"
+
+
+def write_table(header, rows):
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
