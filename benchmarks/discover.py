@@ -73,8 +73,7 @@ def compare(campaign, warm, options):
     """
     machine = describe_machine()
     began = time.perf_counter()
-    for other in warm:
-        run_ours(other)
+    compiled = sum(run_ours(other)["compilations"] for other in warm)
     warming = time.perf_counter() - began
     peer = None if options.peer is None else load_peer(options.peer)
     ours, theirs = [], []
@@ -84,7 +83,8 @@ def compare(campaign, warm, options):
     found = ours[-1]
     result = {
         "benchmark": "discover", "campaign": campaign.name, "records": found["records"], "samples": found["samples"],
-        "warmed_on": [describe_size(other) for other in warm], "warming_s": round(warming, 3), "machine": machine,
+        "warmed_on": [describe_size(other) for other in warm], "warming_s": round(warming, 3),
+        "warming_compilations": compiled, "machine": machine,
         "ours": {
             **summarise([one["seconds"] for one in ours]),
             "compilations": [one["compilations"] for one in ours], "compiling_s": [one["compiling"] for one in ours],
@@ -145,7 +145,11 @@ def load_peer(path):
     specification = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(specification)
     sys.modules[path.stem] = module
-    specification.loader.exec_module(module)
+    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        specification.loader.exec_module(module)
+    finally:
+        sys.dont_write_bytecode = kept
     return module
 
 
@@ -167,7 +171,8 @@ def run_peer(module, folder):
 def show(result):
     """Print times, ratio, and what each found."""
     print(f"{result['campaign']}: {result['records']} records, {result['samples']} samples; "
-          f"ours warmed on {', '.join(result['warmed_on'])} in {result['warming_s']:.1f} s")
+          f"ours warmed on {', '.join(result['warmed_on'])} in {result['warming_s']:.1f} s "
+          f"({result['warming_compilations']} compilations)")
     rows = []
     for name in ("ours", "peer"):
         if name in result:

@@ -120,7 +120,7 @@ def make_candidates(first=()):
     order = list(dict.fromkeys((*first, *(("viscous-dashpot",) if first else ()), *CATALOGUE)))
     candidates = []
     for i, effect in enumerate(order):
-        visible = 0.012 if effect in ("sensor-lag", "sensor-gain") else 0.62 / (1 + 0.25 * (i * 7 % 5))
+        visible = 0.001 if effect in ("sensor-lag", "sensor-gain") else 0.62 / (1 + 0.25 * (i * 7 % 5))
         explains = 0.985 * 0.55**i if first else 0.02 / (1 + i)
         kin = ("viscous-dashpot",) if first and i == 0 else ()
         p_value = (3e-7 if i == 0 else min(0.9, 0.004 * 2.0**i)) if first else 0.2 + 0.04 * i

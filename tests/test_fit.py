@@ -67,7 +67,7 @@ def test_report_reads_like_lmfit(fitted):
 
 
 def test_lmfit_finds_the_same(campaign):
-    lmfit = pytest.importorskip("lmfit")
+    import lmfit
     found = fit(campaign, effects=["wall-stiffness"], noise="stated", nuisances=False)
     from ddetumble.inference.estimation import _pose
     from ddetumble.inference.stack import stack_records
