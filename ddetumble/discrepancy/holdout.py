@@ -37,7 +37,8 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     """Loss of every record under the fit without its condition, shape (records,), in units of the noise variance.
 
     One Gauss-Newton step from the full fit, by downdating its normal equations; the left-out record's own nuisances
-    are profiled under their priors.
+    are profiled under their priors. The fit counts as stationary: what a fit that has not converged would still gain is
+    no prediction.
     """
     columns, residual = solution.projected()
     count = columns.shape[2]
@@ -45,13 +46,12 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     blocks = np.einsum("grk,grl->gkl", columns, columns)
     sides = np.einsum("grk,gr->gk", columns, residual)
     whole = blocks.sum(axis=0) + prior
-    gradient = sides.sum(axis=0) + solution.prior_weight * solution.prior_residual
     loss = np.zeros(len(residual))
     for group in np.unique(groups):
         out = groups == group
         left = whole - blocks[out].sum(axis=0)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
-        right = -(gradient - sides[out].sum(axis=0))
+        right = sides[out].sum(axis=0)
         step = scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * right, rcond=1e-12)[0] if count else 0
         moved = residual[out] + (columns[out] @ step if count else 0.0)
         loss[out] = np.sum(moved**2, axis=1)

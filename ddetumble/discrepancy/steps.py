@@ -38,7 +38,7 @@ def strongest_correlations(solution: Solution, least: float = 0.1) -> tuple[tupl
 
 def finish_fit(workbench: Workbench, fitted: Fitted) -> Fitted:
     """The same fit at a tight tolerance."""
-    solution = workbench.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-6)
+    solution = workbench.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
     if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
         return fitted
     return Fitted(fitted.effects, solution, fitted.loss)

@@ -22,6 +22,7 @@ from .records import LackOfFit
 
 WORKERS = 2
 THIN = 128  # samples a record on which candidates are screened
+SCREENING_STEPS = 8
 
 
 @dc.dataclass
@@ -105,12 +106,12 @@ class Workbench:
 
     def repeat(self, fitted: Fitted) -> Fitted:
         """The same model fitted again from where it was (after the noise has changed)."""
-        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
+        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
         self.bases = smooth_bases(self.problem, solution.separation)
         return Fitted(fitted.effects, solution, leave_out(solution, self.groups))
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
-            tolerance: float = 1e-4, extra: Sequence[str] = (), thinned: bool = False) -> Fitted | None:
+            tolerance: float = 1e-2, extra: Sequence[str] = (), thinned: bool = False) -> Fitted | None:
         """Fit the reference model with `effects` from several starts and keep the best; None if none worked."""
         problem = self.thin if thinned and self.thin is not None else self.problem
         freed = [n for n in self.freed if n.split(".")[0] in effects]
@@ -120,7 +121,8 @@ class Workbench:
             u = base.copy()
             for name, value in start.items():
                 u[self.space.index[name]] = value
-            solution = problem.solve(free, u, z, tolerance=tolerance, max_steps=10 if thinned else 30)
+            solution = problem.solve(free, u, z, tolerance=1.0 if thinned else tolerance,
+                                     max_steps=SCREENING_STEPS if thinned else 30)
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
                 best = solution
         if best is None:

@@ -18,7 +18,7 @@ from ..contact.effect import (
 class PolytropicGas(AbstractGasEffect):
     r"""Gas that is not isothermal: $P' = P_0 (V_0/V')^n$."""
 
-    n: Scalar = parameter("", 1.0, typical=0.3, bounds=(-3.0, 6.0), starts=(1.4,), text="polytropic exponent")
+    n: Scalar = parameter("", 1.0, typical=0.3, sign=1, bounds=(-3.0, 6.0), starts=(1.4,), text="polytropic exponent")
     id: ClassVar[str] = "polytropic-gas"
     law: ClassVar[str] = "P' = P0 (V0/V')^n"
     reference: ClassVar[str] = "ideal gas; Eq. 3 is n = 1, adiabatic air is n = 1.4"
@@ -33,7 +33,7 @@ class PolytropicGas(AbstractGasEffect):
 class AmbientPressure(AbstractElasticEffect):
     r"""The atmosphere pushes back on the contact disc: $F_k = (P' - p_a) \pi b^2$."""
 
-    p_a: Scalar = parameter("Pa", 0.0, typical=1e5, starts=(1.0e5,), text="ambient pressure")
+    p_a: Scalar = parameter("Pa", 0.0, typical=1e5, sign=1, starts=(1.0e5,), text="ambient pressure")
     id: ClassVar[str] = "ambient-pressure"
     law: ClassVar[str] = "F_k = (P' - p_a) pi b^2"
     reference: ClassVar[str] = "force balance on the contact disc; Eq. 4 is p_a = 0 (vacuum)"

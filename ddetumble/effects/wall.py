@@ -26,7 +26,8 @@ WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
 class WallStiffness(AbstractElasticEffect):
     r"""The wall carries load beside the gas: $F_k$ gains $k_w \delta^q$."""
 
-    k_w: Scalar = parameter("N/m", 0.0, typical=1000.0, starts=(1000.0,), text="stiffness of the wall (N/m^q)")
+    k_w: Scalar = parameter("N/m", 0.0, typical=1000.0, sign=1, starts=(1000.0,),
+                            text="stiffness of the wall (N/m^q)")
     q: Scalar = parameter("", 1.0, kind="shape", typical=0.5, bounds=(0.5, 4.0), coordinate="log", free=False,
                           text="power of the depression")
     id: ClassVar[str] = "wall-stiffness"
@@ -42,7 +43,7 @@ class WallStiffness(AbstractElasticEffect):
 class MembraneArea(AbstractGeometryEffect):
     r"""A membrane that keeps its area, not its perimeter: $b = (1-\alpha) b_{perimeter} + \alpha b_{area}$."""
 
-    alpha: Scalar = parameter("", 0.0, typical=0.3, bounds=(-1.5, 2.5), starts=(0.3,),
+    alpha: Scalar = parameter("", 0.0, typical=0.3, sign=1, bounds=(-1.5, 2.5), starts=(0.3,),
                               text="0: constant perimeter, 1: constant area")
     id: ClassVar[str] = "membrane-area"
     law: ClassVar[str] = "b = (1 - alpha) b_perimeter + alpha b_area, 2 b_area^2 + pi b_area d + d^2 = D^2"
@@ -59,7 +60,7 @@ class MembraneArea(AbstractGeometryEffect):
 class InflationGrowth(AbstractSizeEffect):
     r"""Inflation stretches the ball: $D \to D (1 + \beta P_0/E)$."""
 
-    beta: Scalar = parameter("", 0.0, typical=0.3, starts=(0.4,), bounds=(-2.0, 5.0),
+    beta: Scalar = parameter("", 0.0, typical=0.3, sign=1, starts=(0.4,), bounds=(-2.0, 5.0),
                              text="growth per P0/E, E = 7.8 MPa")
     id: ClassVar[str] = "inflation-growth"
     law: ClassVar[str] = "D -> D (1 + beta P0/E)"
@@ -77,7 +78,7 @@ class ViscoelasticWall(AbstractContactForce, AbstractStatefulEffect):
 
     k_v: Scalar = parameter("N/m", 0.0, typical=2000.0, sign=1, starts=(1500.0,),
                             text="stiffness of the Maxwell branch")
-    tau: Scalar = parameter("s", 5e-3, kind="shape", typical=3e-3, bounds=(2e-5, 2.0), coordinate="log",
+    tau: Scalar = parameter("s", 5e-3, kind="shape", typical=3e-3, bounds=(5e-4, 2.0), coordinate="log",
                             starts=(1.5e-3, 6e-3, 2.5e-2), text="relaxation time")
     id: ClassVar[str] = "viscoelastic-wall"
     law: ClassVar[str] = "F_n gains q: dq/dt = k_v w - q/tau in contact"

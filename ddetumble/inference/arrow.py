@@ -1,89 +1,176 @@
-"""Least squares whose unknowns are a few shared parameters and a few nuisances of every record."""
+"""Levenberg-Marquardt, in optimistix, for a few shared parameters and a few nuisances of every record.
 
+No record feels another's nuisances, so the normal equations have the shape of an arrow: the Schur complement solves them
+at a cost that grows with the number of records, not with its cube.
+"""
+
+from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
-import lineax as lx
-from jaxtyping import Array
+import optimistix as optx
+from jaxtyping import Array, Bool
 
 
-def solve_arrow(shared: Array, own: Array, right: Array, shared_rows: Array, shared_right: Array
-                ) -> tuple[Array, Array]:
-    r"""Minimise $\sum_g \|T_g\theta + Z_g z_g - b_g\|^2 + \|P\theta - c\|^2$ by the Schur complement.
-
-    Args:
-        shared: $T$, shape (records, rows, shared).
-        own: $Z$, shape (records, rows, own).
-        right: $b$, shape (records, rows).
-        shared_rows: $P$, shape (rows', shared).
-        shared_right: $c$, shape (rows',).
-
-    Returns:
-        $\theta$, shape (shared,), and $z$, shape (records, own).
-    """
-    corner = jnp.einsum("grk,grl->gkl", own, own)
-    side = jnp.einsum("grk,grj->gkj", own, shared)
-    low = jnp.einsum("grk,gr->gk", own, right)
-    factor = jax.vmap(lambda c: jnp.linalg.cholesky(c + 1e-300 * jnp.eye(c.shape[0])))(corner)
-    solved = jax.vmap(lambda f, b: jsl.cho_solve((f, True), b))(factor, jnp.concatenate([side, low[..., None]], -1))
-    from_side, from_low = solved[..., :-1], solved[..., -1]
-    schur = (jnp.einsum("gri,grj->ij", shared, shared) + shared_rows.T @ shared_rows
-             - jnp.einsum("gki,gkj->ij", side, from_side))
-    gradient = (jnp.einsum("gri,gr->i", shared, right) + shared_rows.T @ shared_right
-                - jnp.einsum("gki,gk->i", side, from_low))
-    # Scaled to unit diagonal; a vanishing column (a parameter without effect) keeps a finite step.
-    scale = 1.0 / jnp.sqrt(jnp.maximum(jnp.diag(schur), 1e-300))
-    scaled = schur * scale[:, None] * scale[None, :] + 1e-14 * jnp.eye(schur.shape[0])
-    theta = scale * jsl.cho_solve((jnp.linalg.cholesky(scaled), True), scale * gradient)
-    return theta, from_low - jnp.einsum("gkj,j->gk", from_side, theta)
+FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations
 
 
-class ArrowSolver(lx.AbstractLinearSolver):
-    """Solves the damped least-squares systems of Levenberg-Marquardt by their block structure.
+class NormalEquations(eqx.Module):
+    r"""Normal equations of $\sum_g \|T_g\theta + Z_g z_g + r_g\|^2 + \|P\theta + c\|^2$.
 
-    The unknown is `(theta, z)` with shapes (shared,) and (records, own). One probe a shared parameter and one a
-    nuisance (for all records at once, since no record feels another's) recover the blocks of the operator, whatever
-    it is: its cost grows with the number of records, not with its cube.
+    Attributes:
+        corner: $Z_g^T Z_g$, shape (records, own, own).
+        side: $Z_g^T T_g$, shape (records, own, shared).
+        square: $\sum_g T_g^T T_g + P^T P$, shape (shared, shared).
+        own: gradient $Z_g^T r_g$, shape (records, own).
+        shared: gradient $\sum_g T_g^T r_g + P^T c$, shape (shared,).
     """
 
-    def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]) -> Any:
-        """Recover the blocks of the operator."""
-        theta, z = operator.in_structure()
+    corner: Array
+    side: Array
+    square: Array
+    own: Array
+    shared: Array
+
+    def solve(self, damping: Array) -> tuple[Array, Array]:
+        r"""Step $-(H + \lambda\,\mathrm{diag} H)^{-1} g$ for damping $\lambda$: $\theta$ and $z$."""
+        corner = self.corner + damping * _diagonal(self.corner) + 1e-300 * jnp.eye(self.corner.shape[1])
+        square = self.square + damping * _diagonal(self.square)
+        factor = jnp.linalg.cholesky(corner)
+        both = jnp.concatenate([self.side, self.own[..., None]], axis=-1)
+        solved = jax.vmap(lambda f, b: jsl.cho_solve((f, True), b))(factor, both)
+        from_side, from_own = solved[..., :-1], solved[..., -1]
+        schur = square - jnp.einsum("gki,gkj->ij", self.side, from_side)
+        gradient = self.shared - jnp.einsum("gki,gk->i", self.side, from_own)
+        # Scaled to unit diagonal; a vanishing column (a parameter without effect) keeps a finite step.
+        scale = 1.0 / jnp.sqrt(jnp.maximum(jnp.diag(schur), 1e-300))
+        scaled = schur * scale[:, None] * scale[None, :] + 1e-14 * jnp.eye(schur.shape[0])
+        theta = -scale * jsl.cho_solve((jnp.linalg.cholesky(scaled), True), scale * gradient)
+        return theta, -from_own - jnp.einsum("gkj,j->gk", from_side, theta)
+
+    def slope(self, theta: Array, z: Array) -> Array:
+        """Gradient times a step."""
+        return jnp.sum(self.shared * theta) + jnp.sum(self.own * z)
+
+
+def _diagonal(matrix: Array) -> Array:
+    return matrix * jnp.eye(matrix.shape[-1])
+
+
+def gather_normal_equations(operator: Any, residual: Any) -> NormalEquations:
+    """Normal equations of a linear operator on `(theta, z)` and its residual `(data, own prior, shared prior)`.
+
+    One probe a shared parameter and one a nuisance (for all records at once) recover the operator's blocks.
+    """
+    theta, z = operator.in_structure()
+    count, (records, own) = theta.shape[0], z.shape
+    shared_probes = (jnp.eye(count), jnp.zeros((count, records, own)))
+    own_probes = (jnp.zeros((own, count)), jnp.broadcast_to(jnp.eye(own)[:, None, :], (own, records, own)))
+    probes = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), shared_probes, own_probes)
+    data, own_prior, shared_prior = jax.vmap(operator.mv)(probes)
+    rows, overall = jnp.concatenate([data, own_prior], axis=2), shared_prior[:count]
+    right, overall_right = jnp.concatenate(residual[:2], axis=1), residual[2]
+    shared, nuisances = rows[:count], rows[count:]
+    return NormalEquations(
+        jnp.einsum("kgr,lgr->gkl", nuisances, nuisances), jnp.einsum("kgr,jgr->gkj", nuisances, shared),
+        jnp.einsum("igr,jgr->ij", shared, shared) + overall @ overall.T,
+        jnp.einsum("kgr,gr->gk", nuisances, right), jnp.einsum("igr,gr->i", shared, right) + overall @ overall_right)
+
+
+class _DescentState(eqx.Module):
+    equations: NormalEquations
+    expected: Array
+
+
+class ArrowDescent(optx.AbstractDescent):
+    """The damped step; damping is relative to the diagonal, as Marquardt had it."""
+
+    def init(self, y: Any, f_info_struct: Any) -> _DescentState:
+        """Blank equations of the right shapes."""
+        theta, z = y
         count, (records, own) = theta.shape[0], z.shape
-        shared_probes = (jnp.eye(count), jnp.zeros((count, records, own)))
-        own_probes = (jnp.zeros((own, count)), jnp.broadcast_to(jnp.eye(own)[:, None, :], (own, records, own)))
-        probes = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), shared_probes, own_probes)
-        answers = jax.vmap(operator.mv)(probes)
-        by_record, overall = jax.vmap(_split)(answers)
-        return by_record[:count], by_record[count:], overall[:count]
+        blank = NormalEquations(jnp.zeros((records, own, own)), jnp.zeros((records, own, count)),
+                                jnp.zeros((count, count)), jnp.zeros((records, own)), jnp.zeros((count,)))
+        return _DescentState(blank, jnp.asarray(jnp.inf))
 
-    def compute(self, state: Any, vector: Any, options: dict[str, Any]) -> tuple[Any, Any, dict[str, Any]]:
-        """Solve against one right-hand side."""
-        shared, own, overall = state
-        right, overall_right = _split(vector)
-        solution = solve_arrow(jnp.moveaxis(shared, 0, -1), jnp.moveaxis(own, 0, -1), right, overall.T, overall_right)
-        return solution, lx.RESULTS.successful, {}
+    def query(self, y: Any, f_info: Any, state: _DescentState) -> _DescentState:
+        """Equations at a new point, and by how much the sum of squares is expected to fall from there."""
+        equations = gather_normal_equations(f_info.jac, f_info.residual)
+        return _DescentState(equations, -equations.slope(*equations.solve(jnp.zeros(()))))
 
-    def transpose(self, state: Any, options: dict[str, Any]) -> Any:
-        """Not needed by Levenberg-Marquardt."""
-        raise TypeError("`ArrowSolver` does not solve transposed systems: use it for least squares only.")
-
-    def conj(self, state: Any, options: dict[str, Any]) -> Any:
-        """Real numbers: unchanged."""
-        return state, options
-
-    def assume_full_rank(self) -> bool:
-        """Every system is damped, so yes."""
-        return True
+    def step(self, step_size: Array, state: _DescentState) -> tuple[Any, optx.RESULTS]:
+        """Step for damping 1/step_size."""
+        return state.equations.solve(1.0 / step_size), optx.RESULTS.successful
 
 
-def _split(answer: Any) -> tuple[Array, Array]:
-    """Rows that belong to records, shape (records, rows), and rows of shared parameters, shape (rows,)."""
-    (data, prior_own, prior_shared), (damped_shared, damped_own) = answer
-    return (jnp.concatenate([data, prior_own, damped_own], axis=1),
-            jnp.concatenate([prior_shared, damped_shared]))
+class _SearchState(eqx.Module):
+    damping: Array
+    growth: Array
+
+
+class GainSearch(optx.AbstractSearch):
+    """Damping by the gain ratio (Nielsen 1999), growing ever faster while steps are refused.
+
+    Steps that raise the sum of squares by less than a tenth of `tolerance` pass: the integrator is no more exact.
+    """
+
+    tolerance: Array
+
+    def init(self, y: Any, f_info_struct: Any) -> _SearchState:
+        """Gentle at first."""
+        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0))
+
+    def step(self, first_step: Bool[Array, ""], y: Any, y_eval: Any, f_info: Any, f_eval_info: Any,
+             state: _SearchState) -> tuple[Array, Bool[Array, ""], optx.RESULTS, _SearchState]:
+        """Accept or refuse the trial point, and set the damping of the next."""
+        change = f_info.jac.mv(jax.tree.map(jnp.subtract, y_eval, y))
+        fall = sum(jnp.sum(c * (c + 2.0 * r)) for c, r in zip(change, f_info.residual, strict=True))
+        actual = 2.0 * (f_eval_info.as_min() - f_info.as_min())
+        accept = first_step | (actual <= jnp.minimum(0.01 * fall, 0.0) + 0.1 * self.tolerance)
+        gain = actual / jnp.where(fall < 0, fall, -1e-300)
+        shrink = jnp.clip(1.0 - (2.0 * gain - 1.0) ** 3, 0.03, 2.0)
+        damping = jnp.where(first_step, state.damping,
+                            jnp.where(accept, state.damping * shrink, state.damping * state.growth))
+        growth = jnp.where(accept, 10.0, 5.0 * state.growth)
+        damping = jnp.clip(damping, 1e-12, 1e12)
+        return 1.0 / damping, accept, optx.RESULTS.successful, _SearchState(damping, growth)
+
+
+class ArrowMarquardt(optx.AbstractGaussNewton):
+    """Levenberg-Marquardt that ends where the sum of squares is expected to fall by less than `tolerance`.
+
+    That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 % of a
+    standard error. `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
+    """
+
+    rtol: float
+    atol: float
+    norm: Callable
+    descent: ArrowDescent
+    search: GainSearch
+    verbose: Callable[..., None]
+    tolerance: Array
+
+    def __init__(self, tolerance: Array):
+        self.rtol = self.atol = 0.0
+        self.norm = optx.max_norm
+        self.descent = ArrowDescent()
+        self.search = GainSearch(tolerance)
+        self.verbose = _say_nothing
+        self.tolerance = tolerance
+
+    def step(self, fn, y, args, options, state, tags):
+        """One trial; ends as soon as little is expected from another."""
+        y, state, _ = super().step(fn, y, args, options, state, tags)
+        done = state.descent_state.expected < self.tolerance
+        return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
+
+
+def _say_nothing(**more):
+    pass
 
 
 def profile_own(shared, own, right):
@@ -101,6 +188,3 @@ def profile_own(shared, own, right):
     both = np.concatenate([shared, right[..., None]], axis=-1)
     both = both - q @ (np.swapaxes(q, -1, -2) @ both)
     return both[..., :-1], both[..., -1]
-
-
-__all__ = ["ArrowSolver", "profile_own", "solve_arrow"]

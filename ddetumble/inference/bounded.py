@@ -10,6 +10,7 @@ from .problem import Problem, Solution
 
 
 ROUNDS = 8
+FINAL = 1e-3  # fits at a looser tolerance only scout
 PATIENCE = 3
 NEAR = 2e-3  # of its scale: so near to a limit of the model, a parameter counts as stopped by it
 
@@ -41,7 +42,7 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
         start: coordinates, shape (parameters,).
         z: start of the nuisances.
         bounds: of coordinates, by name; further limits are those of the model.
-        tolerance: of the optimiser.
+        tolerance: at which the optimiser ends, in units of chi-square.
     """
     index, (low, high) = problem.space.index, problem.limits
     held: dict[str, int] = {}
@@ -83,7 +84,7 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
 def _settle(problem: Problem, names: Sequence[str], u: np.ndarray, z: np.ndarray | None, tolerance: float) -> Solution:
     """Go on from where the optimiser ran out of steps, as long as that helps."""
     solution = problem.solve(names, u, z, tolerance=tolerance)
-    for _ in range(PATIENCE if tolerance < 1e-6 else 0):
+    for _ in range(PATIENCE if tolerance < FINAL else 0):
         if solution.converged or solution.failed:
             break
         again = problem.solve(names, solution.u, solution.z, tolerance=tolerance)

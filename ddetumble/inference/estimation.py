@@ -120,7 +120,7 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
         u[[space.index[n] for n in values]] = list(values.values())
         began = u.copy()
         u[places] = first.u[places]
-        found = solve_bounded(problem, names, u, first.z, limits, 1e-4)
+        found = solve_bounded(problem, names, u, first.z, limits, 1e-2)
         if not found.solution.failed and (best is None or found.solution.chi2 < best.solution.chi2):
             best, origin = found, began
     if best is None:

@@ -17,7 +17,7 @@ import optimistix as optx
 from jaxtyping import Array
 
 from ..dynamics.impact import simulate
-from .arrow import ArrowSolver, profile_own
+from .arrow import ArrowMarquardt, profile_own
 from .parameters import ParameterSpace
 from .stack import Records, Stack
 
@@ -25,7 +25,6 @@ from .stack import Records, Stack
 SLOTS = (5, 8, 12, 16, 24, 32, 48)
 LINEAR_SLOTS = 16
 FAILED = 1e4
-_STRETCH = 30.0  # unknowns are typical changes over this, so that the first damping is gentle
 
 
 class Evaluation(eqx.Module):
@@ -130,14 +129,14 @@ def _solve(space, names, channels, stack, base, directions, low, high, prior_mea
         return (value, at), (change, jax.tree.map(_zero, at))
 
     def fn(y, args):
-        return model(_STRETCH * y[0], _STRETCH * y[1])
+        return model(*y)
 
-    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance, linear_solver=ArrowSolver())
+    solver = ArrowMarquardt(tolerance)
     start = (jnp.zeros((count,)), jnp.zeros_like(z0))
     found = optx.least_squares(fn, solver, start, has_aux=True, max_steps=max_steps, throw=False)
     theta, z = found.value
-    return (_STRETCH * moving * theta, z0 + _STRETCH * moving * z, found.aux,
-            found.result == optx.RESULTS.successful, found.stats["num_steps"])
+    return (moving * theta, z0 + moving * z, found.aux, found.result == optx.RESULTS.successful,
+            found.stats["num_steps"])
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -250,7 +249,7 @@ class Problem:
             start: coordinates, shape (parameters,), or one row a record, shape (records, parameters).
             z: start of the nuisances, shape (records, nuisances).
             moving: False evaluates residual and Jacobian at the start only.
-            tolerance: of the optimiser.
+            tolerance: ends where chi-square is expected to fall by less.
             max_steps: after which the fit counts as not converged.
         """
         stack, count = self.records.stack, self.records.count
