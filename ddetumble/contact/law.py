@@ -232,12 +232,8 @@ class ContactLaw(eqx.Module):
         zero = jnp.zeros_like(depression)
         pressure = conditions.get("initial_pressure", zero)
         depth = positive_part(depression)
-        number = {id(effect): k for k, effect in enumerate(self.stateful())}
-
         def own(contact, effect):
-            if id(effect) not in number:
-                return contact
-            return eqx.tree_at(lambda c: c.state, contact, states[number[id(effect)]])
+            return self._own(contact, effect, states)
 
         bare = Contact(time, depth, rate, zero, zero + 1.0, diameter, zero, zero, pressure,
                        conditions["approach_speed"], conditions, zero)
@@ -262,12 +258,8 @@ class ContactLaw(eqx.Module):
 
     def forces(self, contact: Contact, damping: Array, states: Array) -> Forces:
         """Normal force and drive at one instant (Eqs. 4 to 7 with the effects)."""
-        number = {id(effect): k for k, effect in enumerate(self.stateful())}
-
         def own(effect):
-            if id(effect) not in number:
-                return contact
-            return eqx.tree_at(lambda c: c.state, contact, states[number[id(effect)]])
+            return self._own(contact, effect, states)
 
         normal = contact.elastic_force * (1.0 + damping * contact.depression_rate)
         for effect in self._of(AbstractContactForce):
@@ -275,8 +267,17 @@ class ContactLaw(eqx.Module):
         normal = positive_part(normal)
         for effect in self._of(AbstractSurfaceForce):
             normal = normal + effect.force(own(effect))
-        drive = sum((effect.force(own(effect)) for effect in self._of(AbstractDriveEffect)), jnp.zeros_like(normal))
-        return Forces(contact.elastic_force, normal, drive, contact.pressure)
+        return Forces(contact.elastic_force, normal, self.drive(contact, states), contact.pressure)
+
+    def drive(self, contact: Contact, states: Array) -> Scalar:
+        """Force of the arm towards the plate at one instant [N]."""
+        return sum((effect.force(self._own(contact, effect, states)) for effect in self._of(AbstractDriveEffect)),
+                   jnp.zeros_like(contact.depression))
+
+    def _own(self, contact: Contact, effect: AbstractEffect, states: Array) -> Contact:
+        """The contact as one effect sees it: with its own state."""
+        place = next((k for k, e in enumerate(self.stateful()) if e is effect), None)
+        return contact if place is None else eqx.tree_at(lambda c: c.state, contact, states[place])
 
     def rates(self, contact: Contact, states: Array) -> Array:
         """Time derivatives of the effects' own states."""

@@ -70,7 +70,7 @@ def _record(space, names, channels, theta, z, row, base, directions):
         else:
             conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
     impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
-                      atol=0.01 * row.rtol)
+                      atol=0.01 * row.rtol, from_motion=True)
     model = jnp.stack([getattr(impact, channel) for channel in channels])
     return model, (u, impact.depression, impact.depression_rate, impact.separation, impact.failed)
 
