@@ -121,12 +121,15 @@ def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[st
         else:
             home.append(k)
     raw = np.zeros((*solution.residual.shape, len(wanted)))
+    places = []
     for members in groups:
         u = solution.u.copy()
         for m in members:
             for name, value in wanted[m][2].items():
                 u[problem.space.index[name]] = value
-        raw[..., members] = problem.columns([wanted[m][1] for m in members], u, solution.z)
+        places.append(([wanted[m][1] for m in members], u))
+    for members, columns in zip(groups, problem.columns(places, solution.z), strict=True):
+        raw[..., members] = columns
     records, _, own = solution.own.shape
     rows = np.concatenate([solution.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
     pad = np.zeros((records, own, 1))

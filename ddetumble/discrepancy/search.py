@@ -23,7 +23,7 @@ class Tried:
     """Every single addition to a model.
 
     Attributes:
-        screened: by effect id, fitted to thinned records (to all samples where records are short).
+        screened: by effect id, fitted loosely (and to thinned records where these are long).
         refined: the finalists among them, fitted to all samples.
         before: the model without the addition, on the samples of `screened`.
         order: effect ids, best held-out prediction first.
@@ -93,17 +93,17 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
                 report: Callable[[str, float], None] = lambda text, share: None) -> Tried:
     """Refit `current` with each of `effects` added, from interior starts; wrong-signed amplitudes count as absent.
 
-    All are tried on thinned records; those that come near the best there are fitted to all samples.
+    All are fitted loosely, long records thinned; those that come near the best are fitted to all samples to the end.
     """
     before = current
     if workbench.thin is not None:
-        again = workbench.fit(current.effects, [{}], current.solution.u, current.solution.z, thinned=True)
+        again = workbench.fit(current.effects, [{}], current.solution.u, current.solution.z, screening=True)
         before = current if again is None else again
     done = []
 
     def one(job):
         effect, start = job
-        fitted = workbench.fit((*current.effects, effect), [start], before.solution.u, before.solution.z, thinned=True)
+        fitted = workbench.fit((*current.effects, effect), [start], before.solution.u, before.solution.z, screening=True)
         done.append(effect)
         report(f"refitting with {effect}", min(len(done) / count, 1.0))
         return effect, fitted
@@ -143,12 +143,11 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
 
 def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], before: Fitted, order: list[str]
            ) -> dict[str, Fitted]:
-    """Fit the finalists to all samples: those that come near the best of the screening."""
+    """Fit the finalists to the end: those that come near the best of the screening, or might have with more steps."""
     best = screened[order[0]].score
-    near = DECISIVE if workbench.thin is not None else max(0.25 * (before.score - best), DECISIVE)
-    finalists = [e for e in order if screened[e].score - best <= near][:5]
-    if workbench.thin is None:
-        return {e: screened[e] for e in finalists}
+    near = {e: DECISIVE if screened[e].solution.converged else max(0.25 * (before.score - best), DECISIVE)
+            for e in order}
+    finalists = [e for e in order if screened[e].score - best <= near[e]][:5]
 
     def one(effect):
         if screened[effect].solution is before.solution:

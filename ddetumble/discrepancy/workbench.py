@@ -11,7 +11,7 @@ from ..contact.effect import AbstractEffect, parameters_of
 from ..contact.law import AbstractReference
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
-from ..inference.problem import Problem, Solution
+from ..inference.problem import WORKERS, Problem, Solution
 from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
@@ -20,8 +20,7 @@ from .holdout import group_conditions, leave_out
 from .records import LackOfFit
 
 
-WORKERS = 2
-THIN = 128  # samples a record on which candidates are screened
+THIN = 768  # samples a record on which candidates are screened
 SCREENING_STEPS = 8
 
 
@@ -111,9 +110,9 @@ class Workbench:
         return Fitted(fitted.effects, solution, leave_out(solution, self.groups))
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
-            tolerance: float = 1e-2, extra: Sequence[str] = (), thinned: bool = False) -> Fitted | None:
+            tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False) -> Fitted | None:
         """Fit the reference model with `effects` from several starts and keep the best; None if none worked."""
-        problem = self.thin if thinned and self.thin is not None else self.problem
+        problem = self.thin if screening and self.thin is not None else self.problem
         freed = [n for n in self.freed if n.split(".")[0] in effects]
         free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
         best = None
@@ -121,8 +120,8 @@ class Workbench:
             u = base.copy()
             for name, value in start.items():
                 u[self.space.index[name]] = value
-            solution = problem.solve(free, u, z, tolerance=1.0 if thinned else tolerance,
-                                     max_steps=SCREENING_STEPS if thinned else 30)
+            solution = problem.solve(free, u, z, tolerance=1.0 if screening else tolerance,
+                                     max_steps=SCREENING_STEPS if screening else 30)
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
                 best = solution
         if best is None:

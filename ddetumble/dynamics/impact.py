@@ -23,9 +23,10 @@ MAX_STEPS = 256
 
 
 _CONTACT_GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(65) / 64)
-# Two steps of the classical Runge-Kutta method and the rate after them: reach, weight, whether a step ends.
-_STAGES = (np.array([0, 0.5, 0.5, 1, 0, 0.5, 0.5, 1, 0]), np.array([1, 2, 2, 1, 1, 2, 2, 1, 0]) / 6.0,
-           np.array([0, 0, 0, 1.0, 0, 0, 0, 1, 0]))
+# Steps of the classical Runge-Kutta method and the rate after them: reach, weight, whether a step ends.
+_SUBSTEPS = 8
+_STAGES = tuple(np.append(np.tile(column, _SUBSTEPS), 0.0) for column in (
+    np.array([0, 0.5, 0.5, 1]), np.array([1, 2, 2, 1]) / 6.0, np.array([0, 0, 0, 1.0])))
 _FORCE_GRID = np.concatenate([_CONTACT_GRID, 0.5 * (_CONTACT_GRID[1:] + _CONTACT_GRID[:-1])])
 _TAIL_GRID = (np.arange(1, 25) / 24) ** 3
 
@@ -68,13 +69,17 @@ def _interpolate(path: _Path, time: Array) -> tuple[Array, Array, Array, Array]:
     """Depression, rate, acceleration and further states at one time: quintic for the depression, cubic for the rest."""
     k = jnp.clip(jnp.searchsorted(path.time, time, side="right") - 1, 0, path.time.shape[0] - 2)
     t0, t1 = path.time[k], path.time[k + 1]
-    y0, y1, f0, f1 = path.state[k], path.state[k + 1], path.rate[k], path.rate[k + 1]
     some = (t1 > t0) & jnp.isfinite(t1)
     h = jnp.where(some, t1 - t0, 1.0)
     u = jnp.where(some, (time - t0) / h, 0.0)
-    x0, x1 = y0[0], jnp.where(some, y1[0], y0[0])
-    v0, v1 = h * y0[1], h * jnp.where(some, y1[1], 0.0)
-    a0, a1 = h * h * f0[1], h * h * jnp.where(some, f1[1], 0.0)
+
+    def ends(column):
+        first = column[k]
+        return first, jnp.where(some, column[k + 1], first)
+
+    x0, x1 = ends(path.state[:, 0])
+    v0, v1 = (h * v for v in ends(path.state[:, 1]))
+    a0, a1 = (h * h * a for a in ends(path.rate[:, 1]))
     # Quintic Hermite in powers of u.
     c2 = 0.5 * a0
     p, q, r = x1 - x0 - v0 - c2, v1 - v0 - a0, a1 - a0
@@ -82,11 +87,13 @@ def _interpolate(path: _Path, time: Array) -> tuple[Array, Array, Array, Array]:
     depression = x0 + u * (v0 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
     rate = (v0 + u * (2 * c2 + u * (3 * c3 + u * (4 * c4 + u * 5 * c5)))) / h
     acceleration = (2 * c2 + u * (6 * c3 + u * (12 * c4 + u * 20 * c5))) / (h * h)
-    s0, s1 = y0[2:], jnp.where(some, y1[2:], y0[2:])
-    d0, d1 = h * f0[2:], h * jnp.where(some, f1[2:], 0.0)
-    jump = s1 - s0
-    states = s0 + u * (d0 + u * (3 * jump - 2 * d0 - d1 + u * (d0 + d1 - 2 * jump)))
-    return depression, rate, acceleration, states
+    states = []
+    for column in range(2, path.state.shape[1]):  # each on its own: the compiler drops those that nothing reads
+        s0, s1 = ends(path.state[:, column])
+        d0, d1 = (h * d for d in ends(path.rate[:, column]))
+        jump = s1 - s0
+        states.append(s0 + u * (d0 + u * (3 * jump - 2 * d0 - d1 + u * (d0 + d1 - 2 * jump))))
+    return depression, rate, acceleration, jnp.stack(states) if states else jnp.zeros((0,))
 
 
 def measure_error(error: Array) -> Array:
@@ -163,40 +170,46 @@ def simulate(
     failed = ~(separated | (solution.result == dfx.RESULTS.successful))
     path = _Path(solution.ts[0] * last, node_state, node_rate)
     k = jnp.maximum(jnp.sum(jnp.isfinite(path.time)) - 2, 0)
-    end, final, rate = _separate(lambda t, y: physical(t / last, y / scale, constants)[1], path, k,
+    failed = failed | (k + _SUBSTEPS >= path.time.shape[0])
+    path, end, final = _separate(lambda t, y: physical(t / last, y / scale, constants)[1], path, k,
                                  solution.ts[1][0] * last, final[0] * scale, separated)
-    path = _Path(path.time.at[k + 1].set(end), path.state.at[k + 1].set(final), path.rate.at[k + 1].set(rate))
     impact = _read(law, conditions, times, path, end, final, separated, failed, solution.stats["num_steps"],
                    diameter, damping, from_motion)
     total = impact.separation + impact.rebound_speed + jnp.sum(impact.normal_force) + jnp.sum(impact.pressure)
     return eqx.tree_at(lambda i: i.failed, impact, failed | ~jnp.isfinite(total))
 
 
-def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated: Array) -> tuple[Array, Array, Array]:
-    """Time, state and rate at the end, where the ball separates followed anew from the last node in contact.
+def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated: Array
+              ) -> tuple[_Path, Array, Array]:
+    """Path, time and state at the end, where the ball separates followed anew from the last node in contact.
 
     The integrator's last step reaches beyond separation, where the law breaks off: its interpolant loses two to four
-    digits there. Two steps of the classical Runge-Kutta method from node `k` to separation see the law, and its slopes,
-    in contact only (depressions are kept above `floor`); a Newton step then takes the depression to zero, and carries
-    the derivative of the instant.
+    digits there. A few steps of the classical Runge-Kutta method from node `k` to separation see the law, and its
+    slopes, in contact only (depressions are kept above `floor`), and become nodes of their own: the force may break off
+    shortly before separation. A Newton step then takes the depression to zero, and carries the derivative of the instant.
     """
     floor = stop(1e-6 * path.state[k, 0])
     end = jnp.where(separated, stop(end), end)
-    half = 0.5 * (end - path.time[k])
+    step = (end - path.time[k]) / _SUBSTEPS
 
     def stage(carry, coefficients):
         time, base, total, slope = carry
         reach, weight, done = coefficients
-        y = base + reach * half * slope
+        y = base + reach * step * slope
         y = y.at[0].add(jnp.where(y[0] > floor, 0.0, floor - stop(y[0])))
-        slope = field(time + reach * half, y)
-        total = total + weight * half * slope
-        return (time + done * half, base + done * total, (1.0 - done) * total, slope), None
+        slope = field(time + reach * step, y)
+        total = total + weight * step * slope
+        return (time + done * step, base + done * total, (1.0 - done) * total, slope), (y, slope)
 
     start = (path.time[k], path.state[k], jnp.zeros_like(final), jnp.zeros_like(final))
-    (_, after, _, rate), _ = jax.lax.scan(stage, start, _STAGES)
+    (_, after, _, rate), (states, rates) = jax.lax.scan(stage, start, _STAGES)
     correction = jnp.where(separated, -safe_divide(after[0], after[1]), 0.0)
-    return end + correction, jnp.where(separated, after + correction * rate, final), rate
+    end, final = end + correction, jnp.where(separated, after + correction * rate, final)
+    new = k + 1 + jnp.arange(_SUBSTEPS)
+    times = path.time[k] + step * (1.0 + jnp.arange(_SUBSTEPS))
+    path = _Path(path.time.at[new].set(times.at[-1].set(end)),
+                 path.state.at[new].set(states[4::4].at[-1].set(final)), path.rate.at[new].set(rates[4::4]))
+    return path, end, final
 
 
 def _read(law, conditions, times, path, end, final, separated, failed, steps, diameter, damping,

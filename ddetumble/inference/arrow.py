@@ -15,6 +15,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool
 
 
+STALLED = 0.1
 FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations
 
 
@@ -143,7 +144,8 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     """Levenberg-Marquardt that ends where the sum of squares is expected to fall by less than `tolerance`.
 
     That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 % of a
-    standard error. `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
+    standard error. It also ends where steps that promise less than `STALLED` fail three times in a row: where the force
+    breaks off at separation, the sum of squares jumps as separation passes a sample. `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
     """
 
     rtol: float
@@ -165,7 +167,9 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     def step(self, fn, y, args, options, state, tags):
         """One trial; ends as soon as little is expected from another."""
         y, state, _ = super().step(fn, y, args, options, state, tags)
-        done = state.descent_state.expected < self.tolerance
+        expected = state.descent_state.expected
+        stalled = (state.num_steps_since_acceptance >= 3) & (expected < STALLED)
+        done = (expected < self.tolerance) | stalled
         return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
 
 

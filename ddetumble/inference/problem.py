@@ -6,6 +6,7 @@ unknowns with their stated uncertainty as prior, eliminated by the arrow structu
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import diffrax as dfx
@@ -23,7 +24,7 @@ from .stack import Records, Stack
 
 
 SLOTS = (5, 8, 12, 16, 24, 32, 48)
-LINEAR_SLOTS = 16
+WORKERS = 2
 FAILED = 1e4
 
 
@@ -139,13 +140,6 @@ def _solve(space, names, channels, stack, base, directions, low, high, prior_mea
             found.stats["num_steps"])
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
-def _linearise(space, names, channels, stack, base, directions, low, high, z):
-    """Residual and derivatives at one point, without moving."""
-    theta = jnp.zeros((directions.shape[0],))
-    return evaluate(space, names, channels, theta, z, stack, base, directions, low, high)
-
-
 def _zero(x):
     return (jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating)
             else np.zeros(x.shape, dtype=jax.dtypes.float0))
@@ -226,19 +220,23 @@ class Problem:
             z0[:count] = z
         return base, z0
 
-    def columns(self, names: Sequence[str], start: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Whitened derivatives by the named coordinates, in units of their scales, shape (records, rows, names)."""
-        base, z0 = self._padded(start, z)
-        found = []
-        for first in range(0, len(names), LINEAR_SLOTS):
-            part = [self.space.index[name] for name in names[first:first + LINEAR_SLOTS]]
-            directions = np.zeros((LINEAR_SLOTS, len(self.space)))
-            directions[np.arange(len(part)), part] = self.scales[part]
-            at = _linearise(self.space, self.records.nuisances, self.records.channels, self.records.stack,
-                            jnp.asarray(base), jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits),
-                            jnp.asarray(z0))
-            found.append(np.asarray(at.shared)[: self.records.count, :, : len(part)])
-        return np.concatenate(found, axis=-1)
+    def columns(self, wanted: Sequence[tuple[Sequence[str], np.ndarray]], z: np.ndarray) -> list[np.ndarray]:
+        """Whitened derivatives by coordinates, in units of their scales, without moving.
+
+        Args:
+            wanted: names and the point (coordinates of all parameters) at which to take their derivatives.
+            z: nuisances, shape (records, nuisances).
+
+        Returns:
+            For each of `wanted` an array of shape (records, rows, names).
+        """
+        few = SLOTS[0]
+        jobs = [(k, names[first:first + few], u) for k, (names, u) in enumerate(wanted)
+                for first in range(0, len(names), few)]
+        with ThreadPoolExecutor(WORKERS) as pool:
+            parts = list(pool.map(lambda job: self.solve(job[1], job[2], z, moving=False).shared, jobs))
+        return [np.concatenate([part for part, job in zip(parts, jobs, strict=True) if job[0] == k], axis=-1)
+                for k in range(len(wanted))]
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
               tolerance: float = 1e-7, max_steps: int = 30) -> Solution:

@@ -15,9 +15,9 @@ from .noise import TAPS, Noise, whitening
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
-THIN_RTOL = 1e-5  # of thinned records, on which candidates are only screened
+THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
 RECORD_SIZES = (24, 48, 96, 192, 384, 768)
-SAMPLE_SIZES = (128, 768, 1536, 2048, 4096, 8192, 16384, 32768)
+SAMPLE_SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
 
 
 class Stack(eqx.Module):
