@@ -140,22 +140,14 @@ def simulate(
     scale = jnp.stack([v * last, v, *[stop(s) for s in sizes]])
     start = jnp.stack([jnp.zeros(()), speed, *[effect.initial() for effect in stateful]]) / scale
 
-    def physical(t, y, args):
-        diameter, damping, mass, conditions, law = args
-        y = y * scale
-        contact = law.contact(conditions, diameter, t * last, y[0], y[1], y[2:])
-        forces = law.forces(contact, damping, y[2:])
-        rate = jnp.concatenate([jnp.stack([y[1], (forces.drive - forces.normal) / mass]), law.rates(contact, y[2:])])
-        return y, rate
-
     def field(t, y, args):
-        return physical(t, y, args)[1] * (last / scale)
+        return _rates(t * last, y * scale, args) * (last / scale)
 
     def gap(t, y, args, **kwargs):
         return y[0]
 
     def node(t, y, args):
-        return physical(t, y, args)
+        return y * scale, _rates(t * last, y * scale, args)
 
     constants = (diameter, damping, mass, conditions, law)
     solution: Any = dfx.diffeqsolve(
@@ -171,12 +163,22 @@ def simulate(
     path = _Path(solution.ts[0] * last, node_state, node_rate)
     k = jnp.maximum(jnp.sum(jnp.isfinite(path.time)) - 2, 0)
     failed = failed | (k + _SUBSTEPS >= path.time.shape[0])
-    path, end, final = _separate(lambda t, y: physical(t / last, y / scale, constants)[1], path, k,
+    path, end, final = _separate(lambda t, y: _rates(t, y, constants), path, k,
                                  solution.ts[1][0] * last, final[0] * scale, separated)
     impact = _read(law, conditions, times, path, end, final, separated, failed, solution.stats["num_steps"],
                    diameter, damping, from_motion)
     total = impact.separation + impact.rebound_speed + jnp.sum(impact.normal_force) + jnp.sum(impact.pressure)
     return eqx.tree_at(lambda i: i.failed, impact, failed | ~jnp.isfinite(total))
+
+
+@jax.jit
+def _rates(time, state, constants):
+    """Rates of all states, SI. Compiled on its own: the integrator asks for it in many places, and traces it once."""
+    diameter, damping, mass, conditions, law = constants
+    contact = law.contact(conditions, diameter, time, state[0], state[1], state[2:])
+    forces = law.forces(contact, damping, state[2:])
+    acceleration = (forces.drive - forces.normal) / mass
+    return jnp.concatenate([jnp.stack([state[1], acceleration]), law.rates(contact, state[2:])])
 
 
 def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated: Array

@@ -15,7 +15,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool
 
 
-STALLED = 0.1
+STALLED = 1e-5  # of the sum of squares
 FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations
 
 
@@ -144,7 +144,7 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     """Levenberg-Marquardt that ends where the sum of squares is expected to fall by less than `tolerance`.
 
     That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 % of a
-    standard error. It also ends where steps that promise less than `STALLED` fail three times in a row: where the force
+    standard error. It also ends where steps that promise less than a share `STALLED` fail three times in a row: where the force
     breaks off at separation, the sum of squares jumps as separation passes a sample. `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
     """
 
@@ -168,7 +168,7 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
         """One trial; ends as soon as little is expected from another."""
         y, state, _ = super().step(fn, y, args, options, state, tags)
         expected = state.descent_state.expected
-        stalled = (state.num_steps_since_acceptance >= 3) & (expected < STALLED)
+        stalled = (state.num_steps_since_acceptance >= 3) & (expected < STALLED * 2.0 * state.f_info.as_min())
         done = (expected < self.tolerance) | stalled
         return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
 
