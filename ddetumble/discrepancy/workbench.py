@@ -120,8 +120,11 @@ class Workbench:
             u = base.copy()
             for name, value in start.items():
                 u[self.space.index[name]] = value
-            solution = problem.solve(free, u, z, tolerance=1.0 if screening else tolerance,
-                                     max_steps=SCREENING_STEPS if screening else 30)
+            try:
+                solution = problem.solve(free, u, z, tolerance=1.0 if screening else tolerance,
+                                         max_steps=SCREENING_STEPS if screening else 30)
+            except ComputationError:
+                continue
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
                 best = solution
         if best is None:

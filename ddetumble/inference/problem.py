@@ -17,6 +17,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
+from .._errors import ComputationError
 from ..dynamics.impact import simulate
 from .arrow import ArrowMarquardt, profile_own
 from .parameters import ParameterSpace
@@ -26,6 +27,7 @@ from .stack import Records, Stack
 SLOTS = (5, 8, 12, 16, 24, 32, 48)
 WORKERS = 2
 FAILED = 1e4
+FARTHEST = 50.0  # deviations that a record's condition may lie off its stated value
 
 
 class Evaluation(eqx.Module):
@@ -59,9 +61,14 @@ def _whitened(weights: Array, taps: Array, x: Array) -> Array:
     return y * weights[..., None]
 
 
-def _record(space, names, channels, theta, z, row, base, directions):
-    """Channels of one record, shape (channels, samples), and what else the simulation says."""
+def _record(space, names, channels, theta, z, row, base, directions, low, high):
+    """Channels of one record, shape (channels, samples), and what else the simulation says.
+
+    Where a trial leaves the limits, the record counts as failed, and what is simulated is where the fit began.
+    """
     u = base + theta @ directions
+    outside = jnp.any((u < low) | (u > high)) | ~jnp.all(jnp.isfinite(u)) | ~jnp.all(jnp.abs(z) < FARTHEST)
+    u, z = jnp.where(outside, base, u), jnp.where(outside, 0.0, z)
     law = space.build(u)
     conditions = dict(row.conditions)
     time = row.time
@@ -73,7 +80,7 @@ def _record(space, names, channels, theta, z, row, base, directions):
     impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
                       atol=0.01 * row.rtol, from_motion=True)
     model = jnp.stack([getattr(impact, channel) for channel in channels])
-    return model, (u, impact.depression, impact.depression_rate, impact.separation, impact.failed)
+    return model, (impact.depression, impact.depression_rate, impact.separation, impact.failed | outside)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -86,15 +93,15 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
 
     def one(z_row, row, base_row):
         def f(a, b):
-            return _record(space, names, channels, a, b, row, base_row, directions)
+            return _record(space, names, channels, a, b, row, base_row, directions, low, high)
 
         unit = jnp.eye(count + own)
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
                         out_axes=(None, -1, None))(unit)
 
     axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
-    model, jacobian, (u, depression, rate, separation, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
-    failed = failed | jnp.any((u < low) | (u > high), axis=1) | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
+    model, jacobian, (depression, rate, separation, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
+    failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
     there = stack.present > 0
     keep = (there & ~failed)[:, None, None, None]
     # Without the barrier the compiler computes the whole model again for every tap of the filter.
@@ -262,10 +269,14 @@ class Problem:
             if name in self.priors:
                 centre, sd = self.priors[name]
                 mean[k], weight[k] = (centre - np.ravel(base)[columns[k]]) / scales[k], scales[k] / sd
-        theta, z_new, at, converged, steps = _solve(
-            self.space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
-            jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean), jnp.asarray(weight),
-            jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance), max_steps)
+        try:
+            theta, z_new, at, converged, steps = jax.block_until_ready(_solve(
+                self.space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
+                jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean),
+                jnp.asarray(weight), jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance), max_steps))
+        except (RuntimeError, ValueError) as error:  # a library below raises where numbers overflow
+            raise ComputationError(f"the fit of {', '.join(free) or 'nothing'} broke down: the model could not be "
+                                   "integrated on the way; start nearer, or bound the parameters") from error
         theta = np.asarray(theta)[: len(free)]
         u = np.array(base[0])
         u[columns] += scales * theta
