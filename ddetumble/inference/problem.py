@@ -64,11 +64,12 @@ def _whitened(weights: Array, taps: Array, x: Array) -> Array:
 def _record(space, names, channels, theta, z, row, base, directions, low, high):
     """Channels of one record, shape (channels, samples), and what else the simulation says.
 
-    Where a trial leaves the limits, the record counts as failed, and what is simulated is where the fit began.
+    A parameter that leaves its limits stays at them, and the fit goes on with the others. Where a trial is not finite or a
+    condition far off, the record counts as failed, and what is simulated is where the fit began.
     """
     u = base + theta @ directions
-    outside = jnp.any((u < low) | (u > high)) | ~jnp.all(jnp.isfinite(u)) | ~jnp.all(jnp.abs(z) < FARTHEST)
-    u, z = jnp.where(outside, base, u), jnp.where(outside, 0.0, z)
+    outside = ~jnp.all(jnp.isfinite(u)) | ~jnp.all(jnp.abs(z) < FARTHEST)
+    u, z = jnp.where(outside, base, jnp.clip(u, low, high)), jnp.where(outside, 0.0, z)
     law = space.build(u)
     conditions = dict(row.conditions)
     time = row.time
@@ -263,6 +264,11 @@ class Problem:
         directions = np.zeros((slots, len(self.space)))
         scales = self.scales[columns]
         directions[np.arange(len(free)), columns] = scales
+        # Who starts at a limit starts a little inside, or would never leave it.
+        inside = np.minimum(1e-3 * self.scales, 0.25 * (self.limits[1] - self.limits[0]))[columns]
+        start = np.array(start, dtype=float)
+        start[..., columns] = np.clip(start[..., columns], self.limits[0][columns] + inside,
+                                      self.limits[1][columns] - inside)
         base, z0 = self._padded(start, z)
         mean, weight = np.zeros(slots), np.where(np.arange(slots) < len(free), 0.0, 1.0)
         for k, name in enumerate(free):
@@ -279,7 +285,7 @@ class Problem:
                                    "integrated on the way; start nearer, or bound the parameters") from error
         theta = np.asarray(theta)[: len(free)]
         u = np.array(base[0])
-        u[columns] += scales * theta
+        u[columns] = np.clip(u[columns] + scales * theta, self.limits[0][columns], self.limits[1][columns])
         residual = np.asarray(at.residual)[:count]
         z_new = np.asarray(z_new)[:count]
         prior = (theta - mean[: len(free)]) * weight[: len(free)]
