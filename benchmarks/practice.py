@@ -1,0 +1,83 @@
+"""How `discover` and `predict` do on impact campaigns whose answers are known.
+
+    python -m benchmarks.practice CAMPAIGNS ANSWERS.json [-o result.json]
+
+CAMPAIGNS is a folder of campaign folders; ANSWERS.json holds, by campaign name, `effects` and `base` (the truth) and
+`heldout`: noise-free records at other conditions. Prints, for each: the verdict, the effects with their intervals, where
+the misfit sits, and the rms error of the prediction at the other conditions over the noise, of the grown model and of
+the reference model alone.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.records import describe_machine, print_table, write_result
+
+
+def main(arguments=None):
+    """Run all and print a table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.practice", description=__doc__.splitlines()[0])
+    parser.add_argument("campaigns", metavar="CAMPAIGNS", type=Path)
+    parser.add_argument("answers", metavar="ANSWERS.json", type=Path)
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path)
+    options = parser.parse_args(arguments)
+    content = json.loads(options.answers.read_text(encoding="utf-8"))
+    answers = {k: v for k, v in content.get("campaigns", content).items() if v.get("family") == "impact"}
+    rows = []
+    for name, truth in answers.items():
+        rows.append(judge(options.campaigns / name, truth))
+        print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    result = {"benchmark": "practice", "machine": describe_machine(), "campaigns": rows}
+    print_table(("campaign", "truth", "verdict", "found", "confused with", "inside 95 %", "predicts", "reference"), [
+        (r["campaign"], " + ".join(r["truth"]) or "-", r["verdict"], " + ".join(r["found"]) or "-",
+         ", ".join(r["confused_with"]) or "-", f"{sum(r['inside'].values())} of {len(r['inside'])}",
+         f"{r['prediction']:.2f}", f"{r['reference']:.2f}") for r in rows])
+    write_result(result, options.output)
+    return result
+
+
+def judge(folder, truth):
+    """One campaign."""
+    from ddetumble import discover, fit, predict, read_campaign
+    from ddetumble.discrepancy.saving import save_discovery
+
+    found = discover(folder)
+    noise = read_campaign(folder).channels["normal_force"].uncertainty.sd(np.ones(1))[0]
+    true = {**truth["base"], **{f"{e}.{n}": v for e, p in truth["effects"].items() for n, v in p.items()}}
+    last = found.steps[-1].parameters
+    settings = []
+    for k, one in enumerate(truth["heldout"]):
+        settings.append(pd.DataFrame({"record": f"h{k}", **one["conditions"], "time": one["x"]}))
+    conditions = pd.concat(settings, ignore_index=True)
+    wanted = np.concatenate([np.ravel(channels(one["y"])) for one in truth["heldout"]])
+    with tempfile.TemporaryDirectory() as place:
+        save_discovery(found, Path(place) / "grown")
+        grown = predict(Path(place) / "grown", conditions)["normal_force"].to_numpy()
+        fit(folder).save(Path(place) / "reference")
+        alone = predict(Path(place) / "reference", conditions)["normal_force"].to_numpy()
+    return {
+        "campaign": folder.name, "truth": list(truth["effects"]), "verdict": found.verdict,
+        "found": list(found.effects), "sentence": found.sentence,
+        "confused_with": sorted({a["effect"] for s in found.steps for a in s.alternatives}),
+        "inside": {n: bool(e.q025 <= true[n] <= e.q975) for n, e in last.items() if n in true},
+        "where": [[w.variable, *w.range] for w in found.where],
+        "prediction": round(float(np.sqrt(np.mean((grown - wanted) ** 2)) / noise), 3),
+        "reference": round(float(np.sqrt(np.mean((alone - wanted) ** 2)) / noise), 3),
+        "seconds": found.settings["seconds"],
+    }
+
+
+def channels(y):
+    """Normal force of a record: the only channel, or the first of several."""
+    y = np.asarray(y, dtype=float)
+    return y if y.ndim == 1 else (y[0] if y.shape[0] <= 3 else y[:, 0])
+
+
+if __name__ == "__main__":
+    main()
