@@ -3,9 +3,9 @@
     python -m benchmarks.practice CAMPAIGNS ANSWERS.json [-o result.json]
 
 CAMPAIGNS is a folder of campaign folders; ANSWERS.json holds, by campaign name, `effects` and `base` (the truth) and
-`heldout`: noise-free records at other conditions. Prints, for each: the verdict, the effects with their intervals, where
-the misfit sits, and the rms error of the prediction at the other conditions over the noise, of the grown model and of
-the reference model alone.
+`heldout`: noise-free records at other conditions. Prints, for each: the verdict, the effects found, how many 95 %
+intervals hold the truth, and the rms error of the prediction at the other conditions over the noise, of the grown model
+and of the reference model alone.
 """
 
 import argparse

@@ -138,7 +138,9 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
     lack, _ = bench.judge(fitted)
     solution = fitted.solution
-    traces = make_traces(campaign, bench.records, solution, bench.noise)
+    # What a model that fails leaves is no measure of the noise: there the stated size counts.
+    level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
+    traces = make_traces(campaign, bench.records, solution, level)
     used = (np.asarray(bench.records.stack.weights)[: bench.records.count] > 0)
     records = _by_record(campaign, traces)
     chi2 = np.sum(solution.residual.reshape(bench.records.count, -1) ** 2, axis=1) + np.sum(solution.z**2, axis=1)

@@ -20,6 +20,9 @@ from .wording import explain
 from .workbench import Workbench
 
 
+PLAIN = 1e-6  # lack of fit so sure that an effect which removes it is no imitation
+IMITATION = 0.5  # effects that gain less than this share of what one unlisted force gains only imitate it
+
 Progress = Callable[[str, float], None]
 
 
@@ -69,7 +72,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         grown.append(more)
         if workbench.measure_again(more.fitted):
             grown = [_again(workbench, g) for g in grown]
-    verdict, where = _decide(workbench, grown, could_have_shown(workbench, scores))
+    verdict, where, grown = _decide(workbench, grown, could_have_shown(workbench, scores))
     report("writing it down", 0.92)
     return _assemble(workbench, resolved.name, grown, tried, verdict, where, began)
 
@@ -81,24 +84,27 @@ def _again(workbench: Workbench, grown: Grown) -> Grown:
     return dc.replace(grown, fitted=fitted, lack=lack, scores=scores)
 
 
-def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[str, list[Place]]:
-    """Verdict, and where the misfit sits."""
+def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[str, list[Place], list[Grown]]:
+    """Verdict, where the misfit sits, and the steps that stand."""
     reference, final = grown[0], grown[-1]
     if not reference.lack.rejected:
-        return ("nothing-missing" if visible else "undecided"), []
+        return ("nothing-missing" if visible else "undecided"), [], grown
     if len(grown) == 1:
         probes = fit_probes(workbench, reference.fitted, reference.scores)
-        return "unexplained", locate(workbench, reference.fitted, probes)
-    if not final.lack.rejected and len(final.fitted.effects) == 1:
-        return "explained", locate(workbench, reference.fitted, {})
+        return "unexplained", locate(workbench, reference.fitted, probes), grown
+    plain = not final.lack.rejected and len(final.fitted.effects) == 1
+    if plain and reference.lack.p_value < PLAIN:
+        return "explained", locate(workbench, reference.fitted, {}), grown
     probes = fit_probes(workbench, reference.fitted, reference.scores)
     best = min(probes.values(), key=merit, default=None)
     if best is not None and merit(best) < merit(final.fitted) - SURE:
         # One force that no catalogue lists does better than the effects together: they only imitate it.
-        return "improved", locate(workbench, reference.fitted, probes)
+        where = locate(workbench, reference.fitted, probes)
+        gain, possible = (merit(reference.fitted) - merit(one) for one in (final.fitted, best))
+        return ("unexplained", where, grown[:1]) if gain < IMITATION * possible else ("improved", where, grown)
     if not final.lack.rejected:
-        return "explained", locate(workbench, reference.fitted, {})
-    return "improved", locate(workbench, final.fitted, fit_probes(workbench, final.fitted, final.scores))
+        return "explained", locate(workbench, reference.fitted, {}), grown
+    return "improved", locate(workbench, final.fitted, fit_probes(workbench, final.fitted, final.scores)), grown
 
 
 def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdict: str, where: list[Place],

@@ -103,7 +103,8 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
 
     def one(job):
         effect, start = job
-        fitted = workbench.fit((*current.effects, effect), [start], before.solution.u, before.solution.z, screening=True)
+        wider = (*current.effects, effect)
+        fitted = workbench.fit(wider, [start], before.solution.u, before.solution.z, screening=True)
         done.append(effect)
         report(f"refitting with {effect}", min(len(done) / count, 1.0))
         return effect, fitted

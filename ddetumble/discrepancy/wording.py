@@ -70,17 +70,19 @@ def explain(found: Discovery, left_out: tuple[str, ...]) -> tuple[str, tuple[str
         sentence = (f"Undecided: these {records} are too few or too short; no effect of the catalogue at three times "
                     "the noise could have been shown. Measure more records.")
     elif found.verdict == "explained":
-        sentence = (f"Missing was {_join(list(found.effects))} ({_values(last, found.effects)}). Without it the model "
-                    f"{found.model!r} fails: {misfit}; with it {_times(last, found.noise_nrmse)} times the noise is "
-                    f"left, and the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
+        was, them = ("was", "it") if len(found.effects) == 1 else ("were", "them")
+        sentence = (f"Missing {was} {_join(list(found.effects))} ({_values(last, found.effects)}). Without {them} the "
+                    f"model {found.model!r} fails: {misfit}; with {them} {_times(last, found.noise_nrmse)} times the "
+                    f"noise is left, and the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
                     f"{last.heldout_nrmse:.2%} (noise {found.noise_nrmse:.2%}).")
     elif found.verdict == "improved":
-        sentence = (f"{_join(list(found.effects)).capitalize()} helps but is not all: the model {found.model!r} alone "
-                    f"leaves {_times(first, found.noise_nrmse)} times the noise, with it "
+        verbs, them = ("helps but is", "it") if len(found.effects) == 1 else ("help but are", "them")
+        sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all: the model {found.model!r} alone "
+                    f"leaves {_times(first, found.noise_nrmse)} times the noise, with {them} "
                     f"{_times(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
     else:
         sentence = (f"Something is missing that the catalogue does not hold: the model {found.model!r} fails "
-                    f"({misfit}), and none of {len(found.candidates)} effects helps on left-out conditions.")
+                    f"({misfit}), and none of its {len(found.candidates)} effects explains it on left-out conditions.")
     if found.verdict in ("improved", "unexplained") and found.where:
         sentence += f" The misfit sits in the {describe_place(found.where[0])}."
     notes = []

@@ -188,7 +188,7 @@ def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated:
     The integrator's last step reaches beyond separation, where the law breaks off: its interpolant loses two to four
     digits there. A few steps of the classical Runge-Kutta method from node `k` to separation see the law, and its
     slopes, in contact only (depressions are kept above `floor`), and become nodes of their own: the force may break off
-    shortly before separation. A Newton step then takes the depression to zero, and carries the derivative of the instant.
+    shortly before separation. A Newton step then takes the depression to zero, and carries the instant's derivative.
     """
     floor = stop(1e-6 * path.state[k, 0])
     end = jnp.where(separated, stop(end), end)

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt, in optimistix, for a few shared parameters and a few nuisances of every record.
 
-No record feels another's nuisances, so the normal equations have the shape of an arrow: the Schur complement solves them
-at a cost that grows with the number of records, not with its cube.
+No record feels another's nuisances, so the normal equations have the shape of an arrow: the Schur complement solves
+them at a cost that grows with the number of records, not with its cube.
 """
 
 from collections.abc import Callable
@@ -143,9 +143,10 @@ class GainSearch(optx.AbstractSearch):
 class ArrowMarquardt(optx.AbstractGaussNewton):
     """Levenberg-Marquardt that ends where the sum of squares is expected to fall by less than `tolerance`.
 
-    That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 % of a
-    standard error. It also ends where steps that promise less than a share `STALLED` fail three times in a row: where the force
-    breaks off at separation, the sum of squares jumps as separation passes a sample. `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
+    That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 %
+    of a standard error. It also ends where steps that promise less than a share `STALLED` fail three times in a row:
+    where the force breaks off at separation, the sum of squares jumps as separation passes a sample.
+    `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
     """
 
     rtol: float

@@ -64,8 +64,8 @@ def _whitened(weights: Array, taps: Array, x: Array) -> Array:
 def _record(space, names, channels, theta, z, row, base, directions, low, high):
     """Channels of one record, shape (channels, samples), and what else the simulation says.
 
-    A parameter that leaves its limits stays at them, and the fit goes on with the others. Where a trial is not finite or a
-    condition far off, the record counts as failed, and what is simulated is where the fit began.
+    A parameter that leaves its limits stays at them, and the fit goes on with the others. Where a trial is not finite
+    or a condition far off, the record counts as failed, and what is simulated is where the fit began.
     """
     u = base + theta @ directions
     outside = ~jnp.all(jnp.isfinite(u)) | ~jnp.all(jnp.abs(z) < FARTHEST)
