@@ -28,7 +28,8 @@ def register(app: typer.Typer) -> None:
     app.command(
         "discover",
         short_help="Find the missing physics, and write the report.",
-        epilog="\b\nExample:\n  ddetumble discover data/impact-c -o discovery",
+        epilog="\b\nExamples:\n  ddetumble discover data/impact-c -o discovery\n"
+        "  ddetumble discover data/impact-h --effect my_effects.py:EndStop -o discovery",
     )(discover_effects)
     app.command(
         "identify",
@@ -119,6 +120,11 @@ def discover_effects(
         typer.Option("-o", "--output", metavar="DIR", help="Folder for result.json, report.html and the grown model."),
     ] = None,
     model: Annotated[str, MODEL] = "paper",
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("-e", "--effect", metavar="FILE.py:NAME",
+                     help="Try this effect of your own beside the catalogue; may be repeated."),
+    ] = None,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
     missing or nothing helps.
@@ -132,10 +138,12 @@ def discover_effects(
         _judge_peaks(measured, model, folder)
         return
     from ..discrepancy.discovery import discover
+    from ..inference.models import resolve_effect
     from ..report import describe, write_report
 
+    own = [resolve_effect(name) for name in effect or ()]
     with show_progress(f"looking at {measured.name}") as report:
-        result = discover(measured, model=model, progress=report)
+        result = discover(measured, model=model, effects=own, progress=report)
         report("writing the report", 0.95)
         result.save(folder)
         page = write_report(result, folder)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
+from ..effects import IMPACT
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -50,6 +51,8 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     if campaign.family != "impact":
         raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; discover reads 'impact' so far")
     resolved = resolve_model(model)
+    # One of the catalogue is tried anyway.
+    effects = tuple(e for e in dict.fromkeys(effects) if e not in IMPACT)
     report("fitting the reference model", 0.02)
     workbench = Workbench(campaign, resolved.reference, effects)
     reference = workbench.begin()

@@ -27,7 +27,6 @@ from .stack import Records, Stack
 SLOTS = (5, 8, 12, 16, 24, 32, 48)
 WORKERS = 2
 FAILED = 1e4
-FARTHEST = 50.0  # deviations that a record's condition may lie off its stated value
 
 
 class Evaluation(eqx.Module):
@@ -64,12 +63,13 @@ def _whitened(weights: Array, taps: Array, x: Array) -> Array:
 def _record(space, names, channels, theta, z, row, base, directions, low, high):
     """Channels of one record, shape (channels, samples), and what else the simulation says.
 
-    A parameter that leaves its limits stays at them, and the fit goes on with the others. Where a trial is not finite
-    or a condition far off, the record counts as failed, and what is simulated is where the fit began.
+    A parameter that leaves its limits stays at them, and the fit goes on with the others. Where a trial is not finite,
+    the record counts as failed, and what is simulated is where the fit began.
     """
     u = base + theta @ directions
-    outside = ~jnp.all(jnp.isfinite(u)) | ~jnp.all(jnp.abs(z) < FARTHEST)
-    u, z = jnp.where(outside, base, jnp.clip(u, low, high)), jnp.where(outside, 0.0, z)
+    outside = ~(jnp.all(jnp.isfinite(u)) & jnp.all(jnp.isfinite(z)))
+    u = jnp.where(outside, base, jnp.clip(u, low, high))
+    z = jnp.where(outside, 0.0, z)
     law = space.build(u)
     conditions = dict(row.conditions)
     time = row.time

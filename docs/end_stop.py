@@ -1,0 +1,21 @@
+"""An effect of one's own: beyond some depression the ball sits on its rim, which pushes back too."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ddetumble.contact.effect import AbstractElasticEffect, parameter
+
+
+class EndStop(AbstractElasticEffect):
+    """F_k gains k (delta - depth)^1.5 beyond `depth`."""
+
+    k: float = parameter("N/m^1.5", 0.0, typical=1e5, sign=1, starts=(1e5,), text="stiffness of the rim")
+    depth: float = parameter("m", 5e-3, kind="shape", typical=1e-3, coordinate="log", starts=(4e-3, 6e-3), text="onset")
+    id: ClassVar[str] = "end-stop"
+    law: ClassVar[str] = "F_k gains k (delta - depth)^1.5"
+    reference: ClassVar[str] = "Hertz, for the power"
+
+    def force(self, contact):
+        """k (delta - depth)^1.5 [N]."""
+        return self.k * jnp.maximum(contact.depression - self.depth, 0.0) ** 1.5
