@@ -5,6 +5,7 @@ import json
 import pytest
 
 from ddetumble._settings import find_data
+from ddetumble.cli import main
 from ddetumble.discrepancy.discovery import discover
 from ddetumble.measurement.package import read_campaign
 from tests.independent.campaigns import make_campaign, write_campaign_folder
@@ -96,3 +97,17 @@ def test_result_has_every_field_and_predicts(tmp_path):
     error = predicted["normal_force"].to_numpy() - [y[0] for y in heldout["y"]]
     noise = read_campaign(find_data() / "impact-e").uncertainty("normal_force").absolute
     assert (error**2).mean() ** 0.5 < 0.5 * noise
+
+
+@pytest.mark.slow
+def test_an_effect_of_ones_own_explains_what_the_catalogue_lacks(tmp_path, capsys):
+    """The story of README.md: the ten lines of docs/end_stop.py remove the misfit."""
+    effect = f"{find_data().parent / 'docs' / 'end_stop.py'}:EndStop"
+    truth = json.loads((find_data() / "truth.json").read_text())["impact-f"]["effects"]["x-end-stop"]
+    assert main(["discover", str(find_data() / "impact-f"), "--effect", effect, "-o", str(tmp_path / "d")]) == 0
+    found = json.loads((tmp_path / "d" / "result.json").read_text())
+    assert found["verdict"] == "explained" and found["effects"] == ["end-stop"]
+    for name in ("k", "depth"):
+        e = found["parameters"][f"end-stop.{name}"]
+        assert abs(e["estimate"] - truth[name]) < 4.0 * e["sd"]
+    assert "end-stop" in capsys.readouterr().out.lower()

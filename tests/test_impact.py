@@ -255,3 +255,15 @@ def test_any_valid_parameters_are_finite(shares, log_pressure, speed):
     (force, separation, failed), slopes = push(jnp.asarray(u), conditions, jnp.asarray(SPACE.scales()))
     assert not failed and np.isfinite(force).all() and separation > 0
     assert all(np.isfinite(slope).all() for slope in slopes)
+
+
+@pytest.mark.parametrize(("law", "limit"), [
+    (ContactLaw(Ball()), 1e-5), (ContactLaw(Ball(), (ArmServo(200.0),)), 1e-5),
+    (ContactLaw(Ball(), (SensorLag(5e-4),)), 1e-5), (SPACE.build(jnp.asarray(SPACE.coordinates(EVERYTHING))), 2e-4)])
+def test_force_from_motion_is_that_of_the_law(law, limit):
+    """F_n = F_drive - m dw/dt at the sample times; separation and motion are the same."""
+    for pressure, speed in ((1e6, 0.4), (2.4e6, 0.66)):
+        direct, read = (strike(law, collect(pressure, speed), from_motion=way) for way in (False, True))
+        assert jnp.abs(direct.normal_force - read.normal_force).max() < limit * direct.normal_force.max()
+        assert direct.separation == read.separation
+        np.testing.assert_array_equal(direct.depression, read.depression)

@@ -121,7 +121,7 @@ def simulate(
         max_steps: steps after which the solve counts as failed.
         from_motion: read the force off the interpolated acceleration, $F_n = F_{drive} - m_{eff}\,dw/dt$, not from
             the law at every wanted time: twice as fast, and good to about 1e-4 of the peak where the force breaks off
-            shortly before separation, 1e-6 elsewhere.
+            shortly before separation, 3e-6 elsewhere.
 
     Returns:
         An `Impact`; look at `failed` under `vmap`.

@@ -1,0 +1,51 @@
+"""The optimiser beside SciPy's, on a problem of the shape that records have."""
+
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from scipy.optimize import least_squares
+
+from ddetumble.inference.arrow import ArrowMarquardt
+
+
+TIME = np.linspace(0.0, 1.0, 30)
+RECORDS = 7
+
+
+def predict(theta, z, xp):
+    """Damped waves, shape (records, times), whose phase and amplitude belong to the record."""
+    time = TIME[None, :] * (1.0 + 0.02 * z[:, :1])
+    return (1.0 + 0.05 * z[:, 1:]) * xp.exp(-theta[0] * time) * xp.sin(theta[1] * time)
+
+
+def test_minimum_is_that_of_scipy():
+    rng = np.random.default_rng(5)
+    measured = predict(np.array([1.3, 7.0]), rng.normal(size=(RECORDS, 2)), np)
+    measured = measured + 0.01 * rng.normal(size=measured.shape)
+
+    def fn(y, args):
+        return ((predict(*y, jnp) - measured) / 0.01, y[1], 0.0 * y[0]), None
+
+    def flat(x):
+        theta, z = x[:2], x[2:].reshape(RECORDS, 2)
+        return np.concatenate([np.ravel(predict(theta, z, np) - measured) / 0.01, np.ravel(z)])
+
+    start = (jnp.asarray([0.8, 6.0]), jnp.zeros((RECORDS, 2)))
+    found = optx.least_squares(fn, ArrowMarquardt(jnp.asarray(1e-10)), start, has_aux=True, max_steps=40, throw=False)
+    expected = least_squares(flat, np.concatenate([[0.8, 6.0], np.zeros(2 * RECORDS)]), xtol=1e-15, ftol=1e-15,
+                             gtol=1e-12)  # fmt: skip
+    assert found.result == optx.RESULTS.successful
+    np.testing.assert_allclose(found.value[0], expected.x[:2], rtol=1e-6)
+    np.testing.assert_allclose(np.ravel(found.value[1]), expected.x[2:], atol=1e-4)
+    theta, z = found.value
+    assert np.sum(flat(np.concatenate([theta, np.ravel(z)])) ** 2) <= 2.0 * expected.cost * (1 + 1e-9)
+
+
+def test_a_parameter_without_effect_does_no_harm():
+    def fn(y, args):
+        return (y[1] - 2.0 + y[0][0], y[1], jnp.zeros(2) * y[0]), None
+
+    start = (jnp.asarray([5.0, 3.0]), jnp.zeros((4, 1)))
+    found = optx.least_squares(fn, ArrowMarquardt(jnp.asarray(1e-12)), start, has_aux=True, max_steps=60, throw=False)
+    assert np.all(np.isfinite(found.value[0])) and np.all(np.isfinite(found.value[1]))
+    np.testing.assert_allclose(found.value[0][0], 2.0, atol=1e-5)
