@@ -17,7 +17,7 @@ def name_value(name: str, e: Estimate) -> str:
     sd = e.sd if np.isfinite(e.sd) else 0.0
     digits = max(0, -int(np.floor(np.log10(sd))) + 1) if sd > 0 else 4
     digits = min(digits, 9)
-    if abs(e.estimate) >= 1e5 or (0 < abs(e.estimate) < 1e-3):
+    if abs(e.estimate) >= 1e7 or (0 < abs(e.estimate) < 1e-3):
         return f"{name} = {e.estimate:.4g} ± {sd:.2g} {e.unit}".rstrip()
     return f"{name} = {e.estimate:.{digits}f} ± {sd:.{digits}f} {e.unit}".rstrip()
 

@@ -27,7 +27,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
     from matplotlib.ticker import MaxNLocator
 
     traces = {name: {trace.record: trace for trace in pick_channel(all_, channel)} for name, all_ in models.items()}
-    first = next(iter(traces.values()))
+    first, last = next(iter(traces.values())), list(traces.values())[-1]
     chosen = choose_records(list(first.values()), count)
     names = vary(trace.conditions for trace in first.values())
     shown = describe_quantity(channel, np.concatenate([trace.measured for trace in chosen]), chosen[0].unit)
@@ -42,7 +42,8 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
         inner = grid[row, column].subgridspec(2, 1, height_ratios=(2.6, 1), hspace=0.06)
         upper = dress(figure.add_subplot(inner[0]))
         lower = dress(figure.add_subplot(inner[1], sharex=upper, sharey=lower), grid="")
-        time = 1e3 * np.asarray(trace.time)
+        # One time axis for all: each model has shifted the record's time origin by as much as suits it.
+        time = 1e3 * np.asarray(last.get(trace.record, trace).time)
         upper.plot(time, shown.scale * trace.measured, ".", color=INK, ms=2.4, mew=0, zorder=2)
         lower.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
         lower.axhline(0, color=FLOOR, lw=0.7)
@@ -52,15 +53,15 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
                 continue
             model = own[trace.record]
             style = "--" if len(traces) == 2 and not lines else "-"
-            lines += upper.plot(1e3 * model.time, shown.scale * model.model, style, color=colour, lw=1.4, zorder=3)
+            lines += upper.plot(time, shown.scale * model.model, style, color=colour, lw=1.4, zorder=3)
             residual = standardise(model)
-            lower.plot(1e3 * model.time, np.clip(residual, -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
-            lower.plot(1e3 * model.time, np.clip(_smooth(residual), -limit, limit), color=colour, lw=1.3)
+            lower.plot(time, np.clip(residual, -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
+            lower.plot(time, np.clip(_smooth(residual), -limit, limit), color=colour, lw=1.3)
             labels += [clean(name, 60)] if i == 0 else []
         handles = handles or [Line2D([], [], ls="none", marker=".", ms=7, color=INK), *lines]
-        start, end = find_contact(trace)
+        start, end = find_contact(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
-        upper.set_xlim(1e3 * max(start - margin, trace.time[0]), 1e3 * min(end + 2.5 * margin, trace.time[-1]))
+        upper.set_xlim(max(1e3 * (start - margin), time[0]), min(1e3 * (end + 2.5 * margin), time[-1]))
         title = describe_conditions(trace.conditions, names[:3]) or clean(trace.record, 20)
         upper.set_title(title, fontsize=9.5)
         upper.set_title(clean(trace.record, 10), loc="right", color=GREY, fontsize=8)

@@ -200,7 +200,7 @@ def _show_ranking(discovery: Discovery) -> Section:
     paragraphs = [
         "Explains: share of the misfit above noise that the effect alone removes after a refit. Visible: share of its "
         "own signature that is left when mass, restitution and the records' settings are free to imitate it; below "
-        f"{format_share(UNSEEN)} this campaign cannot see it."
+        f"{100 * UNSEEN:g} % this campaign cannot see it."
     ]
     kin = [
         (clean(step.added), *row)
