@@ -14,6 +14,7 @@ from ddetumble.discrepancy.records import Trace
 from ddetumble.discrepancy.traces import noise_nrmse, nrmse, nrmse_by_channel
 from ddetumble.effects.wall import WallStiffness
 from ddetumble.inference.archive import save_model
+from ddetumble.inference.models import is_fitted, resolve_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
@@ -101,3 +102,11 @@ def test_errors_of_traces():
     several = table[table["records"] > 1]
     assert np.allclose(table["mean"], 2.0) and np.allclose(several["standard_error"], 0.0, atol=1e-12)
     assert (table[table["variable"] == "depression"]["samples"] > 0).all()
+
+
+def test_a_folder_of_a_models_name_changes_nothing(tmp_path, monkeypatch):
+    """`ddetumble paper -o paper` leaves such a folder; the built-in model goes by its name all the same."""
+    (tmp_path / "paper").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert not is_fitted("paper") and isinstance(resolve_model("paper").reference, Ball)
+    assert is_fitted(str(tmp_path / "paper"))

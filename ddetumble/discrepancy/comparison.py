@@ -12,7 +12,7 @@ from .._errors import InputError
 from ..contact.effect import parameters_of
 from ..effects import IMPACT
 from ..inference.files import make_plain, write_json
-from ..inference.models import resolve_model
+from ..inference.models import is_fitted, resolve_model
 from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -126,11 +126,11 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         for p in parameters_of(effect):
             value = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
             bench.start[bench.space.index[f"{effect.id}.{p.name}"]] = value
-    if not refit or Path(model).is_dir():
+    if not refit or is_fitted(model):
         # What was fitted elsewhere holds against what this campaign says is known.
         own = {n: v for n, v in zip(bench.space.index, bench.space.coordinates(), strict=True)
                if bench.space.slots[bench.space.index[n]].owner is None}
-        if Path(model).is_dir():
+        if is_fitted(model):
             for name, value in own.items():
                 bench.start[bench.space.index[name]] = value
         bench.base = []
@@ -150,7 +150,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     residuals = bin_residuals(traces, separation, campaign)
     where = tuple(residual_places(bench, fitted))
     degrees = max(float(used.sum()) - len(solution.names), 1.0)
-    name = resolved.name if not Path(model).is_dir() else str(Path(model).name)
+    name = resolved.name if not is_fitted(model) else str(Path(model).name)
     return Comparison(
         campaign.name, campaign.title, campaign.sha256, model, tuple(solution.names),
         _say(name, campaign, channels, records, where, lack), lack, float(solution.chi2) / degrees, nrmse(traces),

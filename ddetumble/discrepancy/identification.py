@@ -15,7 +15,7 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
 from ..inference.archive import load_model
 from ..inference.files import make_plain
-from ..inference.models import ResolvedModel, resolve_model
+from ..inference.models import ResolvedModel, is_fitted, resolve_model
 from ..inference.noise import Noise, estimate_noise
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.stack import default_noise
@@ -229,7 +229,7 @@ def _smooth_all(campaign: Campaign, contacts: Sequence[_Contact], channels: Sequ
 def _find_parameters(campaign: Campaign, model: str, space: ParameterSpace, u: np.ndarray,
                      contacts: Sequence[_Contact], noise: Mapping[str, Noise], measured: bool):
     """Restitution and whatever else is unknown: names, covariance, coordinates, source, notes."""
-    if Path(model).is_dir():
+    if is_fitted(model):
         saved = load_model(model)
         u = u.copy()
         for name in saved.space.index:

@@ -81,6 +81,11 @@ def describe_models() -> str:
     return "\n".join(f"{name:<{width}}  {model.text}" for name, model in MODELS.items())
 
 
+def is_fitted(name: str) -> bool:
+    """Whether a model's name is the folder of a fitted one; a built-in name never is, whatever lies about."""
+    return str(name) not in MODELS and Path(name).is_dir()
+
+
 def resolve_model(name: str) -> ResolvedModel:
     """The reference model that a name stands for.
 
@@ -99,7 +104,7 @@ def resolve_model(name: str) -> ResolvedModel:
     path, colon, attribute = name.rpartition(":")
     if colon and path.endswith(".py"):
         return _import_model(name, Path(path), attribute)
-    if Path(name).is_dir():
+    if is_fitted(name):
         return _read_folder(Path(name))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
