@@ -4,8 +4,8 @@
 
 CAMPAIGNS is a folder of campaign folders; ANSWERS.json holds, by campaign name, `effects` and `base` (the truth) and
 `heldout`: noise-free records at other conditions. Prints, for each: the verdict, the effects found, how many 95 %
-intervals hold the truth, and the rms error of the prediction at the other conditions over the noise, of the grown model
-and of the reference model alone.
+intervals hold the truth, their median width over that of a fit which is told the effects, and the rms error of the
+prediction at the other conditions over the noise, of the grown model and of the reference model alone.
 """
 
 import argparse
@@ -34,10 +34,13 @@ def main(arguments=None):
         rows.append(judge(options.campaigns / name, truth))
         print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     result = {"benchmark": "practice", "machine": describe_machine(), "campaigns": rows}
-    print_table(("campaign", "truth", "verdict", "found", "confused with", "inside 95 %", "predicts", "reference"), [
+    headings = ("campaign", "truth", "verdict", "found", "confused with", "inside 95 %", "width", "predicts",
+                "reference")  # fmt: skip
+    print_table(headings, [
         (r["campaign"], " + ".join(r["truth"]) or "-", r["verdict"], " + ".join(r["found"]) or "-",
          ", ".join(r["confused_with"]) or "-", f"{sum(r['inside'].values())} of {len(r['inside'])}",
-         f"{r['prediction']:.2f}", f"{r['reference']:.2f}") for r in rows])
+         "-" if r["width"] is None else f"{r['width']:.2f}", f"{r['prediction']:.2f}", f"{r['reference']:.2f}")
+        for r in rows])
     write_result(result, options.output)
     return result
 
@@ -60,17 +63,30 @@ def judge(folder, truth):
         save_discovery(found, Path(place) / "grown")
         grown = predict(Path(place) / "grown", conditions)["normal_force"].to_numpy()
         fit(folder).save(Path(place) / "reference")
+        width = compare_widths(last, fit(folder, effects=list(truth["effects"]))) if inside_catalogue(truth) else None
         alone = predict(Path(place) / "reference", conditions)["normal_force"].to_numpy()
     return {
         "campaign": folder.name, "truth": list(truth["effects"]), "verdict": found.verdict,
         "found": list(found.effects), "sentence": found.sentence,
         "confused_with": sorted({a["effect"] for s in found.steps for a in s.alternatives}),
         "inside": {n: bool(e.q025 <= true[n] <= e.q975) for n, e in last.items() if n in true},
-        "where": [[w.variable, *w.range] for w in found.where],
+        "width": width, "where": [[w.variable, *w.range] for w in found.where],
         "prediction": round(float(np.sqrt(np.mean((grown - wanted) ** 2)) / noise), 3),
         "reference": round(float(np.sqrt(np.mean((alone - wanted) ** 2)) / noise), 3),
         "seconds": found.settings["seconds"],
     }
+
+
+def inside_catalogue(truth):
+    """Whether every hidden effect is one that a fit can be told."""
+    return not any(name.startswith("x-") for name in truth["effects"])
+
+
+def compare_widths(found, told):
+    """Median width of the 95 % intervals over those of a fit that is told the effects."""
+    known = told.parameters
+    ratios = [(e.q975 - e.q025) / (known[n].q975 - known[n].q025) for n, e in found.items() if n in known]
+    return round(float(np.median(ratios)), 3) if ratios else None
 
 
 def channels(y):
