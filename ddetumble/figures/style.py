@@ -100,7 +100,12 @@ def head_figure(figure, handles, labels, columns: int = 6):
 
 def render_png(figure, dpi: int = 160) -> bytes:
     """A figure as the bytes of a PNG file, the same bytes for the same figure."""
-    buffer = io.BytesIO()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    buffer, before = io.BytesIO(), figure.dpi
+    canvas = FigureCanvasAgg(figure)
     with apply_style():
-        figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+        figure.dpi = dpi
+        canvas.print_png(buffer, metadata={"Software": None})  # `savefig` lays the figure out, and draws it, twice
+        figure.dpi = before
     return buffer.getvalue()

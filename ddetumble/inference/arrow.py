@@ -110,6 +110,7 @@ class ArrowDescent(optx.AbstractDescent):
 class _SearchState(eqx.Module):
     damping: Array
     growth: Array
+    trials: Array
 
 
 class GainSearch(optx.AbstractSearch):
@@ -122,7 +123,7 @@ class GainSearch(optx.AbstractSearch):
 
     def init(self, y: Any, f_info_struct: Any) -> _SearchState:
         """Gentle at first."""
-        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0))
+        return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0))
 
     def step(self, first_step: Bool[Array, ""], y: Any, y_eval: Any, f_info: Any, f_eval_info: Any,
              state: _SearchState) -> tuple[Array, Bool[Array, ""], optx.RESULTS, _SearchState]:
@@ -137,7 +138,7 @@ class GainSearch(optx.AbstractSearch):
                             jnp.where(accept, state.damping * shrink, state.damping * state.growth))
         growth = jnp.where(accept, 10.0, 5.0 * state.growth)
         damping = jnp.clip(damping, 1e-12, 1e12)
-        return 1.0 / damping, accept, optx.RESULTS.successful, _SearchState(damping, growth)
+        return 1.0 / damping, accept, optx.RESULTS.successful, _SearchState(damping, growth, state.trials + 1)
 
 
 class ArrowMarquardt(optx.AbstractGaussNewton):
@@ -146,6 +147,7 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 %
     of a standard error. It also ends where steps that promise less than a share `STALLED` fail three times in a row:
     where the force breaks off at separation, the sum of squares jumps as separation passes a sample.
+    After `most` trials it gives up, as `max_steps` of optimistix would, which is compiled in; `has_converged` tells.
     `optimistix.least_squares` runs it on functions of `(theta, z)`, shapes (shared,) and (records, own).
     """
 
@@ -156,22 +158,28 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     search: GainSearch
     verbose: Callable[..., None]
     tolerance: Array
+    most: Array
 
-    def __init__(self, tolerance: Array):
+    def __init__(self, tolerance: Array, most: Array):
         self.rtol = self.atol = 0.0
         self.norm = optx.max_norm
         self.descent = ArrowDescent()
         self.search = GainSearch(tolerance)
         self.verbose = _say_nothing
         self.tolerance = tolerance
+        self.most = most
 
     def step(self, fn, y, args, options, state, tags):
         """One trial; ends as soon as little is expected from another."""
         y, state, _ = super().step(fn, y, args, options, state, tags)
+        done = self.has_converged(state) | (state.search_state.trials >= self.most)
+        return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
+
+    def has_converged(self, state) -> Bool[Array, ""]:
+        """Whether little is expected from another trial."""
         expected = state.descent_state.expected
         stalled = (state.num_steps_since_acceptance >= 3) & (expected < STALLED * 2.0 * state.f_info.as_min())
-        done = (expected < self.tolerance) | stalled
-        return y, eqx.tree_at(lambda s: s.terminate, state, done), state.aux
+        return (expected < self.tolerance) | stalled
 
 
 def _say_nothing(**more):
