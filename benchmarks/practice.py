@@ -20,6 +20,9 @@ import pandas as pd
 from benchmarks.records import describe_machine, print_table, write_result
 
 
+FAMILIES = {"impact": ("normal_force", "time"), "slip": ("tangential_force", "slip")}
+
+
 def main(arguments=None):
     """Run all and print a table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.practice", description=__doc__.splitlines()[0])
@@ -28,7 +31,7 @@ def main(arguments=None):
     parser.add_argument("-o", "--output", metavar="FILE", type=Path)
     options = parser.parse_args(arguments)
     content = json.loads(options.answers.read_text(encoding="utf-8"))
-    answers = {k: v for k, v in content.get("campaigns", content).items() if v.get("family") == "impact"}
+    answers = {k: v for k, v in content.get("campaigns", content).items() if v.get("family") in FAMILIES}
     rows = []
     for name, truth in answers.items():
         rows.append(judge(options.campaigns / name, truth))
@@ -51,20 +54,21 @@ def judge(folder, truth):
     from ddetumble.discrepancy.saving import save_discovery
 
     found = discover(folder)
-    noise = read_campaign(folder).channels["normal_force"].uncertainty.sd(np.ones(1))[0]
+    main, abscissa = FAMILIES[truth["family"]]
+    noise = read_campaign(folder).channels[main].uncertainty.sd(np.ones(1))[0]
     true = {**truth["base"], **{f"{e}.{n}": v for e, p in truth["effects"].items() for n, v in p.items()}}
     last = found.steps[-1].parameters
     settings = []
     for k, one in enumerate(truth["heldout"]):
-        settings.append(pd.DataFrame({"record": f"h{k}", **one["conditions"], "time": one["x"]}))
+        settings.append(pd.DataFrame({"record": f"h{k}", **one["conditions"], abscissa: one["x"]}))
     conditions = pd.concat(settings, ignore_index=True)
     wanted = np.concatenate([np.ravel(channels(one["y"])) for one in truth["heldout"]])
     with tempfile.TemporaryDirectory() as place:
         save_discovery(found, Path(place) / "grown")
-        grown = predict(Path(place) / "grown", conditions)["normal_force"].to_numpy()
+        grown = predict(Path(place) / "grown", conditions)[main].to_numpy()
         fit(folder).save(Path(place) / "reference")
         width = compare_widths(last, fit(folder, effects=list(truth["effects"]))) if inside_catalogue(truth) else None
-        alone = predict(Path(place) / "reference", conditions)["normal_force"].to_numpy()
+        alone = predict(Path(place) / "reference", conditions)[main].to_numpy()
     return {
         "campaign": folder.name, "truth": list(truth["effects"]), "verdict": found.verdict,
         "found": list(found.effects), "sentence": found.sentence,
@@ -90,7 +94,7 @@ def compare_widths(found, told):
 
 
 def channels(y):
-    """Normal force of a record: the only channel, or the first of several."""
+    """Force of a record: the only channel, or the first of several."""
     y = np.asarray(y, dtype=float)
     return y if y.ndim == 1 else (y[0] if y.shape[0] <= 3 else y[:, 0])
 

@@ -21,6 +21,9 @@ e, v1             `restitution`,           -, m/s, speed at first touch
                   `approach_speed`
 m_eff             `effective_mass`         kg, felt along the normal at the contact point
 F_n               `normal_force`           N
+K, tan delta_L    `adhesion_constant`,     -, Eq. 8
+                  `loss_factor`
+s, u              `slip`, `slip_speed`     m, m/s, sliding displacement and speed in the contact plane
 ================  =======================  ====================================================
 
 Nothing heavy is imported until a name is used.
@@ -37,9 +40,10 @@ _HOMES = {
     "write_campaign": "measurement.package", "import_tests": "measurement.laboratory",
     "InputError": "_errors", "ComputationError": "_errors",
     "Ball": "contact.law", "PowerLaw": "contact.law", "ContactLaw": "contact.law",
-    "check_effect": "contact.contract", "catalogue": "effects", "simulate": "dynamics.impact",
-    "resolve_model": "inference.models", "fit": "inference.estimation", "compare": "discrepancy.comparison",
-    "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
+    "RubberFriction": "contact.sliding", "CoulombFriction": "contact.sliding", "FrictionLaw": "contact.sliding",
+    "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
+    "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
+    "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
     "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
@@ -66,12 +70,16 @@ if TYPE_CHECKING:
     from .contact.law import Ball as Ball
     from .contact.law import ContactLaw as ContactLaw
     from .contact.law import PowerLaw as PowerLaw
+    from .contact.sliding import CoulombFriction as CoulombFriction
+    from .contact.sliding import FrictionLaw as FrictionLaw
+    from .contact.sliding import RubberFriction as RubberFriction
     from .demo import run_demo as run_demo
     from .discrepancy.comparison import compare as compare
     from .discrepancy.discovery import discover as discover
     from .discrepancy.identification import identify as identify
     from .discrepancy.prediction import predict as predict
     from .dynamics.impact import simulate as simulate
+    from .dynamics.slide import slide as slide
     from .effects import catalogue as catalogue
     from .inference.estimation import fit as fit
     from .inference.models import resolve_model as resolve_model

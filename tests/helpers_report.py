@@ -5,7 +5,9 @@ intervals are made up. What matters is that the shapes are those of real finding
 """
 
 import csv
+import dataclasses as dc
 import functools
+import itertools
 import json
 import math
 from pathlib import Path
@@ -14,6 +16,7 @@ import numpy as np
 
 from ddetumble.discrepancy.records import Candidate, Discovery, Estimate, LackOfFit, Place, Step, Trace
 from tests.independent.impact import simulate
+from tests.independent.slip import follow_strokes, simulate_slip
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -32,6 +35,9 @@ FITTED = {
     "impact-g": [(1.234, 0.725)], "impact-h": [(1.650, 0.689), (1.601, 0.744)], "impact-i": [(1.0888, 0.6504)],
 }  # fmt: skip
 SD = {"normal_force": 0.25, "depression": 2e-5, "pressure": 2e3}
+SLIP_TRUTH = {"adhesion_constant": 0.96, "loss_factor": 0.18, "slip_scale": 1.0}
+SLIP_EFFECTS = {"stribeck": {"A": 0.3, "u_s": 0.06}, "frictional-heating": {"kappa": 0.9}}
+STROKES = (6e-3, 6e-3, 4e-3, 4e-3)
 UNITS = {"normal_force": "N", "depression": "m", "pressure": "Pa"}
 SENTENCES = {
     "nothing-missing": "Nothing is missing: the reference model leaves no misfit beyond noise and setting errors at "
@@ -178,3 +184,75 @@ def make_peaks(verdict="undecided"):
     return Discovery("figure-8", "Peak forces of Figure 8", "impact", "ab" * 32, "paper", verdict, (), (step,),
                      make_candidates(), (), 0.017, {"peak_normal_force": {"stated_sd": nan, "sd": 1.0}},
                      SENTENCES[verdict])
+
+
+def make_slip_traces(base, effects, strokes=None):
+    """Friction of twelve tests with a Stribeck effect and warming rubber, beside a model of them by the simulator.
+
+    Over slip on one stroke of 12 mm, or over time on strokes of these lengths [m], back and forth; at a reversal
+    the sample is missing. Loads and pressures differ a little from what is wanted, as in a laboratory.
+    """
+    generator, traces = np.random.default_rng(7), []
+    path = np.round(np.arange(round(sum(strokes or (12e-3,)) / 1e-4) + 1) * 1e-4, 12)
+    _, _, since, direction = follow_strokes(path, strokes)
+    for i, (load, pressure, speed) in enumerate(itertools.product((6.0, 12.0, 24.0), (0.8e6, 2.0e6), (0.02, 0.1))):
+        conditions = {"normal_load": load * generator.normal(1, 0.01), "slip_speed": speed,
+                      "internal_pressure": pressure * generator.normal(1, 0.003)}  # fmt: skip
+        force = simulate_slip(SLIP_TRUTH, SLIP_EFFECTS, conditions, path, strokes)[:, 0]
+        force = force + 0.04 * generator.normal(size=path.size)
+        if strokes:
+            force[np.isin(path, np.cumsum(strokes)[:-1].round(12))] = np.nan
+        model = simulate_slip(base, effects, conditions, path, strokes, rtol=1e-6)[:, 0]
+        traces.append(Trace(
+            f"r{i + 1:02d}", "tangential_force", "N", conditions, path / speed if strokes else path, force, model, 0.04,
+            since, direction * speed, "slip", "time" if strokes else "slip"))  # fmt: skip
+    return tuple(traces)
+
+
+def make_slip_discovery(strokes=None, **changes):
+    """A discovery on slip records, over slip or with strokes over time; further fields replace what is made up."""
+    fit = LackOfFit(6.2, 180.0, 1e-9, 0.05, True, 1e-6, "Chi-square of the smooth part of the residuals.")
+    well = LackOfFit(1.01, 178.0, 0.44, 0.05, False, 0.51)
+    found = {"adhesion_constant": estimate(0.96, 0.02), "loss_factor": estimate(0.181, 0.02),
+             "slip_scale": estimate(1.002, 0.002)}  # fmt: skip
+    grown = found | {"stribeck.A": estimate(0.3, 0.03), "stribeck.u_s": estimate(0.06, 0.05, "m/s"),
+                     "frictional-heating.kappa": estimate(0.9, 0.04, "1/J")}  # fmt: skip
+    before = make_slip_traces(SLIP_TRUTH | {"adhesion_constant": 1.08}, {}, strokes)
+    after = make_slip_traces(SLIP_TRUTH, SLIP_EFFECTS, strokes)
+    alike = ({"effect": "viscous-friction", "heldout_difference": 0.0003, "standard_error": 0.0004},)
+    steps = (
+        Step(None, (), 7.9, 0.031, 0.034, (), fit, found, (("adhesion_constant", "loss_factor", -0.98),), before, True),
+        Step("stribeck", tuple(SLIP_EFFECTS), 1.01, 0.0104, 0.0107, alike, well, grown,
+             (("adhesion_constant", "loss_factor", -0.99), ("stribeck.A", "stribeck.u_s", -0.4)), after, True),
+    )  # fmt: skip
+    names = ("stribeck", "frictional-heating", "viscous-friction", "load-exponent", "presliding", "adhesive-offset")
+    candidates = tuple(
+        Candidate(name, 0.001 * 3**i, 0.7 / (1 + i), 0.4 / (1 + i), 0.012 + 0.003 * i, {f"{name}.k": 0.02}, (), {},
+                  0.003 * i, 0.001, {}) for i, name in enumerate(names)
+    )  # fmt: skip
+    places = (
+        Place("tangential_force", "slip", (0.002, 0.006), "backward" if strokes else "forward", 0.63, 0.0018),
+        Place("tangential_force", "slip_speed", (0.018, 0.022), "both", 0.21),
+    )  # fmt: skip
+    fields = dict(
+        campaign="slip-strokes" if strokes else "slip-a", title="Synthetic slip campaign", family="slip",
+        sha256="5a" * 32, model="paper", verdict="explained", effects=tuple(SLIP_EFFECTS), steps=steps,
+        candidates=candidates, where=places, noise_nrmse=0.0103,
+        noise={"tangential_force": {"stated_sd": 0.04, "sd": 0.0403, "correlation": 0.1, "white_share": 0.2}},
+        sentence="Missing were stribeck and frictional-heating (A = 0.300 ± 0.009; kappa = 0.90 ± 0.04 1/J).",
+        settings={"level": 0.05},
+    )  # fmt: skip
+    return Discovery(**(fields | changes))
+
+
+def make_friction_peaks():
+    """A discovery on one peak of friction a record, pressures and loads varied at once."""
+    traces = tuple(
+        Trace(f"p{i}", "peak_friction_force", "N", {"normal_load": load, "internal_pressure": p, "slip_speed": 0.4},
+              np.zeros(1), np.array([0.218 * load + 0.1 * (-1) ** i]), np.array([0.218 * load]), 0.1, np.zeros(1),
+              np.zeros(1), "slip", "slip")
+        for i, (load, p) in enumerate(itertools.product((40.0, 50.0, 60.0), (0.5e6, 1e6, 1.5e6)))
+    )  # fmt: skip
+    found = make_slip_discovery()
+    step = dc.replace(found.steps[0], traces=traces)
+    return dc.replace(found, steps=(step, dc.replace(step, added="stribeck", traces=traces)), where=())

@@ -11,8 +11,10 @@ import pytest
 
 from tests.independent.campaigns import make_campaign, write_campaign_folder
 from tests.independent.impact import simulate
-from tests.independent.make_data import PLANS
+from tests.independent.make_data import PLANS, SLIP_PLANS
 from tests.independent.paper_tables import write_paper
+from tests.independent.slip import follow_strokes, simulate_slip
+from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -21,6 +23,7 @@ DIMENSIONS = {
     "initial_pressure": "Pa", "internal_pressure": "Pa", "pressure": "Pa", "approach_speed": "m/s", "slip_speed": "m/s",
     "normal_load": "N", "normal_force": "N", "peak_normal_force": "N", "peak_friction_force": "N",
     "printed_peak_normal_force": "N", "printed_peak_friction_force": "N", "time": "s", "depression": "m",
+    "slip": "m", "tangential_force": "N",
 }  # fmt: skip
 
 
@@ -41,11 +44,12 @@ def read_truth():
 
 
 def test_all_packages_are_there():
-    """Six tables, one figure, nine campaigns, each with its truth."""
+    """Six tables, one figure, thirteen campaigns, each with its truth."""
     assert [name for name in PACKAGES if name.startswith("paper/")] == [
         "paper/figure-8", *(f"paper/table-{i}" for i in range(1, 7))
     ]  # fmt: skip
-    assert [name for name in PACKAGES if not name.startswith("paper/")] == sorted(PLANS) == sorted(read_truth())
+    campaigns = [name for name in PACKAGES if not name.startswith("paper/")]
+    assert campaigns == sorted(PLANS | SLIP_PLANS) == sorted(read_truth())
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -88,10 +92,30 @@ def test_heldout_records_match_simulator(name):
         assert force[-1] == 0.0 or "sensor-highpass" in truth["effects"]
 
 
-@pytest.mark.parametrize("name", sorted(PLANS))
+@pytest.mark.parametrize("name", sorted(SLIP_PLANS))
+def test_slip_heldout_records_match_simulator(name):
+    """The stored noise-free records are the simulator's (1e-6 N), and empty exactly where the motion turns."""
+    truth = read_truth()[name]
+    strokes = truth.get("strokes")
+    assert len({json.dumps(record["conditions"]) for record in truth["heldout"]}) == 3
+    for record in truth["heldout"]:
+        path = np.array(record["x"]) * (record["conditions"]["slip_speed"] if strokes else 1.0)
+        force = simulate_slip(truth["base"], truth["effects"], record["conditions"], path, strokes)
+        kept = np.array(record["y"], dtype=float)  # null becomes nan
+        turning = np.isin(np.round(path, 9), np.round(np.cumsum(strokes or [])[:-1], 9))[:, None]
+        assert np.array_equal(np.isnan(kept), turning) and turning.sum() == len(strokes or [0]) - 1
+        assert np.nanmax(np.abs(force - kept)) < 2e-6
+        if strokes:
+            assert np.abs(follow_strokes(path, strokes)[1] - record["slip"]).max() < 1e-8
+
+
+@pytest.mark.parametrize("name", sorted(PLANS | SLIP_PLANS))
 def test_campaign_is_made_again(name, tmp_path):
     """The command makes the shipped campaign: the same text, but for a last digit on another platform."""
-    write_campaign_folder(tmp_path / name, make_campaign(name, **PLANS[name]))
+    if name in PLANS:
+        write_campaign_folder(tmp_path / name, make_campaign(name, **PLANS[name]))
+    else:
+        write_slip_folder(tmp_path / name, make_slip_campaign(name, **SLIP_PLANS[name]))
     for path in sorted((tmp_path / name).iterdir()):
         made, kept = path.read_text(encoding="utf-8"), (DATA / name / path.name).read_text(encoding="utf-8")
         if made == kept:
@@ -99,9 +123,10 @@ def test_campaign_is_made_again(name, tmp_path):
         assert path.suffix == ".csv"
         rows = [list(csv.reader(text.splitlines())) for text in (made, kept)]
         assert [row[:2] for row in rows[0]] == [row[:2] for row in rows[1]] and rows[0][0] == rows[1][0]
-        values = [np.array([row[2:] for row in part[1:]], dtype=float) for part in rows]
+        values = [np.array([[cell or "nan" for cell in row[2:]] for row in part[1:]], dtype=float) for part in rows]
         digits = len(rows[1][1][-1].split(".")[1])
-        assert np.abs(values[0] - values[1]).max() < 1.5 * 10.0**-digits
+        assert np.array_equal(*map(np.isnan, values))
+        assert np.nanmax(np.abs(values[0] - values[1])) < 1.5 * 10.0**-digits
 
 
 def test_paper_packages_are_made_again(tmp_path):

@@ -16,12 +16,29 @@ from tests.independent.impact import (
     solve_damping,
 )
 from tests.independent.noise import draw_noise
+from tests.independent.slip import (
+    Rub,
+    accumulate_work,
+    find_coefficients,
+    follow_strokes,
+    measure_slip_coefficient,
+    simulate_slip,
+)
+from tests.independent.slip_campaigns import (
+    SLIP_UNCERTAINTIES,
+    make_slip_campaign,
+    measure_slip_misfit,
+    write_slip_folder,
+)
 from tests.independent.strength import measure_misfit, scale_amplitude
 
 
 BASE = {"effective_mass": 1.4, "restitution": 0.72}
 CONDITIONS = {"initial_pressure": 1.2e6, "approach_speed": 0.4, "sequence": 5}
 TIMES = np.arange(-8, 400) * 2.5e-4
+SLIP_BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}
+SLIP_CONDITIONS = {"normal_load": 14.0, "internal_pressure": 1.3e6, "slip_speed": 0.1, "sequence": 5}
+PATH = np.arange(121) * 1e-4
 
 
 def touch(base, effects, conditions=CONDITIONS):
@@ -243,3 +260,142 @@ def test_misfit_after_refit():
 
     amplitude = scale_amplitude(build, 2.0, (1e4, 2e5), *arguments, steps=3)
     assert measure_misfit(BASE, build(amplitude), *arguments[1:]) == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("load", [6.0, 14.0, 27.0])
+def test_slip_term_rises_from_zero_to_its_plateau(load):
+    """mu_slip(0) = 0 with slope a (c d - b) per mm, and mu_slip -> a where b + |d| < 0."""
+    a, b, c, d = find_coefficients(load)
+    assert measure_slip_coefficient(0.0, load) == 0.0
+    assert measure_slip_coefficient(1e-9, load) / 1e-6 == pytest.approx(a * (c * d - b), rel=1e-4)
+    assert 0.0755 < a * (c * d - b) < 0.0895
+    assert b + abs(d) < 0.0
+    assert measure_slip_coefficient(40e-3 / -(b + abs(d)), load) == pytest.approx(a, rel=1e-9)
+
+
+def test_friction_at_rest_is_the_rubber_part():
+    """f(0) = tan delta [(pi/4) K sigma_0/p_r + (pi/10) (3 p_c/E*)^(2/3)] F_n; slip_scale adds in proportion."""
+    modulus = 7.8e6 / (1.0 - 0.47**2)
+    rubber = 0.16 * (math.pi / 4.0 * 0.9 * 0.5 + math.pi / 10.0 * (3.9e6 / modulus) ** (2.0 / 3.0))
+    force = simulate_slip(SLIP_BASE, {}, SLIP_CONDITIONS, PATH)[:, 0]
+    assert force[0] == pytest.approx(14.0 * rubber, rel=1e-14)
+    double = simulate_slip(SLIP_BASE | {"slip_scale": 2.0}, {}, SLIP_CONDITIONS, PATH)[:, 0]
+    assert np.abs(double - force - (force - force[0])).max() < 1e-13
+
+
+def test_every_slip_null_leaves_reference():
+    """Each effect at its null gives the reference record, and each away from it another one."""
+    plain = simulate_slip(SLIP_BASE, {}, SLIP_CONDITIONS, PATH)
+    effects = {
+        "stribeck": {"A": 0.3, "u_s": 0.1}, "viscous-friction": {"c_t": 2.0}, "load-exponent": {"m": 0.1},
+        "presliding": {"s_0": 2e-4}, "frictional-heating": {"kappa": 5.0}, "adhesive-offset": {"f_a": 0.2},
+        "x-stick-slip": {"ratio": 0.05, "wavelength": 2e-3}, "x-wear": {"w": 0.2, "j_0": 4.0},
+        "x-creep": {"A": 0.05, "t_0": 0.01},
+    }  # fmt: skip
+    for name, values in effects.items():
+        first = next(iter(values))
+        null = simulate_slip(SLIP_BASE, {name: values | {first: 0.0}}, SLIP_CONDITIONS, PATH)
+        assert np.array_equal(null, plain), name
+        assert np.abs(simulate_slip(SLIP_BASE, {name: values}, SLIP_CONDITIONS, PATH) - plain).max() > 0.05, name
+    with pytest.raises(ValueError, match="wall"):
+        simulate_slip(SLIP_BASE, {"wall-stiffness": {}}, SLIP_CONDITIONS, PATH)
+
+
+@pytest.mark.parametrize(
+    ("effect", "change"),
+    [
+        ({"stribeck": {"A": 0.4, "u_s": 0.1}}, lambda r, f: f + 0.4 * math.exp(-1.0) * r),
+        ({"viscous-friction": {"c_t": 3.0}}, lambda r, f: f + 0.3),
+        ({"load-exponent": {"m": 0.2}}, lambda r, f: f * 1.4**-0.2),
+        ({"presliding": {"s_0": 3e-4}}, lambda r, f: f - np.exp(-PATH / 3e-4) * r),
+        ({"adhesive-offset": {"f_a": 0.4}}, lambda r, f: f + 0.4),
+        ({"x-stick-slip": {"ratio": 0.1, "wavelength": 0.1}}, lambda r, f: f * (0.9 + 2.0 * PATH)),
+        ({"x-wear": {"w": 0.3, "j_0": 2.0}}, lambda r, f: f - 0.3 * (1.0 - math.exp(-2.0)) * r),
+        ({"x-creep": {"A": 0.1, "t_0": 0.01}}, lambda r, f: f + 0.1 * np.log1p(1e3 * PATH) * r),
+    ],
+)
+def test_slip_effects_follow_their_laws(effect, change):
+    """Each law by hand, r being the Eq. 8 part of the force and f the whole."""
+    plain = simulate_slip(SLIP_BASE, {}, SLIP_CONDITIONS, PATH)[:, 0]
+    force = simulate_slip(SLIP_BASE, effect, SLIP_CONDITIONS, PATH)[:, 0]
+    assert np.abs(force - change(plain[0], plain)).max() < 1e-12
+
+
+def test_heating_of_a_constant_coefficient_has_closed_form():
+    """dW/ds = mu F exp(-kappa W), slip term off: W = ln(1 + kappa mu F s)/kappa, f = mu F/(1 + kappa mu F s)."""
+    base, effects = SLIP_BASE | {"slip_scale": 0.0}, {"frictional-heating": {"kappa": 30.0}}
+    start = simulate_slip(base, {}, SLIP_CONDITIONS, [0.0])[0, 0]
+    for strokes in (None, [4e-3, 5e-3, 3e-3]):  # heat does not care for direction
+        work = accumulate_work(Rub(base, effects, SLIP_CONDITIONS), PATH, strokes)
+        assert np.abs(work - np.log1p(30.0 * start * PATH) / 30.0).max() < 1e-12
+        force = simulate_slip(base, effects, SLIP_CONDITIONS, PATH, strokes)[:, 0]
+        assert np.abs(np.abs(force) - start / (1.0 + 30.0 * start * PATH)).max() < 1e-10
+
+
+def test_heating_vanishes_to_first_order():
+    """kappa -> 0: f -> f_0 - kappa r int f_0 ds, with the work of the unheated force by quadrature."""
+    plain = simulate_slip(SLIP_BASE, {}, SLIP_CONDITIONS, PATH)[:, 0]
+    kappa = 1e-5
+    force = simulate_slip(SLIP_BASE, {"frictional-heating": {"kappa": kappa}}, SLIP_CONDITIONS, PATH)[:, 0]
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    at = 0.5 * PATH[-1] * (nodes + 1.0)
+    work = 0.5 * PATH[-1] * weights @ simulate_slip(SLIP_BASE, {}, SLIP_CONDITIONS, at)[:, 0]
+    assert (plain[-1] - force[-1]) / kappa == pytest.approx(plain[0] * work, rel=1e-4)
+
+
+def test_strokes_are_symmetric():
+    """Without memory of the path each stroke repeats the first, with the sign of its direction."""
+    effects = {"presliding": {"s_0": 2e-4}, "adhesive-offset": {"f_a": 0.1}, "viscous-friction": {"c_t": 1.0}}
+    one = simulate_slip(SLIP_BASE, effects, SLIP_CONDITIONS, PATH[:81])[:, 0]
+    path = np.arange(321) * 1e-4
+    force = simulate_slip(SLIP_BASE, effects, SLIP_CONDITIONS, path, [8e-3] * 4)[:, 0]
+    for k in range(4):
+        assert np.abs(force[80 * k + 1 : 80 * k + 81] - (-1) ** k * one[1:]).max() < 1e-11
+    _, slip, since, direction = follow_strokes(path, [8e-3] * 4)
+    assert np.abs(slip - np.abs((path + 8e-3) % 16e-3 - 8e-3)).max() < 1e-15
+    assert since.max() < 8.001e-3 and set(direction) == {-1.0, 1.0}
+    assert np.abs(np.diff(slip)[np.diff(direction) == 0] - 1e-4 * direction[1:][np.diff(direction) == 0]).max() < 1e-15
+    with pytest.raises(ValueError, match="leaves"):
+        follow_strokes([0.033], [8e-3] * 4)
+
+
+def test_heat_lasts_through_reversals():
+    """Every stroke starts at exp(-kappa W) of the rubber part, W being the work of all strokes before."""
+    effects = {"frictional-heating": {"kappa": 8.0}}
+    rub = Rub(SLIP_BASE, effects, SLIP_CONDITIONS)
+    strokes, turn = [8e-3, 8e-3], 8e-3 * (1.0 + np.array([0.0, 1e-6]))
+    work = accumulate_work(rub, [0.0, 4e-3, *turn], strokes)
+    force = simulate_slip(SLIP_BASE, effects, SLIP_CONDITIONS, [0.0, 4e-3, *turn], strokes)[:, 0]
+    assert work[3] > work[2] > work[1] > work[0] == 0.0
+    assert -force[3] / force[0] == pytest.approx(math.exp(-8.0 * work[2]), rel=1e-5)
+
+
+def test_slip_campaign_scatters_as_stated_and_repeats_bit_for_bit(tmp_path):
+    """Written over true conditions have the stated widths, reversals no force, and the same seed the same bytes."""
+    plan = {"loads": [8.0, 20.0], "pressures": [1e6] * 6, "speeds": [0.05] * 5, "repeats": 4, "interval": 2e-3}
+    first = make_slip_campaign("trial", 5, {}, SLIP_BASE, **plan, strokes=[6e-3, 4e-3], numbered=True)
+    for name, width in SLIP_UNCERTAINTIES.items():
+        error = [row["written"][name] / row["true"][name] - 1.0 for row in first["records"]]
+        assert np.std(error) == pytest.approx(width, rel=0.2)
+    assert all(np.isnan(row["force"]).nonzero()[0].tolist() == [3] for row in first["records"])
+    for label in ("one", "two"):
+        again = make_slip_campaign("trial", 5, {}, SLIP_BASE, **plan, strokes=[6e-3, 4e-3], numbered=True)
+        write_slip_folder(tmp_path / label, again)
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+    lines = (tmp_path / "one" / "samples.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0] == "record,time,slip,tangential_force" and lines[4] == "r01,0.12,6,"
+    with pytest.raises(ValueError, match="whole number"):
+        make_slip_campaign("trial", 5, {}, SLIP_BASE, **plan, strokes=[5e-3])
+
+
+def test_slip_misfit_after_refit():
+    """What K, tan delta and slip_scale can take leaves nothing; a fine sawtooth leaves all of itself."""
+    conditions = [SLIP_CONDITIONS | {"normal_load": f, "internal_pressure": p} for f in (6.0, 24.0) for p in (8e5, 2e6)]
+    arguments = (conditions, PATH, 0.04, SLIP_UNCERTAINTIES)
+    # a speed law at one speed is a factor on K and tan delta together
+    assert measure_slip_misfit(SLIP_BASE, {"stribeck": {"A": 0.3, "u_s": 0.1}}, *arguments) < 1e-6
+    wave = {"x-stick-slip": {"ratio": 0.03, "wavelength": 1e-3}}
+    force = np.array([simulate_slip(SLIP_BASE, {}, c, PATH) for c in conditions])
+    saw = 0.03 * np.sqrt(np.mean(force**2) / 3.0) / 0.04  # rms of a sawtooth of unit height is 1/sqrt 3
+    assert measure_slip_misfit(SLIP_BASE, wave, *arguments) == pytest.approx(saw, rel=0.05)

@@ -11,12 +11,21 @@ import pytest
 
 from ddetumble import figures
 from ddetumble._errors import InputError
-from ddetumble.discrepancy.records import Trace
+from ddetumble.discrepancy.records import Place, Trace
 from ddetumble.figures.binning import bin_residuals, choose_records, group_values, is_peaks, sort_traces
-from ddetumble.figures.labels import describe_conditions, format_number, format_p, format_value
+from ddetumble.figures.labels import describe_conditions, describe_quantity, format_number, format_p, format_value
+from ddetumble.figures.views import choose_view, find_phase, find_strokes, share_span
 from ddetumble.report import Picture, Section, Table, describe, write_comparison, write_page, write_report
 from ddetumble.report.text import align
-from tests.helpers_report import make_candidates, make_discovery, make_peaks
+from ddetumble.report.words import say_place
+from tests.helpers_report import (
+    STROKES,
+    make_candidates,
+    make_discovery,
+    make_friction_peaks,
+    make_peaks,
+    make_slip_discovery,
+)
 
 
 VERDICTS = ("nothing-missing", "explained", "improved", "unexplained", "undecided")
@@ -280,3 +289,112 @@ def test_bands_hold_noise():
     bins = bin_residuals(traces, [trace.time for trace in traces], np.linspace(0, 0.4, 11), noise)
     assert np.mean(np.abs(bins.mean) < 2 * bins.floor) >= 0.8
     assert np.median(bins.error / bins.floor) == pytest.approx(1, abs=0.25)
+
+
+def list_models(discovery):
+    """The models of a discovery by name, as a report draws them."""
+    return {"before": discovery.steps[0].traces, "after": discovery.steps[-1].traces}
+
+
+def list_labels(figure):
+    """Labels of the axes below and beside them, in their order."""
+    labels = ([getattr(axes, f"get_{side}label")() for axes in figure.axes] for side in "xy")
+    return tuple([label for label in own if label] for own in labels)
+
+
+@pytest.mark.parametrize("strokes", [None, STROKES], ids=["over-slip", "strokes"])
+def test_page_of_slip_records(strokes, tmp_path):
+    discovery = make_slip_discovery(strokes)
+    page = check_page(write_report(discovery, tmp_path), discovery.sentence)
+    text = " ".join((*page.text, *(image["alt"] for image in page.images), describe(discovery)))
+    for word in ("depression", "loading", "restitution", "mass", "contact", "touch", "normal force"):
+        assert word not in text, word
+    assert "left when adhesion constant, loss factor, slip term and the records' settings are free" in text
+    assert "1/J" in page.text and "it repeats every 1.80 mm" in text
+    assert ("on strokes" in text) == ("strokes forward and backward apart" in text) == bool(strokes)
+    names = {item.stem for item in (tmp_path / "figures").iterdir()}
+    assert names >= {"fit-tangential_force", "residual-map", "dependence-tangential_force", "missing-force"}
+
+
+def test_axes_of_slip_records():
+    models = list_models(make_slip_discovery())
+    across, up = list_labels(figures.draw_fit(models))
+    assert set(across) == {"slip [mm]"} and set(up) == {"friction force [N]", "residual\n/ noise"}
+    titles = [axes.get_title("left") for axes in figures.draw_fit(models).axes if axes.get_title("left")]
+    assert "6.00 N · 0.80 MPa · 0.02 m/s" in titles and len(titles) == 8
+    dependence = figures.draw_dependence(models)
+    assert list_labels(dependence)[0] == ["slip [mm]", "load [N]", "internal pressure [MPa]", "slip speed [m/s]"]
+    assert not any("open" in text.get_text() for text in dependence.legends[0].get_texts())
+    missing = figures.draw_missing_force(models)
+    assert list_labels(missing) == (["slip [mm]"] * 2, ["measured − model [N]"])
+    assert missing.legends[0].get_texts()[0].get_text() == "slip speed 0.02 m/s"  # a Stribeck effect is missing
+    ticks = figures.draw_residual_map(models).axes[0].get_xticklabels()
+    assert [tick.get_text() for tick in ticks] == ["start", "¼", "½", "¾", "end"]
+    errors = figures.draw_record_errors(models).axes[0]
+    assert errors.get_xlabel() == "load [N]" and errors.get_ylabel() == "internal pressure [MPa] ·\nslip speed [m/s]"
+    assert errors.images[0].get_array().shape == (4, 3)
+    assert [label.get_text() for label in errors.get_yticklabels()][:2] == ["0.80 · 0.02", "0.80 · 0.1"]
+
+
+def test_axes_of_strokes():
+    models = list_models(make_slip_discovery(STROKES))
+    assert set(list_labels(figures.draw_fit(models))[0]) == {"time [ms]"}
+    slow = [dc.replace(trace, time=10 * trace.time) for trace in models["after"]]
+    assert set(list_labels(figures.draw_fit({"model": slow}))[0]) == {"time [s]"}
+    dependence = figures.draw_dependence(models)
+    assert list_labels(dependence)[0][:3] == ["slip [mm]", "direction of the stroke", "share of the record"]
+    assert [text.get_text() for text in dependence.legends[0].get_texts()][2] == "open: backward"
+    titles = [axes.get_title("left") for axes in figures.draw_missing_force(models).axes]
+    assert titles == ["before: forward", "before: backward", "after: forward", "after: backward"]
+
+
+def test_parts_of_a_slip_record():
+    single, series = (make_slip_discovery(strokes).steps[0].traces[0] for strokes in (None, STROKES))
+    assert choose_view([single]).phases == () and choose_view([series]).phases == ("forward", "backward")
+    assert "test of the series is 1" in say_place(Place("", "sequence", (1, 9), "", 0.5), choose_view([single]))
+    assert "depends on the direction" in say_place(Place("", "direction", (-1, 1), "", 0.5), choose_view([series]))
+    assert choose_view().force == "normal_force" and choose_view(family="slip").force == "tangential_force"
+    assert find_phase(single).all() and share_span(single)[[0, -1]] == pytest.approx([0, 1])
+    assert [part.stop - part.start for part in find_strokes(series)] == [61, 60, 40, 40]
+    forward, backward = (find_phase(series, phase) for phase in ("forward", "backward"))
+    assert np.all(forward ^ backward) and forward.sum() == 101
+    ahead = dc.replace(series, state_rate=np.abs(series.state_rate))  # every stroke forward
+    assert len(find_strokes(ahead)) == 4 and choose_view([ahead]).along == "time"
+    assert find_strokes(make_discovery("explained").steps[0].traces[0]) == [slice(None)]
+
+
+def test_friction_peaks(tmp_path):
+    discovery = make_friction_peaks()
+    check_page(write_report(discovery, tmp_path), discovery.sentence)
+    upper, lower = figures.draw_peaks(list_models(discovery)).axes
+    assert upper.get_ylabel() == "peak friction force [N]" and lower.get_xlabel() == "internal pressure [MPa]"
+    lines = [line for line in upper.lines if line.get_marker() in "sD"]
+    assert len(lines) == 6 and all(np.all(np.diff(line.get_xdata()) > 0) for line in lines)  # one a load and model
+
+
+def test_comparison_of_slip_records(tmp_path):
+    names = ("time", "measured", "model", "state", "state_rate")
+    own = make_slip_discovery().steps[0].traces[::4]
+    few = [dc.replace(trace, **{name: getattr(trace, name)[::20] for name in names}) for trace in own]
+    check_page(write_comparison("The model misses.", {"paper": few}, tmp_path / "few"), "The model misses.")
+    bare = [dc.replace(trace, conditions={"normal_load": 6.0}, measured=np.nan * trace.measured) for trace in few]
+    check_page(write_comparison("The model misses.", {"paper": bare}, tmp_path / "bare"), "The model misses.")
+
+
+def test_text_from_slip_data_is_escaped(tmp_path):
+    evil, discovery = "<script>x</script>$\\frac{1}$", make_slip_discovery(STROKES)
+    steps = [dc.replace(step, traces=tuple(dc.replace(trace, record=evil + trace.record) for trace in step.traces))
+             for step in discovery.steps]  # fmt: skip
+    discovery = dc.replace(discovery, steps=tuple(steps), model=evil, campaign=evil, notes=(evil,), sentence=evil)
+    html = write_report(discovery, tmp_path).read_text(encoding="utf-8")
+    assert "script" not in Page(html).tags and "&lt;script&gt;" in html
+
+
+@pytest.mark.parametrize("name, value, text", [
+    ("normal_load", 6.0, "6.00 N"), ("normal_load", 104.4, "104 N"), ("internal_pressure", 8e5, "0.80 MPa"),
+    ("internal_pressure", 1e5, "100 kPa"), ("slip_speed", 0.002, "0.002 m/s"), ("time", 0.3, "300 ms"),
+    ("time", 3.0, "3 s"), ("slip", 0.0018, "1.8 mm"), ("tangential_force", 2.5, "2.5 N"),
+])  # fmt: skip
+def test_quantities_in_friendly_units(name, value, text):
+    shown = describe_quantity(name, [value])
+    assert f"{shown.format(value)} {shown.unit}" == text

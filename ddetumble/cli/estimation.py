@@ -103,19 +103,24 @@ def show_effects(
     effect: Annotated[
         str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
     ] = None,
-    family: Annotated[str, typer.Option(metavar="NAME", help="Family of records.")] = "impact",
+    family: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Family of records: impact or slip; all if not given.")
+    ] = None,
 ):
     """The catalogue of effects that a model may be missing: law, parameters, units, null, reference."""
-    from ..effects import catalogue, parameters_of, stage_of
+    from ..effects import CATALOGUES, catalogue, parameters_of, stage_of
 
     try:
-        effects = {entry.id: entry for entry in catalogue(family)}
+        families = {name: catalogue(name) for name in ([family] if family else CATALOGUES)}
     except ValueError as error:
         raise InputError(str(error), column="--family") from None
+    effects = {entry.id: entry for found in families.values() for entry in found}
     if effect is None:
         width = max(map(len, effects))
-        for name, entry in effects.items():
-            typer.echo(f"{name:{width}}  {entry.law}")
+        for name, found in families.items():
+            typer.echo(f"{name} records:")
+            for entry in found:
+                typer.echo(f"  {entry.id:{width}}  {entry.law}")
         return
     if effect not in effects:
         raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")

@@ -158,7 +158,7 @@ def _judge_peaks(campaign, model: str, folder: Path) -> None:
     from ..paper import judge_campaign
 
     with show_progress(f"looking at the peaks of {campaign.name}"):
-        result = judge_campaign(campaign, model=model, reference=resolve_model(model).reference)
+        result = judge_campaign(campaign, model=model, reference=resolve_model(model, campaign.family).reference)
         write_json(folder / "result.json", result.to_dict())
     typer.echo(result.sentence)
     typer.echo(result.table())

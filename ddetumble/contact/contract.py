@@ -7,9 +7,7 @@
 import dataclasses as dc
 import functools
 import itertools
-import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,68 +15,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._errors import InputError
-from .effect import STAGE_OF, AbstractEffect, Parameter, parameters_of
-from .law import AbstractReference, Ball, ContactLaw
+from .clauses import (
+    TOLERANCE,
+    Check,
+    EffectReport,
+    check_unit_text,
+    explain_error,
+    judge_clause,
+    measure_difference,
+)
+from .effect import STAGE_OF, AbstractEffect, AbstractModel, parameters_of
+from .law import Ball, ContactLaw
+from .slip_contract import check_slip_effect
 from .trial import STEPS, Trial, evaluate_path, read_gauge, try_impact
 
 
-TOLERANCE = 1e-10  # compiled against eager, batch against loop, relative to the largest value
 _ALIVE = 1e-9  # smallest change of a reading by a typical change of a parameter, relative to the largest reading
 _CONDITIONS = {"initial_pressure": (0.6e6, 1.1e6, 2.3e6), "approach_speed": (0.25, 0.5, 0.34),
                "sequence": (1.0, 4.0, 9.0)}  # fmt: skip
 _READINGS = ("normal_force", "depression", "pressure")
-
-
-@dc.dataclass(frozen=True)
-class Check:
-    """One clause of the contract.
-
-    Attributes:
-        name: what was checked.
-        ok: whether it holds.
-        sentence: what was found and, where it does not hold, what to do.
-    """
-
-    name: str
-    ok: bool
-    sentence: str
-
-
-@dc.dataclass(frozen=True)
-class EffectReport:
-    """What `check_effect` found.
-
-    Attributes:
-        effect: id of the effect, or the name of its class.
-        checks: all clauses, in the order in which they were tried.
-    """
-
-    effect: str
-    checks: tuple[Check, ...]
-
-    @property
-    def ok(self) -> bool:
-        """Whether every clause holds."""
-        return all(check.ok for check in self.checks)
-
-    @property
-    def failures(self) -> tuple[Check, ...]:
-        """The clauses that do not hold."""
-        return tuple(check for check in self.checks if not check.ok)
-
-    def require(self) -> "EffectReport":
-        """Raise `InputError` with every broken clause, or return the report itself."""
-        if not self.ok:
-            broken = "; ".join(f"{check.name}: {check.sentence}" for check in self.failures)
-            raise InputError(f"effect {self.effect} breaks its contract: {broken}")
-        return self
-
-    def __str__(self) -> str:
-        width = max(len(check.name) for check in self.checks)
-        lines = [f"{'ok    ' if c.ok else 'BROKEN'}  {c.name:<{width}}  {c.sentence}" for c in self.checks]
-        verdict = "keeps its contract" if self.ok else f"breaks its contract in {len(self.failures)} clauses"
-        return "\n".join([f"{self.effect} {verdict}", *lines])
 
 
 @eqx.filter_jit
@@ -87,31 +42,34 @@ def _try_references(reference, conditions, spans) -> Trial:
 
 
 def check_effect(
-    effect_class: type[AbstractEffect], reference: AbstractReference | None = None,
+    effect_class: type[AbstractEffect], reference: AbstractModel | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
 ) -> EffectReport:
-    """Prove by trial impacts that an effect keeps the contract on which fits and discovery rely.
+    """Prove by trial impacts, or trial strokes, that an effect keeps the contract on which fits and discovery rely.
 
     The clauses: it is complete (one stage, id, law, reference, nothing missing on the model); its parameters have units
     that `pint` reads; its values survive flattening; new values do not compile anew; it is finite at its starts;
     compiled code gives what eager code gives; a batch gives what a loop gives; at its null it is absent to the last
     bit; every amplitude moves the readings at its null, every shape parameter (and every parameter whose null is
-    singular, `coordinate="inverse"`) somewhere over its starts.
+    singular: `coordinate="inverse"`, `singular=True`) somewhere over its starts.
 
     Args:
         effect_class: the class, with defaults for all parameters.
-        reference: the reference model that it extends; the paper's ball by default.
+        reference: the reference model that it extends; the paper's ball, or its friction, by default.
         conditions: conditions of a few records by name, SI, each shape (records,); by default three records that
-            differ in pressure, speed and place in a series, and in every further condition that the effect requires.
+            differ in pressure, speed (load) and place in a series, and in every further condition that the effect
+            requires.
 
     Returns:
         An `EffectReport`; nothing is raised (see `EffectReport.require`).
     """
     name = str(getattr(effect_class, "id", "") or getattr(effect_class, "__name__", effect_class))
+    if getattr(effect_class, "stage", ""):
+        return check_slip_effect(effect_class, name, reference, conditions)
     try:
         bench = _Bench(effect_class, Ball() if reference is None else reference, conditions)
     except Exception as error:
-        return EffectReport(name, (Check("complete", False, _explain(error)),))
+        return EffectReport(name, (Check("complete", False, explain_error(error)),))
     clauses: list[tuple[str, Callable[[], str | tuple[bool, str]]]] = [
         ("complete", bench.find_gaps), ("units", bench.read_units), ("flattens", bench.flatten),
         ("compiled = eager", bench.compare_eager), ("compiles once", bench.count_traces),
@@ -120,28 +78,8 @@ def check_effect(
     ]
     for k, one in enumerate(bench.parameters):
         clauses.append((f"{one.name} alive", functools.partial(bench.find_slope, k)))
-    checks = [_judge(*clause) for clause in clauses]
+    checks = [judge_clause(*clause) for clause in clauses]
     return EffectReport(name, tuple(checks))
-
-
-def _judge(name: str, clause: Callable[[], str | tuple[bool, str]]) -> Check:
-    """Try one clause: a text is what is wrong, a pair says itself whether it holds; an exception breaks it."""
-    try:
-        found = clause()
-    except Exception as error:
-        return Check(name, False, _explain(error))
-    ok, sentence = found if isinstance(found, tuple) else (False, found)
-    return Check(name, bool(ok), sentence)
-
-
-def _explain(error: Exception) -> str:
-    """One line about an exception, with the remedy for the commonest two."""
-    text = (str(error).strip().splitlines() or [""])[0]
-    if isinstance(error, jax.errors.TracerBoolConversionError):
-        return "Python's `if` or `and` meets a value known only when the program runs; write `jnp.where(...)` instead."
-    if isinstance(error, KeyError):
-        return f"it asks for {text}, which no record has; name the condition in `requires`."
-    return f"{type(error).__name__}: {text}"
 
 
 class _Bench:
@@ -236,7 +174,7 @@ class _Bench:
         if not self.parameters:
             return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
         for one in self.parameters:
-            problem = _read_unit(one, self.parameters)
+            problem = check_unit_text(one, self.parameters)
             if problem:
                 return problem
         return True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in self.parameters) + "."
@@ -260,8 +198,9 @@ class _Bench:
         forces = evaluate_path(law, conditions, trial)
         inside = np.asarray((trial.depression > 0) | (trial.time == 0))
         reading = read_gauge(law, trial.true_force, span / STEPS)
-        worst = max(_differ(np.where(inside, forces.normal, 0.0), trial.true_force),
-                    _differ(forces.pressure, trial.pressure), _differ(reading, trial.normal_force))
+        worst = max(measure_difference(np.where(inside, forces.normal, 0.0), trial.true_force),
+                    measure_difference(forces.pressure, trial.pressure),
+                    measure_difference(reading, trial.normal_force))
         return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
 
     def count_traces(self):
@@ -293,7 +232,7 @@ class _Bench:
         worst = 0.0
         for k in range(self.records):
             one = self.run_one(self.build(values), self.record(k), self.spans[k])
-            worst = max(worst, *(_differ(getattr(one, n), getattr(batch, n)[k]) for n in _READINGS))
+            worst = max(worst, *(measure_difference(getattr(one, n), getattr(batch, n)[k]) for n in _READINGS))
         return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
 
     def compare_null(self):
@@ -319,7 +258,7 @@ class _Bench:
     def find_slope(self, k: int):
         """Derivative of the readings by one parameter: at the null, or over the starts."""
         one = self.parameters[k]
-        scanned = one.kind == "shape" or one.coordinate == "inverse"
+        scanned = one.kind == "shape" or one.coordinate == "inverse" or one.singular
         points = self.starts if scanned else [self.null]
         if one.kind == "shape":
             points = [np.where(np.arange(len(self.parameters)) == k, v, p)
@@ -338,31 +277,3 @@ class _Bench:
             return f"no reading moves with it {place}: {remedy}."
         change = f"{one.typical:g} {one.unit}".rstrip()
         return True, f"a typical change ({change}) moves a reading by {best:.1e} of its largest value {place}."
-
-
-def _differ(a: Any, b: Any) -> float:
-    """Largest difference relative to the largest value; infinite where either is not a number."""
-    a, b = np.asarray(a), np.asarray(b)
-    difference = float(np.abs(a - b).max() / max(float(np.abs(b).max()), 1e-300))
-    return difference if np.isfinite(difference) else float("inf")
-
-
-@functools.cache
-def _registry():
-    import pint
-
-    return pint.UnitRegistry()
-
-
-def _read_unit(one: Parameter, parameters: Sequence[Parameter]) -> str:
-    """What is wrong with a parameter's unit; a power may be another parameter's name (`N/m^q`)."""
-    if not isinstance(one.unit, str):
-        return f"the unit of {one.name} is missing: give it as text, '' for a pure number."
-    text = one.unit
-    for other in parameters:
-        text = re.sub(rf"(\^|\*\*){re.escape(other.name)}\b", rf"\g<1>({other.default!r})", text)
-    try:
-        _registry().parse_units(text)
-    except Exception:  # pint raises many kinds
-        return f"pint cannot read the unit {one.unit!r} of {one.name}; write it like N/m, N*s/m or 1/s."
-    return ""

@@ -95,6 +95,7 @@ class Parameter:
         starts: values to start a fit from (amplitudes) or to scan (shapes).
         coordinate: `linear`, `log`, `logit` (of a value in 0..1) or `inverse` (the field holds 1/parameter).
         free: whether a fit of the effect frees it from the start.
+        singular: whether the derivative vanishes at the null, so that the effect is scored at its starts instead.
         text: one phrase that says what it is.
     """
 
@@ -109,13 +110,14 @@ class Parameter:
     starts: tuple[float, ...] = ()
     coordinate: str = "linear"
     free: bool = True
+    singular: bool = False
     text: str = ""
 
 
 def parameter(
     unit: str, default: float = 0.0, *, name: str | None = None, kind: str = "amplitude", typical: float = 1.0,
     sign: int = 0, bounds: tuple[float, float] | None = None, starts: tuple[float, ...] = (),
-    coordinate: str = "linear", free: bool = True, text: str = "",
+    coordinate: str = "linear", free: bool = True, singular: bool = False, text: str = "",
 ) -> Any:
     """Declare a scalar parameter of an effect or of a reference model; see `Parameter` for the arguments."""
     if kind not in ("amplitude", "shape", "reference"):
@@ -124,7 +126,7 @@ def parameter(
         raise ValueError(f"`parameter(coordinate=...)` must be linear, log, logit or inverse; got {coordinate!r}.")
     meta = dict(unit=unit, default=float(default), name=name, kind=kind, typical=float(typical), sign=sign,
                 bounds=bounds or (-float("inf"), float("inf")), starts=tuple(starts), coordinate=coordinate,
-                free=free, text=text)
+                free=free, singular=singular, text=text)
     return eqx.field(converter=scalar, default=float(default), metadata={"parameter": meta})
 
 
@@ -149,12 +151,30 @@ class AbstractEffect(eqx.Module):
         reference: where the law comes from.
         requires: what the reference model must have for the effect to mean anything: any of `gas`, `geometry`,
             `damping`, or the name of a condition such as `sequence`.
+        stage: where it acts; the bases of impact effects are told apart by `STAGE_OF`.
     """
 
     id: AbstractClassVar[str]
     law: AbstractClassVar[str]
     reference: AbstractClassVar[str]
     requires: ClassVar[tuple[str, ...]] = ()
+    stage: ClassVar[str] = ""
+
+
+class AbstractModel(eqx.Module):
+    """Base of all reference models.
+
+    Attributes:
+        family: of the campaigns that it describes: `impact` or `slip`.
+        provides: what effects may require.
+    """
+
+    family: AbstractClassVar[str]
+    provides: AbstractClassVar[tuple[str, ...]]
+
+    @abc.abstractmethod
+    def extend(self, effects: tuple[AbstractEffect, ...]) -> Any:
+        """This model with effects: its law."""
 
 
 class AbstractSizeEffect(AbstractEffect):
@@ -269,5 +289,7 @@ def stage_of(effect: Any) -> str:
     for base, name in STAGE_OF:
         if issubclass(kind, base):
             return name
+    if getattr(kind, "stage", ""):
+        return kind.stage
     raise TypeError(f"`{kind.__name__}` has no stage: derive it from one of "
                     + ", ".join(base.__name__ for base, _ in STAGE_OF) + ".")

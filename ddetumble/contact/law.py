@@ -18,6 +18,7 @@ from .effect import (
     AbstractElasticEffect,
     AbstractGasEffect,
     AbstractGeometryEffect,
+    AbstractModel,
     AbstractRestitutionEffect,
     AbstractSensorEffect,
     AbstractSizeEffect,
@@ -49,7 +50,7 @@ class Forces(eqx.Module):
     pressure: Scalar
 
 
-class AbstractReference(eqx.Module):
+class AbstractReference(AbstractModel):
     """A reference model: elastic force from depression and conditions; effects extend it.
 
     Attributes:
@@ -58,7 +59,12 @@ class AbstractReference(eqx.Module):
         text: one sentence that says which equations it is.
     """
 
+    family: ClassVar[str] = "impact"
     provides: AbstractClassVar[tuple[str, ...]]
+
+    def extend(self, effects: tuple[AbstractEffect, ...]) -> "ContactLaw":
+        """This model with effects."""
+        return ContactLaw(self, effects)
 
     @abc.abstractmethod
     def diameter(self) -> Scalar:

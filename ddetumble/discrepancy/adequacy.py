@@ -13,20 +13,20 @@ from scipy import stats
 
 from ..inference.noise import Noise, whiten
 from ..inference.problem import Problem, Solution
-from ..inference.whiteness import SPLINES, spline_columns
+from ..inference.whiteness import list_spans, spline_columns
 from .records import LackOfFit
 
 
 LEVEL = 0.01
 
 
-def smooth_bases(problem: Problem, separation: np.ndarray) -> list[np.ndarray]:
+def smooth_bases(problem: Problem, end: np.ndarray) -> list[np.ndarray]:
     """Whitened spline basis of each record over all channels, list of (rows, columns)."""
     stack, lengths = problem.records.stack, problem.records.lengths
     time, weights, taps = np.asarray(stack.time), np.asarray(stack.weights), np.asarray(stack.taps)
     bases = []
     for r, n in enumerate(lengths):
-        columns = spline_columns(time[r, :n], float(separation[r]), SPLINES)
+        columns = spline_columns(time[r, :n], list_spans(problem.records, r, float(end[r])))
         blocks = []
         for c in range(weights.shape[1]):
             block = np.zeros((weights.shape[2], weights.shape[1] * columns.shape[1]))
@@ -41,7 +41,6 @@ def measure_smooth(problem: Problem, solution: Solution, bases: list[np.ndarray]
     """Sum of squares of the smooth part of residuals and nuisances, and its degrees of freedom."""
     total, degrees = 0.0, -float(solution.shared.shape[2])
     own = solution.own.shape[2]
-    active = (np.asarray(problem.records.stack.condition_sd)[: problem.records.count] > 0).sum(axis=1)
     for r, basis in enumerate(bases):
         rows = np.concatenate([
             np.concatenate([basis, solution.own[r], solution.shared[r]], axis=1),
@@ -53,8 +52,7 @@ def measure_smooth(problem: Problem, solution: Solution, bases: list[np.ndarray]
         u, s, _ = np.linalg.svd(rows, full_matrices=False)
         u = u[:, s > 1e-7 * s[0]]
         total += float(np.sum((u.T @ right) ** 2))
-        # A nuisance without stated uncertainty cannot move: its prior row is no degree of freedom.
-        degrees += u.shape[1] - (own - int(active[r]))
+        degrees += u.shape[1] - own  # each nuisance was fitted
     return total, degrees
 
 

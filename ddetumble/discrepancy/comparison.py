@@ -10,7 +10,7 @@ import pandas as pd
 
 from .._errors import InputError
 from ..contact.effect import parameters_of
-from ..effects import IMPACT
+from ..inference.families import Family, find_family
 from ..inference.files import make_plain, write_json
 from ..inference.models import is_fitted, resolve_model
 from ..inference.parameters import to_coordinate
@@ -45,6 +45,7 @@ class Comparison:
         where: places that hold most of the misfit.
         noise: by channel.
         traces: model beside measurement, every record and channel.
+        notes: sentences on records outside the model's range.
     """
 
     campaign: str
@@ -65,10 +66,11 @@ class Comparison:
     where: tuple[Place, ...]
     noise: Mapping[str, Mapping[str, Any]]
     traces: tuple[Trace, ...]
+    notes: tuple[str, ...] = ()
 
     def text(self) -> str:
         """The outcome for a terminal."""
-        parts = [self.sentence]
+        parts = ["\n".join((self.sentence, *(f"- {note}" for note in self.notes)))]
         for title, table in (("By channel", self.channels), ("By condition", self.conditions),
                              ("By record", self.records)):
             parts.append(f"{title}:\n" + table.to_string(index=False, float_format="{:.4g}".format))
@@ -102,7 +104,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     uncertainty.
 
     Args:
-        campaign: of family `impact` with sampled records, or its folder.
+        campaign: of impacts or slip records, with samples, or its folder.
         model: see `ddetumble.inference.models`.
         refit: False takes a reference model's own values too.
 
@@ -113,10 +115,9 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    if campaign.family != "impact":
-        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; compare reads 'impact' so far")
-    resolved = resolve_model(model)
-    extra = [type(e) for e in resolved.effects if type(e) not in IMPACT]
+    catalogue = find_family(campaign.family, "compare").catalogue
+    resolved = resolve_model(model, campaign.family)
+    extra = [type(e) for e in resolved.effects if type(e) not in catalogue]
     bench = Workbench(campaign, resolved.reference, extra)
     for effect in resolved.effects:
         if type(effect) not in bench.catalogue:
@@ -146,8 +147,8 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     chi2 = np.sum(solution.residual.reshape(bench.records.count, -1) ** 2, axis=1) + np.sum(solution.z**2, axis=1)
     records["chi2_reduced"] = chi2 / np.maximum(used.sum(axis=(1, 2)), 1)
     channels = _by_channel(traces)
-    separation = dict(zip(bench.records.keys, solution.separation, strict=True))
-    residuals = bin_residuals(traces, separation, campaign)
+    end = dict(zip(bench.records.keys, solution.end, strict=True))
+    residuals = bin_residuals(traces, end, campaign, bench.family)
     where = tuple(residual_places(bench, fitted))
     degrees = max(float(used.sum()) - len(solution.names), 1.0)
     name = resolved.name if not is_fitted(model) else str(Path(model).name)
@@ -155,7 +156,8 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         campaign.name, campaign.title, campaign.sha256, model, tuple(solution.names),
         _say(name, campaign, channels, records, where, lack), lack, float(solution.chi2) / degrees, nrmse(traces),
         noise_nrmse(traces), channels, records, _by_condition(campaign, traces, bench.groups), residuals,
-        public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces)
+        public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces,
+        bench.warnings)
 
 
 def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:
@@ -208,13 +210,15 @@ def _by_condition(campaign: Campaign, traces: Sequence[Trace], groups: np.ndarra
     return pd.DataFrame(sorted(rows, key=lambda row: [float(f"{row[c]:.2g}") for c in named]))
 
 
-def bin_residuals(traces: Sequence[Trace], separation: Mapping[str, float], campaign: Campaign) -> pd.DataFrame:
+def bin_residuals(traces: Sequence[Trace], end: Mapping[str, float], campaign: Campaign, family: Family
+                  ) -> pd.DataFrame:
     """Mean residual over noise in bins of every variable; standard errors from the scatter between records.
 
     Args:
         traces: model beside measurement.
-        separation: by record [s].
+        end: of the contact or record, in its independent variable.
         campaign: gives the conditions.
+        family: names the variables.
     """
     rows = []
     for channel in list_channels(traces):
@@ -222,13 +226,13 @@ def bin_residuals(traces: Sequence[Trace], separation: Mapping[str, float], camp
         z = [(t.measured - t.model) / t.sd for t in own]
         # (variable, phase) to the value of it and where it counts, one pair a record.
         views: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {
-            ("time", "both"): [(t.time / separation[t.record], t.time > 0) for t in own],
-            ("depression_rate", "both"): [(t.depression_rate, t.depression > 0) for t in own]}
-        for phase, sign in (("loading", 1.0), ("unloading", -1.0)):
-            views["depression", phase] = [(t.depression, (t.depression > 0) & (sign * t.depression_rate > 0))
+            (own[0].independent, "both"): [(t.time / end[t.record], t.time > 0) for t in own],
+            (family.rate, "both"): [(t.state_rate, t.state > 0) for t in own]}
+        for phase, sign in zip(family.phases, (1.0, -1.0), strict=True):
+            views[family.state, phase] = [(t.state, (t.state > 0) & (sign * t.state_rate > 0))
                                           for t in own]
         for name in campaign.conditions:
-            views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), t.depression > 0) for t in own]
+            views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), t.state > 0) for t in own]
         for (variable, phase), pairs in views.items():
             rows += [{"channel": channel, "variable": variable, "phase": phase, **row} for row in _bin(z, pairs)]
     return pd.DataFrame(rows)
@@ -267,7 +271,9 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
     ratio = float(np.sqrt(np.mean(channels["ratio"] ** 2)))
     worst = records.loc[records["ratio"].idxmax()]
     setting = []
-    for name, unit, scale in (("initial_pressure", "MPa", 1e-6), ("approach_speed", "m/s", 1.0)):
+    for name, unit, scale in (("initial_pressure", "MPa", 1e-6), ("approach_speed", "m/s", 1.0),
+                              ("normal_load", "N", 1.0), ("internal_pressure", "MPa", 1e-6),
+                              ("slip_speed", "m/s", 1.0)):
         if name in campaign.conditions:
             setting.append(f"{worst[name] * scale:.3g} {unit}")
     if not lack.rejected:
@@ -277,8 +283,9 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
     place = ""
     if where:
         spot = max(where, key=lambda w: w.share)
-        scale, unit = {"depression": (1e3, "mm"), "time": (1e3, "ms")}.get(spot.variable, (1.0, ""))
-        phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading") else ""
+        known = {"depression": (1e3, "mm"), "slip": (1e3, "mm"), "time": (1e3, "ms")}
+        scale, unit = known.get(spot.variable, (1.0, ""))
+        phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading", "backward") else ""
         place = (f"; the residuals of {spot.channel} are largest at {spot.variable.replace('_', ' ')} "
                  f"{spot.range[0] * scale:.3g} to {spot.range[1] * scale:.3g} {unit}".rstrip() + phase)
     return (f"The model `{model}` leaves {ratio:.3g} times the noise: something is missing. Worst record "

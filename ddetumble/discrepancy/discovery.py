@@ -5,9 +5,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from .._errors import InputError
 from ..contact.effect import AbstractEffect
-from ..effects import IMPACT
+from ..inference.families import find_family
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -32,7 +31,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     """Find out which physical effect a campaign shows and the model lacks.
 
     Args:
-        campaign: a campaign of family `impact` with sampled records, or its folder.
+        campaign: a campaign of impacts or slip records, with samples, or its folder.
         model: reference model, see `ddetumble.inference.models`.
         effects: effects of your own, tried beside the catalogue.
         progress: called with a sentence and the share done.
@@ -48,11 +47,10 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     report = progress or (lambda text, share: None)
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    if campaign.family != "impact":
-        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; discover reads 'impact' so far")
-    resolved = resolve_model(model)
+    catalogue = find_family(campaign.family, "discover").catalogue
+    resolved = resolve_model(model, campaign.family)
     # One of the catalogue is tried anyway.
-    effects = tuple(e for e in dict.fromkeys(effects) if e not in IMPACT)
+    effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     report("fitting the reference model", 0.02)
     workbench = Workbench(campaign, resolved.reference, effects)
     reference = workbench.begin()
@@ -125,5 +123,5 @@ def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdi
             "conditions": int(workbench.groups.max()) + 1, "seconds": round(time.perf_counter() - began, 2)},
         model_state={"workbench": workbench, "solution": grown[-1].fitted.solution},
     )
-    sentence, notes = explain(found, workbench.left_out)
-    return dc.replace(found, sentence=sentence, notes=notes)
+    sentence, notes = explain(found, workbench.left_out, workbench.family)
+    return dc.replace(found, sentence=sentence, notes=(*workbench.warnings, *notes))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..contact.effect import parameters_of
 from .holdout import compare_losses
 from .records import Place
 from .workbench import Fitted, Workbench
@@ -12,15 +13,16 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
     jobs = []
     for probe in workbench.probes:
         own = [s for s in scores if s.effect == probe.id]
-        if probe.id == "probe-ringing":
+        line = getattr(probe, "line", None)
+        if line is not None:
             frequency = find_line(workbench, base)
             if frequency:
-                shape = {"probe-ringing.frequency": float(np.log(frequency))}
-                jobs += [(probe.id, {**shape, "probe-ringing.a": 0.3, "probe-ringing.b": 0.3}, ())]
+                sizes = {f"{probe.id}.{p.name}": 0.3 * p.typical for p in parameters_of(probe) if p.kind != "shape"}
+                jobs.append((probe.id, {line: float(np.log(frequency)), **sizes}, ()))
             continue
         if not own:
             continue
-        for s in sorted(own, key=lambda s: -abs(s.z))[: 3 if probe.id == "probe-depth" else 1]:
+        for s in sorted(own, key=lambda s: -abs(s.z))[: 3 if hasattr(probe, "onset") else 1]:
             jobs.append((probe.id, {**s.shapes, s.name: workbench.start[workbench.space.index[s.name]] + s.step}, ()))
 
     def one(job):
@@ -35,19 +37,20 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
 
 
 def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
-    """Frequency [Hz] of the strongest line in the contact part of the force residuals of all records; None if weak."""
-    time = np.asarray(workbench.records.stack.time)
+    """Frequency of the strongest line in the force residuals of all records; None if weak.
+
+    Of impacts over the time in contact [Hz], of slip records over the slip of each stroke [1/m].
+    """
     values, solution = np.asarray(workbench.records.stack.values), fitted.solution
-    channel = workbench.records.channels.index("normal_force")
-    shortest = float(np.min(solution.separation))
-    step = float(np.median(np.diff(time[0, : workbench.records.lengths[0]])))
-    grid = np.arange(1.5 / shortest, 0.4 / step, 0.25 / float(np.max(solution.separation)))
+    over, last, sign = _abscissa(workbench, fitted)
+    step = float(np.median(np.abs(np.diff(over[0]))))
+    grid = np.arange(1.5 / float(np.min(last)), 0.4 / step, 0.25 / float(np.max(last)))
     if len(grid) < 8:
         return None
     power = np.zeros(len(grid))
     for r, n in enumerate(workbench.records.lengths):
-        inside = (time[r, :n] > 0) & (time[r, :n] < solution.separation[r])
-        t, x = time[r, :n][inside], (values[r, channel] - solution.channels[r, channel])[:n][inside]
+        inside = (over[r] > 0) & (over[r] < last[r])
+        t, x = over[r][inside], (sign[r] * (values[r, 0] - solution.channels[r, 0])[:n])[inside]
         if len(t) < 12:
             continue
         window = np.hanning(len(t) + 2)[1:-1]
@@ -55,6 +58,18 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
         power += np.abs(np.exp(-2j * np.pi * grid[:, None] * t[None, :]) @ x) ** 2 / np.sum(window**2)
     k = int(np.argmax(power))
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
+
+
+def _abscissa(workbench: Workbench, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+    """Variable in which something may repeat, its largest value and the sign of the force, by record."""
+    records, solution = workbench.records, fitted.solution
+    if workbench.family.name == "impact":
+        time = np.asarray(records.stack.time)
+        return ([time[r, :n] for r, n in enumerate(records.lengths)], solution.end,
+                [np.ones(n) for n in records.lengths])
+    over = [solution.state[r, :n] for r, n in enumerate(records.lengths)]
+    return (over, np.array([1.001 * x.max() for x in over]),
+            [np.sign(solution.state_rate[r, :n]) for r, n in enumerate(records.lengths)])
 
 
 def locate(workbench: Workbench, base: Fitted, probes: dict[str, Fitted]) -> list[Place]:
@@ -78,37 +93,38 @@ def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float) -> Pl
     """The place that a probe stands for."""
     effect = workbench.whole(probe)
     variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every probe has one
-    u = fitted.solution.u
-    if probe == "probe-depth":
-        onset = float(np.exp(u[workbench.space.index["probe-depth.depth"]]))
-        return Place("normal_force", variable, (onset, float(fitted.solution.depression.max())), "both", share)
-    if probe == "probe-ringing":
-        period = float(np.exp(-u[workbench.space.index["probe-ringing.frequency"]]))
-        return Place("normal_force", variable, (0.0, float(fitted.solution.separation.max())), "both", share, period)
-    if variable == "time":
-        return Place("normal_force", variable, (0.0, float(fitted.solution.separation.max())), "both", share)
-    if variable == "depression_rate":
-        rate = fitted.solution.depression_rate
-        return Place("normal_force", variable, (float(rate.min()), float(rate.max())), "both", share)
-    values = workbench.campaign.records[variable].to_numpy(dtype=float)
-    return Place("normal_force", variable, (float(values.min()), float(values.max())), "both", share)
+    solution, index, channel = fitted.solution, workbench.space.index, workbench.records.channels[0]
+    onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
+    low, period = 0.0, None
+    if onset is not None:
+        low = float(np.exp(solution.u[index[onset]]))
+    elif line is not None:
+        period = float(np.exp(-solution.u[index[line]]))
+    if variable == workbench.family.rate:
+        rate = np.sign(solution.state_rate) if variable == "direction" else solution.state_rate
+        return Place(channel, variable, (float(rate.min()), float(rate.max())), "both", share)
+    if variable in workbench.campaign.records:
+        values = workbench.campaign.records[variable].to_numpy(dtype=float)
+        return Place(channel, variable, (float(values.min()), float(values.max())), "both", share)
+    high = float((solution.state if variable == workbench.family.state else solution.end).max())
+    return Place(channel, variable, (low, high), "both", share, period)
 
 
 def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> list[Place]:
-    """For every channel the range of depression and the phase that hold most of the misfit."""
+    """For every channel the range of the state (depression, slip) and the phase that hold most of the misfit."""
     solution, places = fitted.solution, []
     records = workbench.records
     samples = np.asarray(records.stack.time).shape[1]
     residual = solution.residual.reshape(records.count, len(records.channels), samples)
     valid = np.asarray(records.stack.weights)[: records.count] > 0
-    top = float(solution.depression.max())
+    top = float(solution.state.max())
     if top <= 0:
         return []
     edges = np.linspace(0.0, top, bins + 1)
     for c, channel in enumerate(records.channels):
         excess = np.zeros((2, bins))
         for r in range(records.count):
-            depth, rate = solution.depression[r], solution.depression_rate[r]
+            depth, rate = solution.state[r], solution.state_rate[r]
             for phase, moving in enumerate((rate > 0, rate < 0)):
                 here = valid[r, c] & (depth > 0) & moving
                 k = np.clip(np.digitize(depth[here], edges) - 1, 0, bins - 1)
@@ -123,7 +139,8 @@ def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> lis
         order = np.argsort(-excess[phase])
         count = int(np.searchsorted(np.cumsum(excess[phase][order]), 0.7 * excess[phase].sum())) + 1
         chosen = order[:count]
-        places.append(Place(channel, "depression", (float(edges[chosen.min()]), float(edges[chosen.max() + 1])),
-                            ("loading", "unloading")[phase], float(excess[phase][chosen.min():chosen.max() + 1].sum()
+        span = float(edges[chosen.min()]), float(edges[chosen.max() + 1])
+        places.append(Place(channel, workbench.family.state, span,
+                            workbench.family.phases[phase], float(excess[phase][chosen.min():chosen.max() + 1].sum()
                                                                    / whole)))
     return places

@@ -9,16 +9,20 @@ import numpy as np
 import pandas as pd
 
 from .._errors import ComputationError, InputError
+from ..contact.friction import describe_range
+from ..contact.sliding import RubberFriction
 from ..inference.archive import SavedModel, load_model
+from ..inference.families import find_family
 from ..inference.problem import evaluate
-from ..inference.stack import CHANNELS, RECORD_SIZES, SAMPLE_SIZES, Stack
+from ..inference.stack import RECORD_SIZES, Stack, pad_size
 from ..measurement.tables import Table, convert_column, read_table
 
 
 CHUNK = 48  # records a call of the compiled program
 DIRECTIONS = 8  # slots of free parameters, a multiple of this
-POSITIVE = ("approach_speed",)
-NOT_NEGATIVE = ("initial_pressure", "temperature")
+PATH = 256  # points at which the path from zero slip to the last wanted one is followed
+POSITIVE = ("approach_speed", "normal_load")
+NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "slip_speed", "temperature")
 
 
 def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
@@ -26,21 +30,21 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
 
     Args:
         model: folder that `fit` or `discover` wrote.
-        conditions: CSV file in long form, or a table like it: `record`, the conditions, `time`; one row a wanted
-            sample, SI.
+        conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
+            `slip`, since the stroke began); one row a wanted sample, SI.
 
     Returns:
-        `record`, `time` and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from what the fit
-        leaves uncertain) and `<channel>_sd_new` (of a new measurement: its conditions, time origin and noise scatter
-        too), in the order of the rows given. `attrs["notes"]` holds sentences on what is extrapolated or left out.
+        `record`, `time` or `slip`, and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from
+        what the fit leaves uncertain) and `<channel>_sd_new` (of a new measurement: its conditions, time origin
+        and noise scatter too), in the order of the rows given. `attrs["notes"]` holds sentences on what is extrapolated or left out.
 
     Raises:
         InputError: a column is missing or holds no numbers, conditions that no test can have.
         ComputationError: the model could not be integrated there.
     """
     saved = model if isinstance(model, SavedModel) else load_model(model)
-    if saved.family != "impact":
-        raise InputError(f"the model is of family {saved.family!r}; predict reads 'impact' so far", file=saved.folder)
+    family = find_family(saved.family, "predict")
+    abscissa = "slip" if saved.family == "slip" else "time"
     table, file = (_from_frame(conditions), None) if isinstance(conditions, pd.DataFrame) else (
         read_table(conditions), str(conditions))
     names = tuple(saved.ranges)
@@ -49,20 +53,25 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
     groups = [(str(key), rows) for key, rows in found_rows.items()]
     settings = {name: np.array([values[name][rows[0]] for _, rows in groups]) for name in names}
     notes += _find_extrapolation(saved, [key for key, _ in groups], settings)
-    channels = tuple(c for c in CHANNELS if c in saved.channels)
+    channels = tuple(c for c in family.channels if c in saved.channels)
     size = len(keys)
     found = {c: np.zeros((3, size)) for c in channels}
     order = sorted(range(len(groups)), key=lambda g: len(groups[g][1]))
     for first in range(0, len(order), CHUNK):
         part = order[first: first + CHUNK]
-        rows = [groups[g][1][np.argsort(values["time"][groups[g][1]], kind="stable")] for g in part]
-        times = [values["time"][r] for r in rows]
+        rows = [groups[g][1][np.argsort(values[abscissa][groups[g][1]], kind="stable")] for g in part]
+        times = [values[abscissa][r] for r in rows]
+        places = [np.arange(len(t)) for t in times]
+        if saved.family == "slip":  # friction work is integrated from the start of the stroke on
+            paths = [np.union1d(t, np.linspace(0.0, max(float(t[-1]), 0.0), PATH)) for t in times]
+            places = [np.searchsorted(path, t) for path, t in zip(paths, times, strict=True)]
+            times = paths
         mean, sd, new = _predict_some(saved, channels, times, {n: settings[n][part] for n in names},
                                       [groups[g][0] for g in part])
-        for i, r in enumerate(rows):
+        for i, (r, k) in enumerate(zip(rows, places, strict=True)):
             for c, channel in enumerate(channels):
-                found[channel][:, r] = mean[i, c, :len(r)], sd[i, c, :len(r)], new[i, c, :len(r)]
-    columns = {"record": keys, "time": values["time"]}
+                found[channel][:, r] = mean[i, c, k], sd[i, c, k], new[i, c, k]
+    columns = {"record": keys, abscissa: values[abscissa]}
     for channel in channels:
         for k, ending in enumerate(("", "_sd", "_sd_new")):
             columns[channel + ending] = found[channel][k]
@@ -93,17 +102,18 @@ def _read(table: Table, names: tuple[str, ...], saved: SavedModel, file: str | N
         if not key:
             raise InputError("the cell is empty; every row needs the key of its record", file=place, column="record",
                              row=lines[i])
-    for name in (*names, "time"):
+    abscissa = "slip" if saved.family == "slip" else "time"
+    for name in (*names, abscissa):
         if name == "sequence" and name not in table.columns and name not in asked:
             values[name] = np.ones(len(keys))
             continue
         if name not in table.columns:
-            unit = "s" if name == "time" else saved.units.get(name, "1")
+            unit = {"time": "s", "slip": "m"}.get(name) or saved.units.get(name, "1")
             raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
                              + ", ".join(table.columns), file=place)
         values[name] = convert_column(table, name)
         _check_sign(name, values[name], place, lines)
-    extra = [name for name in table.columns if name not in (*names, "record", "time")]
+    extra = [name for name in table.columns if name not in (*names, "record", abscissa)]
     if extra:
         notes.append(f"The model does not read {', '.join(extra)}: left out.")
     first: dict[str, int] = {}
@@ -139,34 +149,35 @@ def _find_extrapolation(saved: SavedModel, keys: list[str], settings: dict[str, 
     if len(found) > 6:
         notes.append(f"Extrapolated in {len(found) - 6} further settings.")
     pressure = settings.get("initial_pressure")
+    loads = settings.get("normal_load")
+    if loads is not None and isinstance(saved.space.reference, RubberFriction):
+        notes += [f"Outside the range of Eq. 10: {phrase}." for phrase in dict.fromkeys(map(describe_range, loads))
+                  if phrase]
     if pressure is not None and np.any(pressure == 0) and "gas" in saved.space.reference.provides:
         notes.append("Without gas (initial_pressure = 0) this model's ball has no gas force.")
     return notes
 
 
-def _size(wanted: int, sizes: tuple[int, ...]) -> int:
-    return next((s for s in sizes if wanted <= s), -(-wanted // sizes[-1]) * sizes[-1])
-
-
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _linearise(space, names, channels, stack, base, directions, low, high):
-    """Channels, derivatives along `directions` and by the nuisances in their deviations, separation, failures."""
+    """Channels, derivatives along `directions` and by the nuisances in their deviations, end of contact, failures."""
     theta, z = jnp.zeros(directions.shape[0]), jnp.zeros((stack.time.shape[0], len(names)))
     at = evaluate(space, names, channels, theta, z, stack, base, directions, low, high)
-    return at.channels, at.shared, at.own, at.separation, at.failed
+    return at.channels, at.shared, at.own, at.end, at.failed
 
 
 def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.ndarray],
                   settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
     count, longest = len(times), max(len(t) for t in times)
-    rows, samples = _size(count, RECORD_SIZES), _size(longest, SAMPLE_SIZES)
+    rows, samples = pad_size(count, RECORD_SIZES), pad_size(longest, saved.space.family.sizes)
     time = np.zeros((rows, samples))
     for i, t in enumerate(times):
         time[i, :len(t)], time[i, len(t):] = t, t[-1]
     time[count:] = time[0]
     padded = {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
-    padded.setdefault("initial_pressure", np.zeros(rows))
+    if saved.family == "impact":
+        padded.setdefault("initial_pressure", np.zeros(rows))
     padded.setdefault("sequence", np.ones(rows))
     nuisances = (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")
     deviations = np.stack([np.full(rows, saved.time_sd) if n == "time" else saved.uncertainties[n].sd(padded[n])
@@ -192,11 +203,11 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
         stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.zeros(shape), jnp.ones(shape), jnp.zeros((*shape, 1)),
                       conditions, jnp.asarray(deviations), jnp.ones(rows))
         found = _linearise(saved.space, nuisances, channels, stack, base, jnp.asarray(directions), *limits)
-        mean, shared, own, separation, failed = (np.asarray(x) for x in found)
-        long = ~failed & (separation < 0.3 * span)
+        mean, shared, own, end, failed = (np.asarray(x) for x in found)
+        long = ~failed & (end < 0.3 * span) & (saved.family == "impact")
         if not long.any():
             break
-        span = np.where(long, 2.0 * separation, span)
+        span = np.where(long, 2.0 * end, span)
     if failed[:count].any():
         i = int(np.argmax(failed[:count]))
         where = ", ".join(f"{n} = {v[i]:g}" for n, v in settings.items())

@@ -19,10 +19,13 @@ class Trace:
         channel: `normal_force`, `depression` or `pressure`.
         unit: SI unit of the channel.
         conditions: of the record, SI.
-        time: since the record's own time origin [s].
+        time: independent variable since the record's own origin: time [s], or slip [m].
         measured, model: values, SI; nan where a sample is missing.
         sd: standard deviation of the noise, SI.
-        depression, depression_rate: of the model at these times [m, m/s]; 0 outside contact.
+        state, state_rate: what a misfit is located in: depression and its rate of the model [m, m/s], 0 outside
+            contact; of slip records slip since the stroke began, and its speed with the sign of the direction.
+        family: of the campaign.
+        independent: `time` or `slip`.
     """
 
     record: str
@@ -33,8 +36,10 @@ class Trace:
     measured: np.ndarray
     model: np.ndarray
     sd: float
-    depression: np.ndarray
-    depression_rate: np.ndarray
+    state: np.ndarray
+    state_rate: np.ndarray
+    family: str = "impact"
+    independent: str = "time"
 
 
 @dc.dataclass(frozen=True)

@@ -130,7 +130,8 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
             s = linear[effect]
             p = workbench.space.slots[workbench.space.index[s.name]].parameter
             if not (p.sign and p.sign * s.step < 0):
-                jobs.append((effect, {**s.shapes, s.name: workbench.start[workbench.space.index[s.name]] + s.step}))
+                origin = s.shapes.get(s.name, float(workbench.start[workbench.space.index[s.name]]))
+                jobs.append((effect, {**s.shapes, s.name: origin + s.step}))
     keep(workbench.map(one, jobs))
     for effect in effects:
         if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:

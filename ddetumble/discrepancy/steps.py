@@ -47,9 +47,10 @@ def finish_fit(workbench: Workbench, fitted: Fitted) -> Fitted:
 def whitened_share(workbench: Workbench, fitted: Fitted) -> float:
     """rms residual over rms signal implied by a fit's whitened chi-square (exact for white noise)."""
     assert workbench.campaign.samples is not None
-    noise = workbench.noise["normal_force"].sd
+    main = workbench.records.channels[0]
+    noise = workbench.noise[main].sd
     rows = max(float((fitted.solution.residual != 0).sum()), 1.0)
-    signal = float(np.sqrt(np.nanmean(workbench.campaign.samples["normal_force"].to_numpy() ** 2)))
+    signal = float(np.sqrt(np.nanmean(workbench.campaign.samples[main].to_numpy() ** 2)))
     return float(np.sqrt(fitted.solution.chi2 / rows)) * noise / max(signal, 1e-300)
 
 

@@ -43,7 +43,8 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
             traces.append(Trace(
                 key, channel, campaign.channels[channel].unit, conditions, since,
                 np.where(used, values[r, c, :n], np.nan), solution.channels[r, c, :n].copy(), float(sd),
-                solution.depression[r, :n].copy(), solution.depression_rate[r, :n].copy()))
+                solution.state[r, :n].copy(), solution.state_rate[r, :n].copy(),
+                campaign.family, "time" if campaign.independent is None else campaign.independent.name))
     return tuple(traces)
 
 

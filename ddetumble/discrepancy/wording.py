@@ -2,14 +2,18 @@
 
 import numpy as np
 
+from ..inference.families import Family
 from .records import UNSEEN, Discovery, Estimate, Place, Step
 
 
-CHANNEL_WORDS = {"normal_force": "force", "depression": "depression", "pressure": "pressure"}
+CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", "depression": "depression",
+                 "pressure": "pressure"}
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
-         "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0)}
+         "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0),
+         "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0)}
 NAMES = {"depression": "depression", "time": "time since touch", "depression_rate": "depression rate",
-         "initial_pressure": "pressure", "approach_speed": "approach speed", "sequence": "order in the series"}
+         "initial_pressure": "pressure", "approach_speed": "approach speed", "sequence": "order in the series",
+         "normal_load": "load", "internal_pressure": "pressure", "slip_speed": "slip speed"}
 
 
 def name_value(name: str, e: Estimate) -> str:
@@ -51,7 +55,7 @@ def _times(step: Step, noise: float) -> str:
     return f"{step.nrmse / max(noise, 1e-300):.2f}"
 
 
-def explain(found: Discovery, left_out: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tuple[str, tuple[str, ...]]:
     """The sentence of a verdict, and further notes."""
     first, last = found.steps[0], found.steps[-1]
     lack = first.lack_of_fit
@@ -88,13 +92,13 @@ def explain(found: Discovery, left_out: tuple[str, ...]) -> tuple[str, tuple[str
     notes = []
     alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
     if alike:
-        sentence += (f" This campaign cannot tell it apart from {_join(alike)}: measure at other pressures and speeds, "
-                     "or add the depression and pressure channels.")
+        sentence += (f" This campaign cannot tell it apart from {_join(alike)}: "
+                     f"{family.remedies}.")
     elif found.verdict == "explained":
         sentence += " No other effect of the catalogue predicts left-out conditions as well."
     unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
     if unseen:
-        notes.append(f"This campaign can hardly see {_join(unseen)}: refitting mass, restitution and the settings "
+        notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {family.absorbs} "
                      "absorbs more than 99.8 % of what they do.")
     if left_out:
         notes.append(f"Not tried, because the model or the campaign lacks what they need: {_join(list(left_out))}.")

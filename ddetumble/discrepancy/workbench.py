@@ -7,8 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractEffect, parameters_of
-from ..contact.law import AbstractReference
+from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
 from ..inference.problem import WORKERS, Problem, Solution
@@ -44,19 +43,21 @@ class Workbench:
     """Fits, scores and judgements on one campaign.
 
     Args:
-        campaign: of family `impact`, with samples.
+        campaign: of impacts or slip records, with samples.
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
     """
 
-    def __init__(self, campaign: Campaign, reference: AbstractReference,
+    def __init__(self, campaign: Campaign, reference: AbstractModel,
                  extra: Sequence[type[AbstractEffect]] = ()):
         self.campaign = campaign
         found = assemble_space(campaign, reference, extra)
         self.reference = found.space.reference
         self.space, self.start, self.base = found.space, found.start, list(found.base)
         self.catalogue, self.probes, self.left_out = found.catalogue, found.probes, found.left_out
+        self.warnings = found.warnings
         self.by_id = {e.id: e for e in (*self.catalogue, *self.probes)}
+        self.family = self.space.family
         self.groups = group_conditions(campaign.records)
         self._stack({})
         self.noise: dict[str, Noise] = {}
@@ -69,7 +70,7 @@ class Workbench:
         if differs_from_stated(self.noise):
             self._stack(self.noise)
             solution = self._require(self.problem.solve(self.base, solution.u, solution.z))
-        self.bases = smooth_bases(self.problem, solution.separation)
+        self.bases = smooth_bases(self.problem, solution.end)
         return Fitted((), solution, leave_out(solution, self.groups))
 
     def _stack(self, noise: dict[str, Noise]) -> None:
@@ -106,7 +107,7 @@ class Workbench:
     def repeat(self, fitted: Fitted) -> Fitted:
         """The same model fitted again from where it was (after the noise has changed)."""
         solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
-        self.bases = smooth_bases(self.problem, solution.separation)
+        self.bases = smooth_bases(self.problem, solution.end)
         return Fitted(fitted.effects, solution, leave_out(solution, self.groups))
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
@@ -144,29 +145,28 @@ class Workbench:
             if effect.id in exclude:
                 continue
             amplitudes = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.kind != "shape"]
+            singular = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.singular]
             for start in default_starts(effect):
-                shapes = {n: v for n, v in start.items() if n not in amplitudes}
+                # What has no slope at its null is scored where a fit would start.
+                shapes = {n: v for n, v in start.items() if n not in amplitudes or n in singular}
                 wanted += [(effect.id, a, shapes) for a in amplitudes]
         if probes:
             for effect in self.probes:
                 if effect.id in exclude:
                     continue
-                if effect.id == "probe-depth":
-                    if depth:
-                        wanted += [(effect.id, "probe-depth.k", {"probe-depth.depth": float(np.log(d * depth))})
-                                   for d in (0.3, 0.55, 0.8)]
-                elif effect.id == "probe-ringing":
-                    if frequency:
-                        shape = {"probe-ringing.frequency": float(np.log(frequency))}
-                        wanted += [(effect.id, "probe-ringing.a", shape), (effect.id, "probe-ringing.b", shape)]
-                else:
-                    wanted += [(effect.id, f"{effect.id}.{p.name}", {}) for p in parameters_of(effect)
-                               if p.kind != "shape"]
+                onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
+                places: list[dict[str, float]] = [{}]
+                if onset is not None:
+                    places = [{onset: float(np.log(d * depth))} for d in (0.3, 0.55, 0.8)] if depth else []
+                elif line is not None:
+                    places = [{line: float(np.log(frequency))}] if frequency else []
+                wanted += [(effect.id, f"{effect.id}.{p.name}", place) for place in places
+                           for p in parameters_of(effect) if p.kind != "shape"]
         return wanted
 
     def judge(self, fitted: Fitted) -> tuple[LackOfFit, list[Score]]:
         """Lack of fit of a model, and the scores of everything outside it."""
-        depth = float(fitted.solution.depression.max())
+        depth = float(fitted.solution.state.max())
         scores = score_directions(self.problem, fitted.solution, self.directions(fitted.effects, depth=depth))
         p = family_p_value(scores, self.noise)
         return judge_fit(self.problem, fitted.solution, self.bases, self.noise, p), scores

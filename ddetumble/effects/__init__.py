@@ -4,6 +4,7 @@ from ..contact.effect import AbstractEffect, parameters_of, stage_of
 from .gas import AmbientPressure, GasLeak, PolytropicGas
 from .rig import ArmServo, PressureDependentRestitution, SpeedDependentRestitution
 from .sensor import SensorGain, SensorHighpass, SensorLag
+from .slip import SLIP
 from .surface import Adhesion
 from .wall import (
     InflationGrowth,
@@ -20,17 +21,19 @@ IMPACT: tuple[type[AbstractEffect], ...] = (
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
     SensorHighpass, SensorLag, SensorGain,
 )
+CATALOGUES: dict[str, tuple[type[AbstractEffect], ...]] = {"impact": IMPACT, "slip": SLIP}
 
 
 def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
     """All effects of a family of records, as classes: `.id`, `.law`, `.reference`, `parameters_of(effect)`.
 
     Args:
-        family: `impact`.
+        family: `impact` or `slip`.
     """
-    if family != "impact":
-        raise ValueError(f"There is no catalogue for the family {family!r} yet; there is one for 'impact'.")
-    return IMPACT
+    if family not in CATALOGUES:
+        raise ValueError(f"There is no catalogue for the family {family!r} yet; there is one for "
+                         + " and ".join(map(repr, CATALOGUES)) + ".")
+    return CATALOGUES[family]
 
 
-__all__ = ["IMPACT", "AbstractEffect", "catalogue", "parameters_of", "stage_of"]
+__all__ = ["CATALOGUES", "IMPACT", "SLIP", "AbstractEffect", "catalogue", "parameters_of", "stage_of"]

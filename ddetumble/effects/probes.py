@@ -2,6 +2,8 @@
 
 A probe is an effect whose only purpose is to show in which variable a misfit sits. It is never part of a verdict's
 model; where a probe does better than every effect of the catalogue, the missing physics is not in the catalogue.
+`variable` says where its misfit sits; `onset` and `line` name the shape parameters that are an onset in the family's
+state, and the frequency of something periodic.
 """
 
 from typing import ClassVar, final
@@ -11,6 +13,7 @@ import jax.numpy as jnp
 from .._numerics import safe_power
 from ..contact.effect import (
     AbstractContactForce,
+    AbstractEffect,
     AbstractElasticEffect,
     AbstractStiffnessEffect,
     Contact,
@@ -30,6 +33,7 @@ class DepthProbe(AbstractElasticEffect):
     law: ClassVar[str] = "F_k gains k ((delta - depth)_+ / 1 mm)^power"
     reference: ClassVar[str] = "probe"
     variable: ClassVar[str] = "depression"
+    onset: ClassVar[str] = "probe-depth.depth"
 
     def force(self, contact: Contact) -> Scalar:
         """k ((delta - d)_+ / 1 mm)^r [N]."""
@@ -140,6 +144,7 @@ class RingingProbe(AbstractContactForce):
     law: ClassVar[str] = "F_n gains a sin(2 pi f t) + b cos(2 pi f t)"
     reference: ClassVar[str] = "probe"
     variable: ClassVar[str] = "time"
+    line: ClassVar[str] = "probe-ringing.frequency"
 
     def force(self, contact: Contact) -> Scalar:
         """a sin(2 pi f t) + b (cos(2 pi f t) - 1) [N]."""
@@ -147,4 +152,6 @@ class RingingProbe(AbstractContactForce):
         return self.a * jnp.sin(phase) + self.b * (jnp.cos(phase) - 1.0)
 
 
-PROBES = (DepthProbe, PhaseProbe, RateProbe, PressureProbe, SpeedProbe, TimeProbe, SequenceProbe, RingingProbe)
+PROBES: tuple[type[AbstractEffect], ...] = (
+    DepthProbe, PhaseProbe, RateProbe, PressureProbe, SpeedProbe, TimeProbe, SequenceProbe, RingingProbe,
+)

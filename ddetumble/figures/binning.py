@@ -43,28 +43,13 @@ def standardise(trace: Trace) -> np.ndarray:
     return (np.asarray(trace.measured, float) - np.asarray(trace.model, float)) / scale
 
 
-def find_contact(trace: Trace) -> tuple[float, float]:
-    """First and last time at which the model is in contact [s]; the whole trace where it never is."""
-    time = np.asarray(trace.time, float)
-    touching = np.flatnonzero(np.nan_to_num(trace.depression) > 0)
-    if touching.size < 2:
-        return float(time[0]), float(time[-1])
-    return float(time[max(touching[0] - 1, 0)]), float(time[min(touching[-1] + 1, time.size - 1)])
-
-
-def share_of_contact(trace: Trace) -> np.ndarray:
-    """Time as a share of the contact: 0 at first touch, 1 at separation."""
-    start, end = find_contact(trace)
-    return (np.asarray(trace.time, float) - start) / max(end - start, 1e-12)
-
-
 def is_peaks(traces: Sequence[Trace]) -> bool:
     """Whether every record is one number, not a trace."""
     return bool(traces) and all(np.size(trace.time) <= 1 for trace in traces)
 
 
 def sort_traces(traces: Sequence[Trace]) -> list[Trace]:
-    """Traces by condition: pressure first, then speed, then further conditions; repeats by record."""
+    """Traces by condition: those of the family first, then further ones; repeats by record."""
     names = vary(trace.conditions for trace in traces)
     keys = {name: group_values([trace.conditions.get(name, math.nan) for trace in traces]) for name in names}
     order = sorted(range(len(traces)), key=lambda i: (*(keys[name][i] for name in names), str(traces[i].record)))
@@ -111,6 +96,12 @@ def choose_records(traces: Sequence[Trace], count: int) -> list[Trace]:
             break  # what is left are repeats
         chosen.append(int(np.argmax(distance)))
     return [traces[i] for i in sorted(chosen)]
+
+
+def list_levels(traces: Sequence[Trace], name: str) -> list[float]:
+    """Distinct nominal values of a condition."""
+    groups = group_values([trace.conditions.get(name, math.nan) for trace in traces])
+    return sorted({value for value in groups if math.isfinite(value)})
 
 
 def inflate_noise(count, noise: Mapping | None):

@@ -6,26 +6,27 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..discrepancy.records import Place, Trace
-from .binning import bin_residuals, find_contact, group_values, pick_channel, share_of_contact
-from .labels import Quantity, clean, describe_quantity, format_share, vary
+from .binning import bin_residuals, group_values, list_levels, pick_channel, standardise
+from .labels import Quantity, clean, describe_quantity, format_number, format_share, vary
 from .style import FLOOR, GREY, INK, PLACE, WIDTH, colour_models, dress, head_figure, new_figure, styled
+from .views import View, choose_view, find_phase, find_strokes, find_values
 
 
 @styled
 def draw_dependence(
     models: Mapping[str, Sequence[Trace]],
-    channel: str = "normal_force",
+    channel: str | None = None,
     noise: Mapping | None = None,
     where: Sequence[Place] = (),
 ):
-    """Mean residual over the noise against depression, its rate, time, and the conditions.
+    """Mean residual over the noise against the state of a record, its rate, the share of it, and the conditions.
 
-    Loading and unloading are drawn apart where the variable does not tell them apart. The band is what noise alone
-    leaves with a mean in 95 % of cases; error bars are two standard errors from the scatter between records.
+    Phases are drawn apart where the variable does not tell them apart. The band is what noise alone leaves with a mean
+    in 95 % of cases; error bars are two standard errors from the scatter between records.
 
     Args:
         models: one or two models by name, the reference model first.
-        channel: what to draw.
+        channel: what to draw; the family's force where it is not given.
         noise: `correlation` and `white_share` of the channel's noise.
         where: places of the misfit, marked where they name one of the variables drawn.
 
@@ -34,65 +35,31 @@ def draw_dependence(
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
-    from matplotlib.ticker import MaxNLocator
 
+    view = choose_view(next(iter(models.values())))
+    channel = channel or view.force
     traces = {name: pick_channel(all_, channel) for name, all_ in models.items()}
     first = next(iter(traces.values()))
-    conditions = [name for name in vary(trace.conditions for trace in first) if len(_levels(first, name)) > 1]
-    if all("sequence" in trace.conditions for trace in first) and len(first) > 3:
-        conditions.append("sequence")
-    variables = ["depression", "depression_rate", "time", *conditions[:3]]
-    columns = 3
-    rows = math.ceil(len(variables) / columns)
-    figure = new_figure(0.5 + 2.5 * rows, WIDTH)
-    panels = figure.subplots(rows, columns, squeeze=False, sharey="row").ravel()
-    marked, reach = False, np.tile([-0.5, 0.5], (rows, 1))
-    for k, (axes, variable) in enumerate(zip(panels, variables, strict=False)):
-        dress(axes)
-        low, high = reach[k // columns]
-        axes.axhline(0, color=FLOOR, lw=0.7)
-        edges, shown = _choose_edges(first, variable)
-        for i, ((_, own), colour) in enumerate(zip(traces.items(), colour_models(len(traces)), strict=True)):
-            values = [_find_values(trace, variable) for trace in own]
-            for phase in ("loading", "unloading") if variable not in ("depression_rate", "time") else ("",):
-                bins = bin_residuals(own, values, edges, noise, [_find_phase(trace, phase) for trace in own])
-                if not bins.centre.size:
-                    continue
-                x = shown.scale * bins.centre
-                if i == len(traces) - 1 and phase != "unloading":
-                    _draw_band(axes, x, 2 * bins.floor)
-                open_ = phase == "unloading"
-                axes.errorbar(x, bins.mean, 2 * bins.error, color=colour, lw=1.1, elinewidth=0.9, capsize=0,
-                              ls=":" if open_ else "-", marker="o", ms=4, mfc="white" if open_ else colour,
-                              zorder=3 + i)
-                low = min(low, float(np.min(bins.mean - bins.error)))
-                high = max(high, float(np.max(bins.mean + bins.error)))
-        reach[k // columns] = low, high
-        for place in where:
-            if place.channel == channel and _same(place.variable, variable) and variable != "time":
-                start, end = (shown.scale * edge for edge in place.range)
-                axes.axvspan(start, end, color=PLACE, lw=0, zorder=0)
-                axes.annotate(f"{format_share(place.share)} of the misfit", (0.5 * (start + end), 1),
-                              xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=8, color=GREY)
-                marked = True
-        axes.set_xlabel("share of the contact time" if variable == "time" else shown.label)
-        if variable == "sequence":
-            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        if variable == "depression_rate":
-            axes.axvline(0, color=FLOOR, lw=0.7, ls=(0, (3, 3)))
-            for text, x in (("unloading", 0.02), ("loading", 0.98)):
-                axes.text(x, 0.02, text, transform=axes.transAxes, ha="left" if x < 0.5 else "right", color=GREY,
-                          fontsize=8)
-    for axes in panels[len(variables):]:
-        axes.set_visible(False)
-    for axes, (low, high) in zip(panels[::columns], reach, strict=True):
-        axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
-        axes.set_ylabel("mean residual / noise")
+    figure, rows = _lay_out(view, first)
+    marked = False
+    for row in rows:
+        low, high = -0.5, 0.5
+        for variable, axes in row.items():
+            edges, shown = _choose_edges(first, variable, view)
+            low, high = _draw_means(axes, traces, variable, edges, shown, noise, view, (low, high))
+            places = [place for place in where if place.channel == channel]
+            marked |= _mark_places(axes, places, variable, shown, view.wide)
+            _label_variable(axes, variable, shown, view)
+        for i, axes in enumerate(row.values()):
+            axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+            axes.set_ylabel("" if i else "mean residual / noise")
     handles = [Line2D([], [], color=colour, marker="o", ms=4, lw=1.1) for colour in colour_models(len(traces))]
     labels = [clean(name, 60) for name in traces]
-    handles += [Line2D([], [], color=GREY, marker="o", ms=4, lw=1.1, ls=":", mfc="white")]
+    if view.phases:
+        handles += [Line2D([], [], color=GREY, marker="o", ms=4, lw=1.1, ls=":", mfc="white")]
+        labels += [f"open: {view.phases[1]}"]
     handles += [Patch(facecolor=FLOOR, alpha=0.35, lw=0)]
-    labels += ["open: unloading", "from noise alone, 95 %"]
+    labels += ["from noise alone, 95 %"]
     if marked:
         handles.append(Patch(facecolor=PLACE, lw=0))
         labels.append("where the misfit sits")
@@ -101,56 +68,62 @@ def draw_dependence(
 
 
 @styled
-def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force"):
-    """What a model leaves of the measured force, over the depression, while loading and while unloading.
+def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | None = None):
+    """What a model leaves of the measured force, over the depression or slip, phases apart.
 
     Args:
-        models: one or two models by name, one row each.
-        channel: what to draw.
+        models: one or two models by name; one row each, or one panel each where there is but one phase.
+        channel: what to draw; the family's force where it is not given.
 
     Returns:
-        A matplotlib figure: one line a level of the first condition, with two standard errors.
+        A matplotlib figure: one line a level of a condition, with two standard errors; of slip records of the one that
+        the misfit depends on most, of impacts of the first.
     """
     import matplotlib
 
     first = next(iter(models.values()))
+    view = choose_view(first)
+    channel, phases = channel or view.force, view.phases or ("",)
     own = pick_channel(first, channel)
-    varying = [name for name in vary(trace.conditions for trace in own) if len(_levels(own, name)) > 1]
-    name = varying[0] if varying else ""
+    varying = [name for name in vary(trace.conditions for trace in own) if len(list_levels(own, name)) > 1]
+    deepest = max(float(np.nan_to_num(trace.state).max(initial=0.0)) for trace in own)
+    edges = np.linspace(0, max(deepest, 1e-9), _count_bins(own, view))
+    name = (_find_strongest(own, varying, edges, view) if view.strongest else varying[0]) if varying else ""
     shown = describe_quantity(channel, own[0].measured, own[0].unit)
     condition = describe_quantity(name, [trace.conditions.get(name, math.nan) for trace in own])
-    levels = _levels(own, name) if name else [math.nan]
-    figure = new_figure(0.5 + 2.6 * len(models), WIDTH)
-    panels = figure.subplots(len(models), 2, squeeze=False, sharex=True, sharey=True)
+    levels = list_levels(own, name) if name else [math.nan]
+    state = describe_quantity(view.state)
+    lines = len(models) if view.phases else 1
+    figure = new_figure(0.5 + 2.6 * lines, WIDTH)
+    panels = figure.subplots(lines, len(models) * len(phases) // lines, squeeze=False, sharex=True, sharey=True)
     shades = matplotlib.colormaps["viridis"](np.linspace(0.05, 0.8, len(levels)))
-    deepest = max(float(np.nan_to_num(trace.depression).max(initial=0.0)) for trace in own)
-    edges = np.linspace(0, max(deepest, 1e-9), 15)
     handles, lowest, highest = [], 0.0, 0.0
-    for row, (label, traces) in enumerate(models.items()):
+    for k, (label, traces) in enumerate(models.items()):
         traces = pick_channel(traces, channel)
         groups = group_values([trace.conditions.get(name, math.nan) for trace in traces]) if name else []
-        for column, phase in enumerate(("loading", "unloading")):
-            axes = dress(panels[row, column])
+        for column, phase in enumerate(phases):
+            axes = dress(panels.ravel()[k * len(phases) + column])
             axes.axhline(0, color=FLOOR, lw=0.9)
             for level, shade in zip(levels, shades, strict=True):
                 near = 1e-9 * abs(level)
                 chosen = [trace for i, trace in enumerate(traces) if not name or abs(groups[i] - level) <= near]
-                keep = [_find_phase(trace, phase) for trace in chosen]
-                bins = bin_residuals(chosen, [trace.depression for trace in chosen], edges, None, keep)
+                keep = [find_phase(trace, phase) for trace in chosen]
+                bins = bin_residuals(chosen, [trace.state for trace in chosen], edges, None, keep)
                 if not bins.centre.size:
                     continue
                 scale = shown.scale * chosen[0].sd
-                line = axes.errorbar(1e3 * bins.centre, scale * bins.mean, 2 * scale * bins.error, color=shade, lw=1.4,
-                                     elinewidth=0.9, marker="o", ms=3.5)
-                lowest = min(lowest, float(np.min(scale * (bins.mean - bins.error))))
-                highest = max(highest, float(np.max(scale * (bins.mean + bins.error))))
-                if row == 0 and column == 0 and name:
+                mean, error = scale * bins.mean, scale * bins.error
+                line = axes.errorbar(state.scale * bins.centre, mean, 2 * error, color=shade, lw=1.4, elinewidth=0.9,
+                                     marker="o", ms=3.5)
+                lowest, highest = min(lowest, float(np.min(mean - error))), max(highest, float(np.max(mean + error)))
+                if k == 0 and column == 0 and name:
                     text = f"{condition.name} " if not handles else ""
                     handles.append((line, f"{text}{condition.format(level)} {condition.unit}".strip()))
-            axes.set_title(f"{clean(label, 50)}: {phase}")
-            if row == len(models) - 1:
-                axes.set_xlabel("depression [mm]")
-        panels[row, 0].set_ylabel(f"measured − model [{shown.unit}]")
+            axes.set_title(f"{clean(label, 50)}: {phase}" if phase else clean(label, 50))
+    for axes in panels[-1]:
+        axes.set_xlabel(state.label)
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"measured − model [{shown.unit}]")
     pad = 0.08 * max(highest - lowest, 1e-9)
     panels[0, 0].set_ylim(lowest - pad, highest + pad)
     panels[0, 0].set_xlim(0, None)
@@ -159,47 +132,134 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str = "no
     return figure
 
 
-def _levels(traces: Sequence[Trace], name: str) -> list[float]:
-    """Distinct nominal values of a condition."""
-    groups = group_values([trace.conditions.get(name, math.nan) for trace in traces])
-    return sorted({value for value in groups if math.isfinite(value)})
+def _lay_out(view: View, traces: Sequence[Trace]):
+    """An empty figure, and its axes by variable, one row after the other; axes of a row share what is up."""
+    conditions = [name for name in vary(trace.conditions for trace in traces) if len(list_levels(traces, name)) > 1]
+    if all("sequence" in trace.conditions for trace in traces) and len(traces) > 3:
+        conditions.append("sequence")
+    variables = [*view.variables, *conditions[: view.conditions + 1]]
+    wide = int(view.wide)
+    total = len(variables) + wide
+    columns = 3 if not wide else total if total <= 6 else math.ceil(total / 2)
+    count = math.ceil(total / columns)
+    figure = new_figure(0.5 + 2.5 * count, WIDTH)
+    grid = figure.add_gridspec(count, columns)
+    rows: list[dict] = [{} for _ in range(count)]
+    for k, variable in enumerate(variables):
+        row, column = divmod(k + wide * (k > 0), columns)
+        left = next(iter(rows[row].values()), None)
+        place = grid[row, column : column + 1 + wide * (k == 0)]
+        axes = rows[row][variable] = dress(figure.add_subplot(place, sharey=left))
+        axes.tick_params(labelleft=left is None)
+    return figure, rows
+
+
+def _draw_means(axes, traces: Mapping[str, Sequence[Trace]], variable: str, edges, shown: Quantity, noise, view: View,
+                reach: tuple[float, float]) -> tuple[float, float]:
+    """Draw the mean residuals of every model in bins of a variable; returns the reach, widened to hold them."""
+    low, high = reach
+    axes.axhline(0, color=FLOOR, lw=0.7)
+    apart = view.phases if variable not in (view.rate, "time") and view.phases else ("",)
+    for i, (own, colour) in enumerate(zip(traces.values(), colour_models(len(traces)), strict=True)):
+        values = [find_values(trace, variable, view) for trace in own]
+        for phase in apart:
+            bins = bin_residuals(own, values, edges, noise, [find_phase(trace, phase) for trace in own])
+            if not bins.centre.size:
+                continue
+            x, open_ = shown.scale * bins.centre, phase != apart[0]
+            if i == len(traces) - 1 and not open_:
+                _draw_band(axes, x, 2 * bins.floor)
+            axes.errorbar(x, bins.mean, 2 * bins.error, color=colour, lw=1.1, elinewidth=0.9, capsize=0,
+                          ls=":" if open_ else "-", marker="o", ms=4, mfc="white" if open_ else colour, zorder=3 + i)
+            low = min(low, float(np.min(bins.mean - bins.error)))
+            high = max(high, float(np.max(bins.mean + bins.error)))
+    return low, high
+
+
+def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, inside: bool) -> bool:
+    """Shade where the misfit sits, if a place is a range of this variable; whether there was one.
+
+    Words over a narrow panel (`inside`) stay within its width.
+    """
+    places = [place for place in places if _same(place.variable, variable) and variable not in ("time", "direction")]
+    for place in places:
+        start, end = (shown.scale * edge for edge in place.range)
+        axes.axvspan(start, end, color=PLACE, lw=0, zorder=0)
+        middle, side = 0.5 * (start + end), "center"
+        if inside:
+            low, high = axes.get_xlim()
+            share = (middle - low) / (high - low)
+            middle, side = (low, "left") if share < 0.3 else (high, "right") if share > 0.7 else (middle, side)
+        text = f"{format_share(place.share)} of the misfit"
+        if place.period is not None and math.isfinite(place.period):
+            text += f", every {format_number(shown.scale * place.period)} {shown.unit}".rstrip()
+        axes.annotate(text, (middle, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom", fontsize=8,
+                      color=GREY)
+    return bool(places)
+
+
+def _label_variable(axes, variable: str, shown: Quantity, view: View):
+    """Say what lies along the axes, and where it stands for a phase, which."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_xlabel(view.share if variable == "time" else shown.label)
+    if variable == "sequence":
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+    if variable == "direction":
+        axes.set_xlim(-1.6, 1.6)
+        axes.set_xticks([-1, 1], view.phases[::-1])
+    elif variable == view.rate:
+        axes.axvline(0, color=FLOOR, lw=0.7, ls=(0, (3, 3)))
+        for text, x in zip(view.phases[::-1], (0.02, 0.98), strict=True):
+            axes.text(x, 0.02, text, transform=axes.transAxes, ha="left" if x < 0.5 else "right", color=GREY,
+                      fontsize=8)
 
 
 def _same(one: str, other: str) -> bool:
     return {one, other} <= {"rate", "depression_rate"} or one == other
 
 
-def _find_values(trace: Trace, variable: str) -> np.ndarray:
-    """The variable at every sample of a trace, SI; time as a share of the contact."""
-    if variable == "time":
-        return share_of_contact(trace)
-    if variable in ("depression", "depression_rate"):
-        return np.asarray(getattr(trace, variable), float)
-    return np.full(np.size(trace.time), trace.conditions.get(variable, math.nan))
+def _find_strongest(traces: Sequence[Trace], names: Sequence[str], edges: np.ndarray, view: View) -> str:
+    """The condition whose levels leave the least scatter between the misfits of their records over the state."""
+    profiles = np.array([_profile(trace, edges, view) for trace in traces])
+
+    def spread(name: str) -> float:
+        groups = np.array(group_values([trace.conditions.get(name, math.nan) for trace in traces]))
+        levels = list_levels(traces, name)
+        parts = [profiles[groups == level] for level in levels]
+        within = sum(float(np.sum((part - part.mean(axis=0)) ** 2)) for part in parts)
+        return within / max(len(traces) - len(levels), 1)
+
+    return min(names, key=spread)
 
 
-def _find_phase(trace: Trace, phase: str) -> np.ndarray:
-    """Which samples count: those in contact, while loading, or while unloading."""
-    start, end = find_contact(trace)
-    inside = (trace.time >= start) & (trace.time <= end)
-    if phase == "loading":
-        return inside & (trace.depression_rate > 0)
-    if phase == "unloading":
-        return inside & (trace.depression_rate <= 0) & (trace.depression > 0)
-    return inside
+def _profile(trace: Trace, edges: np.ndarray, view: View) -> np.ndarray:
+    """Mean misfit of one record in bins of the state, turned so that friction which is missing is positive."""
+    residual = np.nan_to_num(standardise(trace) * find_values(trace, "direction", view))
+    index = np.clip(np.searchsorted(edges, trace.state, side="right") - 1, 0, edges.size - 2)
+    count = np.bincount(index, minlength=edges.size - 1)
+    return np.bincount(index, residual, minlength=edges.size - 1) / np.maximum(count, 1)
 
 
-def _choose_edges(traces: Sequence[Trace], variable: str):
+def _count_bins(traces: Sequence[Trace], view: View) -> int:
+    """How many bins over the state: fewer in a wide panel where a stroke has few samples."""
+    most = max(np.size(trace.time[part]) for trace in traces for part in find_strokes(trace))
+    return max(6, min(view.bins, most // 3)) if view.wide else view.bins
+
+
+def _choose_edges(traces: Sequence[Trace], variable: str, view: View):
     """Edges of the bins, and how the variable is shown: even bins over a state, one bin a level of a condition."""
     if variable == "time":
         return np.linspace(0, 1, 21), Quantity("time", "", 1.0)
-    values = np.concatenate([_find_values(trace, variable) for trace in traces])
+    values = np.concatenate([find_values(trace, variable, view) for trace in traces])
     values = values[np.isfinite(values)]
-    shown = describe_quantity(variable, values)
-    if variable in ("depression", "depression_rate"):
-        low = 0.0 if variable == "depression" else float(values.min())
-        return np.linspace(low, max(float(values.max()), low + 1e-9), 16), shown
-    levels = np.array(_levels(traces, variable))
+    shown = Quantity(view.series, "", 1.0) if variable == "sequence" else describe_quantity(variable, values)
+    if variable == "direction":
+        return np.array([-1.5, 0.0, 1.5]), shown
+    if variable in (view.state, view.rate):
+        low = 0.0 if variable == view.state else float(values.min())
+        return np.linspace(low, max(float(values.max()), low + 1e-9), _count_bins(traces, view) + 1), shown
+    levels = np.array(list_levels(traces, variable))
     if len(levels) > 12:
         levels = np.linspace(levels[0], levels[-1], 8)
     middle = 0.5 * (levels[1:] + levels[:-1])

@@ -6,18 +6,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..discrepancy.records import Trace
-from .binning import choose_records, find_contact, pick_channel, sort_traces, standardise
+from .binning import choose_records, group_values, pick_channel, sort_traces, standardise
 from .labels import clean, describe_conditions, describe_quantity, vary
 from .style import FLOOR, GREY, INK, WIDTH, colour_models, dress, head_figure, new_figure, styled
+from .views import choose_view, find_span, find_strokes
 
 
 @styled
-def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force", count: int = 8):
+def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, count: int = 8):
     """Records spread over the conditions, each with the models through it and, below, the residual over the noise.
 
     Args:
         models: one or two models by the name they are to have in the legend, the reference model first.
-        channel: what to draw.
+        channel: what to draw; the family's force where it is not given.
         count: how many records at most.
 
     Returns:
@@ -26,11 +27,14 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
+    view = choose_view(next(iter(models.values())))
+    channel = channel or view.force
     traces = {name: {trace.record: trace for trace in pick_channel(all_, channel)} for name, all_ in models.items()}
     first, last = next(iter(traces.values())), list(traces.values())[-1]
     chosen = choose_records(list(first.values()), count)
     names = vary(trace.conditions for trace in first.values())
     shown = describe_quantity(channel, np.concatenate([trace.measured for trace in chosen]), chosen[0].unit)
+    along = describe_quantity(view.along, np.concatenate([trace.time for trace in chosen]))
     columns = 3 if len(chosen) in (5, 6) else min(4, len(chosen))
     rows = math.ceil(len(chosen) / columns)
     figure = new_figure(0.5 + 2.75 * rows, WIDTH if columns > 2 else 3.2 * columns + 1, gap=0.045)
@@ -43,7 +47,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
         upper = dress(figure.add_subplot(inner[0]))
         lower = dress(figure.add_subplot(inner[1], sharex=upper, sharey=lower), grid="")
         # One time axis for all: each model has shifted the record's time origin by as much as suits it.
-        time = 1e3 * np.asarray(last.get(trace.record, trace).time)
+        time = along.scale * np.asarray(last.get(trace.record, trace).time)
         upper.plot(time, shown.scale * trace.measured, ".", color=INK, ms=2.4, mew=0, zorder=2)
         lower.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
         lower.axhline(0, color=FLOOR, lw=0.7)
@@ -56,14 +60,14 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
             lines += upper.plot(time, shown.scale * model.model, style, color=colour, lw=1.4, zorder=3)
             residual = standardise(model)
             lower.plot(time, np.clip(residual, -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
-            lower.plot(time, np.clip(_smooth(residual), -limit, limit), color=colour, lw=1.3)
+            lower.plot(time, np.clip(_smooth(model), -limit, limit), color=colour, lw=1.3)
             labels += [clean(name, 60)] if i == 0 else []
         handles = handles or [Line2D([], [], ls="none", marker=".", ms=7, color=INK), *lines]
-        start, end = find_contact(last.get(trace.record, trace))
+        start, end = find_span(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
-        upper.set_xlim(max(1e3 * (start - margin), time[0]), min(1e3 * (end + 2.5 * margin), time[-1]))
+        upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
         title = describe_conditions(trace.conditions, names[:3]) or clean(trace.record, 20)
-        upper.set_title(title, fontsize=9.5)
+        upper.set_title(title, fontsize=9.5 if len(title) < 24 else 8.5 if len(title) < 28 else 8.0)
         upper.set_title(clean(trace.record, 10), loc="right", color=GREY, fontsize=8)
         upper.tick_params(labelbottom=False)
         upper.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
@@ -76,7 +80,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str = "normal_force
             upper.set_ylabel(shown.label)
             lower.set_ylabel("residual\n/ noise")
         if i + columns >= len(chosen):
-            lower.set_xlabel("time [ms]")
+            lower.set_xlabel(along.label)
     band = _band()
     head_figure(figure, [*handles, band], ["measured", *labels, "± 2 × noise"])
     return figure
@@ -115,9 +119,12 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
     lower.axhline(0, color=FLOOR, lw=0.7)
     handles, labels = [dots], ["measured, ± 2 × noise"]
     shift = 0.006 * np.ptp(x) if len(traces) > 1 else 0.0
+    lines = _find_lines(x, [values[other] for other in names if other != name])
     for i, ((label, own), colour) in enumerate(zip(traces.items(), colour_models(len(traces)), strict=True)):
         model = shown.scale * np.array([trace.model[0] for trace in own])
-        handles += upper.plot(x, model, "--s" if i == 0 and len(traces) > 1 else "-D", color=colour, lw=1.4, ms=4.5)
+        line, marker = ("--", "s") if i == 0 and len(traces) > 1 else ("-", "D")
+        drawn = [upper.plot(x[k], model[k], line + marker, color=colour, lw=1.4, ms=4.5)[0] for k in lines]
+        handles += drawn[:1]
         labels.append(clean(label, 60))
         lower.plot(x + (2 * i - 1) * shift, [standardise(trace)[0] for trace in own], "o", color=colour, ms=5)
     upper.set_ylabel(shown.label)
@@ -125,6 +132,15 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
     lower.set_xlabel(along.label if along else "record")
     head_figure(figure, handles, labels)
     return figure
+
+
+def _find_lines(x: np.ndarray, others: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Which points a line joins, in their order: all of them, or those that are alike in every other condition."""
+    if np.all(np.diff(x) > 0):
+        return [np.arange(x.size)]
+    keys = list(zip(*(group_values(other) for other in others), strict=True)) or [()] * x.size
+    lines = [np.array([i for i, own in enumerate(keys) if own == key]) for key in dict.fromkeys(keys)]
+    return [line[np.argsort(x[line], kind="stable")] for line in lines if line.size]
 
 
 def _limit_residuals(traces, chosen) -> float:
@@ -144,9 +160,15 @@ def _tick(limit: float) -> int:
     return int(math.floor(0.9 * limit / step) * step)
 
 
-def _smooth(residual: np.ndarray) -> np.ndarray:
-    """Running mean over about a twenty-fifth of the trace, without the missing samples."""
+def _smooth(trace: Trace) -> np.ndarray:
+    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke."""
+    residual = standardise(trace)
     width = max(3, residual.size // 25) | 1
+    return np.concatenate([_average(residual[part], width) for part in find_strokes(trace)])
+
+
+def _average(residual: np.ndarray, width: int) -> np.ndarray:
+    """Running mean without the missing samples."""
     if residual.size <= width:
         return residual
     kernel = np.ones(width)

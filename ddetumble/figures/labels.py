@@ -9,11 +9,12 @@ import numpy as np
 
 @dc.dataclass(frozen=True)
 class Quantity:
-    """How a quantity is shown: shown value = SI value times `scale`, in `unit`."""
+    """How a quantity is shown: shown value = SI value times `scale`, in `unit`, its digits by `digits`."""
 
     name: str
     unit: str
     scale: float
+    digits: str = ".3g"
 
     @property
     def label(self) -> str:
@@ -22,8 +23,7 @@ class Quantity:
 
     def format(self, value: float) -> str:
         """An SI value as the number that is shown, without its unit."""
-        shown = value * self.scale
-        return f"{shown:.2f}" if self.unit in ("MPa", "m/s") else f"{shown:.3g}"
+        return format(value * self.scale, self.digits).removesuffix(".")
 
 
 _QUANTITIES = {
@@ -33,8 +33,14 @@ _QUANTITIES = {
     "approach_speed": ("approach speed", "m/s", 1.0), "tangential_speed": ("tangential speed", "m/s", 1.0),
     "normal_force": ("normal force", "N", 1.0), "peak_normal_force": ("peak normal force", "N", 1.0),
     "sequence": ("impact of the series", "", 1.0),
+    "slip": ("slip", "mm", 1e3), "direction": ("direction of the stroke", "", 1.0),
+    "normal_load": ("load", "N", 1.0), "internal_pressure": ("internal pressure", "MPa", 1e-6),
+    "slip_speed": ("slip speed", "m/s", 1.0), "tangential_force": ("friction force", "N", 1.0),
+    "peak_friction_force": ("peak friction force", "N", 1.0),
 }  # fmt: skip
-_MAIN = ("initial_pressure", "approach_speed")
+_MAIN = ("initial_pressure", "approach_speed", "normal_load", "internal_pressure", "slip_speed")
+_DIGITS = {"normal_load": "#.3g", "slip_speed": ".3g"}  # others by their unit
+_LONG = 2.0  # s, from which a record's time is shown in seconds
 VERDICTS = {
     "nothing-missing": "nothing missing",
     "explained": "explained",
@@ -45,22 +51,25 @@ VERDICTS = {
 
 
 def describe_quantity(name: str, values=None, unit: str = "") -> Quantity:
-    """Name, unit and scale in which a quantity is shown; small pressures are shown in kPa.
+    """Name, unit and scale in which a quantity is shown; small pressures are shown in kPa, long times in seconds.
 
     Args:
         name: of a channel, condition or variable.
-        values: SI values to be shown, which decide on kPa or MPa.
+        values: SI values to be shown, which decide on kPa or MPa, ms or s.
         unit: SI unit of a quantity that has no unit of its own here.
     """
     if name not in _QUANTITIES:
         return Quantity(clean(name).replace("_", " "), "" if unit == "1" else clean(unit), 1.0)
     words, shown, scale = _QUANTITIES[name]
-    if shown == "MPa" and values is not None:
+    if shown in ("MPa", "ms") and values is not None:
         finite = np.abs(np.asarray(values, dtype=float))
         finite = finite[np.isfinite(finite)]
-        if finite.size and finite.max() < 2e5:
+        if shown == "MPa" and finite.size and finite.max() < 2e5:
             return Quantity(words, "kPa", 1e-3)
-    return Quantity(words, shown, scale)
+        if shown == "ms" and finite.size and finite.max() > _LONG:
+            return Quantity(words, "s", 1.0)
+    digits = _DIGITS.get(name, ".2f" if shown in ("MPa", "m/s") else ".3g")
+    return Quantity(words, shown, scale, digits)
 
 
 def clean(text, length: int = 200) -> str:
@@ -70,7 +79,10 @@ def clean(text, length: int = 200) -> str:
 
 
 def vary(records: Iterable[Mapping[str, float]]) -> tuple[str, ...]:
-    """Conditions that differ between records: pressure and speed first, the number in the series left out."""
+    """Conditions that differ between records: those of every record of the family first, the number in the series not.
+
+    Pressure and speed of an impact, and load, pressure and speed of a slip record, count also where all are alike.
+    """
     records = list(records)
     names = [name for name in _MAIN if any(name in record for record in records)]
     names += sorted({name for record in records for name in record} - set(_MAIN) - {"sequence"})

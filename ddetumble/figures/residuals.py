@@ -1,5 +1,6 @@
 """Where the residuals sit: a map over record and time, and the error of every condition against the noise."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -9,22 +10,24 @@ from ..discrepancy.records import Trace
 from .binning import (
     group_values,
     list_channels,
+    list_levels,
     measure_error,
     pick_channel,
-    share_of_contact,
     sort_traces,
     standardise,
 )
 from .labels import clean, describe_conditions, describe_quantity, vary
 from .style import GREY, INK, WIDTH, dress, new_figure, styled
+from .views import choose_view, share_span
 
 
-_EDGES = np.linspace(-0.06, 1.12, 49)
+_COLUMNS = 48  # of the map
+_ROWS = 16  # of the grid of errors at most
 
 
 @styled
 def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
-    """Mean residual over the noise, one row a record in the order of its conditions, along the contact.
+    """Mean residual over the noise, one row a record in the order of its conditions, along the record.
 
     Args:
         models: one or two models by name, the reference model first; all channels are drawn, one below the other.
@@ -33,7 +36,8 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
         A matplotlib figure.
     """
     first = next(iter(models.values()))
-    channels = list_channels(first)
+    view, channels = choose_view(first), list_channels(first)
+    edges = np.linspace(*view.reach, min(_COLUMNS, max(np.size(trace.time) for trace in first)) + 1)
     count = max(len(pick_channel(first, channel)) for channel in channels)
     height = min(max(0.165 * count, 1.6), 6.0)
     figure = new_figure(0.75 + (height + 0.45) * len(channels), WIDTH)
@@ -44,14 +48,14 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
         maps = []
         for traces in models.values():
             own = {trace.record: trace for trace in pick_channel(traces, channel)}
-            maps.append(np.array([_average(own.get(trace.record)) for trace in order]))
+            maps.append(np.array([_average(own.get(trace.record), edges) for trace in order]))
         finite = np.abs(np.concatenate([one[np.isfinite(one)] for one in maps]))
         limit = max(2.0, float(np.quantile(finite, 0.99)) if finite.size else 2.0)
         for column, (name, values) in enumerate(zip(models, maps, strict=True)):
             axes = dress(panels[row, column], grid="")
             image = axes.imshow(
                 values, aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest",
-                extent=(_EDGES[0], _EDGES[-1], len(order) - 0.5, -0.5),
+                extent=(edges[0], edges[-1], len(order) - 0.5, -0.5),
             )  # fmt: skip
             axes.set_facecolor("#e3e3e3")
             for edge in (0, 1):
@@ -62,9 +66,12 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
             axes.set_title(clean(name, 60) if len(channels) == 1 else f"{shown}: {clean(name, 50)}")
             axes.tick_params(axis="y", length=0)
             axes.set_yticks(range(len(order)), labels if column == 0 else [""] * len(order), fontsize=7.5)
-            axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["touch", "¼", "½", "¾", "separation"])
+            axes.set_xticks([0, 0.25, 0.5, 0.75, 1], [view.ends[0], "¼", "½", "¾", view.ends[1]])
+            if view.reach == (0.0, 1.0):  # the names of the ends would stick out
+                for tick, side in ((0, "left"), (-1, "right")):
+                    axes.get_xticklabels()[tick].set_horizontalalignment(side)
             if row == len(channels) - 1:
-                axes.set_xlabel("share of the contact time")
+                axes.set_xlabel(view.share)
             for side in axes.spines.values():
                 side.set_visible(False)
         bar = figure.colorbar(image, ax=list(panels[row]), shrink=0.9, aspect=24, pad=0.015, extend="both")
@@ -76,7 +83,7 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
 
 @styled
 def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
-    """Root mean square of the residual over the noise at each pressure and speed; 1 is as good as it can be.
+    """Root mean square of the residual over the noise at each condition; 1 is as good as it can be.
 
     Args:
         models: one or two models by name, the reference model first; all channels are drawn, one below the other.
@@ -123,13 +130,14 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
     return figure
 
 
-def _average(trace: Trace | None) -> np.ndarray:
-    """Mean standardised residual of one record in the bins of the contact time, nan where there is none."""
-    size = _EDGES.size - 1
+def _average(trace: Trace | None, edges: np.ndarray) -> np.ndarray:
+    """Mean standardised residual of one record in bins of the share of the record, nan where there is none."""
+    size = edges.size - 1
     if trace is None:
         return np.full(size, np.nan)
-    residual, share = standardise(trace), share_of_contact(trace)
-    index = np.searchsorted(_EDGES, share, side="right") - 1
+    residual, share = standardise(trace), share_span(trace)
+    index = np.searchsorted(edges, share, side="right") - 1
+    index = np.where(share == 1, np.minimum(index, size - 1), index)
     good = np.isfinite(residual) & (index >= 0) & (index < size)
     count = np.bincount(index[good], minlength=size)
     total = np.bincount(index[good], residual[good], minlength=size)
@@ -154,20 +162,28 @@ def _find_breaks(traces: Sequence[Trace]) -> list[float]:
 
 
 def _grid_errors(traces: Sequence[Trace]):
-    """Errors on the grid of the two first conditions, with tick labels and axis labels; repeats are pooled."""
-    names = vary(trace.conditions for trace in traces)
-    errors = np.array([measure_error(trace) for trace in traces])
+    """Errors on the grid of a first condition and the next ones, with tick labels and axis labels; repeats are pooled.
+
+    Conditions that would make too many rows are pooled too.
+    """
+    names = vary(trace.conditions for trace in traces)[: choose_view(traces).conditions]
+    levels = {name: list_levels(traces, name) for name in names}
+    varying = [name for name in names if len(levels[name]) > 1]
+    names = varying if len(varying) > 1 else list(names[:2])
     if len(names) < 2:
         order = sort_traces(traces)
         values = np.array([[measure_error(trace) for trace in order]])
         return values, [clean(trace.record, 8) for trace in order], [""], "record", ""
-    columns = [group_values([trace.conditions.get(name, math.nan) for trace in traces]) for name in names[:2]]
-    levels = [sorted({value for value in column if math.isfinite(value)}) for column in columns]
-    values = np.full((len(levels[1]), len(levels[0])), np.nan)
+    if math.prod(len(levels[name]) for name in names[1:]) > _ROWS:
+        names = names[:2]
+    errors = np.array([measure_error(trace) for trace in traces])
+    columns = [group_values([trace.conditions.get(name, math.nan) for trace in traces]) for name in names]
+    across, up = levels[names[0]], sorted(itertools.product(*(levels[name] for name in names[1:])))
+    values = np.full((len(up), len(across)), np.nan)
     for i, j in np.ndindex(*values.shape):
-        here = (np.array(columns[0]) == levels[0][j]) & (np.array(columns[1]) == levels[1][i])
+        here = np.all(np.array(columns).T == (across[j], *up[i]), axis=1)
         if here.any():
             values[i, j] = np.sqrt(np.mean(errors[here] ** 2))
-    shown = [describe_quantity(name, level) for name, level in zip(names, levels, strict=False)]
-    ticks = [[one.format(value) for value in level] for one, level in zip(shown, levels, strict=True)]
-    return values, ticks[0], ticks[1], shown[0].label, shown[1].label
+    first, *rest = (describe_quantity(name, levels[name]) for name in names)
+    rows = [" · ".join(one.format(value) for one, value in zip(rest, row, strict=True)) for row in up]
+    return values, [first.format(value) for value in across], rows, first.label, " ·\n".join(one.label for one in rest)

@@ -13,9 +13,8 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect
-from ..contact.law import AbstractReference, ContactLaw
-from ..effects import IMPACT
+from ..contact.effect import AbstractEffect, AbstractModel
+from ..effects import CATALOGUES
 from ..measurement.campaign import Campaign, Uncertainty
 from .files import hash_file, list_versions, make_plain, write_json
 from .models import resolve_effect, resolve_model
@@ -158,7 +157,7 @@ class SavedModel:
         columns = [self.space.index[name] for name in self.free]
         return np.eye(len(self.space))[columns].reshape(len(columns), len(self.space))
 
-    def law(self) -> ContactLaw:
+    def law(self) -> Any:
         """The fitted law."""
         return self.space.build(jnp.asarray(self.u))
 
@@ -241,7 +240,7 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
         file, _, name = model.rpartition(":")
         model = f"{path.parent / file}:{name}"
         notes += _compare_source(path.parent / file, content.model_sha256)
-    reference = _choose(resolve_model(model).reference, content.choices, path)
+    reference = _choose(resolve_model(model, content.family).reference, content.choices, path)
     classes = []
     for entry in content.effects:
         classes.append(_find_effect(entry, path, extra))
@@ -270,12 +269,12 @@ def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect])
     return all(u[k] == p.default for k, p in amplitudes)
 
 
-def _list_choices(reference: AbstractReference) -> dict[str, Any]:
+def _list_choices(reference: AbstractModel) -> dict[str, Any]:
     """What is chosen once for a reference model and is no parameter: `doubled_core`, `condition`."""
     return {f.name: getattr(reference, f.name) for f in dc.fields(reference) if "parameter" not in f.metadata}
 
 
-def _choose(reference: AbstractReference, choices: Mapping[str, Any], path: Path) -> AbstractReference:
+def _choose(reference: AbstractModel, choices: Mapping[str, Any], path: Path) -> AbstractModel:
     own = _list_choices(reference)
     if set(own) != set(choices):
         raise InputError("the choices are not those of the model; fit it again", file=path, column="choices")
@@ -298,7 +297,7 @@ def _describe_condition(campaign: Campaign, name: str) -> dict[str, Any]:
 
 
 def _describe_effect(effect: type[AbstractEffect], folder: Path) -> dict[str, Any]:
-    if effect in IMPACT:
+    if any(effect in effects for effects in CATALOGUES.values()):
         return {"id": effect.id}
     file = getattr(sys.modules.get(effect.__module__), "__file__", None)
     if file is None or not Path(file).is_file():
@@ -329,7 +328,7 @@ def _compare_source(file: Path, digest: str) -> list[str]:
 
 
 def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEffect]]) -> type[AbstractEffect]:
-    known = {e.id: e for e in (*IMPACT, *extra)}
+    known = {e.id: e for e in (*(e for effects in CATALOGUES.values() for e in effects), *extra)}
     if entry.id in known:
         return known[entry.id]
     if entry.source is None:

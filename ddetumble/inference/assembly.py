@@ -9,11 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, parameters_of
-from ..contact.law import AbstractReference, PowerLaw
-from ..effects import IMPACT
-from ..effects.probes import PROBES
+from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
+from ..contact.friction import describe_range
+from ..contact.law import PowerLaw
+from ..contact.sliding import RubberFriction
 from ..measurement.campaign import Campaign
+from .families import find_family
 from .parameters import ParameterSpace, to_coordinate
 
 
@@ -28,6 +29,7 @@ class Assembly:
         left_out: ids of effects that need what model or campaign lack.
         start: coordinates, known parameters put in, effects at their null, shape (parameters,).
         base: free parameters of the reference model.
+        warnings: sentences on records outside the range in which the reference model holds.
     """
 
     space: ParameterSpace
@@ -36,29 +38,49 @@ class Assembly:
     left_out: tuple[str, ...]
     start: np.ndarray
     base: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
 
-def assemble_space(campaign: Campaign, reference: AbstractReference,
+def assemble_space(campaign: Campaign, reference: AbstractModel,
                    extra: Sequence[type[AbstractEffect]] = ()) -> Assembly:
     """Gather everything that a model of the campaign may hold.
 
     Args:
-        campaign: of family `impact`.
+        campaign: whose family the model describes.
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
     """
+    family = find_family(campaign.family)
+    if type(reference).family != family.name:
+        raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign.name!r} of "
+                         f"{family.name!r}; take a model of that family")
     reference = adapt_reference(campaign, reference)
-    catalogue = tuple(e for e in (*IMPACT, *extra) if fits_campaign(e, reference, campaign))
-    probes = tuple(e for e in PROBES if fits_campaign(e, reference, campaign))
+    offered = (*family.catalogue, *extra)
+    catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
+    probes = tuple(e for e in family.probes if fits_campaign(e, reference, campaign))
     space = ParameterSpace(reference, (*catalogue, *probes))
     start = space.coordinates({k: v for k, v in campaign.known.items() if v is not None and k in space.index})
     fixed = {"condition_exponent"} if isinstance(reference, PowerLaw) and not reference.condition else set()
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)
-    return Assembly(space, catalogue, probes, tuple(e.id for e in (*IMPACT, *extra) if e not in catalogue), start, base)
+    return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
+                    warn_of_range(campaign, reference))
 
 
-def adapt_reference(campaign: Campaign, reference: AbstractReference) -> AbstractReference:
+def warn_of_range(campaign: Campaign, reference: AbstractModel) -> tuple[str, ...]:
+    """Sentences on records whose conditions lie outside the range of the reference model: Eq. 10's loads."""
+    if not isinstance(reference, RubberFriction):
+        return ()
+    found: dict[str, list[str]] = {}
+    for key, load in zip(campaign.record_keys, campaign.records["normal_load"].to_numpy(dtype=float), strict=True):
+        phrase = describe_range(float(load))
+        if phrase:
+            found.setdefault(phrase, []).append(str(key))
+    return tuple(f"Outside the range of Eq. 10 ({len(keys)} records, {keys[0]} among them): {phrase}."
+                 for phrase, keys in found.items())
+
+
+def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractModel:
     """A reference model that reads the campaign's conditions; refused in words where they are missing.
 
     A power law takes the pressure, or else the first further condition that varies, about its median.
@@ -67,6 +89,9 @@ def adapt_reference(campaign: Campaign, reference: AbstractReference) -> Abstrac
         InputError: the model needs a gas pressure and the campaign has none, or none in some record.
     """
     records = campaign.records
+    if isinstance(reference, RubberFriction) and "internal_pressure" not in records:
+        raise InputError(f"campaign {campaign.name!r} has no condition 'internal_pressure', and Eq. 8 needs it; give "
+                         "the pressure, or take --model coulomb")
     if isinstance(reference, PowerLaw):
         further = [c for c in records.columns if c not in ("approach_speed", "sequence", "initial_pressure")]
         values = {c: records[c].to_numpy(dtype=float) for c in ("initial_pressure", *further) if c in records}
@@ -87,7 +112,7 @@ def adapt_reference(campaign: Campaign, reference: AbstractReference) -> Abstrac
     return reference
 
 
-def fits_campaign(effect: type[AbstractEffect], reference: AbstractReference, campaign: Campaign) -> bool:
+def fits_campaign(effect: type[AbstractEffect], reference: AbstractModel, campaign: Campaign) -> bool:
     """Whether everything that an effect requires is there: features of the model, or conditions of the campaign."""
     return all(need in reference.provides or need in campaign.records.columns for need in effect.requires)
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, parameters_of
-from ..effects import IMPACT
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .assembly import Assembly, assemble_space, default_starts, guess_start
 from .bounded import Bounded, solve_bounded
+from .families import find_family
 from .findings import Fit, summarise_fit
 from .models import ResolvedModel, resolve_effect, resolve_model
 from .noise import Noise
@@ -36,7 +36,7 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         bounds: Mapping[str, tuple[float, float]] | None = None, start: Mapping[str, float] | None = None,
         noise: str | Mapping[str, Noise] | None = None, nuisances: bool = True, progress: Progress | None = None
         ) -> Fit:
-    """Fit a model to a campaign of impacts.
+    """Fit a model to a campaign of impacts or slip records.
 
     Args:
         campaign: a campaign, its folder, or a specification `fit.toml` (which then says everything else).
@@ -88,11 +88,10 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
 def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Mapping[str, float], report: Progress,
          classes: Sequence[type[AbstractEffect]], noise: Mapping[str, Noise] | None = None) -> Fit:
     """Fit what a specification says."""
-    if campaign.family != "impact":
-        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; fit reads 'impact' so far")
-    resolved = resolve_model(wanted.model)
+    catalogue = find_family(campaign.family, "fit").catalogue
+    resolved = resolve_model(wanted.model, campaign.family)
     chosen = choose_effects(wanted.effects, classes, resolved)
-    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in IMPACT])
+    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in catalogue])
     for effect in chosen:
         if effect.id in assembly.left_out:
             raise InputError(f"effect {effect.id!r} needs {' and '.join(effect.requires)}, which the model "
@@ -138,7 +137,7 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     best = best if again.solution.failed else again
     report("writing it down", 0.96)
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
-                         settings, wanted.nuisances)
+                         settings, wanted.nuisances, assembly.warnings)
 
 
 def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel

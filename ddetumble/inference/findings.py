@@ -170,7 +170,8 @@ class Fit:
 
 
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,
-                  start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool) -> Fit:
+                  start: np.ndarray, noise: Mapping[str, Noise], settings: Mapping[str, Any], nuisances: bool,
+                  warnings: tuple[str, ...] = ()) -> Fit:
     """Turn a solution into what people read.
 
     Args:
@@ -179,6 +180,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         found: its solution.
         start: coordinates that the fit started from.
         nuisances: whether the conditions moved.
+        warnings: sentences on records outside the model's range.
     """
     space, solution = problem.space, found.solution
     moving = list(solution.names)
@@ -191,6 +193,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others "
              "hold it there." for n, p in parameters.items() if p.at_bound]
     notes += [f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound]
+    notes = [*warnings, *notes]
     if not nuisances:
         notes.append("Conditions and time origins were taken as exact.")
     steps = f"after {solution.steps} steps"

@@ -18,11 +18,15 @@ VAST_LINEAR = 100.0  # the same for other coordinates, in typical changes
 ELSEWHERE = {
     "effective_mass": "weigh the moving parts", "sensor-gain.g": "calibrate the force gauge",
     "contact_radius_coefficient": "measure the contact disc", "outer_diameter": "measure the ball",
-    "restitution": "measure the rebound speed", "ambient-pressure.p_a": "read the barometer",
+    "restitution": "measure the rebound speed", "loss_factor": "measure the loss factor on a rheometer",
+    "slip_scale": "measure at other loads", "ambient-pressure.p_a": "read the barometer",
 }  # fmt: skip
 TESTS = (
     ("approach_speed", 1.5, "half as fast again"), ("approach_speed", 0.6, "at six tenths of the speeds"),
     ("initial_pressure", 2.0, "at twice the pressures"), ("initial_pressure", 0.5, "at half the pressures"),
+    ("internal_pressure", 2.0, "at twice the pressures"), ("internal_pressure", 0.5, "at half the pressures"),
+    ("normal_load", 2.0, "at twice the loads"), ("normal_load", 0.5, "at half the loads"),
+    ("slip_speed", 3.0, "at three times the slip speeds"), ("slip_speed", 0.3, "at a third of the slip speeds"),
 )  # fmt: skip
 
 
@@ -171,10 +175,10 @@ def _say_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend
     """The test that shortens the combination's uncertainty most, out of a few, or what to take from elsewhere."""
     ratios = []
     for name, factor, text in TESTS:
-        if name in problem.records.nuisances and name in problem.records.stack.conditions:
+        if name in problem.records.stack.conditions:
             ratios.append((_try_conditions(problem, solution, columns, blend, name, factor),
                            f"as many records {text}"))
-    if "depression" not in problem.records.channels:
+    if problem.records.family == "impact" and "depression" not in problem.records.channels:
         ratios.append((_try_depression(problem, solution, blend), "the depression as a further channel"))
     best, text = min(ratios, default=(1.0, ""))
     size = max(abs(x) / _typical(problem.space, n) for n, x in zip(solution.names, blend.step, strict=True))
@@ -228,8 +232,8 @@ def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float
         moved = problem.solve(solution.names, u, solution.z, moving=False)
         if moved.failed:
             return 1.0
-        there.append(moved.depression)
-    sd = 2e-3 * float(np.max(solution.depression))
+        there.append(moved.state)
+    sd = 2e-3 * float(np.max(solution.state))
     counted = np.asarray(problem.records.stack.weights)[: problem.records.count, 0] > 0
     change = (there[0] - there[1]) / (2.0 * share) / sd
     # Conditions and time origin of every record take a part of it with them: a quarter is counted.

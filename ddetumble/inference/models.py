@@ -3,6 +3,7 @@
 import dataclasses as dc
 import difflib
 import hashlib
+import inspect
 import math
 import sys
 import types
@@ -11,8 +12,10 @@ from pathlib import Path
 
 from .._errors import InputError
 from .._numerics import scalar
-from ..contact.effect import AbstractEffect
-from ..contact.law import AbstractReference, Ball, ContactLaw, PowerLaw
+from ..contact.effect import AbstractEffect, AbstractModel
+from ..contact.law import Ball, ContactLaw, PowerLaw
+from ..contact.sliding import CoulombFriction, FrictionLaw, RubberFriction
+from ..effects import CATALOGUES
 
 
 @dc.dataclass(frozen=True)
@@ -25,7 +28,7 @@ class BuiltinModel:
     """
 
     text: str
-    make: Callable[[], AbstractReference]
+    make: Callable[[], AbstractModel]
 
 
 @dc.dataclass(frozen=True)
@@ -36,11 +39,11 @@ class ResolvedModel:
         name: as given.
         reference: template of the reference model; its values are the defaults.
         text: which equations it is, one sentence.
-        effects: instances that extend it from the start, for a `ContactLaw` of the user's own.
+        effects: instances that extend it from the start, for a law of the user's own.
     """
 
     name: str
-    reference: AbstractReference
+    reference: AbstractModel
     text: str
     effects: tuple[AbstractEffect, ...] = ()
 
@@ -73,33 +76,47 @@ MODELS: dict[str, BuiltinModel] = {
         "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
         PowerLaw),
 }  # fmt: skip
+SLIP_MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel("Eqs. 8 to 11 with e = 1: friction at zero slip is that of Eq. 8 alone.", RubberFriction),
+    "paper-printed": BuiltinModel(
+        "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
+        lambda: RubberFriction(printed=True)),
+    "coulomb": BuiltinModel("a constant coefficient of friction.", CoulombFriction),
+}  # fmt: skip
+BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS}
 
 
 def describe_models() -> str:
     """The built-in models, one line each."""
-    width = max(map(len, MODELS))
-    return "\n".join(f"{name:<{width}}  {model.text}" for name, model in MODELS.items())
+    width = max(len(name) for models in BUILTIN.values() for name in models)
+    lines = []
+    for family, models in BUILTIN.items():
+        lines.append(f"for records of the family {family}:")
+        lines += [f"  {name:<{width}}  {model.text}" for name, model in models.items()]
+    return "\n".join(lines)
 
 
 def is_fitted(name: str) -> bool:
     """Whether a model's name is the folder of a fitted one; a built-in name never is, whatever lies about."""
-    return str(name) not in MODELS and Path(name).is_dir()
+    return not any(str(name) in models for models in BUILTIN.values()) and Path(name).is_dir()
 
 
-def resolve_model(name: str) -> ResolvedModel:
+def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
     """The reference model that a name stands for.
 
     Args:
         name: a built-in model; a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or
-            `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference`, an instance of one, or a
-            `ContactLaw` that extends one by effects.
+            `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or `AbstractFriction`, an
+            instance of one, or a law that extends one by effects.
+        family: of the records, as built-in names stand for different models in different families.
 
     Raises:
         InputError: There is no such model, file or name, or it is none of these things.
     """
     name = str(name)
-    if name in MODELS:
-        model = MODELS[name]
+    models = BUILTIN.get(family, MODELS)
+    if name in models:
+        model = models[name]
         return ResolvedModel(name, model.make(), model.text)
     path, colon, attribute = name.rpartition(":")
     if colon and path.endswith(".py"):
@@ -108,9 +125,9 @@ def resolve_model(name: str) -> ResolvedModel:
         return _read_folder(Path(name))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
-    near = difflib.get_close_matches(name, MODELS, n=1)
+    near = difflib.get_close_matches(name, models, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
-    raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(MODELS)}, a folder that fit or "
+    raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(models)}, a folder that fit or "
                      f"discover "
                      "wrote, or FILE.py:NAME")
 
@@ -124,9 +141,7 @@ def resolve_effect(name: str) -> type[AbstractEffect]:
     Raises:
         InputError: There is no such effect, file or name, or it is no effect.
     """
-    from ..effects import IMPACT
-
-    known = {effect.id: effect for effect in IMPACT}
+    known = {effect.id: effect for effects in CATALOGUES.values() for effect in effects}
     if name in known:
         return known[name]
     path, colon, attribute = str(name).rpartition(":")
@@ -194,12 +209,12 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
                          file=path) from error
     text = " ".join((type(made).__doc__ or "").strip().split("\n\n")[0].split()) or f"{attribute} of {path.name}"
-    if isinstance(made, ContactLaw):
+    if isinstance(made, (ContactLaw, FrictionLaw)):
         return ResolvedModel(name, made.reference, f"{attribute} of {path.name}", tuple(made.effects))
     return ResolvedModel(name, made, text)
 
 
 def _is_model(value) -> bool:
     if isinstance(value, type):
-        return issubclass(value, AbstractReference) and value is not AbstractReference
-    return isinstance(value, (AbstractReference, ContactLaw))
+        return issubclass(value, AbstractModel) and not inspect.isabstract(value)
+    return isinstance(value, (AbstractModel, ContactLaw, FrictionLaw))

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, Parameter, parameters_of
-from ..contact.law import AbstractReference, ContactLaw
+from ..contact.effect import AbstractEffect, AbstractModel, Parameter, parameters_of
+from .families import FAMILIES, Family
 
 
 @dc.dataclass(frozen=True)
@@ -57,7 +57,8 @@ def from_coordinate(kind: str, u):
     """Coordinate to field value, for numpy and jax arrays alike."""
     xp = np if isinstance(u, (np.ndarray, float, np.floating)) else jnp
     if kind == "log":
-        return xp.exp(u)
+        with np.errstate(over="ignore"):  # infinite is what an interval that reaches so far is
+            return xp.exp(u)
     if kind == "logit":
         return 1.0 / (1.0 + xp.exp(-u))
     return u
@@ -71,7 +72,7 @@ class ParameterSpace:
         effects: classes of the effects, all present, each at its null unless set.
     """
 
-    def __init__(self, reference: AbstractReference, effects: Sequence[type[AbstractEffect]]):
+    def __init__(self, reference: AbstractModel, effects: Sequence[type[AbstractEffect]]):
         self.reference = reference
         self.effects = tuple(effects)
         slots = [Slot(p.name, None, dc.replace(p, default=float(getattr(reference, p.field))))
@@ -134,8 +135,13 @@ class ParameterSpace:
             high.append(b)
         return np.array(low), np.array(high)
 
-    def build(self, u: Array) -> ContactLaw:
-        """The law at coordinates `u`, shape (parameters,); works under jit."""
+    @property
+    def family(self) -> Family:
+        """Of the records that the model describes."""
+        return FAMILIES[type(self.reference).family]
+
+    def build(self, u: Array) -> Any:
+        """The law at coordinates `u`, shape (parameters,): `ContactLaw` or `FrictionLaw`; works under jit."""
         values = [from_coordinate(s.parameter.coordinate, u[k]) for k, s in enumerate(self.slots)]
         fields = [s.parameter.field for s in self.slots]
         count = len(parameters_of(self.reference))
@@ -146,7 +152,7 @@ class ParameterSpace:
             own: dict[str, Any] = dict(zip(fields[count:count + size], values[count:count + size], strict=True))
             effects.append(effect(**own))
             count += size
-        return ContactLaw(reference, tuple(effects))
+        return reference.extend(tuple(effects))
 
     def of(self, owners: Iterable[str | None], shapes: bool = True) -> list[str]:
         """Names of the free parameters of the given owners (None: the reference model)."""

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
-import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,6 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._errors import ComputationError
-from ..dynamics.impact import simulate
 from .arrow import ArrowMarquardt, profile_own
 from .parameters import ParameterSpace
 from .stack import Records, Stack
@@ -37,8 +35,9 @@ class Evaluation(eqx.Module):
         shared: its derivative by the free parameters in units of their scales, shape (records, rows, slots).
         own: by the nuisances in units of their deviations, shape (records, rows, nuisances).
         channels: model, shape (records, channels, samples), SI.
-        depression, depression_rate: shape (records, samples) [m, m/s].
-        separation: shape (records,) [s].
+        state, state_rate: what a misfit is located in, shape (records, samples): depression and its rate [m, m/s] of
+            impacts, slip since the stroke began and its signed speed of slip records.
+        end: of the contact, or of the record, in the independent variable, shape (records,).
         failed: shape (records,).
     """
 
@@ -46,9 +45,9 @@ class Evaluation(eqx.Module):
     shared: Array
     own: Array
     channels: Array
-    depression: Array
-    depression_rate: Array
-    separation: Array
+    state: Array
+    state_rate: Array
+    end: Array
     failed: Array
 
 
@@ -81,10 +80,8 @@ def _record(space, names, channels, theta, z, row, base, directions, low, high):
             time = time - z[k] * row.condition_sd[k]
         else:
             conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
-    impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
-                      atol=0.01 * row.rtol, from_motion=True)
-    model = jnp.stack([getattr(impact, channel) for channel in channels])
-    return model, (impact.depression, impact.depression_rate, impact.separation, impact.failed | outside)
+    found = space.family.observe(law, conditions, time, row, channels)
+    return found.channels, (found.state, found.state_rate, found.end, found.failed | outside)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -104,7 +101,7 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
                         out_axes=(None, -1, None))(unit)
 
     axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
-    model, jacobian, (depression, rate, separation, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
+    model, jacobian, (state, rate, end, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
     failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
     there = stack.present > 0
     keep = (there & ~failed)[:, None, None, None]
@@ -114,8 +111,8 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
     columns = columns.reshape(columns.shape[0], -1, columns.shape[-1])
     failed = failed & there
     residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
-    return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, depression, rate,
-                      separation, failed)
+    return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate,
+                      end, failed)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -166,7 +163,7 @@ class Solution:
         z: nuisances in units of their deviations, shape (records, nuisances).
         scales: of the free coordinates: columns of `shared` are derivatives by coordinate/scale.
         residual, shared, own: as in `Evaluation`, only the records that are there and the columns that are free.
-        channels, depression, depression_rate, separation: as in `Evaluation`.
+        channels, state, state_rate, end: as in `Evaluation`.
         prior_residual, prior_weight: prior rows of the free parameters.
         chi2: sum of squares of all rows.
         converged, steps, failed: state of the optimiser; keys of failed records are in `failed`.
@@ -180,9 +177,9 @@ class Solution:
     shared: np.ndarray
     own: np.ndarray
     channels: np.ndarray
-    depression: np.ndarray
-    depression_rate: np.ndarray
-    separation: np.ndarray
+    state: np.ndarray
+    state_rate: np.ndarray
+    end: np.ndarray
     prior_residual: np.ndarray
     prior_weight: np.ndarray
     chi2: float
@@ -299,7 +296,7 @@ class Problem:
         failed = tuple(k for k, bad in zip(self.records.keys, np.asarray(at.failed), strict=False) if bad)
         return Solution(
             tuple(free), u, z_new, scales, residual, np.asarray(at.shared)[:count, :, : len(free)],
-            np.asarray(at.own)[:count], np.asarray(at.channels)[:count], np.asarray(at.depression)[:count],
-            np.asarray(at.depression_rate)[:count], np.asarray(at.separation)[:count], prior,
+            np.asarray(at.own)[:count], np.asarray(at.channels)[:count], np.asarray(at.state)[:count],
+            np.asarray(at.state_rate)[:count], np.asarray(at.end)[:count], prior,
             weight[: len(free)], float(np.sum(residual**2) + np.sum(z_new**2) + np.sum(prior**2)),
             bool(converged) and not failed, int(steps), failed)

@@ -11,13 +11,13 @@ from jaxtyping import Array
 from .._errors import InputError
 from ..dynamics.impact import RTOL
 from ..measurement.campaign import Campaign
+from .families import find_family
 from .noise import TAPS, Noise, whitening
+from .strokes import split_strokes
 
 
-CHANNELS = ("normal_force", "depression", "pressure")
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
 RECORD_SIZES = (24, 48, 96, 192, 384, 768)
-SAMPLE_SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
 
 
 class Stack(eqx.Module):
@@ -31,6 +31,8 @@ class Stack(eqx.Module):
         conditions: by name, each shape (records,), SI, as measured.
         condition_sd: standard deviations of the nuisances, shape (records, nuisances): `nuisances` names them.
         present: 1 for records that are there, shape (records,).
+        inputs: further traces that the model reads, by name, each shape (records, samples): `slip` since the stroke
+            began [m] and `direction` of slip records that are time series.
         rtol: tolerance of the integrator, shape ().
     """
 
@@ -42,6 +44,7 @@ class Stack(eqx.Module):
     conditions: dict[str, Array]
     condition_sd: Array
     present: Array
+    inputs: dict[str, Array] = eqx.field(default_factory=dict)
     rtol: Array = eqx.field(default_factory=lambda: jnp.asarray(RTOL))
 
 
@@ -56,6 +59,8 @@ class Records:
         lengths: samples of each record.
         complete: whether no sample is missing, shape (records, channels).
         stack: the arrays.
+        family: of the campaign.
+        strokes: number of the stroke of every sample, by record; empty for impacts.
     """
 
     keys: tuple[str, ...]
@@ -64,6 +69,8 @@ class Records:
     lengths: np.ndarray
     complete: np.ndarray
     stack: Stack
+    family: str = "impact"
+    strokes: tuple[np.ndarray, ...] = ()
 
     @property
     def count(self) -> int:
@@ -71,7 +78,8 @@ class Records:
         return len(self.keys)
 
 
-def _size(wanted: int, sizes: tuple[int, ...]) -> int:
+def pad_size(wanted: int, sizes: tuple[int, ...]) -> int:
+    """Smallest of the sizes that holds `wanted`; beyond the last one a multiple of it."""
     for size in sizes:
         if wanted <= size:
             return size
@@ -101,28 +109,32 @@ def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]
 
 
 def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, most: int | None = None) -> Records:
-    """Stack the samples of an impact campaign.
+    """Stack the samples of a campaign of impacts or slip records.
 
     Samples of the force within three deviations of the time origin are left out: it may jump at first touch, and
     whether such a sample lies before or after the jump is not known. Samples of the pressure after the last force
     above four deviations are left out too: what the gas does once the ball is free (supply line, check valve, warming)
-    is no part of the contact.
+    is no part of the contact. Where a slip record turns round, the sign of the force is not known: the samples at
+    the turn are left out.
 
     Args:
-        campaign: of family `impact`, with samples.
+        campaign: with samples.
         noise: by channel; white at the stated deviation where not given.
         most: thin every record evenly to at most so many samples.
 
     Raises:
-        InputError: no samples, no channel that the model predicts, no approach speed.
+        InputError: no samples, no channel that the model predicts, a condition missing without which nothing can be
+            computed.
     """
     if campaign.samples is None:
         raise InputError(f"campaign {campaign.name!r} holds peaks only; this needs sampled records")
-    channels = tuple(c for c in CHANNELS if c in campaign.channels)
-    if "normal_force" not in channels:
-        raise InputError(f"campaign {campaign.name!r} has no channel 'normal_force'; it has: "
+    family = find_family(campaign.family)
+    channels = tuple(c for c in family.channels if c in campaign.channels)
+    main, abscissa = family.channels[0], campaign.independent.name if campaign.independent is not None else "time"
+    if main not in channels:
+        raise InputError(f"campaign {campaign.name!r} has no channel {main!r}; it has: "
                          + ", ".join(campaign.channels))
-    for need in ("approach_speed",):
+    for need in family.needs:
         if need not in campaign.records:
             raise InputError(f"campaign {campaign.name!r} has no condition {need!r} in its records")
     keys = campaign.record_keys
@@ -133,22 +145,39 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     uncertainty = None if campaign.independent is None else campaign.independent.uncertainty
     blind = 3.0 * float(np.max(uncertainty.sd(np.ones(1)))) if uncertainty is not None else 0.0
     complete = np.ones((len(keys), len(channels)), dtype=bool)
-    rows, size = _size(len(keys), RECORD_SIZES), _size(int(lengths.max()), SAMPLE_SIZES)
+    rows, size = pad_size(len(keys), RECORD_SIZES), pad_size(int(lengths.max()), family.sizes)
     time = np.zeros((rows, size))
     values = np.zeros((rows, len(channels), size))
     weights, taps = np.zeros_like(values), np.zeros((*values.shape, TAPS))
+    moving = campaign.family == "slip" and abscissa != "slip"
+    if moving and "slip" not in campaign.channels:
+        raise InputError(f"campaign {campaign.name!r} is a time series without the channel 'slip'; the model needs "
+                         "to know how far the ball has slid")
+    path, direction, strokes = np.zeros_like(time), np.ones_like(time), []
     cache: dict = {}
     for r, key in enumerate(keys):
         group, n = groups[str(key)], lengths[r]
-        t = group["time"].to_numpy(dtype=float)
+        t = group[abscissa].to_numpy(dtype=float)
         time[r, :n] = t
         time[r, n:] = t[-1]
-        last = _last_contact(t, group["normal_force"].to_numpy(dtype=float), default_noise(campaign, "normal_force", t))
+        turning = np.zeros(n, dtype=bool)
+        if campaign.family == "slip":
+            number = np.zeros(n, dtype=int)
+            if moving:
+                path[r, :n], direction[r, :n], number = _follow(campaign, group["slip"].to_numpy(dtype=float), str(key))
+                path[r, n:], direction[r, n:] = path[r, n - 1], direction[r, n - 1]
+                turning[1:] = np.diff(number) > 0
+                turning[:-1] |= turning[1:]
+            strokes.append(number)
+            last = float("inf")
+        else:
+            last = _last_contact(t, group[main].to_numpy(dtype=float), default_noise(campaign, main, t))
         for c, channel in enumerate(channels):
             x = group[channel].to_numpy(dtype=float)
             valid = np.isfinite(x)
             complete[r, c] = valid.all()
             values[r, c, :n] = np.where(valid, x, 0.0)
+            valid = valid & ~turning
             if blind > 0 and channel == "normal_force":
                 valid = valid & (np.abs(t) > blind)
             level = (noise or {}).get(channel) or default_noise(campaign, channel, t)
@@ -169,14 +198,31 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     for name in campaign.records.columns:
         column = campaign.records[name].to_numpy(dtype=float)
         conditions[str(name)] = np.concatenate([column, np.full(rows - len(keys), column[0])])
-    conditions.setdefault("initial_pressure", np.zeros(rows))
+    if campaign.family == "impact":
+        conditions.setdefault("initial_pressure", np.zeros(rows))
     conditions.setdefault("sequence", np.ones(rows))
+    inputs = {}
+    if moving:
+        path[len(keys):], direction[len(keys):] = path[0], direction[0]
+        inputs = {"slip": jnp.asarray(path), "direction": jnp.asarray(direction)}
     present = (np.arange(rows) < len(keys)).astype(float)
     span = time.max(axis=1) + 5e-3 * (time.max(axis=1) - np.maximum(time.min(axis=1), 0.0))
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
                   {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
-                  jnp.asarray(RTOL if most is None else THIN_RTOL))
-    return Records(tuple(str(k) for k in keys), channels, nuisances, lengths, complete, stack)
+                  inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
+    return Records(tuple(str(k) for k in keys), channels, nuisances, lengths, complete, stack, campaign.family,
+                   tuple(strokes))
+
+
+def _follow(campaign: Campaign, slip: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance, direction and number of the strokes of one record; gaps in the slip are filled along a line."""
+    known = np.flatnonzero(np.isfinite(slip))
+    if len(known) < 2:
+        raise InputError(f"campaign {campaign.name!r}: record {key!r} has fewer than two values of 'slip'")
+    slip = np.interp(np.arange(len(slip)), known, slip[known])
+    uncertainty = campaign.channels["slip"].uncertainty
+    noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(slip)))
+    return split_strokes(slip, max(6.0 * noise, 0.01 * float(np.ptp(slip))))
 
 
 def _last_contact(time: np.ndarray, force: np.ndarray, noise: Noise) -> float:

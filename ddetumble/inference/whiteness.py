@@ -14,10 +14,25 @@ from .stack import Records, default_noise
 SPLINES = 20
 
 
-def spline_columns(time: np.ndarray, end: float, count: int) -> np.ndarray:
-    """Cubic B-splines over first touch to separation and a shorter set over what follows, shape (samples, columns)."""
+def list_spans(records: Records, row: int, end: float) -> list[tuple[float, float, int]]:
+    """Stretches of a record over which a missing force is smooth: (after, up to, number of splines).
+
+    Of an impact the contact and what follows; of a slip record each stroke.
+    """
+    n = records.lengths[row]
+    time = np.asarray(records.stack.time)[row, :n]
+    if records.family == "impact":
+        return [(0.0, end, SPLINES), (end, float(time[-1]), max(SPLINES // 4, 4))]
+    number = records.strokes[row]
+    ends = [*np.flatnonzero(np.diff(number) > 0), n - 1]
+    starts = [time[0] - 1e-9 * max(np.ptp(time), 1e-300), *time[ends[:-1]]]
+    return [(float(a), float(time[b]), SPLINES) for a, b in zip(starts, ends, strict=True)]
+
+
+def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> np.ndarray:
+    """Cubic B-splines over each span, shape (samples, columns)."""
     found = []
-    for low, high, number in ((0.0, end, count), (end, time[-1], max(count // 4, 4))):
+    for low, high, number in spans:
         inside = (time > low) & (time <= high)
         number = min(number, int(inside.sum()) // 4)
         if number < 4:
@@ -31,7 +46,7 @@ def spline_columns(time: np.ndarray, end: float, count: int) -> np.ndarray:
 
 def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
-    found = {}
+    found, impact = {}, records.family == "impact"
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     for c, channel in enumerate(records.channels):
         traces, steps = [], []
@@ -39,7 +54,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
             difference = np.diff(time[r, :n])
             if records.complete[r, c] and np.allclose(difference, difference[0], rtol=2e-3):
                 trace = (values[r, c] - solution.channels[r, c])[:n]
-                smooth = spline_columns(time[r, :n], float(solution.separation[r]), SPLINES)
+                smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
                 # What is smooth over a contact may be missing physics: it tells nothing about the noise.
                 traces.append(trace - smooth @ np.linalg.lstsq(smooth, trace, rcond=None)[0])
                 steps.append(difference[0])
@@ -49,7 +64,9 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
                                         text="uneven sampling: taken as white, of the stated size")
             continue
         interval = float(np.median(steps))
-        lowest = 10.0 / float(np.median(solution.separation))
+        lengths = [high - low for r in range(records.count)
+                   for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if impact else None]]
+        lowest = 10.0 / float(np.median(lengths))
         found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
                                          if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
                                         _quiet_deviation(records, c))
@@ -58,6 +75,8 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
 
 def _quiet_deviation(records: Records, channel: int) -> tuple[float, int]:
     """Standard deviation of the samples before first touch, each record about its own mean, and their number."""
+    if records.family != "impact":
+        return float("nan"), 0
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     squares, count = 0.0, 0
     for r, n in enumerate(records.lengths):

@@ -16,6 +16,7 @@ from ..figures.labels import (
     format_value,
     say_p,
 )
+from ..figures.views import View, choose_view
 from .page import Picture, Section, Table, write_page
 from .words import (
     count_records,
@@ -91,7 +92,8 @@ def build_sections(discovery: Discovery) -> list[Section]:
             sections.append(show_fits(models))
             sections.append(show_failures(models, discovery.noise, discovery.where))
         elif discovery.where:
-            sections.append(Section("Where the model fails", points=[say_place(place) for place in discovery.where]))
+            view = choose_view(family=discovery.family)
+            sections.append(Section("Where the model fails", points=[say_place(one, view) for one in discovery.where]))
     if discovery.candidates:
         sections.append(_show_ranking(discovery))
     if discovery.steps and discovery.steps[-1].parameters:
@@ -116,13 +118,14 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
             for channel in list_channels(first)
         ]  # fmt: skip
         return Section("Model against measurement", figures=pictures)
-    pictures = []
+    pictures, view = [], choose_view(first)
     for i, channel in enumerate(list_channels(first)):
         caption = (
             f"{_begin(channel)} of records spread over the conditions: measured (dots) and modelled (lines). Below "
             "each, measured minus model in units of the noise, single samples faint and their running mean as a line."
         )
-        alt = f"{_begin(channel)} over time for up to eight records with {' and '.join(models)}, and their residuals."
+        names = " and ".join(models)
+        alt = f"{_begin(channel)} over {view.along} for up to eight records with {names}, and their residuals."
         figure = figures.draw_fit(models, channel, count=8 if i == 0 else 4)
         pictures.append(Picture(f"fit-{channel}", caption, figure, alt))
     return Section("Model against measurement", figures=pictures)
@@ -135,6 +138,7 @@ def show_failures(
     from .. import figures
 
     first = next(iter(models.values()))
+    view, channels = choose_view(first), list_channels(first)
     pictures = [
         Picture("record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. "
                 "1 is as good as a model can be.", figures.draw_record_errors(models),
@@ -144,20 +148,34 @@ def show_failures(
         pictures.insert(0, Picture(
             "residual-map", "Mean residual over the noise, one row a record in the order of its conditions. Stripes "
             "that many rows share are physics; scattered colour is noise, or a setting that is off in one record.",
-            figures.draw_residual_map(models), "Heat map of the residuals by record and share of the contact time."))
-        for channel in list_channels(first):
+            figures.draw_residual_map(models), f"Heat map of the residuals by record and {view.share}."))
+        apart = f"{view.apart} apart, " if view.phases else ""
+        for channel in channels:
             pictures.append(Picture(
-                f"dependence-{channel}", f"{_begin(channel)}: mean residual against state and condition, loading and "
-                "unloading apart, with two standard errors from the scatter between records.",
+                f"dependence-{channel}", f"{_begin(channel)}: mean residual against state and condition, {apart}with "
+                "two standard errors from the scatter between records.",
                 figures.draw_dependence(models, channel, (noise or {}).get(channel), where or ()),
                 f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
-        if "normal_force" in list_channels(first):
-            pictures.append(Picture(
-                "missing-force", "The force that the model leaves unexplained over the depression: the shape of what "
-                "is missing. Records whose lines fall together share a cause that does not depend on the condition.",
-                figures.draw_missing_force(models), "Measured minus modelled force against depression."))
-    points = [] if where is None else [say_place(place) for place in where] or ["No place stands out."]
+        if view.force in channels:
+            pictures.append(_show_missing(models, view))
+    points = [] if where is None else [say_place(place, view) for place in where] or ["No place stands out."]
     return Section("Where the model fails" if where else "Where the residuals sit", points=points, figures=pictures)
+
+
+def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
+    """The force that is missing, over what a misfit is located in."""
+    from .. import figures
+
+    state, force = describe_quantity(view.state).name, describe_quantity(view.force).name
+    word = "force" if view.force == "normal_force" else force
+    caption = (
+        f"The {word} that the model leaves unexplained over the {state}: the shape of what is missing. Records whose "
+        "lines fall together share a cause that does not depend on the condition."
+    )
+    if "backward" in view.phases:
+        caption += " On a stroke backward the force is negative, so friction that is missing is too."
+    return Picture("missing-force", caption, figures.draw_missing_force(models),
+                   f"Measured minus modelled {word} against {state}.")  # fmt: skip
 
 
 def _show_steps(discovery: Discovery) -> Section:
@@ -182,7 +200,7 @@ def _show_steps(discovery: Discovery) -> Section:
 def _show_ranking(discovery: Discovery) -> Section:
     from .. import figures
 
-    rows, marked = [], set()
+    rows, marked, view = [], set(), choose_view(family=discovery.family)
     for i, one in enumerate(discovery.candidates):
         if one.effect in discovery.effects:
             marked.add(i)
@@ -199,7 +217,7 @@ def _show_ranking(discovery: Discovery) -> Section:
     tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", frozenset(marked))]
     paragraphs = [
         "Explains: share of the misfit above noise that the effect alone removes after a refit. Visible: share of its "
-        "own signature that is left when mass, restitution and the records' settings are free to imitate it; below "
+        f"own signature that is left when {view.free} and the records' settings are free to imitate it; below "
         f"{100 * UNSEEN:g} % this campaign cannot see it."
     ]
     kin = [

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from ..discrepancy.records import Discovery
 from ..figures.labels import clean, format_error, format_number, format_p, format_share
+from ..figures.views import choose_view
 from .words import count_records, list_alternatives, say_place, say_verdict, show_estimate
 
 
@@ -32,7 +33,9 @@ def describe(discovery: Discovery) -> str:
             rows.append((clean(name, 40), f"{value} +- {sd}", f"[{low}, {high}]", clean(one.unit, 16)))
         parts.append(align(("parameter", "estimate", "95 % interval", ""), rows, "l" * 4))
     if discovery.where:
-        parts.append("\n".join(["Where the misfit sits:", *(_wrap(say_place(one), "  ") for one in discovery.where)]))
+        view = choose_view([trace for step in discovery.steps[:1] for trace in step.traces], discovery.family)
+        places = (_wrap(say_place(one, view), "  ") for one in discovery.where)
+        parts.append("\n".join(["Where the misfit sits:", *places]))
     if discovery.notes:
         parts.append("\n".join(["Notes:", *(_wrap(clean(note, 2000), "  ") for note in discovery.notes)]))
     return "\n\n".join(part for part in parts if part)

@@ -5,6 +5,13 @@ from collections.abc import Mapping, Sequence
 
 from ..discrepancy.records import Discovery, Estimate, Place
 from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, format_share, format_value
+from ..figures.views import View
+
+
+_PHASES = {
+    "loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
+    "backward": " on strokes backward",
+}  # fmt: skip
 
 
 def say_verdict(verdict: str) -> str:
@@ -18,19 +25,22 @@ def say_model(discovery: Discovery) -> str:
     return "with " + (", ".join(effects[:-1]) + " and " if len(effects) > 1 else "") + effects[-1] if effects else ""
 
 
-def say_place(place: Place) -> str:
-    """Where a misfit sits, as a sentence."""
+def say_place(place: Place, view: View) -> str:
+    """Where a misfit sits, as a sentence in the words of a view; a phase is named where there is another."""
     low, high = place.range
     shown = describe_quantity(place.variable, [low, high])
+    name = view.series if place.variable == "sequence" else shown.name
     unit = f" {shown.unit}" if shown.unit else ""
     span = f"{format_number(shown.scale * low)} to {format_number(shown.scale * high)}{unit}"
-    phase = f" while {clean(place.phase)}" if place.phase in ("loading", "unloading") else ""
+    phase = _PHASES[place.phase] if place.phase in view.phases else ""
     period = ""
     if place.period is not None and math.isfinite(place.period):
         period = f"; it repeats every {format_number(shown.scale * place.period)}{unit}"
     channel = describe_quantity(place.channel).name
     share = f"{format_share(place.share)} of the misfit of the {channel}"
-    return f"{share} sits where the {shown.name} is {span}{phase}{period}."
+    if place.variable == "direction":
+        return f"{share} depends on the {name}{period}."
+    return f"{share} sits where the {name} is {span}{phase}{period}."
 
 
 def count_records(discovery: Discovery) -> int:

@@ -53,12 +53,12 @@ NULLS = {
 }
 
 
-def complete_effects(effects):
+def complete_effects(effects, nulls=NULLS):
     """Return the parameters of every known effect, those not named at their null.
 
     Raises ValueError for an id or a parameter that does not exist.
     """
-    complete = {name: dict(null) for name, null in NULLS.items()}
+    complete = {name: dict(null) for name, null in nulls.items()}
     for name, values in effects.items():
         if name not in complete:
             raise ValueError(f"unknown effect {name!r}")

@@ -1,7 +1,7 @@
 """Make everything under ``data/``: ``python -m tests.independent.make_data [FOLDER]`` from the repository's root.
 
 Every campaign has a fixed seed, so the same versions of NumPy and SciPy give the same bytes. What is hidden in which
-campaign stands in PLANS below and in ``truth.json``: do not look before having tried.
+campaign stands in PLANS, SLIP_PLANS and ``truth.json``: do not look before having tried.
 """
 
 import sys
@@ -10,6 +10,7 @@ from pathlib import Path
 from .campaigns import make_campaign, reveal_campaign, write_campaign_folder, write_json
 from .impact import CHANNELS
 from .paper_tables import write_paper
+from .slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
 
 
 PAPER_PRESSURES = [1.0e6, 1.5e6, 2.0e6, 2.5e6]  # Pa, Figure 8
@@ -87,6 +88,46 @@ PLANS = {
     },
 }
 
+# pressures 1 MPa apart tell K from tan delta; loads stay below 30 N, where Eq. 10 still converges with slip
+SLIP_PLANS = {
+    "slip-a": {
+        "seed": 20260201,
+        "effects": {"adhesive-offset": {"f_a": 0.28}},
+        "base": {"adhesion_constant": 0.874, "loss_factor": 0.163, "slip_scale": 1.0},
+        "loads": [6.0, 12.0, 20.0, 27.0],
+        "pressures": [0.8e6, 1.9e6],
+        "speeds": [0.02, 0.1, 0.4],
+    },
+    "slip-b": {
+        "seed": 20260202,
+        "effects": {"viscous-friction": {"c_t": 0.93}},
+        "base": {"adhesion_constant": 1.092, "loss_factor": 0.137, "slip_scale": 1.0},
+        "loads": [5.0, 11.0, 18.0, 26.0],
+        "pressures": [0.7e6, 2.1e6],
+        "speeds": [0.03, 0.12, 0.36],
+        "rho": 0.7,
+    },
+    "slip-c": {
+        "seed": 20260203,
+        "effects": {},
+        "base": {"adhesion_constant": 0.731, "loss_factor": 0.208, "slip_scale": 1.0},
+        "loads": [7.0, 14.0, 25.0],
+        "pressures": [0.8e6, 2.0e6],
+        "speeds": [0.04, 0.3],
+        "repeats": 2,
+        "setting_scatter": 0.01,
+    },
+    "slip-d": {
+        "seed": 20260204,
+        "effects": {"presliding": {"s_0": 1.6e-4}},
+        "base": {"adhesion_constant": 0.958, "loss_factor": 0.181, "slip_scale": 1.0},
+        "loads": [7.0, 15.0, 26.0],
+        "pressures": [0.8e6, 1.9e6],
+        "speeds": [0.02, 0.2],
+        "strokes": [8e-3, 8e-3, 8e-3, 8e-3],
+    },
+}
+
 
 def make_data(folder):
     """Write all packages and truth.json under the folder."""
@@ -97,6 +138,11 @@ def make_data(folder):
         campaign = make_campaign(name, **plan)
         write_campaign_folder(folder / name, campaign)
         truth[name] = reveal_campaign(campaign)
+        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
+    for name, plan in SLIP_PLANS.items():
+        campaign = make_slip_campaign(name, **plan)
+        write_slip_folder(folder / name, campaign)
+        truth[name] = reveal_slip_campaign(campaign)
         print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
     write_json(folder / "truth.json", truth, indent=None)
 

@@ -1,10 +1,10 @@
 """Blind study of the verdict: campaigns drawn by the independent simulator, judged by `discover`.
 
-    python -m tests.independent.study -o fits/verdict-study [--cases 40] [--seed 1]
+    python -m tests.independent.study -o fits/verdict-study [--family impact] [--cases 40] [--first 0]
 
-Half of the cases hold nothing, the others one effect, a pair, or one outside the catalogue; record counts, sampling,
-lengths, settings scatter and noise (white, AR(1), AR(1) plus white) are drawn too. Writes `cases.json` and prints a
-scorecard.
+Three eighths of the cases hold nothing, the others one effect, a pair, or one outside the catalogue; record counts,
+sampling, lengths, settings scatter and noise (white, AR(1), AR(1) plus white) are drawn too. Writes `cases.json` and
+prints a scorecard.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from .campaigns import make_campaign, write_campaign_folder
+from .slip_study import draw_slip_case, make_slip_case
 
 
 TYPICAL = {
@@ -63,10 +64,14 @@ def judge_case(case: dict, folder: Path) -> dict:
     """Simulate one case into `folder`, let `discover` judge it blind, and say what came out."""
     from ddetumble.discrepancy.discovery import discover
 
-    campaign = make_campaign(
-        f"case-{case['seed']:03d}", case["seed"] + 5000, case["effects"], case["base"], case["pressures"],
-        case["speeds"], case["repeats"], interval=case["interval"], rho=case["rho"], white_share=case["white_share"])
-    write_campaign_folder(folder, campaign)
+    if "loads" in case:
+        make_slip_case(case, folder)
+    else:
+        campaign = make_campaign(
+            f"case-{case['seed']:03d}", case["seed"] + 5000, case["effects"], case["base"], case["pressures"],
+            case["speeds"], case["repeats"], interval=case["interval"], rho=case["rho"],
+            white_share=case["white_share"])
+        write_campaign_folder(folder, campaign)
     began = time.perf_counter()
     found = discover(folder)
     truth = {**case["base"], **{f"{e}.{n}": v for e, p in case["effects"].items() for n, v in p.items()}}
@@ -107,11 +112,13 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--family", choices=("impact", "slip"), default="impact")
     options = parser.parse_args()
+    draw = {"impact": draw_case, "slip": draw_slip_case}[options.family]
     options.output.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in range(options.first, options.first + options.cases):
-        case = draw_case(seed)
+        case = draw(seed)
         with tempfile.TemporaryDirectory() as folder:
             row = judge_case(case, Path(folder) / f"case-{seed:03d}")
         rows.append(row)

@@ -1,0 +1,175 @@
+"""The friction law: a reference model of the friction force over slip, with effects applied to it (Eqs. 8 to 11).
+
+Stages of effects on slip records, as `contact.effect` has them for impacts:
+
+=====================  ==========================  ==========================================================
+stage                  class                       returns
+=====================  ==========================  ==========================================================
+rubber                 `AbstractRubberEffect`      factor on the Eq. 8 part of the coefficient [-]
+load                   `AbstractLoadEffect`        factor on the whole coefficient times load [-]
+friction               `AbstractFrictionForce`     increment of the friction force [N]
+=====================  ==========================  ==========================================================
+"""
+
+import abc
+from collections.abc import Mapping
+from typing import Any, ClassVar, final
+
+import equinox as eqx
+import jax.numpy as jnp
+from equinox import AbstractClassVar
+from jaxtyping import Array
+
+from .effect import AbstractEffect, AbstractModel, Scalar, parameter
+from .friction import composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
+
+
+class Slide(eqx.Module):
+    """The state of sliding that an effect sees; every entry is a scalar (the caller batches by `vmap`).
+
+    Attributes:
+        slip: distance slid since the stroke began, not negative [m].
+        slip_speed: not negative [m/s].
+        normal_load: F_n [N].
+        internal_pressure: of the gas, absolute [Pa]; 0 where the campaign has none.
+        work: W, integral of the friction force over the path since the record began [J].
+        time: since the record began; of records without times, slip over slip speed [s].
+        direction: of the stroke, +1 or -1.
+        conditions: every condition of the record by name, SI.
+    """
+
+    slip: Scalar
+    slip_speed: Scalar
+    normal_load: Scalar
+    internal_pressure: Scalar
+    work: Scalar
+    time: Scalar
+    direction: Scalar
+    conditions: Mapping[str, Array]
+
+
+class AbstractRubberEffect(AbstractEffect):
+    """Multiplies the Eq. 8 part of the friction coefficient."""
+
+    stage: ClassVar[str] = "rubber"
+
+    @abc.abstractmethod
+    def factor(self, slide: Slide) -> Scalar:
+        """Factor on the Eq. 8 part [-]; 1 at the null."""
+
+
+class AbstractLoadEffect(AbstractEffect):
+    """Multiplies the whole coefficient times the load."""
+
+    stage: ClassVar[str] = "load"
+
+    @abc.abstractmethod
+    def factor(self, slide: Slide) -> Scalar:
+        """Factor on the coefficient [-]; 1 at the null."""
+
+
+class AbstractFrictionForce(AbstractEffect):
+    """Adds to the friction force, against the motion."""
+
+    stage: ClassVar[str] = "friction"
+
+    @abc.abstractmethod
+    def force(self, slide: Slide) -> Scalar:
+        """Increment of the friction force, against the motion [N]."""
+
+
+class AbstractFriction(AbstractModel):
+    """A reference model of friction; effects may require `rubber` of it, a part that is Eq. 8's."""
+
+    family: ClassVar[str] = "slip"
+    provides: AbstractClassVar[tuple[str, ...]]
+
+    @abc.abstractmethod
+    def rubber(self, slide: Slide) -> Scalar:
+        """Coefficient of adhesion and hysteresis, Eq. 8 [-]."""
+
+    @abc.abstractmethod
+    def slipping(self, slide: Slide) -> Scalar:
+        """Coefficient of the slip term, Eq. 9 [-]."""
+
+    def extend(self, effects: tuple[AbstractEffect, ...]) -> "FrictionLaw":
+        """This model with effects."""
+        return FrictionLaw(self, effects)
+
+
+@final
+class RubberFriction(AbstractFriction):
+    r"""Eq. 11: $f = (\mu_{rubber} + s_c\,\mu_{slip}(s)) F_n$ against the motion, $p_c = P'$.
+
+    `printed` takes e from Eq. 10 as printed (friction at zero slip is negative then) instead of 1.
+    """
+
+    adhesion_constant: Scalar = parameter("", 0.8, kind="reference", typical=0.4, coordinate="log",
+                                          bounds=(0.0, jnp.inf), text="K of Eq. 8")
+    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log",
+                                    bounds=(0.0, jnp.inf), text="tan of the loss angle")
+    slip_scale: Scalar = parameter("", 1.0, kind="reference", typical=0.3, text="factor on the slip term")
+    tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
+                                         bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8")
+    real_contact_pressure: Scalar = parameter("Pa", 20e6, kind="reference", typical=2e6, coordinate="log",
+                                              bounds=(0.0, jnp.inf), free=False, text="p_r of Eq. 8")
+    elastic_modulus: Scalar = parameter("Pa", 7.8e6, kind="reference", typical=1e6, coordinate="log",
+                                        bounds=(0.0, jnp.inf), free=False, text="E of the rubber")
+    poisson_ratio: Scalar = parameter("", 0.47, kind="reference", typical=0.05, bounds=(-1.0, 0.5), free=False,
+                                      text="of the rubber")
+    printed: bool = eqx.field(static=True, default=False)
+    provides: ClassVar[tuple[str, ...]] = ("rubber",)
+
+    def rubber(self, slide: Slide) -> Scalar:
+        """Eq. 8."""
+        modulus = composite_modulus(self.elastic_modulus, self.poisson_ratio)
+        return rubber_coefficient(self.adhesion_constant, self.loss_factor,
+                                  self.tensile_strength / self.real_contact_pressure, slide.internal_pressure, modulus)
+
+    def slipping(self, slide: Slide) -> Scalar:
+        """Eqs. 9 and 10 at the record's load, scaled."""
+        return self.slip_scale * slip_coefficient(slide.slip, slip_coefficients(slide.normal_load, self.printed))
+
+
+@final
+class CoulombFriction(AbstractFriction):
+    """A constant coefficient: the plainest model that a measurement can be held against."""
+
+    friction_coefficient: Scalar = parameter("", 0.3, kind="reference", typical=0.1, coordinate="log",
+                                             bounds=(0.0, jnp.inf), text="friction over load")
+    provides: ClassVar[tuple[str, ...]] = ("rubber",)
+
+    def rubber(self, slide: Slide) -> Scalar:
+        """The constant; effects on Eq. 8's part act on it."""
+        return self.friction_coefficient
+
+    def slipping(self, slide: Slide) -> Scalar:
+        """No slip term: 0."""
+        return jnp.zeros_like(slide.slip)
+
+
+class FrictionLaw(eqx.Module):
+    """A reference model and the effects that extend it; factors multiply, forces add.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
+
+    reference: AbstractFriction
+    effects: tuple[AbstractEffect, ...] = ()
+
+    def _of(self, kind: type) -> list[Any]:
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
+    def force(self, slide: Slide) -> Scalar:
+        """Friction force against the motion [N] (Eq. 11 with the effects)."""
+        rubber = self.reference.rubber(slide)
+        for effect in self._of(AbstractRubberEffect):
+            rubber = rubber * effect.factor(slide)
+        force = (rubber + self.reference.slipping(slide)) * slide.normal_load
+        for effect in self._of(AbstractLoadEffect):
+            force = force * effect.factor(slide)
+        for effect in self._of(AbstractFrictionForce):
+            force = force + effect.force(slide)
+        return force

@@ -1,0 +1,180 @@
+"""The contract of an effect on slip records, proved on trial strokes (see `contract`)."""
+
+import dataclasses as dc
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .clauses import (
+    TOLERANCE,
+    Check,
+    EffectReport,
+    check_unit_text,
+    explain_error,
+    judge_clause,
+    measure_difference,
+)
+from .effect import AbstractEffect, AbstractModel, parameters_of, stage_of
+from .sliding import FrictionLaw, RubberFriction, Slide
+
+
+_CONDITIONS = {"normal_load": (6.0, 14.0, 27.0), "internal_pressure": (0.6e6, 1.1e6, 2.3e6),
+               "slip_speed": (0.02, 0.1, 0.4), "sequence": (1.0, 4.0, 9.0)}  # fmt: skip
+_SLIP = np.linspace(0.0, 0.012, 49)
+_ALIVE = 1e-9
+
+
+def check_slip_effect(effect_class: type[AbstractEffect], name: str, reference: AbstractModel | None,
+                      conditions: Mapping[str, Sequence[float]] | None) -> EffectReport:
+    """The clauses of `contract.check_effect` for an effect on slip records."""
+    try:
+        bench = _Bench(effect_class, RubberFriction() if reference is None else reference, conditions)
+    except Exception as error:
+        return EffectReport(name, (Check("complete", False, explain_error(error)),))
+    clauses: list[tuple[str, Callable]] = [
+        ("complete", bench.find_gaps), ("units", bench.read_units), ("compiled = eager", bench.compare_eager),
+        ("compiles once", bench.count_traces), ("finite at its starts", bench.find_infinite),
+        ("batch = loop", bench.compare_loop), ("absent at its null", bench.compare_null),
+    ]
+    clauses += [(f"{one.name} alive", lambda k=k: bench.find_slope(k)) for k, one in enumerate(bench.parameters)]
+    return EffectReport(name, tuple(judge_clause(*clause) for clause in clauses))
+
+
+class _Bench:
+    """An effect, a reference model, and forward and backward strokes of a few records to try them on."""
+
+    def __init__(self, effect_class, reference, conditions):
+        self.kind, self.reference, self.parameters = effect_class, reference, parameters_of(effect_class)
+        effect_class()  # raises where a method or a default is missing
+        found = dict(_CONDITIONS)
+        found |= {need: (1.0, 2.0, 3.0) for need in effect_class.requires
+                  if need not in reference.provides and need not in found}  # fmt: skip
+        given = found if conditions is None else conditions
+        self.conditions = {key: jnp.asarray(value, dtype=float) for key, value in given.items()}
+        self.records = len(self.conditions["normal_load"])
+        self.null = np.array([p.default for p in self.parameters])
+        several = [p.starts or (p.default + 0.3 * p.typical,) for p in self.parameters]
+        self.starts = [np.array(values) for values in itertools.islice(itertools.product(*several), 12)]
+        self.traces = 0
+
+        def run(law, conditions) -> Array:
+            self.traces += 1
+            return stroke(law, conditions)
+
+        self.run = eqx.filter_jit(run)
+        self.run_all = eqx.filter_jit(jax.vmap(stroke, in_axes=(None, 0)))
+        self.run_slopes = eqx.filter_jit(jax.jacfwd(lambda v: jax.vmap(stroke, (None, 0))(self.build(v),
+                                                                                         self.conditions)))
+
+    def build(self, values) -> FrictionLaw:
+        """The law with the effect at these field values."""
+        return FrictionLaw(self.reference, (self.kind(**{p.field: values[k] for k, p in enumerate(self.parameters)}),))
+
+    def record(self, k: int) -> dict[str, Array]:
+        """Conditions of one record."""
+        return {name: value[k] for name, value in self.conditions.items()}
+
+    def find_gaps(self):
+        """One stage, texts, and a reference model that has what the effect needs."""
+        for field in ("id", "law", "reference"):
+            if not str(getattr(self.kind, field, "")).strip():
+                return f"`{field}` is empty."
+        for need in self.kind.requires:
+            if need not in self.reference.provides and need not in self.conditions:
+                return f"it requires {need!r}, which {type(self.reference).__name__} and the conditions do not provide."
+        return True, f"acts on {stage_of(self.kind)}; {self.kind.law} ({self.kind.reference})."
+
+    def read_units(self):
+        """Every number is a declared parameter whose unit `pint` reads."""
+        declared = {p.field for p in self.parameters}
+        undeclared = [f.name for f in dc.fields(self.kind) if f.name not in declared and not f.metadata.get("static")]
+        if undeclared:
+            return f"`{undeclared[0]}` has no unit: declare it by `parameter(unit, ...)` or `eqx.field(static=True)`."
+        if not self.parameters:
+            return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
+        problems = [text for one in self.parameters if (text := check_unit_text(one, self.parameters))]
+        return problems[0] if problems else (
+            True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in self.parameters) + ".")
+
+    def compare_eager(self):
+        """The compiled force against the law evaluated operation by operation."""
+        law, conditions = self.build([float(v) for v in self.starts[0]]), self.record(1 % self.records)
+        worst = measure_difference(stroke(law, conditions), self.run(law, conditions))
+        return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
+
+    def count_traces(self):
+        """New values, Python numbers among them, meet the program that is there already."""
+        self.run(self.build(self.null), self.record(0))
+        before = self.traces
+        whole = [int(v) if float(v).is_integer() else float(v) for v in self.null]
+        self.run(self.build(whole), self.record(0))
+        self.run(self.build(np.array(self.starts[-1])), self.record(self.records - 1))
+        if self.traces > before:
+            return "a new value compiles the program anew; `parameter(...)` makes a field an array, which does not."
+        return True, "new values meet the program that is there already."
+
+    def find_infinite(self):
+        """Forces and derivatives at every start."""
+        for values in self.starts:
+            where = dict(zip([p.name for p in self.parameters], (float(v) for v in values), strict=True))
+            if not np.isfinite(self.run_all(self.build(values), self.conditions)).all():
+                return f"the force is not finite at {where}."
+            if not np.isfinite(self.run_slopes(jnp.asarray(values))).all():
+                return f"a derivative is not finite at {where}."
+        return True, f"forces and derivatives are finite at {len(self.starts)} starts."
+
+    def compare_loop(self):
+        """All records at once against one after the other."""
+        law = self.build(self.starts[0])
+        batch = self.run_all(law, self.conditions)
+        worst = max(measure_difference(self.run(law, self.record(k)), batch[k]) for k in range(self.records))
+        return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
+
+    def compare_null(self):
+        """Force with and without the effect, operation by operation, to the last bit."""
+        shapes = [(p.default, *p.starts) if p.kind == "shape" else (p.default,) for p in self.parameters]
+        for values in itertools.islice(itertools.product(*shapes), 12):
+            for k in range(self.records):
+                extended = np.asarray(stroke(self.build(values), self.record(k)))
+                bare = np.asarray(stroke(FrictionLaw(self.reference), self.record(k)))
+                if not np.array_equal(extended, bare):
+                    where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(self.parameters, values, strict=True))
+                    return f"the force changes by up to {np.abs(extended - bare).max():.3g} N at {where}."
+        return True, "the force is that without it, to the last bit."
+
+    def find_slope(self, k: int):
+        """Derivative of the force by one parameter: at the null, or over the starts."""
+        one = self.parameters[k]
+        scanned = one.kind == "shape" or one.singular or one.coordinate == "inverse"
+        points = self.starts if scanned else [self.null]
+        if one.kind == "shape":
+            points = [np.where(np.arange(len(self.parameters)) == k, v, p)
+                      for p in self.starts for v in (one.starts or (one.default,))]
+        largest = float(np.abs(self.run_all(FrictionLaw(self.reference), self.conditions)).max())
+        best, place = 0.0, "over its starts" if scanned else "at its null"
+        for values in points:
+            slope = np.asarray(self.run_slopes(jnp.asarray(values)))[..., k]
+            if not np.isfinite(slope).all():
+                return f"the derivative of the force is not finite {place}."
+            best = max(best, float(np.abs(slope).max()) * one.typical / max(largest, 1e-300))
+        if best <= _ALIVE:
+            remedy = "nothing reads it" if scanned else "let the law start linearly in its amplitude"
+            return f"the force does not move with it {place}: {remedy}."
+        return True, (f"a typical change ({one.typical:g} {one.unit}".rstrip()
+                      + f") moves the force by {best:.1e} of its largest value {place}.")
+
+
+def stroke(law: FrictionLaw, conditions: Mapping[str, Array]) -> Array:
+    """Force of a forward and a backward stroke [N]; the work is what 5 N would have done, shape (2 * slips,)."""
+    def force(slip, direction):
+        speed = conditions.get("slip_speed", jnp.zeros(()))
+        return law.force(Slide(slip, speed, conditions["normal_load"],
+                               conditions.get("internal_pressure", jnp.zeros(())), 5.0 * slip, slip / 0.1, direction,
+                               conditions))
+
+    return jnp.concatenate([jax.vmap(force, (0, None))(jnp.asarray(_SLIP), jnp.asarray(way)) for way in (1.0, -1.0)])

@@ -1,0 +1,109 @@
+"""What differs between families of records: channels, conditions, catalogue, and how one record is computed."""
+
+import dataclasses as dc
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import diffrax as dfx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .._errors import InputError
+from ..contact.effect import AbstractEffect
+from ..dynamics.impact import simulate
+from ..dynamics.slide import slide
+from ..effects import IMPACT, SLIP
+from ..effects.probes import PROBES
+from ..effects.slip_probes import SLIP_PROBES
+
+
+class Observation(NamedTuple):
+    """One record as the model has it.
+
+    Attributes:
+        channels: shape (channels, samples), SI.
+        state, state_rate: what a misfit is located in, shape (samples,).
+        end: of the contact or record, in the independent variable.
+        failed: whether it could not be computed.
+    """
+
+    channels: Array
+    state: Array
+    state_rate: Array
+    end: Array
+    failed: Array
+
+
+@dc.dataclass(frozen=True)
+class Family:
+    """A family of records.
+
+    Attributes:
+        name: as campaigns give it.
+        channels: that the models predict, the main one first.
+        needs: conditions without which nothing can be computed.
+        sizes: to which the number of samples is padded, so that compiled programs are shared.
+        catalogue, probes: effects.
+        state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
+        observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
+        absorbs: what of the reference model and the settings may imitate an effect, in words.
+        remedies: what else to measure, in words.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    needs: tuple[str, ...]
+    sizes: tuple[int, ...]
+    catalogue: tuple[type[AbstractEffect], ...]
+    probes: tuple[type[AbstractEffect], ...]
+    state: str
+    rate: str
+    phases: tuple[str, str]
+    observe: Callable[[Any, Mapping[str, Array], Array, Any, tuple[str, ...]], Observation]
+    absorbs: str
+    remedies: str
+
+
+def observe_impact(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
+                   ) -> Observation:
+    """An impact, integrated in forward mode; the force is read off the motion."""
+    impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
+                      atol=0.01 * row.rtol, from_motion=True)
+    model = jnp.stack([getattr(impact, channel) for channel in channels])
+    return Observation(model, impact.depression, impact.depression_rate, impact.separation, impact.failed)
+
+
+def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
+                 ) -> Observation:
+    """A slip record over its own slip; `time` is the slip itself where the record has no other path."""
+    path, way = row.inputs.get("slip", time), row.inputs.get("direction", jnp.ones_like(time))
+    clock = time if "slip" in row.inputs else None
+    found = slide(law, conditions, path, way, clock)
+    speed = conditions.get("slip_speed", jnp.ones(()))
+    return Observation(jnp.stack([found.tangential_force for _ in channels]), path, way * speed, time[-1],
+                       found.failed)
+
+
+FAMILIES: dict[str, Family] = {
+    "impact": Family(
+        "impact", ("normal_force", "depression", "pressure"), ("approach_speed",),
+        (768, 1536, 2048, 4096, 8192, 16384, 32768), IMPACT, PROBES, "depression", "depression_rate",
+        ("loading", "unloading"), observe_impact, "mass, restitution and the settings",
+        "measure at other pressures and speeds, or add the depression and pressure channels"),
+    "slip": Family(
+        "slip", ("tangential_force",), ("normal_load",), (256, 1024, 4096, 8192, 16384, 32768), SLIP, SLIP_PROBES,
+        "slip", "direction", ("forward", "backward"), observe_slip,
+        "the adhesion constant, the loss factor, the slip term and the settings",
+        "measure at other loads, pressures and slip speeds"),
+}  # fmt: skip
+
+
+def find_family(name: str, verb: str = "this") -> Family:
+    """The family of that name.
+
+    Raises:
+        InputError: `verb` cannot read such records yet.
+    """
+    if name not in FAMILIES:
+        raise InputError(f"the campaign is of family {name!r}; {verb} reads {' and '.join(FAMILIES)} so far")
+    return FAMILIES[name]

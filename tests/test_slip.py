@@ -1,0 +1,167 @@
+"""The loop on slip records: campaigns of the independent simulator, judged blind, and what comes out of them."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign, write_campaign
+from ddetumble.cli.application import main
+from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+
+
+BASE = {"adhesion_constant": 0.92, "loss_factor": 0.17, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
+        "slip_scale": 1.0}  # fmt: skip
+PLAN = ([6.0, 13.0, 26.0], [0.8e6, 2.1e6], [0.03, 0.12, 0.4], 1)
+TRUTH = json.loads((find_data() / "truth.json").read_text(encoding="utf-8"))
+CASES = {
+    "nothing": ({}, {}),
+    "nothing, correlated noise, scatter": ({}, {"rho": 0.7, "setting_scatter": 0.01}),
+    "stribeck": ({"stribeck": {"A": 0.35, "u_s": 0.06}}, {}),
+    "viscous-friction": ({"viscous-friction": {"c_t": 0.8}}, {"rho": 0.6}),
+    "load-exponent": ({"load-exponent": {"m": 0.06}}, {"setting_scatter": 0.01}),
+    "presliding": ({"presliding": {"s_0": 2.4e-4}}, {}),
+    "frictional-heating": ({"frictional-heating": {"kappa": 4.5}}, {}),
+    "adhesive-offset": ({"adhesive-offset": {"f_a": 0.3}}, {"length": 9e-3}),
+    "a pair": ({"stribeck": {"A": 0.3, "u_s": 0.09}, "presliding": {"s_0": 2e-4}}, {}),
+}
+
+
+@pytest.fixture(scope="module", params=CASES, ids=str)
+def case(request, tmp_path_factory):
+    """Effects of a case, the campaign with its truth, and what discover says."""
+    effects, options = CASES[request.param]
+    folder = tmp_path_factory.mktemp("slip") / "campaign"
+    made = make_slip_campaign("campaign", 40 + list(CASES).index(request.param), effects, BASE, *PLAN, **options)
+    write_slip_folder(folder, made)
+    return effects, folder, discover(folder)
+
+
+def test_verdict(case):
+    """Nulls, singles and the pair; nothing else is named, and the intervals hold the truth."""
+    effects, _, found = case
+    assert found.verdict == ("explained" if effects else "nothing-missing"), found.sentence
+    alike = {a["effect"] for step in found.steps for a in step.alternatives}
+    assert set(found.effects) == set(effects) or set(effects) <= set(found.effects) | alike
+    truth = {**BASE, **{f"{e}.{n}": v for e, p in effects.items() for n, v in p.items()}}
+    estimates = found.steps[-1].parameters
+    assert {"adhesion_constant", "loss_factor", "slip_scale"} <= set(estimates)
+    for name, estimate in estimates.items():
+        assert abs(estimate.estimate - truth[name]) < 4.0 * estimate.sd, name
+
+
+def test_prediction_at_other_conditions(case, tmp_path):
+    """The grown model predicts noise-free records at conditions that no record had, to half of the noise."""
+    from tests.independent.slip import simulate_slip
+
+    effects, _, found = case
+    found.save(tmp_path)
+    slip = np.linspace(0.0, 9e-3, 31)
+    settings = {"normal_load": 18.0, "internal_pressure": 1.4e6, "slip_speed": 0.07}
+    table = predict(tmp_path, pd.DataFrame({"record": "x", **settings, "slip": slip}))
+    expected = np.ravel(simulate_slip(BASE, effects, settings, slip))
+    assert np.sqrt(np.mean((table["tangential_force"] - expected) ** 2)) < 0.5 * 0.04
+    one = predict(tmp_path, pd.DataFrame({"record": "x", **settings, "slip": [6e-3]}))  # a single sample: same path
+    assert float(one["tangential_force"].iloc[0]) == pytest.approx(float(table["tangential_force"].iloc[20]), abs=2e-6)
+    assert (table["tangential_force_sd_new"] > 0.039).all() and (table["tangential_force_sd"] < 0.05).all()
+
+
+def test_outside_the_catalogue(tmp_path):
+    """A saw tooth along the slip is not explained, and its wavelength is found."""
+    made = make_slip_campaign("c", 77, {"x-stick-slip": {"ratio": 0.03, "wavelength": 2.3e-3}}, BASE, *PLAN)
+    write_slip_folder(tmp_path / "c", made)
+    found = discover(tmp_path / "c")
+    assert found.verdict in ("unexplained", "improved")
+    periods = [place.period for place in found.where if place.variable == "slip" and place.period]
+    assert periods and periods[0] == pytest.approx(2.3e-3, rel=0.05)
+    assert "repeating every 2.3 mm" in found.sentence
+
+
+@pytest.mark.parametrize("name", ["slip-a", "slip-b", "slip-c", "slip-d"])
+def test_shipped_campaigns(name):
+    """One effect, correlated noise, nothing, reversed strokes over time: each as truth.json has it."""
+    found = discover(find_data() / name)
+    truth = TRUTH[name]["effects"]
+    assert set(found.effects) == set(truth) and found.verdict == ("explained" if truth else "nothing-missing")
+    for effect, values in truth.items():
+        for symbol, value in values.items():
+            estimate = found.steps[-1].parameters[f"{effect}.{symbol}"]
+            assert abs(estimate.estimate - value) < 4 * estimate.sd
+
+
+def test_compare_and_fit():
+    """Errors by condition, a constant coefficient beside Eqs. 8 to 11, and an effect that is told."""
+    campaign = read_campaign(find_data() / "slip-b")
+    plain, coulomb = compare(campaign), compare(campaign, "coulomb")
+    assert plain.lack_of_fit.rejected and coulomb.nrmse > plain.nrmse
+    assert {"slip", "normal_load", "internal_pressure", "slip_speed"} <= set(plain.residuals["variable"])
+    told = fit(campaign, effects=["viscous-friction"])
+    assert told.chi2_reduced == pytest.approx(1.0, abs=0.1) and told.converged
+    estimate = told.parameters["viscous-friction.c_t"]
+    assert abs(estimate.estimate - TRUTH["slip-b"]["effects"]["viscous-friction"]["c_t"]) < 4 * estimate.sd
+
+
+def test_one_pressure_cannot_tell_k_from_the_loss_angle():
+    """Eq. 8 at one pressure fixes one number: said in words, with the test that would tell them apart."""
+    campaign = read_campaign(find_data() / "slip-c")
+    pressures = campaign.records["internal_pressure"]
+    low = campaign.select(pressures.index[pressures < pressures.min() * 1.05])
+    found = fit(low)
+    text = " ".join(found.cannot_tell_apart)
+    assert "adhesion_constant" in text and "loss_factor" in text and "pressure" in text
+    both = fit(campaign)
+    assert not any("adhesion_constant" in t and "cannot be told apart" in t for t in both.cannot_tell_apart)
+
+
+def test_loads_beyond_the_polynomials_are_flagged(tmp_path):
+    """Every result says where Eq. 10 does not hold."""
+    made = make_slip_campaign("far", 5, {}, BASE, [10.0, 35.0, 46.0], [1e6, 2e6], [0.1], 2, length=3e-3)
+    write_slip_folder(tmp_path / "far", made)
+    campaign = read_campaign(tmp_path / "far")
+    for notes in (discover(campaign).notes, compare(campaign).notes, fit(campaign).notes):
+        text = " ".join(notes)
+        assert "diverges with slip from 30.7 N on" in text and "negative above 44.4 N" in text
+    discover(campaign).save(tmp_path / "grown")
+    table = predict(tmp_path / "grown", pd.DataFrame(
+        {"record": "x", "normal_load": 50.0, "internal_pressure": 1e6, "slip_speed": 0.1, "slip": [1e-3, 2e-3]}))
+    assert any("Eq. 10" in note for note in table.attrs["notes"])
+
+
+def test_commands(tmp_path, capsys):
+    """The same from a terminal: effects, compare, discover with its page, predict."""
+    assert main(["effects"]) == 0 and "frictional-heating" in capsys.readouterr().out
+    assert main(["effects", "presliding"]) == 0 and "s_0 [m]" in capsys.readouterr().out
+    folder = str(find_data() / "slip-a")
+    assert main(["compare", folder, "-o", str(tmp_path / "compared")]) == 0
+    assert main(["discover", folder, "-o", str(tmp_path / "found")]) == 0
+    out = capsys.readouterr().out
+    assert "adhesive-offset" in out and (tmp_path / "found" / "report.html").stat().st_size > 1e5
+    result = json.loads((tmp_path / "found" / "result.json").read_text(encoding="utf-8"))
+    assert result["family"] == "slip" and len(result["candidates"]) == 6
+    pd.DataFrame({"record": "a", "normal_load": 12.0, "internal_pressure": 1e6, "slip_speed": 0.1,
+                  "slip": np.linspace(0, 5e-3, 6)}).to_csv(tmp_path / "wanted.csv", index=False)
+    assert main(["predict", str(tmp_path / "found"), str(tmp_path / "wanted.csv"), "-o", str(tmp_path / "p.csv")]) == 0
+    assert list(pd.read_csv(tmp_path / "p.csv").columns)[:3] == ["record", "slip", "tangential_force"]
+
+
+def test_bad_input(tmp_path):
+    """One sentence each: wrong model, missing condition, missing channel, a model that is not there."""
+    campaign = read_campaign(find_data() / "slip-a")
+    with pytest.raises(InputError, match="coulomb"):
+        discover(campaign, "matunaga")
+    with pytest.raises(InputError, match="of the family 'slip'"):
+        compare(read_campaign(find_data() / "impact-i"), str(fit(campaign).save(tmp_path / "fitted")))
+    write_campaign(tmp_path / "copy", campaign)
+    rows = (tmp_path / "copy" / "records.csv").read_text(encoding="utf-8").splitlines()
+    assert "internal_pressure" in rows[0]
+    descriptor = json.loads((tmp_path / "copy" / "datapackage.json").read_text(encoding="utf-8"))
+    for resource in descriptor["resources"]:
+        if resource["name"] == "records":
+            resource["schema"]["fields"] = [f for f in resource["schema"]["fields"] if f["name"] != "internal_pressure"]
+    place = rows[0].split(",").index("internal_pressure")
+    text = "\n".join(",".join(c for k, c in enumerate(row.split(",")) if k != place) for row in rows)
+    (tmp_path / "copy" / "records.csv").write_text(text + "\n", encoding="utf-8")
+    (tmp_path / "copy" / "datapackage.json").write_text(json.dumps(descriptor), encoding="utf-8")
+    with pytest.raises(InputError, match="column internal_pressure"):
+        discover(tmp_path / "copy")
