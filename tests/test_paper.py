@@ -69,7 +69,7 @@ def integrate_peak(mass, e, pressure, dashpot=0.0, speed=0.4):
 
 
 def test_contradictions_are_all_there(points):
-    assert sorted(points) == [1, 2, 3, 4, 7, 8, 9, 12]
+    assert sorted(points) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 13]
     for point in points.values():
         assert point["sentence"] and point["printed"] and point["found"] and point["used"]
 
@@ -206,8 +206,19 @@ def test_page_and_figures(written):
     text = page.read_text(encoding="utf-8")
     assert page.name == "report.html" and "http://" not in text.replace("http://www.w3.org", "")
     pictures = list((page.parent / "figures").glob("*.png"))
-    assert len(pictures) == 14 and all(picture.stat().st_size > 5000 for picture in pictures)
-    assert any("Table 3:" in line for line in told)
+    assert len(pictures) == 25 and all(picture.stat().st_size > 5000 for picture in pictures)
+    assert any("Table 3:" in line for line in told) and any("Table 4:" in line for line in told)
+    assert {"figure-11", "figure-12", "figure-14"} <= {picture.stem for picture in pictures}
+    assert "is not printed" in text and "is an assumption" in text
+
+
+def test_friction_in_the_page(written, points):
+    table = written[2]["table-4"]
+    assert table["family"] == "slip" and table["friction_over_load"]["mean"] == pytest.approx(0.218, abs=5e-4)
+    assert points[6]["values"]["sign_load"] == pytest.approx(44.4, abs=0.005)
+    assert points[13]["values"]["fourth_percent"] == pytest.approx(0.9, abs=0.05)
+    assert points[13]["values"]["eleventh_percent"] == pytest.approx(1.9, abs=0.05)
+    assert table["band"]["rows"] == [7, 8] and table["band"]["constant"]["p_value"] > 0.05
 
 
 def test_peaks_against_scipy():

@@ -1,4 +1,4 @@
-"""The source paper beside the toolkit: where its normal force contradicts itself, and what its printed peaks allow."""
+"""The source paper beside the toolkit: where its forces contradict themselves, and what its printed numbers allow."""
 
 from .._settings import configure as _configure
 
@@ -7,11 +7,12 @@ _configure()
 
 from .booklet import write_paper  # noqa: E402
 from .contradictions import Contradiction, list_contradictions  # noqa: E402
+from .friction import FrictionJudgement, judge_friction  # noqa: E402
 from .judgement import PeakJudgement, judge_campaign, judge_peaks  # noqa: E402
 from .shipped import find_data  # noqa: E402
 
 
 __all__ = [
-    "Contradiction", "PeakJudgement", "find_data", "judge_campaign", "judge_peaks", "list_contradictions",
-    "write_paper",
+    "Contradiction", "FrictionJudgement", "PeakJudgement", "find_data", "judge_campaign", "judge_friction",
+    "judge_peaks", "list_contradictions", "write_paper",
 ]

@@ -95,7 +95,9 @@ class Bench:
         outside = self._outside(fit.names, fit.x)
         remark = f"not physical: {outside}" if outside else "" if fit.converged else "the fit did not settle"
         squeeze = self.program.evaluate_contact(fit.x, data.conditions)[3].max()
-        diameter = float(self.program.space.reference.diameter())
+        reference = self.program.space.reference
+        assert isinstance(reference, AbstractReference)
+        diameter = float(reference.diameter())
         if not remark and diameter > 0 and squeeze > 0.5 * diameter and fit.model.min() > 0:
             remark = f"the ball is squeezed by {1e3 * squeeze:.0f} of its {1e3 * diameter:.0f} mm"
         pressures = np.asarray(self.data.conditions["initial_pressure"])
@@ -310,23 +312,29 @@ def _signature(bench: Bench, base: PeakRow, name: str) -> tuple[float, float]:
 
 def could_show(bench: Bench, base: PeakRow, level: float) -> bool:
     """Whether any effect, with a signature of three times the noise, would have been noticed more often than not."""
+    records = len(bench.data.peaks)
+    return any(has_power(_signature(bench, base, bench.program.space.of([effect.id])[0])[0], records,
+                         records - base.free, bench.noise, level) for effect in bench.program.space.effects)
+
+
+def has_power(visible: float, records: int, left: int, noise: Noise, level: float) -> bool:
+    """Whether an effect of three times the noise is noticed more often than not.
+
+    Args:
+        visible: share of its signature that survives the reference parameters [-].
+        records: how many peaks; left: less the fitted numbers.
+        noise: where the noise comes from.
+        level: of the test.
+    """
     from scipy.stats import chi2, f, ncf, ncx2
 
-    noise, records = bench.noise, len(bench.data.peaks)
-    left = records - base.free
     if left < 1 or noise.degrees < 1:
         return False
-    for effect in bench.program.space.effects:
-        visible, _ = _signature(bench, base, bench.program.space.of([effect.id])[0])
-        strength = 9.0 * records * visible**2
-        if np.isinf(noise.degrees):
-            power = ncx2.sf(chi2.isf(level, left), left, strength)
-        else:
-            extra = max(left - noise.degrees, 1)
-            power = ncf.sf(f.isf(level, extra, noise.degrees), extra, noise.degrees, strength)
-        if power >= 0.5:
-            return True
-    return False
+    strength = 9.0 * records * visible**2
+    if np.isinf(noise.degrees):
+        return bool(ncx2.sf(chi2.isf(level, left), left, strength) >= 0.5)
+    extra = max(left - noise.degrees, 1)
+    return bool(ncf.sf(f.isf(level, extra, noise.degrees), extra, noise.degrees, strength) >= 0.5)
 
 
 def locate_misfit(row: PeakRow, pressures: np.ndarray, peaks: np.ndarray) -> tuple[dict[str, Any], ...]:

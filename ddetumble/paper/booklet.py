@@ -12,17 +12,20 @@ from .bench import Bench, Recipe, choose_effects
 from .contradictions import ELSEWHERE, SPEED, Contradiction, list_contradictions, reading
 from .corrections import correct_printed
 from .fits import PeakData
+from .friction import FrictionJudgement
+from .friction_pages import draw_friction_points, read_friction, write_friction
 from .judgement import PeakJudgement, judge_campaign
 from .peaks import PeakProgram, simulate_impacts
 from .rows import compare_rows, describe_estimates
 from .shipped import find_data
+from .slipping import list_friction_points
 
 
 RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
 
 
 def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
-    """Compare the paper's normal force with the toolkit and write the page with its figures.
+    """Compare the paper's normal force and friction with the toolkit and write the page with its figures.
 
     Args:
         folder: where to write; made where it is not there.
@@ -38,7 +41,9 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
 
     table = read_campaign(find_data("paper/table-3"))
     figure = read_campaign(find_data("paper/figure-8"))
-    judged = {"Figure 8": judge_campaign(figure), "Table 3": judge_campaign(table)}
+    judged = {"Figure 8": _judge_impacts(figure), "Table 3": _judge_impacts(table)}
+    slipped, friction = judge_campaign(read_campaign(find_data("paper/table-4"))), read_friction()
+    assert isinstance(slipped, FrictionJudgement)
     masses = vary_restitution(judged["Figure 8"])
     times = {"ours": _span(judged["Figure 8"].contact[0]),
              **{name: time_impacts(name, judged["Figure 8"]) for name in ("quarter", "area")}}
@@ -46,25 +51,34 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     points = list_contradictions(
         {**rows, "measured": judged["Table 3"].peaks},
         {"pressure": judged["Figure 8"].pressures, "peak": judged["Figure 8"].peaks}, times)
-    sections = [_write_points(points, rows, judged, masses), _write_figure(judged["Figure 8"], masses),
-                *_write_table(judged["Table 3"], rows["printed"])]
+    misses = next(point.values for point in points if point.number == 8)
+    points = sorted([*points, *list_friction_points(friction)], key=lambda point: point.number)
+    pages, numbers = write_friction(slipped, friction, misses)
+    sections = [_write_points(points, rows, judged, masses, draw_friction_points(friction)),
+                _write_figure(judged["Figure 8"], masses), *_write_table(judged["Table 3"], rows["printed"]), *pages]
     found = {"improved": "no single effect of the catalogue does what a curve without physics does",
              "unexplained": "no effect of the catalogue helps",
              "explained": f"{' and '.join(judged['Table 3'].effects)} explains what is missing"}
-    sentence = (f"{len(points)} points at which the paper's normal force does not agree with itself. One free mass "
-                f"puts "
-                f"our model within {_worst(judged['Figure 8']):.1f} % of Figure 8's four peaks; on Table 3 "
-                f"{found.get(judged['Table 3'].verdict, 'nothing can be shown to be missing')}.")
+    mean, spread = slipped.ratio
+    sentence = (f"{len(points)} points at which what the paper prints on normal force and friction contradicts itself. "
+                f"One free mass puts our model within {_worst(judged['Figure 8']):.1f} % of Figure 8's four peaks; on "
+                f"Table 3 {found.get(judged['Table 3'].verdict, 'nothing can be shown to be missing')}. On Table 4 a "
+                f"constant coefficient, {mean:.3f} ± {spread:.3f}, does as well as the corrected law, whose slip term "
+                f"diverges at every load of the table.")
     for point in points:
         echo(f"{point.number:2d}  {point.sentence}")
-    for name, one in judged.items():
+    everything = {**judged, "Table 4": slipped}
+    for name, one in everything.items():
         echo(f"{name}: {one.verdict}. {one.sentence}")
-    page = write_page("The paper beside the toolkit: normal force", sentence, sections, folder, "report.html",
-                      facts=[(name, one.verdict.replace("-", " "), f"{len(one.peaks)} peaks")
-                             for name, one in judged.items()])
+    echo(numbers["band"]["sentence"])
+    facts = [(name, one.verdict.replace("-", " "), f"{len(one.peaks)} {'forces' if one is slipped else 'peaks'}")
+             for name, one in everything.items()]
+    page = write_page("The paper beside the toolkit: normal force and friction", sentence, sections, folder,
+                      "report.html", facts=facts)
     result = {"contradictions": [{"row": p.number, "title": p.title, "printed": p.printed, "found": p.found,
                                   "used": p.used, "sentence": p.sentence, "values": dict(p.values)} for p in points],
-              "figure-8": judged["Figure 8"].to_dict(), "table-3": judged["Table 3"].to_dict()}
+              "figure-8": judged["Figure 8"].to_dict(), "table-3": judged["Table 3"].to_dict(),
+              "table-4": {**slipped.to_dict(), **numbers}}
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (Path(folder) / "paper.json").write_text(text, encoding="utf-8")
     echo(f"The page: {page}")
@@ -79,6 +93,12 @@ def read_errors() -> dict[str, np.ndarray]:
     peaks, errors = pd.read_csv(folder / "peaks.csv"), pd.read_csv(folder / "errors.csv")
     return {"printed": peaks["printed_peak_normal_force"].to_numpy(float),
             "printed_error": errors["printed_error"].to_numpy(float)}
+
+
+def _judge_impacts(campaign) -> PeakJudgement:
+    judged = judge_campaign(campaign)
+    assert isinstance(judged, PeakJudgement)
+    return judged
 
 
 def set_up_bench(judged: PeakJudgement) -> Bench:
@@ -130,7 +150,7 @@ def _worst(judged: PeakJudgement) -> float:
     return float(100 * np.max(np.abs(judged.reference.fitted / judged.peaks - 1.0)))
 
 
-def _write_points(points: list[Contradiction], rows, judged, masses):
+def _write_points(points: list[Contradiction], rows, judged, masses, more):
     from ..report.page import Section
 
     figure, table = judged["Figure 8"], judged["Table 3"]
@@ -143,6 +163,7 @@ def _write_points(points: list[Contradiction], rows, judged, masses):
         8: ("row-08-abscissae", figures.draw_ranges(by[8], table.peaks, figure.pressures / 1e6, figure.peaks)),
         9: ("row-09-duration", _draw_duration(figure, mass)), 12: ("row-12-sign", _draw_sign(mass)),
     }  # fmt: skip
+    drawn = dict(sorted({**drawn, **more}.items()))
     lines = [("row", "concerns", "the paper says", "its own equations or numbers give", "the toolkit uses")]
     lines += [(str(p.number), p.title, p.printed, p.found, p.used) for p in points]
     others = "; ".join(f"row {number}: {what}" for number, what in ELSEWHERE.items())

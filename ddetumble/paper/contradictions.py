@@ -18,11 +18,7 @@ SPEED = 0.4  # m/s, section 4
 STATED_TIME = 0.27  # s, section 4
 STATED_ERROR = 6.7  # %, abstract
 RANGES = ((0.0, 2.5), (0.1, 2.5), (0.0, 2.6), (0.1, 2.6), (0.2, 2.7), (0.5, 2.5), (1.0, 2.0), (1.0, 3.0), (0.0, 2.0))
-ELSEWHERE = {
-    5: "friction at zero slip (Eqs. 9 and 10)", 6: "the range of Eq. 10", 10: "direction of the momentum (Tables 5 "
-                                                                              "and 6)",
-    11: "step of the simulation", 13: "two printed errors of Table 4",
-}  # fmt: skip
+ELSEWHERE = {10: "direction of the momentum (Tables 5 and 6)", 11: "step of the simulation"}
 
 
 @dc.dataclass(frozen=True)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER, dress, new_figure, styled
+from .friction import FrictionJudgement
 from .judgement import PeakJudgement
 from .rows import PairedDifference, PeakRow
 
@@ -82,14 +83,15 @@ def draw_models(judged: PeakJudgement):
 
 
 @styled
-def draw_ladder(judged: PeakJudgement, most: int = 26):
+def draw_ladder(judged: PeakJudgement | FrictionJudgement, most: int = 26):
     """Left-out errors of all models, best first, with the polynomial's as the line to reach."""
     rows = sorted((row for row in judged.rows if np.isfinite(row.heldout)), key=lambda row: row.heldout)
     rows = [row for k, row in enumerate(rows) if k < most or row is judged.reference][::-1]
     line = 100 * judged.polynomial.heldout
     figure = new_figure(0.9 + 0.24 * len(rows))
     axes = dress(figure.subplots(), "x")
-    colours = {"printed": GREY, "polynomial": OTHER, "reference": AFTER, "reading": KIN, "choice": INK}
+    colours = {"printed": GREY, "polynomial": OTHER, "reference": AFTER, "reading": KIN, "choice": INK,
+               "constant": INK}
     for i, row in enumerate(rows):
         colour = colours.get(row.kind, BEFORE)
         axes.barh(i, 100 * min(row.heldout, 1.0), color=colour if row.physical else "white", edgecolor=colour,
@@ -105,7 +107,7 @@ def draw_ladder(judged: PeakJudgement, most: int = 26):
     axes.set_xticks([1, 2, 5, 10, 20, 50, 100])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
-    axes.set_xlabel("rms error of peaks that were left out [%]; dashed: the low polynomial")
+    axes.set_xlabel("rms error of what was left out [%]; dashed: the low polynomial")
     return figure
 
 

@@ -8,8 +8,10 @@ import numpy as np
 
 from ..contact.effect import AbstractEffect
 from ..contact.law import AbstractReference, Ball
+from ..contact.sliding import AbstractFriction
 from .bench import Bench, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
 from .fits import PeakData
+from .friction import FrictionJudgement, judge_friction
 from .peaks import WINDOW, PeakProgram
 from .rivals import estimate_noise, judge_rivals
 from .rows import Noise, PairedDifference, PeakRow, compare_rows, tabulate
@@ -106,12 +108,42 @@ def _plain(value):
     return value if not isinstance(value, (float, np.floating)) or np.isfinite(value) else None
 
 
-def judge_campaign(campaign, **options) -> PeakJudgement:
-    """Judge a campaign read by `read_campaign` that holds peaks only; `options` go to `judge_peaks`."""
+def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:
+    """Judge a campaign read by `read_campaign` that holds peaks only: `peak_normal_force` or `peak_friction_force`.
+
+    Args:
+        campaign: of the family `impact` or `slip`.
+        **options: go to `judge_peaks` or `judge_friction`.
+
+    Returns:
+        A `PeakJudgement`, or for friction forces a `FrictionJudgement`; both have `verdict`, `sentence`, `rows`,
+        `table()` and `to_dict()`.
+    """
     from .._errors import InputError
 
+    friction = "peak_friction_force"
+    if campaign.peaks is not None and friction in campaign.peaks and "normal_load" in campaign.conditions:
+        return _judge_slip(campaign, friction, options)
     if campaign.peaks is None or "peak_normal_force" not in campaign.peaks:
-        raise InputError(f"campaign {campaign.name} holds no column peak_normal_force to judge")
+        raise InputError(f"campaign {campaign.name} holds no column peak_normal_force, nor peak_friction_force with "
+                         "normal_load, to judge")
+    return _judge_impact(campaign, options)
+
+
+def _judge_slip(campaign, name: str, options: dict[str, Any]) -> FrictionJudgement:
+    frame = campaign.records.join(campaign.peaks, how="inner").dropna(subset=[name])
+    peaks, stated = frame[name].to_numpy(), campaign.uncertainty(name)
+    if not isinstance(options.get("reference"), AbstractFriction):
+        options = {**options, "reference": None}  # the model that the command line names by default is the impact's
+    options.setdefault("assumed", tuple(n for n, column in campaign.conditions.items() if column.assumed))
+    given = {key: frame[column].to_numpy() for key, column in
+             (("pressures", "internal_pressure"), ("speeds", "slip_speed"), ("printed", f"printed_{name}"))
+             if column in frame}
+    return judge_friction(frame["normal_load"].to_numpy(), peaks, sd=None if stated is None else stated.sd(peaks),
+                          campaign=campaign.name, **given, **options)
+
+
+def _judge_impact(campaign, options: dict[str, Any]) -> PeakJudgement:
     frame = campaign.records.join(campaign.peaks, how="inner").dropna(subset=["peak_normal_force"])
     peaks = frame["peak_normal_force"].to_numpy()
     stated = campaign.uncertainty("peak_normal_force")

@@ -8,13 +8,15 @@ from .fits import choose_degree, fit_linear, polynomial, predict_nested
 from .rows import Noise, PeakRow, judge_lack
 
 
-def estimate_noise(conditions: Mapping[str, np.ndarray], peaks: np.ndarray, sd: np.ndarray | None) -> Noise:
+def estimate_noise(conditions: Mapping[str, np.ndarray], peaks: np.ndarray, sd: np.ndarray | None,
+                   along: str = "initial_pressure", words: str = "pressure") -> Noise:
     """Size of the error of single peaks: as stated, from repeats, or from the scatter about a low polynomial.
 
     Args:
         conditions: of the records, arrays of shape (records,), SI.
         peaks: measured [N].
         sd: stated standard deviation [N], or None.
+        along: name of the condition in which the polynomial is; words: for people.
     """
     if sd is not None:
         return Noise(np.asarray(sd, float) / peaks, float("inf"), "The campaign states the uncertainty of its peaks.")
@@ -26,7 +28,7 @@ def estimate_noise(conditions: Mapping[str, np.ndarray], peaks: np.ndarray, sd: 
         share = np.sqrt(np.sum((peaks / means - 1.0) ** 2) / repeats)
         return Noise(np.full(len(peaks), share), float(repeats),
                      f"From the scatter of repeats at equal conditions, {100 * share:.1f} % of the value.")
-    pressures = conditions["initial_pressure"]
+    pressures = conditions[along]
     degree = choose_degree(pressures, peaks, 1.0 / peaks)
     left = len(peaks) - degree - 1
     fitted, _ = fit_linear(polynomial(pressures, degree), peaks, 1.0 / peaks)
@@ -34,14 +36,16 @@ def estimate_noise(conditions: Mapping[str, np.ndarray], peaks: np.ndarray, sd: 
         return Noise(np.full(len(peaks), np.nan), 0.0, "There are too few peaks to tell how large their errors are.")
     share = float(np.sqrt(np.sum((fitted / peaks - 1.0) ** 2) / left))
     return Noise(np.full(len(peaks), share), float(left),
-                 f"No uncertainty is stated: the scatter about a polynomial of degree {degree} in pressure, "
+                 f"No uncertainty is stated: the scatter about a polynomial of degree {degree} in {words}, "
                  f"{100 * share:.1f} % of the value with {left} degrees of freedom, stands in for it.")
 
 
-def judge_rivals(pressures: np.ndarray, peaks: np.ndarray, printed: np.ndarray | None, noise: Noise) -> list[PeakRow]:
+def judge_rivals(pressures: np.ndarray, peaks: np.ndarray, printed: np.ndarray | None, noise: Noise,
+                 words: str = "pressure") -> list[PeakRow]:
     """Rows of the printed column times one factor (where there is one) and of polynomials; last the one to beat.
 
     The last row's degree is chosen by leave-one-out, and chosen anew inside every fold for its held-out error.
+    `words` says what the condition is that stands in `pressures`.
     """
     weights, rows = 1.0 / (noise.share * peaks if np.isinf(noise.degrees) else peaks), []
     if printed is not None:
@@ -55,7 +59,7 @@ def judge_rivals(pressures: np.ndarray, peaks: np.ndarray, printed: np.ndarray |
     for degree in range(1, min(3, len(np.unique(pressures)) - 2) + 1):
         fitted, held = fit_linear(polynomial(pressures, degree), peaks, weights)
         name = {1: "straight line", 2: "parabola", 3: "cubic"}[degree]
-        rows.append(make_row(f"{name} in pressure", "polynomial", (), degree + 1, fitted, held, peaks, pressures,
+        rows.append(make_row(f"{name} in {words}", "polynomial", (), degree + 1, fitted, held, peaks, pressures,
                              noise))
     degree = choose_degree(pressures, peaks, weights)
     fitted, _ = fit_linear(polynomial(pressures, degree), peaks, weights)

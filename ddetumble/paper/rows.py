@@ -12,7 +12,7 @@ class PeakRow:
 
     Attributes:
         label: what the model is, for people.
-        kind: `printed`, `polynomial`, `reference`, `reading`, `effect` or `pair`.
+        kind: `printed`, `polynomial`, `constant`, `reference`, `reading`, `effect` or `pair`.
         effects: ids of the effects in it.
         free: how many numbers were fitted.
         fitted: fitted peaks, shape (records,) [N].
@@ -157,13 +157,15 @@ def judge_gain(before: PeakRow, after: PeakRow, peaks: np.ndarray, noise: Noise,
     return float(-np.expm1(max(tried, 1) * np.log1p(-p))) if p < 1.0 else 1.0
 
 
-def tabulate(rows: Sequence[PeakRow], reference: PeakRow, peaks: np.ndarray):
+def tabulate(rows: Sequence[PeakRow], reference: PeakRow, peaks: np.ndarray,
+             title: str = "behind the polynomial [%]"):
     """The side-by-side table as a pandas data frame, errors in per cent of the measured value.
 
     Args:
         rows: models.
         reference: the row against which held-out errors are paired (the polynomial).
         peaks: measured [N].
+        title: of that column.
     """
     import pandas as pd
 
@@ -178,7 +180,7 @@ def tabulate(rows: Sequence[PeakRow], reference: PeakRow, peaks: np.ndarray):
             "left out: rms [%]": _round(100 * row.heldout),
             "left out: worst [%]": _round(100 * row.worst),
             "left out, rows with gas [%]": _round(100 * row.heldout_gas),
-            "behind the polynomial [%]": ("–" if row is reference else
+            title: ("–" if row is reference else
                                           f"{100 * pair.difference:+.2f} ± {100 * pair.standard_error:.2f}"),
             "estimates and remarks": "; ".join(part for part in (told, row.remark) if part),
         }
