@@ -35,8 +35,9 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
 
     Returns:
         `record`, `time` or `slip`, and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from
-        what the fit leaves uncertain) and `<channel>_sd_new` (of a new measurement: its conditions, time origin
-        and noise scatter too), in the order of the rows given. `attrs["notes"]` holds sentences on what is extrapolated or left out.
+        what the fit leaves uncertain) and `<channel>_sd_new` (of a new measurement: its conditions, time origin and
+        noise scatter too), in the order of the rows given. `attrs["notes"]` holds sentences on what is extrapolated or
+        left out.
 
     Raises:
         InputError: a column is missing or holds no numbers, conditions that no test can have.
