@@ -113,3 +113,27 @@ def check_unit_text(one: Parameter, parameters: Sequence[Parameter]) -> str:
     except Exception:  # pint raises many kinds
         return f"pint cannot read the unit {one.unit!r} of {one.name}; write it like N/m, N*s/m or 1/s."
     return ""
+
+
+def find_gap(kind: type, reference: Any, conditions: Any) -> str:
+    """What is missing of an effect: a text, or what it requires of the reference model; empty where nothing is."""
+    for field in ("id", "law", "reference"):
+        if not str(getattr(kind, field, "")).strip():
+            return f"`{field}` is empty."
+    for need in getattr(kind, "requires", ()):
+        if need not in reference.provides and need not in conditions:
+            return f"it requires {need!r}, which {type(reference).__name__} and the conditions do not provide."
+    return ""
+
+
+def read_units(kind: type, parameters: Sequence[Parameter]) -> str | tuple[bool, str]:
+    """Whether every number of an effect is a declared parameter whose unit `pint` reads."""
+    declared = {p.field for p in parameters}
+    fields = dc.fields(kind)
+    undeclared = [f.name for f in fields if f.name not in declared and not f.metadata.get("static")]
+    if undeclared:
+        return f"`{undeclared[0]}` has no unit: declare it by `parameter(unit, ...)` or `eqx.field(static=True)`."
+    if not parameters:
+        return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
+    problems = [text for one in parameters if (text := check_unit_text(one, parameters))]
+    return problems[0] if problems else (True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in parameters) + ".")

@@ -4,7 +4,6 @@
     check_effect(MyEffect).require()
 """
 
-import dataclasses as dc
 import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -19,10 +18,11 @@ from .clauses import (
     TOLERANCE,
     Check,
     EffectReport,
-    check_unit_text,
     explain_error,
+    find_gap,
     judge_clause,
     measure_difference,
+    read_units,
 )
 from .effect import STAGE_OF, AbstractEffect, AbstractModel, parameters_of
 from .law import Ball, ContactLaw
@@ -157,27 +157,12 @@ class _Bench:
         stages = [name for base, name in STAGE_OF if issubclass(self.kind, base)]
         if len(stages) != 1:
             return f"it has {len(stages)} stages ({', '.join(stages) or 'none'}); derive it from exactly one."
-        for field in ("id", "law", "reference"):
-            if not str(getattr(self.kind, field, "")).strip():
-                return f"`{field}` is empty."
-        for need in self.kind.requires:
-            if need not in self.reference.provides and need not in self.conditions:
-                return f"it requires {need!r}, which {type(self.reference).__name__} and the conditions do not provide."
-        return True, f"acts on {stages[0]}; {self.kind.law} ({self.kind.reference})."
+        gap = find_gap(self.kind, self.reference, self.conditions)
+        return gap or (True, f"acts on {stages[0]}; {self.kind.law} ({self.kind.reference}).")
 
     def read_units(self):
         """Every number is a declared parameter whose unit `pint` reads."""
-        declared = {p.field for p in self.parameters}
-        undeclared = [f.name for f in dc.fields(self.kind) if f.name not in declared and not f.metadata.get("static")]
-        if undeclared:
-            return f"`{undeclared[0]}` has no unit: declare it by `parameter(unit, ...)` or `eqx.field(static=True)`."
-        if not self.parameters:
-            return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
-        for one in self.parameters:
-            problem = check_unit_text(one, self.parameters)
-            if problem:
-                return problem
-        return True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in self.parameters) + "."
+        return read_units(self.kind, self.parameters)
 
     def flatten(self):
         """Its leaves are its parameters, and a round trip keeps them."""

@@ -1,6 +1,5 @@
 """The contract of an effect on slip records, proved on trial strokes (see `contract`)."""
 
-import dataclasses as dc
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 
@@ -14,10 +13,11 @@ from .clauses import (
     TOLERANCE,
     Check,
     EffectReport,
-    check_unit_text,
     explain_error,
+    find_gap,
     judge_clause,
     measure_difference,
+    read_units,
 )
 from .effect import AbstractEffect, AbstractModel, parameters_of, stage_of
 from .sliding import FrictionLaw, RubberFriction, Slide
@@ -81,25 +81,12 @@ class _Bench:
 
     def find_gaps(self):
         """One stage, texts, and a reference model that has what the effect needs."""
-        for field in ("id", "law", "reference"):
-            if not str(getattr(self.kind, field, "")).strip():
-                return f"`{field}` is empty."
-        for need in self.kind.requires:
-            if need not in self.reference.provides and need not in self.conditions:
-                return f"it requires {need!r}, which {type(self.reference).__name__} and the conditions do not provide."
-        return True, f"acts on {stage_of(self.kind)}; {self.kind.law} ({self.kind.reference})."
+        gap = find_gap(self.kind, self.reference, self.conditions)
+        return gap or (True, f"acts on {stage_of(self.kind)}; {self.kind.law} ({self.kind.reference}).")
 
     def read_units(self):
         """Every number is a declared parameter whose unit `pint` reads."""
-        declared = {p.field for p in self.parameters}
-        undeclared = [f.name for f in dc.fields(self.kind) if f.name not in declared and not f.metadata.get("static")]
-        if undeclared:
-            return f"`{undeclared[0]}` has no unit: declare it by `parameter(unit, ...)` or `eqx.field(static=True)`."
-        if not self.parameters:
-            return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
-        problems = [text for one in self.parameters if (text := check_unit_text(one, self.parameters))]
-        return problems[0] if problems else (
-            True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in self.parameters) + ".")
+        return read_units(self.kind, self.parameters)
 
     def compare_eager(self):
         """The compiled force against the law evaluated operation by operation."""

@@ -182,9 +182,13 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
     Words over a narrow panel (`inside`) stay within its width.
     """
     places = [place for place in places if _same(place.variable, variable) and variable not in ("time", "direction")]
+    told: list[tuple[float, float]] = []
     for place in places:
         start, end = (shown.scale * edge for edge in place.range)
         axes.axvspan(start, end, color=PLACE, lw=0, zorder=0)
+        if any(start < high and low < end for low, high in told):
+            continue  # two lines of words in one place cannot be read
+        told.append((start, end))
         middle, side = 0.5 * (start + end), "center"
         if inside:
             low, high = axes.get_xlim()
