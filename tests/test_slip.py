@@ -145,6 +145,20 @@ def test_commands(tmp_path, capsys):
     assert list(pd.read_csv(tmp_path / "p.csv").columns)[:3] == ["record", "slip", "tangential_force"]
 
 
+def test_a_grown_model_is_grown_further(tmp_path):
+    """What `fit` wrote is where `discover` goes on from: nothing more is missing, and its effect is no candidate."""
+    campaign = read_campaign(find_data() / "slip-b")
+    folder = fit(campaign, effects=["viscous-friction"]).save(tmp_path / "grown")
+    found = discover(campaign, str(folder))
+    assert found.verdict == "nothing-missing" and "viscous-friction.c_t" in found.steps[0].parameters
+    assert "viscous-friction" not in {candidate.effect for candidate in found.candidates}
+    assert str(tmp_path) not in found.sentence and "'paper with viscous-friction'" in found.sentence
+    found.save(tmp_path / "again")
+    row = {"record": "a", "normal_load": 12.0, "internal_pressure": 1e6, "slip_speed": 0.3, "slip": [1e-3]}
+    one, two = (predict(tmp_path / name, pd.DataFrame(row))["tangential_force"].iloc[0] for name in ("grown", "again"))
+    assert one == pytest.approx(two, rel=2e-3)
+
+
 def test_bad_input(tmp_path):
     """One sentence each: wrong model, missing condition, missing channel, a model that is not there."""
     campaign = read_campaign(find_data() / "slip-a")

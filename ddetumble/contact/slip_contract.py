@@ -73,7 +73,7 @@ class _Bench:
 
     def build(self, values) -> FrictionLaw:
         """The law with the effect at these field values."""
-        return FrictionLaw(self.reference, (self.kind(**{p.field: values[k] for k, p in enumerate(self.parameters)}),))
+        return self.reference.extend((self.kind(**{p.field: values[k] for k, p in enumerate(self.parameters)}),))
 
     def record(self, k: int) -> dict[str, Array]:
         """Conditions of one record."""
@@ -128,7 +128,7 @@ class _Bench:
         for values in itertools.islice(itertools.product(*shapes), 12):
             for k in range(self.records):
                 extended = np.asarray(stroke(self.build(values), self.record(k)))
-                bare = np.asarray(stroke(FrictionLaw(self.reference), self.record(k)))
+                bare = np.asarray(stroke(self.reference.extend(()), self.record(k)))
                 if not np.array_equal(extended, bare):
                     where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(self.parameters, values, strict=True))
                     return f"the force changes by up to {np.abs(extended - bare).max():.3g} N at {where}."
@@ -142,7 +142,7 @@ class _Bench:
         if one.kind == "shape":
             points = [np.where(np.arange(len(self.parameters)) == k, v, p)
                       for p in self.starts for v in (one.starts or (one.default,))]
-        largest = float(np.abs(self.run_all(FrictionLaw(self.reference), self.conditions)).max())
+        largest = float(np.abs(self.run_all(self.reference.extend(()), self.conditions)).max())
         best, place = 0.0, "over its starts" if scanned else "at its null"
         for values in points:
             slope = np.asarray(self.run_slopes(jnp.asarray(values)))[..., k]

@@ -32,7 +32,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
 
     Args:
         campaign: a campaign of impacts or slip records, with samples, or its folder.
-        model: reference model, see `ddetumble.inference.models`.
+        model: reference model, see `ddetumble.inference.models`; one that has effects already is grown further.
         effects: effects of your own, tried beside the catalogue.
         progress: called with a sentence and the share done.
 
@@ -52,7 +52,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     report("fitting the reference model", 0.02)
-    workbench = Workbench(campaign, resolved.reference, effects)
+    workbench = Workbench(campaign, resolved.reference, effects, resolved.effects)
     reference = workbench.begin()
     report("looking for what is missing", 0.15)
     lack, scores = workbench.judge(reference)

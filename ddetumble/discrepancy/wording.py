@@ -58,12 +58,16 @@ def _times(step: Step, noise: float) -> str:
 def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tuple[str, tuple[str, ...]]:
     """The sentence of a verdict, and further notes."""
     first, last = found.steps[0], found.steps[-1]
+    model = found.model.replace("\\", "/").rsplit("/", 1)[-1]
+    given = list(dict.fromkeys(name.split(".")[0] for name in first.parameters if "." in name))
+    model += f" with {_join(given)}" if given else ""
+    absorbs = ", ".join([*(name.replace("_", " ") for name in first.parameters), "and the settings"])
     lack = first.lack_of_fit
     records = f"{found.settings['records']} records"
     misfit = (f"it leaves {_times(first, found.noise_nrmse)} times the noise, more than chance allows "
               f"({_chance(min(lack.p_value, lack.score_p_value))})")
     if found.verdict == "nothing-missing":
-        sentence = (f"Nothing is missing: the model {found.model!r} fits all {records} to the noise "
+        sentence = (f"Nothing is missing: the model {model!r} fits all {records} to the noise "
                     f"(lack of fit p = {lack.p_value:.2g}, level {lack.level:g}).")
         best = [c for c in found.candidates if c.visible > UNSEEN and c.smallest_detectable]
         if best:
@@ -76,16 +80,16 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     elif found.verdict == "explained":
         was, them = ("was", "it") if len(found.effects) == 1 else ("were", "them")
         sentence = (f"Missing {was} {_join(list(found.effects))} ({_values(last, found.effects)}). Without {them} the "
-                    f"model {found.model!r} fails: {misfit}; with {them} {_times(last, found.noise_nrmse)} times the "
+                    f"model {model!r} fails: {misfit}; with {them} {_times(last, found.noise_nrmse)} times the "
                     f"noise is left, and the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
                     f"{last.heldout_nrmse:.2%} (noise {found.noise_nrmse:.2%}).")
     elif found.verdict == "improved":
         verbs, them = ("helps but is", "it") if len(found.effects) == 1 else ("help but are", "them")
-        sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all: the model {found.model!r} alone "
+        sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all: the model {model!r} alone "
                     f"leaves {_times(first, found.noise_nrmse)} times the noise, with {them} "
                     f"{_times(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
     else:
-        sentence = (f"Something is missing that the catalogue does not hold: the model {found.model!r} fails "
+        sentence = (f"Something is missing that the catalogue does not hold: the model {model!r} fails "
                     f"({misfit}), and none of its {len(found.candidates)} effects explains it on left-out conditions.")
     if found.verdict in ("improved", "unexplained") and found.where:
         sentence += f" The misfit sits in the {describe_place(found.where[0])}."
@@ -98,7 +102,7 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         sentence += " No other effect of the catalogue predicts left-out conditions as well."
     unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
     if unseen:
-        notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {family.absorbs} "
+        notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
                      "absorbs more than 99.8 % of what they do.")
     if left_out:
         notes.append(f"Not tried, because the model or the campaign lacks what they need: {_join(list(left_out))}.")

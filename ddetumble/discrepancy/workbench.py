@@ -9,7 +9,9 @@ import numpy as np
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..inference.assembly import assemble_space, default_starts, guess_start
+from ..inference.families import find_family
 from ..inference.noise import Noise
+from ..inference.parameters import to_coordinate
 from ..inference.problem import WORKERS, Problem, Solution
 from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
@@ -46,22 +48,41 @@ class Workbench:
         campaign: of impacts or slip records, with samples.
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
+        given: effects that the model has from the start, with their values; they are fitted with the reference model,
+            and are no candidates.
     """
 
     def __init__(self, campaign: Campaign, reference: AbstractModel,
-                 extra: Sequence[type[AbstractEffect]] = ()):
+                 extra: Sequence[type[AbstractEffect]] = (), given: Sequence[AbstractEffect] = ()):
         self.campaign = campaign
+        known = (*find_family(campaign.family).catalogue, *extra)
+        extra = (*extra, *(type(e) for e in given if type(e) not in known))
         found = assemble_space(campaign, reference, extra)
         self.reference = found.space.reference
         self.space, self.start, self.base = found.space, found.start, list(found.base)
         self.catalogue, self.probes, self.left_out = found.catalogue, found.probes, found.left_out
         self.warnings = found.warnings
-        self.by_id = {e.id: e for e in (*self.catalogue, *self.probes)}
+        self._take(given)
+        self.by_id = {e.id: e for e in (*self.known, *self.probes)}
         self.family = self.space.family
         self.groups = group_conditions(campaign.records)
         self._stack({})
         self.noise: dict[str, Noise] = {}
         self.freed: tuple[str, ...] = ()
+
+    def _take(self, given: Sequence[AbstractEffect]) -> None:
+        """Start from a model that has effects already."""
+        for effect in given:
+            if type(effect) not in self.catalogue:
+                raise InputError(f"the model's effect {effect.id!r} needs {', '.join(effect.requires)}, which campaign "
+                                 f"{self.campaign.name!r} or the model does not have")
+            for p in parameters_of(effect):
+                value = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
+                self.start[self.space.index[f"{effect.id}.{p.name}"]] = value
+        self.base += self.space.of([effect.id for effect in given])
+        taken = {type(effect) for effect in given}
+        self.known = self.catalogue
+        self.catalogue = tuple(e for e in self.catalogue if e not in taken)
 
     def begin(self) -> Fitted:
         """Fit the reference model, measure the noise's correlation, and fit again under it."""

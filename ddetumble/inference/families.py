@@ -46,7 +46,6 @@ class Family:
         catalogue, probes: effects.
         state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
         observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
-        absorbs: what of the reference model and the settings may imitate an effect, in words.
         remedies: what else to measure, in words.
     """
 
@@ -60,7 +59,6 @@ class Family:
     rate: str
     phases: tuple[str, str]
     observe: Callable[[Any, Mapping[str, Array], Array, Any, tuple[str, ...]], Observation]
-    absorbs: str
     remedies: str
 
 
@@ -88,12 +86,11 @@ FAMILIES: dict[str, Family] = {
     "impact": Family(
         "impact", ("normal_force", "depression", "pressure"), ("approach_speed",),
         (768, 1536, 2048, 4096, 8192, 16384, 32768), IMPACT, PROBES, "depression", "depression_rate",
-        ("loading", "unloading"), observe_impact, "mass, restitution and the settings",
+        ("loading", "unloading"), observe_impact,
         "measure at other pressures and speeds, or add the depression and pressure channels"),
     "slip": Family(
         "slip", ("tangential_force",), ("normal_load",), (256, 1024, 4096, 8192, 16384, 32768), SLIP, SLIP_PROBES,
         "slip", "direction", ("forward", "backward"), observe_slip,
-        "the adhesion constant, the loss factor, the slip term and the settings",
         "measure at other loads, pressures and slip speeds"),
 }  # fmt: skip
 
