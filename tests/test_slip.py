@@ -1,5 +1,6 @@
 """The loop on slip records: campaigns of the independent simulator, judged blind, and what comes out of them."""
 
+import dataclasses as dc
 import json
 
 import numpy as np
@@ -164,8 +165,18 @@ def test_bad_input(tmp_path):
     campaign = read_campaign(find_data() / "slip-a")
     with pytest.raises(InputError, match="coulomb"):
         discover(campaign, "matunaga")
+    with pytest.raises(InputError, match="'wall-stiffness' acts on impact records"):
+        fit(campaign, effects=["wall-stiffness"])
     with pytest.raises(InputError, match="of the family 'slip'"):
         compare(read_campaign(find_data() / "impact-i"), str(fit(campaign).save(tmp_path / "fitted")))
+    wanted = {"record": "x", "normal_load": 9.0, "internal_pressure": 1e6, "slip_speed": 0.1}
+    for change, message in (({"slip": [2e-3, 1e-3]}, "slip falls within record 'x'"), ({"slip": [-1e-3]}, "negative"),
+                            ({"slip": [1e-3], "normal_load": -9.0}, "normal_load"),
+                            ({"slip": [1e-3], "slip_speed": 0.0}, "slip_speed")):
+        with pytest.raises(InputError, match=message):
+            predict(tmp_path / "fitted", pd.DataFrame(wanted | change))
+    with pytest.raises(InputError, match="known: -0.5 is outside what adhesion_constant can be"):
+        fit(dc.replace(campaign, known=campaign.known | {"adhesion_constant": -0.5}))
     write_campaign(tmp_path / "copy", campaign)
     rows = (tmp_path / "copy" / "records.csv").read_text(encoding="utf-8").splitlines()
     assert "internal_pressure" in rows[0]

@@ -29,12 +29,12 @@ def _show_help(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ):
-    """Find out which physics an impact model leaves out: compare it with measured impacts, see where it fails,
-    rank the effects that could be missing, add one, and watch the error fall.
+    """Find out which physics a contact model leaves out: compare it with measured impacts or friction, see where it
+    fails, rank the effects that could be missing, add one, and watch the error fall.
 
     CAMPAIGN is a folder with measured tests (or the name of one that comes with the toolkit, such as impact-a);
-    `ddetumble import` makes one from a laboratory's CSV files. MODEL is paper, paper-printed, matunaga, power-law, a
-    folder that `fit` or `discover` wrote, or FILE.py:NAME.
+    `ddetumble import` makes one from a laboratory's CSV files. MODEL is paper, paper-printed, matunaga, power-law (of
+    impacts), coulomb (of friction), a folder that `fit` or `discover` wrote, or FILE.py:NAME.
     """
     if version:
         from importlib.metadata import version as read_version

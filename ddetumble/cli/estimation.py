@@ -76,7 +76,8 @@ def predict_records(
     conditions: Annotated[
         Path,
         typer.Argument(
-            metavar="CONDITIONS.csv", help="Columns record, the conditions, and time: one row a wanted sample, in SI."
+            metavar="CONDITIONS.csv",
+            help="Columns record, the conditions, and time (slip): one row a wanted sample, in SI.",
         ),
     ],
     output: Annotated[

@@ -143,12 +143,25 @@ def discover_effects(
 
     own = [resolve_effect(name) for name in effect or ()]
     with show_progress(f"looking at {measured.name}") as report:
+        for one in own:
+            _prove_contract(one, model, measured.family)
         result = discover(measured, model=model, effects=own, progress=report)
         report("writing the report", 0.95)
         result.save(folder)
         page = write_report(result, folder)
     typer.echo(describe(result))
     typer.echo(f"Report: {page}")
+
+
+def _prove_contract(effect, model: str, family: str) -> None:
+    """Refuse an effect of the user's own that breaks the contract on which verdicts rely."""
+    from ..contact.contract import check_effect
+    from ..contact.effect import family_of
+    from ..effects import CATALOGUES
+    from ..inference.models import resolve_model
+
+    if family_of(effect) == family and not any(effect in known for known in CATALOGUES.values()):
+        check_effect(effect, resolve_model(model, family).reference).require()
 
 
 def _judge_peaks(campaign, model: str, folder: Path) -> None:
@@ -161,5 +174,5 @@ def _judge_peaks(campaign, model: str, folder: Path) -> None:
         result = judge_campaign(campaign, model=model, reference=resolve_model(model, campaign.family).reference)
         write_json(folder / "result.json", result.to_dict())
     typer.echo(result.sentence)
-    typer.echo(result.table())
+    typer.echo(result.table().to_string(index=False))
     typer.echo(f"Result: {folder / 'result.json'}")

@@ -275,6 +275,11 @@ class AbstractStatefulEffect(AbstractEffect):
         """Typical size of the state, which scales the integrator's tolerance."""
 
 
+def family_of(effect: Any) -> str:
+    """Family of records on which an effect (class or instance) acts: `impact` or `slip`."""
+    return "slip" if getattr(effect, "stage", "") else "impact"
+
+
 STAGE_OF: tuple[tuple[type, str], ...] = (
     (AbstractSizeEffect, "size"), (AbstractGeometryEffect, "geometry"), (AbstractGasEffect, "gas"),
     (AbstractElasticEffect, "elastic"), (AbstractStiffnessEffect, "stiffness"), (AbstractContactForce, "contact"),

@@ -21,8 +21,8 @@ from ..measurement.tables import Table, convert_column, read_table
 CHUNK = 48  # records a call of the compiled program
 DIRECTIONS = 8  # slots of free parameters, a multiple of this
 PATH = 256  # points at which the path from zero slip to the last wanted one is followed
-POSITIVE = ("approach_speed", "normal_load")
-NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "slip_speed", "temperature")
+POSITIVE = ("approach_speed", "normal_load", "slip_speed")
+NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "temperature", "slip")
 
 
 def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
@@ -114,6 +114,8 @@ def _read(table: Table, names: tuple[str, ...], saved: SavedModel, file: str | N
                              + ", ".join(table.columns), file=place)
         values[name] = convert_column(table, name)
         _check_sign(name, values[name], place, lines)
+    if abscissa == "slip":
+        _refuse_reversal(keys, values["slip"], place, lines)
     extra = [name for name in table.columns if name not in (*names, "record", abscissa)]
     if extra:
         notes.append(f"The model does not read {', '.join(extra)}: left out.")
@@ -126,6 +128,17 @@ def _read(table: Table, names: tuple[str, ...], saved: SavedModel, file: str | N
                                  f"{lines[k]}; a record has one value of each condition", file=place, column=name,
                                  row=lines[i])
     return keys, values, notes
+
+
+def _refuse_reversal(keys: np.ndarray, slip: np.ndarray, place: str, lines: np.ndarray):
+    """Slip counts from the start of a stroke: within a record it does not fall."""
+    last: dict[str, float] = {}
+    for i, key in enumerate(keys):
+        if slip[i] < last.get(key, 0.0):
+            raise InputError(f"slip falls within record {key!r}; it counts from the start of a stroke: give each "
+                             "stroke a record of its own, in the order of its slip", file=place, column="slip",
+                             row=lines[i])
+        last[key] = float(slip[i])
 
 
 def _check_sign(name: str, values: np.ndarray, place: str, lines: np.ndarray):

@@ -110,7 +110,8 @@ class Workbench:
         if solution.failed:
             raise ComputationError(
                 f"the reference model could not be integrated for record {solution.failed[0]!r} "
-                f"({len(solution.failed)} of {self.records.count} records): check its pressure, speed and units")
+                f"({len(solution.failed)} of {self.records.count} records): check its conditions and units"
+                + "".join(f". {text}" for text in self.warnings))
         return solution
 
     def measure_again(self, fitted: Fitted) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
+from ..contact.effect import AbstractEffect, AbstractModel, family_of, parameters_of
 from ..contact.friction import describe_range
 from ..contact.law import PowerLaw
 from ..contact.sliding import RubberFriction
@@ -54,12 +54,23 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     if type(reference).family != family.name:
         raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign.name!r} of "
                          f"{family.name!r}; take a model of that family")
+    for effect in extra:
+        if family_of(effect) != family.name:
+            raise InputError(f"effect {effect.id!r} acts on {family_of(effect)} records, and campaign "
+                             f"{campaign.name!r} is of family {family.name!r}; there are: "
+                             + ", ".join(e.id for e in family.catalogue))
     reference = adapt_reference(campaign, reference)
     offered = (*family.catalogue, *extra)
     catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
     probes = tuple(e for e in family.probes if fits_campaign(e, reference, campaign))
     space = ParameterSpace(reference, (*catalogue, *probes))
-    start = space.coordinates({k: v for k, v in campaign.known.items() if v is not None and k in space.index})
+    known = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
+    for name, value in known.items():
+        low, high = space.slots[space.index[name]].parameter.bounds
+        if not low <= value <= high or (space.slots[space.index[name]].parameter.coordinate == "log" and value <= 0):
+            raise InputError(f"known: {value:g} is outside what {name} can be ({low:g} to {high:g})",
+                             file=None if campaign.path is None else campaign.path / "datapackage.json", column=name)
+    start = space.coordinates(known)
     fixed = {"condition_exponent"} if isinstance(reference, PowerLaw) and not reference.condition else set()
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)

@@ -108,7 +108,7 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     report("fitting the reference model", 0.05)
     problem = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
     known = [n for n in names if n in assembly.base]
-    first = _require(problem.solve(known, base), problem.records)
+    first = _require(problem.solve(known, base), problem.records, assembly.warnings)
     places = [space.index[n] for n in known if n not in given]
     best: Bounded | None = None
     origin = base
@@ -278,11 +278,11 @@ def _pose(space: ParameterSpace, records: Records, priors: Mapping[str, tuple[fl
     return Problem(space, records, priors)
 
 
-def _require(solution: Solution, records: Records) -> Solution:
+def _require(solution: Solution, records: Records, warnings: Sequence[str] = ()) -> Solution:
     if solution.failed:
         raise ComputationError(
             f"the reference model could not be integrated for record {solution.failed[0]!r} ({len(solution.failed)} of "
-            f"{records.count} records): check its pressure, speed and units")
+            f"{records.count} records): check its conditions and units" + "".join(f". {text}" for text in warnings))
     return solution
 
 

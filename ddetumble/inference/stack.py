@@ -152,7 +152,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     moving = campaign.family == "slip" and abscissa != "slip"
     if moving and "slip" not in campaign.channels:
         raise InputError(f"campaign {campaign.name!r} is a time series without the channel 'slip'; the model needs "
-                         "to know how far the ball has slid")
+                         "to know how far the rubber has slid")
     path, direction, strokes = np.zeros_like(time), np.ones_like(time), []
     cache: dict = {}
     for r, key in enumerate(keys):

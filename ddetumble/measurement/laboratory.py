@@ -346,7 +346,8 @@ def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) ->
             spread = spreads.get(name, 0.0)
             if not spread > 0:
                 example = f"--uncertainty {name}='0.25 {unit}'"
-                raise InputError(f"the uncertainty of {name} cannot be measured before contact; give {example}")
+                how = "cannot be measured before contact" if plan.family == "impact" else "is not known"
+                raise InputError(f"the uncertainty of {name} {how}; give {example}")
             uncertainties[name] = Uncertainty(float(f"{spread:.4g}"))
             plan.notes.append(f"The uncertainty of {name} is {spread:.4g} {unit}, measured before contact.")
         elif name == "time" and clock:
