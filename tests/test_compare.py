@@ -14,6 +14,7 @@ from ddetumble.discrepancy.records import Trace
 from ddetumble.discrepancy.traces import noise_nrmse, nrmse, nrmse_by_channel
 from ddetumble.effects.wall import WallStiffness
 from ddetumble.inference.archive import save_model
+from ddetumble.inference.families import FAMILIES
 from ddetumble.inference.models import is_fitted, resolve_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
@@ -98,7 +99,7 @@ def test_errors_of_traces():
     class Plan:
         conditions = ("initial_pressure",)
 
-    table = bin_residuals(traces, {"r0": 1.0, "r1": 1.0}, Plan)
+    table = bin_residuals(traces, {"r0": 1.0, "r1": 1.0}, Plan, FAMILIES["impact"])
     several = table[table["records"] > 1]
     assert np.allclose(table["mean"], 2.0) and np.allclose(several["standard_error"], 0.0, atol=1e-12)
     assert (table[table["variable"] == "depression"]["samples"] > 0).all()
