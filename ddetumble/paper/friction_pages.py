@@ -1,8 +1,9 @@
 """The friction half of the paper as sections of the booklet: Table 4, Figures 11, 12 and 14, the band to avoid."""
 
 import dataclasses as dc
+import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def find_scale(judged: FrictionJudgement) -> float:
     def gap(logarithm):
         return 100 * err_scaled(judged.loads, judged.pressures, judged.peaks, np.exp(logarithm)) - UNCORRECTED
 
-    return float(np.exp(brentq(gap, np.log(0.02), np.log(50.0))))
+    return math.exp(cast(float, brentq(gap, math.log(0.02), math.log(50.0))))
 
 
 def examine_band(judged: FrictionJudgement, misses: Mapping[str, float]) -> dict[str, Any]:
