@@ -222,7 +222,7 @@ def test_import(tmp_path, capsys):
     assert "--pressure" in text and not folder.exists()
     given = ["--pressure", "1 MPa", "--speed", "0.4 m/s", "--known", "outer_diameter=60 mm", "--absolute"]
     assert main(["import", str(raw), "-o", str(folder), *given]) == 0
-    assert "1 records" in capsys.readouterr().out
+    assert "campaign: 1 record" in capsys.readouterr().out
     assert main(["import", str(raw), "-o", str(folder), *given]) == 2
     assert_sentence(capsys.readouterr().err)
     assert main(["import", str(raw), "-o", str(folder), *given, "--overwrite"]) == 0

@@ -12,7 +12,9 @@ EXAMPLES = """\b
 Examples:
   ddetumble import run*.csv --conditions settings.csv -o campaign
   ddetumble import "P1.0MPa_v0.4.csv" --name-pattern "P{initial_pressure}MPa_v{approach_speed:m/s}" -o campaign
-  ddetumble import all.csv --record-column Test --force "Fz [N]" --uncertainty "force=0.25 N" -o campaign"""
+  ddetumble import all.csv --record-column Test --force "Fz [N]" --uncertainty "force=0.25 N" -o campaign
+  ddetumble import stroke*.csv --family slip --conditions settings.csv --uncertainty "force=0.04 N" -o friction
+  ddetumble import a.csv --family slip --load "20 N" --pressure "8 bar" --speed "50 mm/s" --slip "Weg [mm]" -o out"""
 
 
 def register(app: typer.Typer) -> None:
@@ -32,10 +34,13 @@ def import_files(
         typer.Option(metavar="TEXT", help="Conditions in file names: '{initial_pressure}MPa_{approach_speed:m/s}'."),
     ] = None,
     pressure: Annotated[
-        str | None, typer.Option(metavar="QUANTITY", help="Initial pressure of all tests: '1.0 MPa'.")
+        str | None, typer.Option(metavar="QUANTITY", help="Initial (slip: internal) pressure of all tests: '1.0 MPa'.")
     ] = None,
     speed: Annotated[
-        str | None, typer.Option(metavar="QUANTITY", help="Approach speed of all tests: '0.4 m/s'.")
+        str | None, typer.Option(metavar="QUANTITY", help="Approach (slip: sliding) speed of all tests: '0.4 m/s'.")
+    ] = None,
+    load: Annotated[
+        str | None, typer.Option(metavar="QUANTITY", help="Normal load of all tests of the family slip: '20 N'.")
     ] = None,
     gauge: Annotated[
         bool | None, typer.Option("--gauge/--absolute", help="Whether pressures count from the ambient pressure.")
@@ -43,8 +48,11 @@ def import_files(
     ambient: Annotated[
         str | None, typer.Option(metavar="QUANTITY", help="Ambient pressure of the day: '101.3 kPa'.")
     ] = None,
-    force: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column with the force.")] = None,
+    force: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column with the force (slip: friction).")] = None,
     time: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column with the time.")] = None,
+    slip: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Column with the slip (family slip), over it or over time.")
+    ] = None,
     record_column: Annotated[
         str | None, typer.Option(metavar="COLUMN", help="Column that says which test a row belongs to.")
     ] = None,
@@ -62,16 +70,22 @@ def import_files(
     known: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=QUANTITY", help="Parameter of the model: 'outer_diameter=60 mm', or null to have it fitted."
+            metavar="NAME=QUANTITY",
+            help="Parameter of the model: 'outer_diameter=60 mm' (slip: 'elastic_modulus=7.8 MPa'), or null to have "
+            "it fitted.",
         ),
     ] = None,
     onset: Annotated[
         str | None,
-        typer.Option(metavar="TIME|COLUMN", help="Contact onset, or the conditions' column with it; else it is found."),
+        typer.Option(
+            metavar="TIME|COLUMN", help="Impacts: contact onset, or the conditions' column with it; else it is found."
+        ),
     ] = None,
     decimal: Annotated[str | None, typer.Option(metavar="SIGN", help="Decimal sign: . or ,")] = None,
     delimiter: Annotated[str | None, typer.Option(metavar="SIGN", help="Delimiter: , ; | tab or space")] = None,
-    family: Annotated[str, typer.Option(metavar="NAME", help="impact, slip or tumble.")] = "impact",
+    family: Annotated[
+        str, typer.Option(metavar="NAME", help="impact, slip (friction over slip or over time) or tumble.")
+    ] = "impact",
     title: Annotated[str | None, typer.Option(metavar="TEXT", help="Title of the campaign.")] = None,
     force_overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a campaign that is in the folder already.")
@@ -79,8 +93,8 @@ def import_files(
 ):
     """Turn a laboratory's CSV files into a checked campaign: one file a test, or one long file.
 
-    What can be read off the files (delimiter, decimal sign, units, columns, contact onset) is, and every decision is
-    told. What cannot is not guessed: the message names the option that settles it.
+    What can be read off the files (delimiter, decimal sign, units, columns, contact onset, sign of the friction) is,
+    and every decision is told. What cannot is not guessed: the message names the option that settles it.
     """
     from ..measurement.laboratory import import_tests
     from ..measurement.package import write_campaign
@@ -92,10 +106,12 @@ def import_files(
             name_pattern=name_pattern,
             pressure=pressure,
             speed=speed,
+            load=load,
             gauge=gauge,
             ambient=ambient,
             force=force,
             time=time,
+            slip=slip,
             record_column=record_column,
             keep=keep,
             units=unit,
@@ -110,4 +126,5 @@ def import_files(
         written = write_campaign(output, campaign, overwrite=force_overwrite)
     for note in written.notes:
         typer.echo(f"- {note}")
-    typer.echo(f"{output}: {len(written.records)} records")
+    count = len(written.records)
+    typer.echo(f"{output}: {count} record{'' if count == 1 else 's'}")

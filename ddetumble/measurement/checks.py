@@ -14,6 +14,7 @@ CHANNELS = {
 }
 PEAKS = ("peak_normal_force", "peak_friction_force")
 FEWEST_SAMPLES = 5
+OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
     "inner_diameter", "wall_thickness", "effective_mass", "inertia_ratio", "ambient_pressure", "tensile_strength",
@@ -86,7 +87,7 @@ def check_samples(samples, keys: list[str], family: str, descriptor: str) -> str
 
     Raises:
         InputError: No independent variable or channel, an unknown record, unsorted or repeated abscissae, a channel
-            or record without values, or fewer than five samples a record.
+            or record without values, fewer than five samples a record, or friction that counts against the slip.
     """
     independent = _pick_independent(samples, family, descriptor)
     channels = [name for name in samples.columns if name != independent]
@@ -113,6 +114,8 @@ def check_samples(samples, keys: list[str], family: str, descriptor: str) -> str
             remedy = "for reversed strokes give a time column, with slip as a channel"
         problem = f"within record {key!r} the {independent} {what}; {remedy}"
         raise InputError(problem, file=samples.table.file, column=independent, row=lines[i + 1])
+    if family == "slip" and "slip" in samples.columns and "tangential_force" in channels:
+        _check_sign(samples, keys, codes)
     counts = np.bincount(codes[present], minlength=len(keys))
     used = np.bincount(codes, minlength=len(keys)) > 0
     for i in np.flatnonzero(used & (counts < FEWEST_SAMPLES)):
@@ -120,6 +123,19 @@ def check_samples(samples, keys: list[str], family: str, descriptor: str) -> str
         line = samples.table.lines[codes == i][-1]
         raise InputError(problem, file=samples.table.file, column="record", row=line)
     return independent
+
+
+def share_work(slip: np.ndarray, force: np.ndarray) -> float:
+    """Work of the friction over that of its amount: 1 where it counts positive along the slip, -1 where negative.
+
+    Args:
+        slip: Position, shape (samples,) [m]; NaN is left out.
+        force: Friction, shape (samples,) [N]; NaN is left out.
+    """
+    there = np.isfinite(slip) & np.isfinite(force)
+    step, mean = np.diff(slip[there]), 0.5 * (force[there][1:] + force[there][:-1])
+    amount = float(np.sum(np.abs(mean * step)))
+    return float(np.sum(mean * step)) / amount if amount > 0 else 0.0
 
 
 def check_peaks(peaks, keys: list[str]) -> None:
@@ -148,6 +164,17 @@ def check_coverage(records, samples, peaks) -> None:
         if key not in measured:
             problem = f"record {key!r} has no samples or peak; add them or remove the record"
             raise InputError(problem, file=records.table.file, column="record", row=line)
+
+
+def _check_sign(samples, keys: list[str], codes: np.ndarray) -> None:
+    """Refuse friction that counts negative along the slip: every model would have it drive the motion."""
+    for i, key in enumerate(keys):
+        own = codes == i
+        if share_work(samples.values["slip"][own], samples.values["tangential_force"][own]) < OPPOSED:
+            problem = f"the friction of record {key!r} is negative where the slip grows; it counts positive along the "
+            problem += "slip: turn the sign of the column"
+            line = samples.table.lines[own][0]
+            raise InputError(problem, file=samples.table.file, column="tangential_force", row=line)
 
 
 def _pick_independent(samples, family: str, descriptor: str) -> str:

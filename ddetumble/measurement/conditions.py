@@ -3,10 +3,13 @@
 import re
 from pathlib import Path
 
+import numpy as np
+
 from .._errors import InputError
-from .headings import CONDITIONS, PRESSURE, SPEED, guess_role
+from .checks import check_values
+from .headings import CONDITIONS, LOAD, PRESSURE, SPEED, guess_role
 from .layout import read_layout
-from .tables import convert_column
+from .tables import Table, convert_column
 from .units import ROLES, Unit, check_unit, parse_quantity, si_unit
 
 
@@ -22,9 +25,11 @@ class Conditions:
         self.values: dict[str, dict[str, float]] = {}
         self.units: dict[str, str] = {}
         self.sources: dict[str, str] = {}
+        self.places: dict[str, dict[str, tuple[str | None, str | None, int | None]]] = {}
+        self.headings: list[str] = []
 
-    def add(self, name: str, values: dict[str, float], unit: str, source: str) -> None:
-        """Add a condition: `values` by record key.
+    def add(self, name: str, values: dict[str, float], unit: str, source: str, places=None) -> None:
+        """Add a condition: `values` by record key; `places` gives file, column and line of each, where there are some.
 
         Raises:
             InputError: Another source gives it as well.
@@ -32,16 +37,39 @@ class Conditions:
         if name in self.values:
             raise InputError(f"{name} is given twice, by {self.sources[name]} and by {source}; keep one")
         self.values[name], self.units[name], self.sources[name] = values, unit, source
+        self.places[name] = places or {}
+
+    def check(self, gauge: bool = False) -> None:
+        """Refuse values that the conditions cannot have; `gauge` where the ambient pressure is in them already.
+
+        Raises:
+            InputError: One of them; its place in the laboratory's own files is named.
+        """
+        for name, values in self.values.items():
+            for key, value in values.items():
+                try:
+                    check_values(name, np.array([value]), Table("", {}, np.array([1])), "records", None)
+                except InputError as error:
+                    file, column, row = self.places[name].get(key, (None, None, None))
+                    problem = error.problem.split("; mark")[0] if gauge else point_to_gauge(error.problem)
+                    problem = f"{name} of record {key!r}: {problem}"
+                    problem += "" if file else f" (given by {self.sources[name]})"
+                    raise InputError(problem, file=file, column=column, row=row) from None
 
 
-def read_options(conditions: Conditions, keys: list[str], pressure, speed) -> list[str]:
-    """Add what --pressure and --speed say for all records; returns what was decided."""
+def point_to_gauge(problem: str) -> str:
+    """A message about a negative pressure with the options of `import` as the remedy."""
+    return re.sub(r"; mark the field .*", "; give --gauge and --ambient if it counts from the ambient", problem)
+
+
+def read_options(conditions: Conditions, keys: list[str], pressure, speed, load=None) -> list[str]:
+    """Add what --pressure, --speed and --load say for all records; returns what was decided."""
     notes = []
-    names = (("pressure", pressure, PRESSURE), ("speed", speed, SPEED))
+    names = (("pressure", pressure, PRESSURE), ("speed", speed, SPEED), ("load", load, LOAD))
     for option, given, table in names:
         if given is None:
             continue
-        name = table[conditions.family]
+        name = table.get(conditions.family)
         if name is None:
             raise InputError(f"--{option} does not apply to the family {conditions.family}")
         value = _option(option, given, name)
@@ -72,6 +100,7 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
     if not links:
         raise InputError("the table needs a column file or record that says which test a row is for", file=path)
     rows = _match(table, links, records)
+    conditions.headings = [column for column in table.columns if column not in links.values()]
     notes = [f"Conditions were read from {Path(path).name}.", *raw.notes]
     unused = sorted(set(range(len(table))) - set(rows.values()))
     if unused:
@@ -84,13 +113,15 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
         name = role if role is not None and role in CONDITIONS[conditions.family] else name_condition(column)
         unit = units.get(column) or units.get(name) or raw.units[column] or ("1" if name == "sequence" else None)
         if unit is None:
-            problem = f"the column has no unit; write it into the heading like '{column} [mm]', or give --unit "
-            raise InputError(problem + f"{name}=mm", file=table.file, column=column)
+            near = si_unit(role) if role is not None else "mm"
+            problem = f"the column has no unit; write it into the heading like '{column} [{near}]', or give --unit "
+            raise InputError(problem + f"{name}={near}", file=table.file, column=column)
         quantity = "time" if name in extra else name
         checked = _checked(unit, quantity, table.file, column)
         values = checked.convert(convert_column(table, column, decimal=raw.decimal))
         found = {key: float(values[row]) for key, row in rows.items()}
-        conditions.add(name, found, checked.si, f"{Path(path).name}")
+        places = {key: (table.file, column, int(table.lines[row])) for key, row in rows.items()}
+        conditions.add(name, found, checked.si, f"{Path(path).name}", places)
     return notes
 
 
@@ -132,7 +163,8 @@ def read_names(conditions: Conditions, pattern: str, records: dict[str, str], un
         for (name, unit), text in zip(fields, match.groups(), strict=True):
             values[name][key] = float(unit.convert(float(text.replace(",", "."))))
     for name, unit in fields:
-        conditions.add(name, values[name], unit.si, "--name-pattern")
+        places = {key: (file, None, None) for key, file in records.items()}
+        conditions.add(name, values[name], unit.si, "--name-pattern", places)
     shown = ", ".join(f"{name} in {unit.text}" for name, unit in fields)
     return [f"From the file names: {shown}."]
 
@@ -173,7 +205,10 @@ def _checked(unit: str, name: str, file: str, column: str) -> Unit:
     try:
         return check_unit(unit, name)
     except InputError as error:
-        raise InputError(error.problem, file=file, column=column) from None
+        problem = error.problem
+        if "gauge" in problem:
+            problem = f"{unit!r} is a gauge pressure; give --unit {name}=bar --gauge and --ambient '101.3 kPa'"
+        raise InputError(problem, file=file, column=column) from None
 
 
 def _option(option: str, given, name: str) -> float:

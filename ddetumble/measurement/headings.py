@@ -8,6 +8,7 @@ from .._errors import InputError
 MAIN = {"impact": "normal_force", "slip": "tangential_force", "tumble": None}
 PRESSURE = {"impact": "initial_pressure", "slip": "internal_pressure", "tumble": None}
 SPEED = {"impact": "approach_speed", "slip": "slip_speed", "tumble": None}
+LOAD = {"slip": "normal_load"}
 CONDITIONS = {
     "impact": ("initial_pressure", "approach_speed", "tangential_speed", "sequence", "temperature"),
     "slip": ("normal_load", "internal_pressure", "slip_speed", "temperature"),
@@ -32,11 +33,13 @@ _WORDS = {
         "slip": "slip",
     },
     "slip": {
-        "tangential_force": "f ft fx force kraft tangentialforce frictionforce friction reibkraft tangentialkraft",
-        "normal_load": "load normalload fn normalforce fz normalkraft",
+        "tangential_force": "f ft fx fr force kraft tangentialforce frictionforce friction reibkraft reibungskraft "
+        "tangentialkraft",
+        "normal_load": "load normalload fn normalforce fz normalkraft last auflast",
         "internal_pressure": "p0 internalpressure",
-        "slip_speed": "v u speed velocity slipspeed slidingspeed slidingvelocity geschwindigkeit",
-        "slip": "s slip slidingdistance gleitweg",
+        "slip_speed": "v u vs speed velocity slipspeed slipvelocity slidingspeed slidingvelocity geschwindigkeit "
+        "gleitgeschwindigkeit",
+        "slip": "s slip slipdistance slidingdistance displacement gleitweg weg",
     },
     "tumble": {
         f"angular_velocity_{axis}": f"angularvelocity{axis} omega{axis} w{axis} ω{axis} gyro{axis} rate{axis}"

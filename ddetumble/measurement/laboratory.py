@@ -1,6 +1,6 @@
 """Import of a laboratory's raw files: a checked campaign, and in sentences everything that was decided on the way."""
 
-from dataclasses import dataclass
+import difflib
 from pathlib import Path
 
 import numpy as np
@@ -9,37 +9,24 @@ import pandas as pd
 from .._errors import InputError
 from .alignment import RawTest, align_tests, check_increase
 from .campaign import FAMILIES, Campaign, Column, Uncertainty
-from .conditions import Conditions, name_condition, read_conditions, read_names, read_options
-from .headings import CONDITIONS, MAIN, PRESSURE, SPEED, expand_role, guess_role, read_pairs
+from .checks import FEWEST_SAMPLES, check_finite, check_known, check_values
+from .columns import CHANNELS, Plan, choose_columns, find_unit, make_plan
+from .conditions import Conditions, point_to_gauge, read_conditions, read_names, read_options
+from .friction import take_means, turn_friction
+from .headings import CONDITIONS, MAIN, PRESSURE, SPEED, expand_role, read_pairs
 from .layout import RawFile, read_layout
 from .package import REQUIRED
-from .tables import convert_column, pick_column
-from .units import Unit, check_unit, parse_quantity, parse_uncertainty, si_unit
+from .tables import Table, convert_column, pick_column
+from .units import ROLES, check_unit, parse_quantity, parse_uncertainty, si_unit
 
 
-_CHANNELS = {
-    "impact": ("normal_force", "tangential_force", "depression", "pressure", "slip"),
-    "slip": ("tangential_force", "pressure", "depression"),
-    "tumble": ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
-}
 _UNKNOWN = {
     "impact": ("effective_mass", "restitution"),
     "slip": ("adhesion_constant", "loss_factor", "slip_scale"),
     "tumble": ("inertia_ratio",),
 }
+_RUBBER = ("tensile_strength", "real_contact_pressure", "elastic_modulus", "poisson_ratio")
 _ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc")
-
-
-@dataclass
-class _Plan:
-    """The options and the running account of decisions."""
-
-    family: str
-    choices: dict[str, str]
-    units: dict[str, str]
-    keep: dict[str, str]
-    si: dict[str, str]
-    notes: list[str]
 
 
 def import_tests(
@@ -48,8 +35,10 @@ def import_tests(
     conditions=None,
     pressure=None,
     speed=None,
+    load=None,
     force=None,
     time=None,
+    slip=None,
     units=None,
     decimal=None,
     delimiter=None,
@@ -71,8 +60,10 @@ def import_tests(
         conditions: Table with one row a file or record and one column a condition, units in the headings.
         pressure: Initial (slip: internal) pressure of all tests, with unit.
         speed: Approach (slip: sliding) speed of all tests, with unit.
-        force: Name of the column with the force.
+        load: Normal load of all tests of the family slip, with unit.
+        force: Name of the column with the force (slip: with the friction).
         time: Name of the column with the time.
+        slip: Name of the column with the slip, of the family slip.
         units: Units by quantity or column: {"force": "N"} or "force=N".
         decimal: "." or ",".
         delimiter: "," ";" "|" "tab" or "space".
@@ -97,9 +88,9 @@ def import_tests(
     """
     if family not in FAMILIES:
         raise InputError(f"--family is impact, slip or tumble, not {family!r}")
-    plan = _plan(family, force, time, record_column, units, keep)
+    plan = make_plan(family, force, time, slip, record_column, units, keep)
     tests = []
-    for file in _list_files(paths):
+    for file in _list_files(paths, conditions):
         tests += _read_tests(file, read_layout(file, delimiter=delimiter, decimal=decimal), plan)
     keys = [test.key for test in tests]
     for test in tests:
@@ -107,13 +98,19 @@ def import_tests(
             problem = f"the record {test.key!r} is there twice; rename the file or the record in its column"
             raise InputError(problem, file=test.file)
     sources = Conditions(family)
-    _collect_constants(tests, sources, plan)
+    means = _collect_constants(tests, sources, plan)
     files = {test.key: test.file for test in tests}
     if conditions is not None:
         plan.notes += read_conditions(sources, conditions, files, ("onset",), plan.units)
     if name_pattern is not None:
         plan.notes += read_names(sources, name_pattern, files, plan.units)
-    plan.notes += read_options(sources, keys, pressure, speed)
+    plan.notes += read_options(sources, keys, pressure, speed, load)
+    for name, found in means.items():
+        if name not in sources.values:
+            sources.add(name, found, si_unit(name), "its column along the tests")
+            plan.notes.append(f"{name} is the mean of its column over each test.")
+        else:
+            plan.notes.append(f"{name} is that of {sources.sources[name]}; its column along the tests was left out.")
     parameters = _read_known(known, family)
     given = {expand_role(k, family): v for k, v in read_pairs("uncertainty", uncertainty).items()}
     spreads, clock = {}, None
@@ -121,45 +118,56 @@ def import_tests(
         spreads, clock = align_tests(tests, sources, onset, plan.notes)
     elif onset is not None:
         raise InputError(f"--onset does not apply to the family {family}: there is no contact to begin with")
+    if family == "slip":
+        turn_friction(tests, plan.notes)
     _make_absolute(tests, sources, gauge, ambient, parameters, plan)
     for name in REQUIRED[family]:
         if name not in sources.values:
-            option = {PRESSURE[family]: "--pressure '1.0 MPa', ", SPEED[family]: "--speed '0.4 m/s', "}.get(name, "")
-            raise InputError(f"{name} is not known; give {option}--conditions FILE.csv or --name-pattern")
+            _ask_condition(name, sources, conditions)
+    sources.check(bool(gauge))
     if family == "impact" and "outer_diameter" not in parameters:
         plan.notes.append("The ball's outer diameter is not stated; add it to known if the model is to use it.")
+    if family == "slip" and not set(_RUBBER) & set(parameters):
+        shown = ", ".join(_RUBBER)
+        plan.notes.append(f"The rubber is not described ({shown}): the paper's is taken; --known states another.")
+    plan.notes[:] = _condense(plan.notes, [Path(file).name for file in files.values()])
     return _assemble(tests, sources, parameters, given, spreads, clock, title, plan)
 
 
-def _plan(family, force, time, record_column, units, keep) -> _Plan:
-    choices, extra = {}, {}
-    keep = [keep] if isinstance(keep, str) else keep or []
-    entries = keep.items() if isinstance(keep, dict) else [(None, column) for column in keep]
-    for name, column in entries:
-        if name is None:
-            name, sign, rest = str(column).rpartition("=")
-            name, column = (name.strip(), rest.strip()) if sign else (None, column)
-        if name is not None:
-            choices[expand_role(name, family)] = column
-        else:
-            extra[column] = name_condition(column)
-    main = MAIN[family]
-    if force is not None:
-        if main is None:
-            raise InputError(f"--force does not apply to the family {family}")
-        choices[main] = force
-    for role, column in (("time", time), ("record", record_column)):
-        if column is not None:
-            choices[role] = column
-    return _Plan(family, choices, read_pairs("unit", units), extra, {}, [])
+def _ask_condition(name: str, sources: Conditions, table) -> None:
+    """Refuse a campaign without a condition that its family needs; says where it may stand."""
+    family = sources.family
+    speed, heading = ("20 mm/s", "v [mm/s]") if family == "slip" else ("0.4 m/s", "v [m/s]")
+    option, heading = {PRESSURE[family]: ("--pressure '1.0 MPa'", "p [MPa]"), SPEED[family]: (f"--speed '{speed}'",
+                       heading), "normal_load": ("--load '20 N'", "Load [N]")}[name]  # fmt: skip
+    if table is None:
+        raise InputError(f"{name} is not known; give {option}, --conditions FILE.csv or --name-pattern")
+    problem = f"{name} is not known: none of the columns {', '.join(sources.headings)} holds it; add one, like "
+    raise InputError(f"{problem}{heading!r}, or give {option}", file=table)
 
 
-def _list_files(paths) -> list[str]:
+def _condense(notes: list[str], files: list[str]) -> list[str]:
+    """The notes with those alike about several files told once."""
+    told: dict[str, list[str]] = {}
+    for note in notes:
+        name, colon, rest = note.partition(": ")
+        told.setdefault(rest if colon and name in files else note, []).append(name)
+    short = []
+    for rest, names in told.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        short.append(f"{names[0]}{more}: {rest}" if names[0] in files else rest)
+    return short
+
+
+def _list_files(paths, conditions=None) -> list[str]:
+    """Files as given, and those in folders but for the table of conditions."""
     files = []
     for path in [paths] if isinstance(paths, str | Path) else paths:
         path = Path(path)
         if path.is_dir():
             found = sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS and p.is_file())
+            if conditions is not None:
+                found = [p for p in found if p.resolve() != Path(conditions).resolve()]
             if not found:
                 raise InputError(f"the folder holds no raw files ({', '.join(_ENDINGS)})", file=path)
             files += map(str, found)
@@ -170,17 +178,18 @@ def _list_files(paths) -> list[str]:
     return files
 
 
-def _read_tests(file: str, raw: RawFile, plan: _Plan) -> list[RawTest]:
+def _read_tests(file: str, raw: RawFile, plan: Plan) -> list[RawTest]:
     """The tests in one file, their columns chosen and converted to SI."""
     plan.notes += raw.notes
     table = raw.table
-    roles = _choose_columns(raw, plan)
+    roles = choose_columns(raw, plan)
     values = {}
     for role, column in roles.items():
         if role == "record":
             continue
-        unit = _column_unit(raw, role, column, plan)
-        numbers = convert_column(table, column, decimal=raw.decimal, allow_missing=role not in ("time", "sequence"))
+        unit = find_unit(raw, role, column, plan)
+        needed = role in ("time", "sequence") or role == "slip" and "time" not in roles and plan.family == "slip"
+        numbers = convert_column(table, column, decimal=raw.decimal, allow_missing=not needed)
         values[role] = unit.convert(numbers)
         if plan.si.setdefault(role, unit.si) != unit.si:
             raise InputError("the unit is of another kind than in the files before", file=file, column=column)
@@ -192,98 +201,34 @@ def _read_tests(file: str, raw: RawFile, plan: _Plan) -> list[RawTest]:
     cells = pick_column(table, roles["record"])
     tests = []
     for key in dict.fromkeys(cells):
-        if not key:
-            raise InputError("the cell is empty; every row needs its record", file=file, column=roles["record"],
-                             row=table.lines[cells.index(key)])  # fmt: skip
+        if not key or not key.isprintable():
+            problem = "the cell holds control characters" if key else "the cell is empty; every row needs its record"
+            raise InputError(problem, file=file, column=roles["record"], row=table.lines[cells.index(key)])
         rows = np.array([cell == key for cell in cells])
         tests.append(RawTest(key, file, table.lines[rows], {name: v[rows] for name, v in values.items()}))
     return tests
 
 
-def _choose_columns(raw: RawFile, plan: _Plan) -> dict[str, str]:
-    """Quantity to column: as told, by heading, and the force and the time by their unit if nothing else has it."""
-    columns, family = raw.table.columns, plan.family
-    roles = {}
-    for role, column in plan.choices.items():
-        number = f"column {column}"
-        roles[role] = number if column not in columns and number in columns else column
-        pick_column(raw.table, roles[role])
-    guesses = {}
-    for column in columns:
-        role = guess_role(column, family)
-        if role and role not in roles and column not in roles.values():
-            guesses.setdefault(role, []).append(column)
-    for role, found in guesses.items():
-        if len(found) > 1:
-            option = {"time": "--time COLUMN", MAIN[family]: "--force COLUMN", "record": "--record-column COLUMN"}
-            option = option.get(role, f"--keep {role}=COLUMN")
-            problem = f"{role} can be any of {', '.join(found)}; say which with {option}"
-            raise InputError(problem, file=raw.table.file)
-        roles[role] = found[0]
-    independent = ("time", "slip") if family == "slip" else ("time",)
-    if not set(independent) & set(roles):
-        roles["time"] = _choose_by_unit(raw, "time", roles, "--time COLUMN")
-    main = MAIN[family]
-    if main and main not in roles:
-        roles[main] = _choose_by_unit(raw, main, roles, "--force COLUMN")
-    if family == "tumble" and not any(name in roles for name in _CHANNELS["tumble"]):
-        problem = "no column is an angular velocity; choose with --keep angular_velocity_x=COLUMN and so on"
-        raise InputError(problem, file=raw.table.file)
-    for column, name in plan.keep.items():
-        if column in columns and column not in roles.values():
-            roles[name] = column
-        elif column not in columns:
-            pick_column(raw.table, column)
-    return roles
+def _collect_constants(tests, sources: Conditions, plan: Plan) -> dict[str, dict[str, float]]:
+    """Move columns that do not change within a test from the samples to the conditions.
 
-
-def _choose_by_unit(raw: RawFile, role: str, roles, option: str) -> str:
-    dimension = check_unit(si_unit(role), role).dimension
-    fits = []
-    for column, unit in raw.units.items():
-        try:
-            if unit and column not in roles.values() and check_unit(unit, "").dimension == dimension:
-                fits.append(column)
-        except InputError:
-            continue
-    if len(fits) != 1:
-        problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.table.columns)}; give {option}"
-        raise InputError(problem, file=raw.table.file)
-    return fits[0]
-
-
-def _column_unit(raw: RawFile, role: str, column: str, plan: _Plan) -> Unit:
-    short = {expand_role(name, plan.family): unit for name, unit in plan.units.items()}
-    text = plan.units.get(column) or short.get(role) or raw.units.get(column)
-    if text is None and role == "sequence":
-        text = "1"
-    name = "force" if role == MAIN[plan.family] else role
-    if text is None:
-        problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
-        raise InputError(problem, file=raw.table.file, column=column)
-    try:
-        return check_unit(text, role)
-    except InputError as error:
-        problem = error.problem
-        if "gauge" in problem:
-            problem = f"{text!r} is a gauge pressure; give --unit {name}=bar --gauge and --ambient '101.3 kPa'"
-        raise InputError(f"{problem} (--unit {name}=… sets another)", file=raw.table.file, column=column) from None
-
-
-def _collect_constants(tests, sources: Conditions, plan: _Plan) -> None:
-    """Move columns that do not change within a test from the samples to the conditions."""
-    family = plan.family
+    Returns:
+        Means of loads and pressures that were measured along slip tests, for where nothing else gives them.
+    """
+    family, means = plan.family, {}
     for name in list(dict.fromkeys(name for test in tests for name in test.values)):
         condition = PRESSURE[family] if name == "pressure" else name
         wanted = name in CONDITIONS[family]
-        if name in ("time", *(c for c in _CHANNELS[family] if c != "pressure")):
+        if name == "time" or name in CHANNELS[family] and name != "pressure":
             continue
         absent = next((test for test in tests if name not in test.values), None)
         if absent is not None:
             problem = f"{name} is missing here and present in other files; leave it out or add it"
             raise InputError(problem, file=absent.file)
         varying = next((test for test in tests if not _is_constant(test.values[name])), None)
-        if varying is not None and wanted:
+        if varying is not None and family == "slip" and name in ("normal_load", "pressure"):
+            means[condition] = take_means(tests, name, plan.headings)
+        elif varying is not None and wanted:
             if name in plan.choices:
                 problem = f"{name} is a condition and changes within record {varying.key!r}; choose another column"
                 raise InputError(problem, file=varying.file)
@@ -292,8 +237,10 @@ def _collect_constants(tests, sources: Conditions, plan: _Plan) -> None:
             plan.notes.append(f"The column for {name} changes within a test: it is no condition and was left out.")
         if varying is None:
             found = {test.key: float(test.values.pop(name)[0]) for test in tests}
-            sources.add(condition, found, plan.si[name], f"the raw column {name}")
+            places = {test.key: (test.file, plan.headings.get(name), None) for test in tests}
+            sources.add(condition, found, plan.si[name], f"the raw column {name}", places)
             plan.notes.append(f"{condition} was read from a column that does not change within a test.")
+    return means
 
 
 def _is_constant(values: np.ndarray) -> bool:
@@ -305,7 +252,14 @@ def _read_known(known, family) -> dict[str, float | None]:
     parameters = dict.fromkeys(_UNKNOWN[family])
     pairs = known if isinstance(known, dict) else read_pairs("known", known)
     for name, value in pairs.items():
+        near = difflib.get_close_matches(str(name), [*ROLES, *parameters], n=1, cutoff=0.8)
+        if name not in (*ROLES, *parameters) and near:
+            raise InputError(f"--known: there is no parameter {name!r}; did you mean {near[0]}?")
         parameters[name] = None if value in (None, "null", "") else parse_quantity(value, name)
+        try:
+            check_known(name, parameters[name], "")
+        except InputError as error:
+            raise InputError(f"--known {name}{error.problem.removeprefix('known')}") from None
     return parameters
 
 
@@ -317,7 +271,9 @@ def _make_absolute(tests, sources, gauge, ambient, parameters, plan) -> None:
     if name is None:
         return
     if not gauge:
-        plan.notes.append("Pressures were taken as absolute; if they are gauge pressures, give --gauge and --ambient.")
+        asked = "; if they are gauge pressures, give --gauge and --ambient"
+        remark = asked if gauge is None else ", as --absolute says"
+        plan.notes.append(f"Pressures were taken as absolute{remark}.")
         return
     if ambient is None:
         raise InputError("gauge pressures need the ambient pressure of the day; give --ambient '101.3 kPa'")
@@ -330,19 +286,36 @@ def _make_absolute(tests, sources, gauge, ambient, parameters, plan) -> None:
     plan.notes.append(f"The ambient pressure of {shown} was added to the gauge pressures.")
 
 
+def _check_samples(test: RawTest, names: list[str], uncertainties, plan: Plan) -> None:
+    """Refuse samples that no campaign may hold, by the place in the laboratory's own file."""
+    table, filled = Table(test.file, {}, test.lines), np.zeros(len(test.lines), dtype=bool)
+    for name in names:
+        values = test.values.get(name, np.full(len(test.lines), np.nan))
+        filled |= ~np.isnan(values)
+        try:
+            check_finite(values, table, name)
+            check_values(name, values, table, "samples", uncertainties.get(name))
+        except InputError as error:
+            column = plan.headings.get(name, name)
+            raise InputError(point_to_gauge(error.problem), file=test.file, column=column, row=error.row) from None
+    if filled.sum() < FEWEST_SAMPLES:
+        problem = f"record {test.key!r} has only {filled.sum()} samples with a value; at least {FEWEST_SAMPLES} are "
+        raise InputError(f"{problem}needed", file=test.file)
+
+
 def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) -> Campaign:
     """Put records, samples and uncertainties together."""
     family = plan.family
     independent = "time" if "time" in tests[0].values else "slip"
     present = dict.fromkeys(name for test in tests for name in test.values if name != independent)
-    names = [name for name in _CHANNELS[family] if name in present]
+    names = [name for name in CHANNELS[family] if name in present]
     names += [name for name in present if name not in names]
     uncertainties = {}
     for name in (independent, *names, *sources.values):
         unit = plan.si.get(name) or sources.units.get(name) or "1"
         if name in given:
             uncertainties[name] = parse_uncertainty(given.pop(name), check_unit(unit, name), name)
-        elif name in names:
+        elif name in names and not (family == "slip" and name != MAIN[family]):
             spread = spreads.get(name, 0.0)
             if not spread > 0:
                 example = f"--uncertainty {name}='0.25 {unit}'"
@@ -360,6 +333,7 @@ def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) ->
     frames = []
     for test in tests:
         check_increase(test, independent)
+        _check_samples(test, names, uncertainties, plan)
         frame = pd.DataFrame({"record": test.key} | {n: test.values.get(n, np.nan) for n in (independent, *names)},
                              index=range(len(test.lines)))  # fmt: skip
         frames.append(frame)

@@ -142,14 +142,23 @@ def check_unit(text: str, quantity: str) -> Unit:
         return unit
     wanted, dimension = _KINDS[kind]
     if unit.dimension != tuple(map(float, dimension)):
-        hint = _HINTS.get(unit.text.casefold())
-        if kind == "temperature" and unit.text in ("C", "F"):
-            hint = "deg" + unit.text
-        hint = f"; did you mean {hint}?" if hint else ""
-        raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted}){hint}")
+        raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted})"
+                         + _explain_unit(unit, kind))  # fmt: skip
     if kind == "angular velocity" and re.search("Hz|hertz", unit.text):
         raise InputError(f"unit {unit.text!r} leaves open whether {quantity} counts turns; write rad/s, deg/s or rpm")
     return Unit(unit.text, unit.scale, unit.offset, unit.dimension, wanted)
+
+
+def _explain_unit(unit: Unit, wanted: str) -> str:
+    """What a unit of the wrong dimension may have been meant as, or what it measures."""
+    dimension = tuple(map(float, _KINDS[wanted][1]))
+    spelt = {"C": "degC", "F": "degF", "kg": "kgf", "g": "gf"}.get(unit.text) or _HINTS.get(unit.text.casefold())
+    if spelt and parse_unit(spelt.split()[0]).dimension == dimension:
+        return f"; did you mean {spelt}?"
+    measured = next((kind for kind, (_, d) in _KINDS.items() if tuple(map(float, d)) == unit.dimension), None)
+    if measured in (None, "pure number"):
+        return ""
+    return f"; {unit.text} is of a {measured}: correct the unit, or take the column that holds the {wanted}"
 
 
 def to_si(value, unit: str, quantity: str = ""):

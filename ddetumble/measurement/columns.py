@@ -1,0 +1,178 @@
+"""Which column of a laboratory's file holds which quantity: as told, by its heading, or by its unit."""
+
+from dataclasses import dataclass
+
+from .._errors import InputError
+from .conditions import name_condition
+from .headings import MAIN, expand_role, guess_role, read_pairs
+from .layout import RawFile, split_heading
+from .units import Unit, check_unit, si_unit
+
+
+CHANNELS = {
+    "impact": ("normal_force", "tangential_force", "depression", "pressure", "slip"),
+    "slip": ("tangential_force", "slip", "pressure", "depression"),
+    "tumble": ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+}
+FRICTION_TEST = "if it is a friction test, give --family slip"
+
+
+@dataclass
+class Plan:
+    """The options of an import and the running account of decisions.
+
+    Args:
+        family: The campaign's family.
+        choices: Quantity to the column that was named for it.
+        units: Unit by quantity or column, from --unit.
+        keep: Further columns to the names that they get.
+        si: SI unit of every quantity found so far.
+        headings: Quantity to the heading it was read from, for messages.
+        notes: Every decision, in sentences.
+    """
+
+    family: str
+    choices: dict[str, str]
+    units: dict[str, str]
+    keep: dict[str, str]
+    si: dict[str, str]
+    headings: dict[str, str]
+    notes: list[str]
+
+
+def make_plan(family: str, force, time, slip, record_column, units, keep) -> Plan:
+    """The options about columns, checked against the family.
+
+    Raises:
+        InputError: An option that the family has no use for.
+    """
+    choices, extra = {}, {}
+    keep = [keep] if isinstance(keep, str) else keep or []
+    entries = keep.items() if isinstance(keep, dict) else [(None, column) for column in keep]
+    for name, column in entries:
+        if name is None:
+            name, sign, rest = str(column).rpartition("=")
+            name, column = (name.strip(), rest.strip()) if sign else (None, column)
+        if name is not None:
+            choices[expand_role(name, family)] = column
+        else:
+            extra[column] = name_condition(split_heading(column)[0])
+    main = MAIN[family]
+    if force is not None:
+        if main is None:
+            raise InputError(f"--force does not apply to the family {family}")
+        choices[main] = force
+    if slip is not None and family != "slip":
+        raise InputError(f"--slip does not apply to the family {family}; {FRICTION_TEST}")
+    for role, column in (("time", time), ("slip", slip), ("record", record_column)):
+        if column is not None:
+            choices[role] = column
+    return Plan(family, choices, read_pairs("unit", units), extra, {}, {}, [])
+
+
+def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
+    """Quantity to column: as told, by heading, and force, time or slip by their unit if nothing else has it.
+
+    Raises:
+        InputError: A column that is not there, or more than one that may be meant; the option is named.
+    """
+    columns, family = raw.table.columns, plan.family
+    roles = {role: find_column(raw, column) for role, column in plan.choices.items()}
+    guesses = {}
+    for column in columns:
+        role = guess_role(column, family)
+        if role and role not in roles and column not in roles.values():
+            guesses.setdefault(role, []).append(column)
+    options = {"time": "--time COLUMN", "slip": "--slip COLUMN", MAIN[family]: "--force COLUMN",
+               "record": "--record-column COLUMN"}  # fmt: skip
+    for role, found in guesses.items():
+        if len(found) > 1:
+            option = options.get(role) if role != "slip" or family == "slip" else None
+            problem = f"{role} can be any of {', '.join(found)}; say which with {option or f'--keep {role}=COLUMN'}"
+            raise InputError(problem, file=raw.table.file)
+        roles[role] = found[0]
+    if family == "slip" and not {"time", "slip"} & set(roles):
+        option = "--slip COLUMN, or --time COLUMN for a time series"
+        roles["slip"] = _choose_by_unit(raw, "slip", roles, option)
+    elif family != "slip" and "time" not in roles:
+        roles["time"] = _choose_by_unit(raw, "time", roles, "--time COLUMN")
+    main = MAIN[family]
+    if main and main not in roles:
+        roles[main] = _choose_by_unit(raw, main, roles, "--force COLUMN")
+    if family == "slip" and "slip" not in roles:
+        problem = f"there is a time and no slip: the file has {', '.join(columns)}; give --slip COLUMN, or export how "
+        raise InputError(problem + "far the rubber has slid", file=raw.table.file)
+    if family == "tumble" and not any(name in roles for name in CHANNELS["tumble"]):
+        problem = "no column is an angular velocity; choose with --keep angular_velocity_x=COLUMN and so on"
+        raise InputError(problem, file=raw.table.file)
+    for heading, name in plan.keep.items():
+        column = find_column(raw, heading)
+        if column not in roles.values():
+            roles[name] = column
+    plan.headings.update(roles)
+    return roles
+
+
+def find_column(raw: RawFile, text: str) -> str:
+    """The column that an option names: by its heading with or without the unit, or by its number.
+
+    Raises:
+        InputError: The file has no such column.
+    """
+    columns, text = raw.table.columns, str(text).strip()
+    if text in columns:
+        return text
+    if f"column {text}" in columns:
+        return f"column {text}"
+    name, unit = split_heading(text)
+    if name in columns and unit is not None and unit == raw.units.get(name):
+        return name
+    raise InputError(f"there is no column {text!r}; the file has {_list_columns(raw)}", file=raw.table.file)
+
+
+def _list_columns(raw: RawFile) -> str:
+    """Headings of a file with their units."""
+    return ", ".join(name + (f" [{raw.units[name]}]" if raw.units.get(name) else "") for name in raw.table.columns)
+
+
+def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str) -> str:
+    """The only column left whose unit measures the quantity."""
+    dimension = check_unit(si_unit(role), role).dimension
+    fits = []
+    for column, unit in raw.units.items():
+        try:
+            if unit and column not in roles.values() and check_unit(unit, "").dimension == dimension:
+                fits.append(column)
+        except InputError:
+            continue
+    if len(fits) != 1:
+        problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.table.columns)}; give {option}"
+        if any(name.casefold() == "file" for name in raw.table.columns):
+            problem += f"; if it is the table of conditions, give --conditions {raw.table.file}"
+        elif role in ("time", "normal_force") and any(guess_role(c, "slip") == "slip" for c in raw.table.columns):
+            problem += f", or, {FRICTION_TEST}"
+        raise InputError(problem, file=raw.table.file)
+    return fits[0]
+
+
+def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
+    """Unit of a column, from --unit or its heading.
+
+    Raises:
+        InputError: None is stated, or one that does not measure the quantity.
+    """
+    given = {expand_role(split_heading(name)[0], plan.family): unit for name, unit in plan.units.items()}
+    text = plan.units.get(column) or given.get(role) or given.get(column) or raw.units.get(column)
+    if text is None and role == "sequence":
+        text = "1"
+    name = "force" if role == MAIN[plan.family] else role
+    if text is None:
+        problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
+        raise InputError(problem, file=raw.table.file, column=column)
+    try:
+        return check_unit(text, role)
+    except InputError as error:
+        problem = error.problem
+        if "gauge" in problem:
+            problem = f"{text!r} is a gauge pressure; give --unit {name}=bar --gauge and --ambient '101.3 kPa'"
+        raise InputError(f"{problem} (--unit {name}=… sets another)", file=raw.table.file, column=column) from None
