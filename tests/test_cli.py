@@ -185,6 +185,28 @@ def test_shipped_campaigns(capsys, monkeypatch, tmp_path):
     assert locate_campaign("impact-a") == Path("impact-a")
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["compare", "table-4"], "did you mean paper/table-4"),
+        (["compare", "slip-c", "-m", "matunaga"], "one for impact records"),
+        (["compare", "impact-c", "-m", "coulomb"], "one for slip"),
+        (["discover", "paper/table-4", "-m", "power-law"], "one for impact"),
+    ],
+)
+def test_models_and_campaigns_of_another_family(words, says, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    text = capsys.readouterr().err
+    assert says in text and "Traceback" not in text
+
+
+def test_peaks_are_held_against_the_model_that_is_named(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(["compare", "paper/table-4", "-m", "coulomb"]) == 0
+    assert "the model 'coulomb' is taken at zero slip" in capsys.readouterr().out
+
+
 def test_output_places(tmp_path):
     """Outputs are refused or made ready before the work."""
     file = tmp_path / "file"

@@ -46,6 +46,21 @@ def points():
     return {point.number: point for point in list_friction_points(TABLE)}
 
 
+def test_the_model_that_is_named_is_judged(judged):
+    """A constant coefficient named as the model is the reference, and no slip term is spoken of."""
+    from ddetumble import InputError, find_data
+    from ddetumble.measurement.package import read_campaign
+
+    campaign = read_campaign(find_data() / "paper" / "table-4")
+    constant = judge_campaign(campaign, model="coulomb")
+    assert constant.reference.heldout == pytest.approx(judged.constant.heldout, rel=1e-6)
+    assert "misses" in constant.sentence and "Eq. 8" not in constant.sentence and not constant.separation
+    assert any("'coulomb' is taken at zero slip" in note for note in constant.notes)
+    assert any("Eq. 8 alone is judged" in note for note in judged.notes)
+    with pytest.raises(InputError, match="one for impact records, .* of the family 'slip'"):
+        judge_campaign(campaign, model="matunaga")
+
+
 def find_row(judged, label):
     return next(row for row in judged.rows if row.label == label)
 

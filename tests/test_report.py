@@ -104,6 +104,28 @@ def test_page_of_every_verdict(verdict, tmp_path):
     assert any("effective_mass" in line and "+-" in line and line.rstrip().endswith("kg") for line in lines)
 
 
+def test_candidates_that_are_not_shown_are_counted():
+    """The terminal lists what explains something, and says how many more there are."""
+    discovery = make_discovery("explained")
+    lines = describe(discovery).splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("  candidate")) + 2
+    shown = [one for i, one in enumerate(discovery.candidates) if i < 5 or one.explains >= 0.05]
+    assert [line.split()[line.startswith("* ")] for line in lines[start : start + len(shown)]] == [
+        one.effect for one in shown]  # fmt: skip
+    rest = len(discovery.candidates) - len(shown)
+    assert rest and lines[start + len(shown)].startswith(f"  and {rest} more that explain ")
+    few = dc.replace(discovery, candidates=discovery.candidates[:5])
+    assert "more that explain" not in describe(few)
+
+
+def test_what_could_have_been_seen_has_a_unit(tmp_path):
+    discovery = make_discovery("explained")
+    one = discovery.candidates[0]
+    one = dc.replace(one, units={name: "N/m" for name in one.smallest_detectable})
+    page = Page(write_report(dc.replace(discovery, candidates=(one,)), tmp_path).read_text(encoding="utf-8"))
+    assert "k 12.5 N/m" in " ".join(page.text)
+
+
 def test_three_channels(tmp_path):
     discovery = make_discovery("explained", "impact-e")
     path = write_report(discovery, tmp_path)

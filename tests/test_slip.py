@@ -103,6 +103,21 @@ def test_compare_and_fit():
     assert abs(estimate.estimate - TRUTH["slip-b"]["effects"]["viscous-friction"]["c_t"]) < 4 * estimate.sd
 
 
+def test_noise_of_strokes_is_measured_between_the_turns():
+    """Samples missing where the motion turns round, and two sampling intervals, hinder nothing."""
+    noise = compare(find_data() / "slip-d").noise["tangential_force"]
+    assert noise["text"] == "white" and noise["sd"] == pytest.approx(0.04, rel=0.05)
+
+
+def test_known_names_are_checked():
+    campaign = read_campaign(find_data() / "slip-c")
+    known = dict(campaign.known)
+    with pytest.raises(InputError, match="datapackage.json, column elastic_modulu: .*did you mean elastic_modulus"):
+        compare(dc.replace(campaign, known={"elastic_modulu": known.pop("elastic_modulus"), **known}))
+    notes = compare(dc.replace(campaign, known={**campaign.known, "operator_age": 40.0})).notes
+    assert any("'operator_age' is no parameter of the model" in note for note in notes)
+
+
 def test_one_pressure_cannot_tell_k_from_the_loss_angle():
     """Eq. 8 at one pressure fixes one number: said in words, with the test that would tell them apart."""
     campaign = read_campaign(find_data() / "slip-c")

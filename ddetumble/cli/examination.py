@@ -14,7 +14,8 @@ MODEL = typer.Option(
     "-m",
     "--model",
     metavar="MODEL",
-    help="paper, paper-printed, matunaga, power-law, a folder that fit or discover wrote, or FILE.py:NAME.",
+    help="paper, paper-printed, matunaga, power-law (friction: paper, paper-printed, coulomb), a folder that fit or "
+    "discover wrote, or FILE.py:NAME.",
 )
 
 
@@ -80,7 +81,8 @@ def _compare_peaks(measured, model: str, folder: Path | None) -> None:
 
     with show_progress(f"comparing the peaks of {measured.name}"):
         result = judge_campaign(measured, model=model)
-    typer.echo(f"{result.sentence}\n\n{result.table().to_string(index=False)}")
+    typer.echo("\n".join((result.sentence, *(f"- {note}" for note in result.notes))))
+    typer.echo(f"\n{result.table().to_string(index=False)}")
     if folder is not None:
         from ..inference.files import write_json
 
@@ -167,12 +169,11 @@ def _prove_contract(effect, model: str, family: str) -> None:
 def _judge_peaks(campaign, model: str, folder: Path) -> None:
     """A campaign of peaks only: no curve, hence fewer questions it can answer."""
     from ..inference.files import write_json
-    from ..inference.models import resolve_model
     from ..paper import judge_campaign
 
     with show_progress(f"looking at the peaks of {campaign.name}"):
-        result = judge_campaign(campaign, model=model, reference=resolve_model(model, campaign.family).reference)
+        result = judge_campaign(campaign, model=model)
         write_json(folder / "result.json", result.to_dict())
-    typer.echo(result.sentence)
-    typer.echo(result.table().to_string(index=False))
+    typer.echo("\n".join((result.sentence, *(f"- {note}" for note in result.notes))))
+    typer.echo(f"\n{result.table().to_string(index=False)}")
     typer.echo(f"Result: {folder / 'result.json'}")

@@ -20,6 +20,10 @@ def locate_campaign(text: str) -> Path:
         return path
     shipped = find_data() / path
     if not (shipped / "datapackage.json").is_file():
+        near = [name for name in list_shipped() if name.rpartition("/")[2] == text.strip("/")]
+        if near:
+            problem = f"there is no such folder; did you mean {near[0]}, which comes with the toolkit?"
+            raise InputError(problem, file=text)
         names = ", ".join(list_shipped())
         raise InputError(f"there is no such folder, and no such campaign comes with the toolkit ({names})", file=text)
     print(f"ddetumble: note: {text} is the campaign that comes with the toolkit.", file=sys.stderr)

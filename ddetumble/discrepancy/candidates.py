@@ -57,17 +57,19 @@ def _describe(workbench: Workbench, tried: Tried, scores: list[Score], effect: s
         alike = tuple(e for e in tried.order if (e in alternatives or e == chosen) and e != effect)
     else:
         alike = tuple(e for e, c in cosines.items() if c > ALIKE)
+    detectable = _detectable(workbench, own)
     refined = tried.refined.get(effect)
     shown = refined if refined is not None and set(refined.solution.names) >= set(fitted.solution.names) else fitted
     return Candidate(
         effect=effect, p_value=p_value, explains=float(np.clip(drop / excess, 0.0, 1.0)) if excess > 1.0 else 0.0,
         visible=float(max((s.visible for s in own), default=0.0)),
         heldout_nrmse=_heldout(workbench, before, before if absent else fitted),
-        smallest_detectable=_detectable(workbench, own),
+        smallest_detectable=detectable,
         indistinguishable_from=alike,
         estimates={} if absent else public_estimates(workbench, shown.solution, [effect]),
         heldout_difference=difference, standard_error=error, cosines=cosines,
-        text="its best amplitude has the wrong sign, or does nothing" if absent else "")
+        text="its best amplitude has the wrong sign, or does nothing" if absent else "",
+        units={name: workbench.space.slots[workbench.space.index[name]].parameter.unit for name in detectable})
 
 
 def _heldout(workbench: Workbench, before: Fitted, fitted: Fitted) -> float:

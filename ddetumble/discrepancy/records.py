@@ -112,7 +112,8 @@ class Candidate:
     """One effect of the catalogue as it stood at the first step (fields as in `formats.md`).
 
     `cosines` holds |cos| of its projected signature with those of other effects (only where above 0.5);
-    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best).
+    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best); `units` are those of
+    `smallest_detectable`.
     """
 
     effect: str
@@ -127,6 +128,7 @@ class Candidate:
     standard_error: float
     cosines: Mapping[str, float]
     text: str = ""
+    units: Mapping[str, str] = dc.field(default_factory=dict)
 
 
 @dc.dataclass(frozen=True)
@@ -220,7 +222,7 @@ class Discovery:
                 "indistinguishable_from": list(c.indistinguishable_from),
                 "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
                 "cosines": dict(c.cosines), "estimates": {k: dc.asdict(v) for k, v in c.estimates.items()},
-                "text": c.text,
+                "text": c.text, "units": dict(c.units),
             } for c in self.candidates],
             "where": [{k: v for k, v in dc.asdict(w).items() if v is not None} for w in self.where],
             "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},

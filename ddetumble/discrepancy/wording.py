@@ -73,7 +73,8 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         if best:
             shown = best[:3]
             sentence += " It would have shown " + _join(
-                [f"{n} of {v:.3g}" for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
+                [f"{n} of {v:.3g} {c.units.get(n, '')}".rstrip()
+                 for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
     elif found.verdict == "undecided":
         sentence = (f"Undecided: these {records} are too few or too short; no effect of the catalogue at three times "
                     "the noise could have been shown. Measure more records.")

@@ -4,6 +4,7 @@ A fit of two parameters and the search through the whole catalogue share one com
 """
 
 import dataclasses as dc
+import difflib
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,9 @@ from ..contact.friction import describe_range
 from ..contact.law import PowerLaw
 from ..contact.sliding import RubberFriction
 from ..measurement.campaign import Campaign
+from ..measurement.units import ROLES
 from .families import find_family
+from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
 
 
@@ -75,7 +78,27 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)
     return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
-                    warn_of_range(campaign, reference))
+                    (*warn_of_names(campaign, space), *warn_of_range(campaign, reference)))
+
+
+def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
+    """A sentence on what a campaign says is known and no model of its family has.
+
+    Raises:
+        InputError: one of these names is a misspelt parameter.
+    """
+    models = (built.make() for built in BUILTIN.get(campaign.family, {}).values())
+    names = {*ROLES, *space.index, *(p.name for model in models for p in parameters_of(model))}
+    unknown = [name for name in campaign.known if name not in names]
+    for name in unknown:
+        near = difflib.get_close_matches(name, sorted(names - set(campaign.known)), n=1, cutoff=0.85)
+        if near:
+            raise InputError(f"known: there is no parameter {name!r}; did you mean {near[0]}? Correct or remove it",
+                             file=None if campaign.path is None else campaign.path / "datapackage.json", column=name)
+    if not unknown:
+        return ()
+    listed, is_are = ", ".join(map(repr, unknown)), "is" if len(unknown) == 1 else "are"
+    return (f"Known, and of no use here: {listed} {is_are} no parameter of the model.",)
 
 
 def warn_of_range(campaign: Campaign, reference: AbstractModel) -> tuple[str, ...]:

@@ -125,6 +125,11 @@ def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
         return _read_folder(Path(name))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
+    other = [kind for kind, known in BUILTIN.items() if name in known]
+    if other:
+        raise InputError(f"the model {name!r} is one for {' and '.join(other)} records, and these are of the family "
+                         f"{family!r}: for them there is {', '.join(models)}, a folder that fit or discover wrote, or "
+                         "FILE.py:NAME")
     near = difflib.get_close_matches(name, models, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(models)}, a folder that fit or "

@@ -12,6 +12,7 @@ from .stack import Records, default_noise
 
 
 SPLINES = 20
+SHORTEST = 24  # samples without a gap that tell something about the noise
 
 
 def list_spans(records: Records, row: int, end: float) -> list[tuple[float, float, int]]:
@@ -49,22 +50,34 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
     found, impact = {}, records.family == "impact"
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     for c, channel in enumerate(records.channels):
-        traces, steps = [], []
+        traces, steps, even = [], [], False
         for r, n in enumerate(records.lengths):
             difference = np.diff(time[r, :n])
-            if records.complete[r, c] and np.allclose(difference, difference[0], rtol=2e-3):
-                trace = (values[r, c] - solution.channels[r, c])[:n]
-                smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
-                # What is smooth over a contact may be missing physics: it tells nothing about the noise.
-                traces.append(trace - smooth @ np.linalg.lstsq(smooth, trace, rcond=None)[0])
-                steps.append(difference[0])
+            if not np.allclose(difference, difference[0], rtol=2e-3):
+                continue
+            even = True
+            # Where a slip record turns round its force is not known: its strokes are traces of their own.
+            used = np.ones(n, dtype=bool) if impact else np.asarray(records.stack.weights)[r, c, :n] > 0
+            if impact and not records.complete[r, c] or used.sum() < SHORTEST:
+                continue
+            trace = (values[r, c] - solution.channels[r, c])[:n]
+            smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
+            # What is smooth over a contact may be missing physics: it tells nothing about the noise.
+            trace = trace - smooth @ np.linalg.lstsq(smooth[used], trace[used], rcond=None)[0]
+            for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
+                if used[run[0]] and (len(run) >= SHORTEST or len(run) == n):
+                    traces.append(trace[run])
+                    steps.append(difference[0])
         stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
         if not traces:
-            found[channel] = dc.replace(stated, log_level_sd=0.1,
-                                        text="uneven sampling: taken as white, of the stated size")
+            why = "samples are missing in every record" if even else "uneven sampling"
+            found[channel] = dc.replace(stated, log_level_sd=0.1, text=f"{why}: taken as white, of the stated size")
             continue
-        interval = float(np.median(steps))
-        lengths = [high - low for r in range(records.count)
+        # Strokes at two speeds have two sampling intervals: one of them, not the mean.
+        interval = float(np.median(steps) if impact else np.sort(steps)[len(steps) // 2])
+        same = [r for r in range(records.count)
+                if impact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
+        lengths = [high - low for r in same
                    for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if impact else None]]
         lowest = 10.0 / float(np.median(lengths))
         found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)

@@ -119,7 +119,8 @@ class Bench:
             # Below a millionth of a percent a unit step does nothing: the number is not seen at all.
             seen = size[k] * self.program.scale[number] > 1e-8
             sd = float(np.sqrt(max(covariance[k, k], 0.0)) / size[k]) if seen else float("inf")
-            found[name] = self.program.space.public(name, float(fit.x[number]), sd)
+            with np.errstate(over="ignore"):  # of what the peaks do not fix, the interval is the whole range
+                found[name] = self.program.space.public(name, float(fit.x[number]), sd)
         return found
 
     def starts_of(self, effect: type[AbstractEffect]) -> list[dict[str, float]]:

@@ -19,8 +19,11 @@ def describe_friction(judged, assumed: Sequence[str]) -> tuple[str, tuple[str, .
              for name in assumed]
     if given:
         notes.append(f"The {_join(given)} of these rows are assumed, not printed; every statement here stands on them.")
-    notes.append("No slip belongs to these forces, so the slip term of Eqs. 9 and 10 is left out of our model"
-                 + _describe_loads(judged.loads) + ".")
+    if judged.separation:
+        notes.append("No slip belongs to these forces, so the slip term of Eqs. 9 and 10 is left out of our model: "
+                     "Eq. 8 alone is judged" + _describe_loads(judged.loads) + ".")
+    else:
+        notes.append(f"No slip belongs to these forces: the model {judged.model!r} is taken at zero slip.")
     notes += _describe_weights(judged)
     notes += [f"{effect.capitalize()} cannot be seen: {reason}." for effect, reason in judged.left_out.items()]
     notes.append(describe_best(judged))

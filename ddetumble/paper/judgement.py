@@ -8,7 +8,6 @@ import numpy as np
 
 from ..contact.effect import AbstractEffect
 from ..contact.law import AbstractReference, Ball
-from ..contact.sliding import AbstractFriction
 from .bench import Bench, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
 from .fits import PeakData
 from .friction import FrictionJudgement, judge_friction
@@ -113,12 +112,33 @@ def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:
 
     Args:
         campaign: of the family `impact` or `slip`.
-        **options: go to `judge_peaks` or `judge_friction`.
+        **options: go to `judge_peaks` or `judge_friction`; `model` names the reference model, see
+            `ddetumble.inference.models`, unless `reference` is one.
 
     Returns:
         A `PeakJudgement`, or for friction forces a `FrictionJudgement`; both have `verdict`, `sentence`, `rows`,
         `table()` and `to_dict()`.
     """
+    from .._errors import InputError
+    from ..inference.models import resolve_model
+
+    extra = ()
+    if options.get("reference") is None:
+        resolved = resolve_model(options.get("model", "paper"), campaign.family)
+        options["reference"], extra = resolved.reference, resolved.effects
+    family = type(options["reference"]).family
+    if family != campaign.family:
+        raise InputError(f"the model is of the family {family!r}, and campaign {campaign.name!r} of "
+                         f"{campaign.family!r}; take a model of that family")
+    judged = _judge(campaign, options)
+    if not extra:
+        return judged
+    left = f"The model's own effects ({', '.join(e.id for e in extra)}) are left out: peaks are held against its "
+    return dc.replace(judged, notes=(f"{left}reference model, fitted anew.", *judged.notes))
+
+
+def _judge(campaign, options: dict[str, Any]):
+    """Dispatch by what was measured."""
     from .._errors import InputError
 
     friction = "peak_friction_force"
@@ -133,8 +153,6 @@ def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:
 def _judge_slip(campaign, name: str, options: dict[str, Any]) -> FrictionJudgement:
     frame = campaign.records.join(campaign.peaks, how="inner").dropna(subset=[name])
     peaks, stated = frame[name].to_numpy(), campaign.uncertainty(name)
-    if not isinstance(options.get("reference"), AbstractFriction):
-        options = {**options, "reference": None}  # the model that the command line names by default is the impact's
     options.setdefault("assumed", tuple(n for n, column in campaign.conditions.items() if column.assumed))
     given = {key: frame[column].to_numpy() for key, column in
              (("pressures", "internal_pressure"), ("speeds", "slip_speed"), ("printed", f"printed_{name}"))

@@ -204,8 +204,9 @@ def _show_ranking(discovery: Discovery) -> Section:
     for i, one in enumerate(discovery.candidates):
         if one.effect in discovery.effects:
             marked.add(i)
-        detectable = ", ".join(f"{clean(key.rpartition('.')[2])} {format_number(value)}"
-                               for key, value in one.smallest_detectable.items())  # fmt: skip
+        detectable = ", ".join(
+            f"{clean(key.rpartition('.')[2])} {format_number(value)} {clean(one.units.get(key, ''), 16)}".rstrip()
+            for key, value in one.smallest_detectable.items())  # fmt: skip
         error = one.standard_error
         difference = f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}"
         kin = ", ".join(map(clean, one.indistinguishable_from))

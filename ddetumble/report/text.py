@@ -10,6 +10,7 @@ from .words import count_records, list_alternatives, say_place, say_verdict, sho
 
 
 WIDTH = 100
+FEWEST, NEAR = 5, 0.05  # candidates that are always shown, and what others must explain to be shown too
 
 
 def describe(discovery: Discovery) -> str:
@@ -74,13 +75,19 @@ def _show_steps(discovery: Discovery) -> str:
 
 
 def _show_candidates(discovery: Discovery) -> str:
+    shown = [one for i, one in enumerate(discovery.candidates)
+             if i < FEWEST or one.explains >= NEAR or one.effect in discovery.effects]  # fmt: skip
     rows = [
         (("* " if one.effect in discovery.effects else "  ") + clean(one.effect, 32), format_share(one.explains, 1),
          format_share(one.visible), format_p(one.p_value), format_error(one.heldout_nrmse),
          clean(", ".join(one.indistinguishable_from), 30))
-        for one in discovery.candidates[:5]
+        for one in shown
     ]  # fmt: skip
     lines = [align(("  candidate", "explains", "visible", "p", "held out", "not to be told from"), rows, "lrrrrl")]
+    rest = [one for one in discovery.candidates if one not in shown]
+    if rest:
+        most = format_share(max(one.explains for one in rest), 1)
+        lines.append(f"  and {len(rest)} more that explain {most} or less: report.html and result.json list all")
     for step in discovery.steps:
         for effect, difference, error, _ in list_alternatives(step.alternatives):
             lines.append(_wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
