@@ -87,7 +87,7 @@ def check_samples(samples, keys: list[str], family: str, descriptor: str) -> str
 
     Raises:
         InputError: No independent variable or channel, an unknown record, unsorted or repeated abscissae, a channel
-            or record without values, fewer than five samples a record, or friction that counts against the slip.
+            or record without values, fewer than five samples a record, or friction that counts against the slip in all.
     """
     independent = _pick_independent(samples, family, descriptor)
     channels = [name for name in samples.columns if name != independent]
@@ -167,14 +167,14 @@ def check_coverage(records, samples, peaks) -> None:
 
 
 def _check_sign(samples, keys: list[str], codes: np.ndarray) -> None:
-    """Refuse friction that counts negative along the slip: every model would have it drive the motion."""
-    for i, key in enumerate(keys):
-        own = codes == i
-        if share_work(samples.values["slip"][own], samples.values["tangential_force"][own]) < OPPOSED:
-            problem = f"the friction of record {key!r} is negative where the slip grows; it counts positive along the "
-            problem += "slip: turn the sign of the column"
-            line = samples.table.lines[own][0]
-            raise InputError(problem, file=samples.table.file, column="tangential_force", row=line)
+    """Refuse friction that counts negative along the slip in all records: any model would have it drive the motion.
+
+    Where only some do, the force may hold more than friction, such as a pressure on the rod of a seal.
+    """
+    slip, force = samples.values["slip"], samples.values["tangential_force"]
+    if all(share_work(slip[codes == i], force[codes == i]) < OPPOSED for i in range(len(keys))):
+        problem = "the friction is negative where the slip grows; it counts positive along the slip: turn the sign of "
+        raise InputError(f"{problem}the column", file=samples.table.file, column="tangential_force")
 
 
 def _pick_independent(samples, family: str, descriptor: str) -> str:

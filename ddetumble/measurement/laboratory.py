@@ -327,7 +327,9 @@ def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) ->
             uncertainties[name] = Uncertainty(float(f"{clock:.4g}"))
     exact = [name for name in sources.values if name not in uncertainties and name != "sequence"]
     if exact:
-        plan.notes.append(f"No uncertainty is stated for {', '.join(exact)}; --uncertainty {exact[0]}='0.5 %' would.")
+        count, their = ("it counts", "its error") if len(exact) == 1 else ("they count", "their errors")
+        note = f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, and {their} can look like missing "
+        plan.notes.append(f"{note}physics; --uncertainty {exact[0]}='0.5 %' states one.")
     if given:
         raise InputError(f"--uncertainty names {', '.join(given)}, which the campaign does not have")
     frames = []
