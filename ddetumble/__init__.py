@@ -44,6 +44,8 @@ _HOMES = {
     "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
+    "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
+    "SlipRecord": "inference.curves",
     "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
@@ -81,6 +83,10 @@ if TYPE_CHECKING:
     from .dynamics.impact import simulate as simulate
     from .dynamics.slide import slide as slide
     from .effects import catalogue as catalogue
+    from .inference.curves import SlipRecord as SlipRecord
+    from .inference.curves import fit_rubber as fit_rubber
+    from .inference.curves import fit_slip_curve as fit_slip_curve
+    from .inference.curves import fit_slip_polynomials as fit_slip_polynomials
     from .inference.estimation import fit as fit
     from .inference.models import resolve_model as resolve_model
     from .measurement.campaign import Campaign as Campaign
