@@ -1,9 +1,11 @@
-"""The whole of `discover` beside a program of Numba and SciPy that refits every effect, in one process, in turn.
+"""The whole of `discover` beside a program by hand that refits every effect, in one process, in turn.
 
-    python -m benchmarks.discover CAMPAIGN --peer numba_scipy.py [--warm OTHER] [--repeats 3] [-o result.json]
+    python -m benchmarks.discover CAMPAIGN --peer FILE.py [--warm OTHER] [--repeats 3] [-o result.json]
 
-The peer is a file with `main()`, which reads its campaign and `--nuisance` from `sys.argv`, prints `wall ... s` for its
-candidate loop, and returns rows (BIC, effect, chi2/N, values), best first. It ranks; it neither holds out nor judges.
+The peer is a file with `main()`, which reads its campaign and its arguments from `sys.argv`, prints `wall ... s` for
+its candidate loop, and returns rows (score, effect, chi2/N, ...), best first. That of impacts (Numba and SciPy) ranks,
+and neither holds out nor judges; that of friction is `slip_peer.py` in this folder (NumPy and SciPy), which holds out
+and goes on to pairs.
 """
 
 import argparse
@@ -30,7 +32,7 @@ def main(arguments=None):
     # The peer's compiled code goes to a folder of our own, not beside its file.
     with tempfile.TemporaryDirectory() as folder:
         os.environ.setdefault("NUMBA_CACHE_DIR", folder)
-        result = compare(campaign, [locate(one) for one in options.warm], options)
+        result = compare(campaign, [find_warm(one) for one in options.warm], options)
     show(result)
     write_result(result, options.output)
     return result
@@ -40,14 +42,18 @@ def read_options(arguments):
     """What the command line says."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.discover", description=__doc__.splitlines()[0])
     parser.add_argument("campaign", metavar="CAMPAIGN", help="folder, or name of a shipped campaign")
-    parser.add_argument("--peer", metavar="FILE", type=Path, help="numba_scipy.py; without it, only ours is timed")
-    parser.add_argument("--warm", metavar="OTHER", action="append",
-                        help="campaign on which ours compiles first (default impact-i); may be repeated")
+    parser.add_argument("--peer", metavar="FILE", type=Path, help="the peer; without it, only ours is timed")
+    parser.add_argument("--peer-argument", metavar="TEXT", action="append",
+                        help="stands behind the campaign on its command line (default --nuisance); may be repeated")
+    parser.add_argument("--warm", metavar="OTHER[:RECORDS]", action="append",
+                        help="campaign, or its first records, on which ours compiles first (default impact-i, for "
+                             "friction slip-c:16); may be repeated")
     parser.add_argument("--repeats", metavar="N", type=int, default=3, help="timed runs of ours (default 3)")
     parser.add_argument("--peer-repeats", metavar="N", type=int, default=1, help="timed runs of the peer (default 1)")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="also write the result as JSON")
     options = parser.parse_args(arguments)
-    options.warm = options.warm or ["impact-i"]
+    options.warm = options.warm or ["slip-c:16" if Path(options.campaign).name.startswith("slip") else "impact-i"]
+    options.peer_argument = options.peer_argument or ["--nuisance"]
     if options.repeats < 1 or options.peer_repeats < 1:
         parser.error("repeats are 1 or more")
     if options.peer is not None and not options.peer.is_file():
@@ -65,6 +71,15 @@ def locate(text):
     sys.exit(f"{text}: there is no such campaign")
 
 
+def find_warm(text):
+    """A campaign to warm on: its folder, or with `:N` behind it its first N records."""
+    from ddetumble import read_campaign
+
+    name, _, count = text.partition(":")
+    campaign = read_campaign(locate(name))
+    return campaign.select(campaign.record_keys[: int(count)]) if count else campaign
+
+
 def compare(campaign, warm, options):
     """Warm both, then time them in turn.
 
@@ -79,7 +94,10 @@ def compare(campaign, warm, options):
     ours, theirs = [], []
     for who in interleave(options.repeats, options.peer_repeats if peer else 0):
         print(f"running {who} on {campaign.name} ...", file=sys.stderr, flush=True)
-        (ours if who == "ours" else theirs).append(run_ours(campaign) if who == "ours" else run_peer(peer, campaign))
+        if who == "ours":
+            ours.append(run_ours(campaign))
+        else:
+            theirs.append(run_peer(peer, campaign, options.peer_argument))
     found = ours[-1]
     result = {
         "benchmark": "discover", "campaign": campaign.name, "records": found["records"], "samples": found["samples"],
@@ -93,7 +111,8 @@ def compare(campaign, warm, options):
     }  # fmt: skip
     if peer:
         times = [one["seconds"] for one in theirs]
-        result["peer"] = {"name": options.peer.name, **summarise(times), "ranking": theirs[-1]["ranking"]}
+        name = " ".join([options.peer.name, *options.peer_argument])
+        result["peer"] = {"name": name, **summarise(times), "ranking": theirs[-1]["ranking"]}
         median = result["peer"]["median_s"]
         result["ratio"] = round(median / result["ours"]["median_s"], 1)
         result["ratio_of_first_run"] = round(median / ours[0]["seconds"], 1)
@@ -106,7 +125,7 @@ def interleave(ours, peer):
     return [who for _, who in sorted(turns)]
 
 
-def run_ours(folder):
+def run_ours(campaign):
     """The whole of `discover`, reading included; how much of it went into compiling."""
     import jax
 
@@ -120,7 +139,7 @@ def run_ours(folder):
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     began = time.perf_counter()
-    found = discover(folder)
+    found = discover(campaign)
     seconds = time.perf_counter() - began
     with contextlib.suppress(AttributeError):  # an older JAX keeps its listeners
         jax.monitoring.unregister_event_duration_listener(listen)
@@ -131,13 +150,10 @@ def run_ours(folder):
     }  # fmt: skip
 
 
-def describe_size(folder):
+def describe_size(campaign):
     """Name of a campaign, with its records and the samples of its longest record."""
-    from ddetumble import read_campaign
-
-    campaign = read_campaign(folder)
     longest = int(campaign.samples.groupby("record").size().max())
-    return f"{folder.name} ({len(campaign.records)} records of up to {longest} samples)"
+    return f"{campaign.name} ({len(campaign.records)} records of up to {longest} samples)"
 
 
 def load_peer(path):
@@ -153,10 +169,10 @@ def load_peer(path):
     return module
 
 
-def run_peer(module, folder):
+def run_peer(module, folder, more):
     """The peer's candidate loop by its own clock, which leaves out reading and compiling."""
     arguments, printed = sys.argv, io.StringIO()
-    sys.argv = [module.__file__, str(folder), "--nuisance"]
+    sys.argv = [module.__file__, str(folder), *more]
     try:
         with contextlib.redirect_stdout(printed):
             began = time.perf_counter()

@@ -40,8 +40,8 @@ def write_tables(results):
     compared = [one for one in results if one["benchmark"] == "discover"]
     if compared:
         rows = [compare_row(one) for one in compared]
-        header = ("campaign", "records", "samples", "warmed on", "ours [s]", "first run [s]", "peer [s]", "ratio",
-                  "ours found", "peer's first")  # fmt: skip
+        header = ("campaign", "records", "samples", "warmed on", "ours [s]", "first run [s]", "peer", "peer [s]",
+                  "ratio", "load", "ours found", "peer's first")  # fmt: skip
         parts.append(write_table(header, rows))
     started = [one for one in results if one["benchmark"] == "startup"]
     if started:
@@ -58,8 +58,10 @@ def compare_row(one):
     ours, peer = one["ours"], one.get("peer")
     found = f"{ours['verdict']}{': ' + ', '.join(ours['effects']) if ours['effects'] else ''}"
     return (one["campaign"], one["records"], one["samples"], ", ".join(one["warmed_on"]), f"{ours['median_s']:.2f}",
-            f"{ours['runs_s'][0]:.2f}", f"{peer['median_s']:.1f}" if peer else "–",
-            f"{one['ratio']:.1f}" if peer else "–", found, peer["ranking"][0] if peer else "–")  # fmt: skip
+            f"{ours['runs_s'][0]:.2f}", f"`{peer['name']}`" if peer else "–",
+            (f"{peer['median_s']:.1f}" if peer['median_s'] >= 10 else f"{peer['median_s']:.2f}") if peer else "–",
+            f"{one['ratio']:.1f}" if peer else "–", f"{one['machine']['load_at_start'] or 0:.1f}", found,
+            peer["ranking"][0] if peer else "–")  # fmt: skip
 
 
 def say_machine(machine):
