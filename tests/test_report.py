@@ -116,6 +116,10 @@ def test_candidates_that_are_not_shown_are_counted():
     assert rest and lines[start + len(shown)].startswith(f"  and {rest} more that explain ")
     few = dc.replace(discovery, candidates=discovery.candidates[:5])
     assert "more that explain" not in describe(few)
+    one_more = describe(dc.replace(discovery, candidates=discovery.candidates[: len(shown) + 1]))
+    assert "more that explain" not in one_more and discovery.candidates[len(shown)].effect in one_more
+    idle = tuple(dc.replace(one, explains=0.0) for one in discovery.candidates)
+    assert "that explain nothing: " in describe(dc.replace(discovery, candidates=idle))
 
 
 def test_what_could_have_been_seen_has_a_unit(tmp_path):

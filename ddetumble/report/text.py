@@ -77,6 +77,8 @@ def _show_steps(discovery: Discovery) -> str:
 def _show_candidates(discovery: Discovery) -> str:
     shown = [one for i, one in enumerate(discovery.candidates)
              if i < FEWEST or one.explains >= NEAR or one.effect in discovery.effects]  # fmt: skip
+    if len(discovery.candidates) - len(shown) == 1:  # a line about one more would be no shorter
+        shown = list(discovery.candidates)
     rows = [
         (("* " if one.effect in discovery.effects else "  ") + clean(one.effect, 32), format_share(one.explains, 1),
          format_share(one.visible), format_p(one.p_value), format_error(one.heldout_nrmse),
@@ -86,8 +88,9 @@ def _show_candidates(discovery: Discovery) -> str:
     lines = [align(("  candidate", "explains", "visible", "p", "held out", "not to be told from"), rows, "lrrrrl")]
     rest = [one for one in discovery.candidates if one not in shown]
     if rest:
-        most = format_share(max(one.explains for one in rest), 1)
-        lines.append(f"  and {len(rest)} more that explain {most} or less: report.html and result.json list all")
+        most = max(one.explains for one in rest)
+        little = f"{format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
+        lines.append(f"  and {len(rest)} more that explain {little}: report.html and result.json list all")
     for step in discovery.steps:
         for effect, difference, error, _ in list_alternatives(step.alternatives):
             lines.append(_wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
