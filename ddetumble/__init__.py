@@ -45,7 +45,7 @@ _HOMES = {
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
-    "SlipRecord": "inference.curves",
+    "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
     "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
@@ -89,6 +89,7 @@ if TYPE_CHECKING:
     from .inference.curves import fit_slip_polynomials as fit_slip_polynomials
     from .inference.estimation import fit as fit
     from .inference.models import resolve_model as resolve_model
+    from .inference.regression import fit_curve as fit_curve
     from .measurement.campaign import Campaign as Campaign
     from .measurement.laboratory import import_tests as import_tests
     from .measurement.package import read_campaign as read_campaign
