@@ -41,7 +41,8 @@ _HOMES = {
     "InputError": "_errors", "ComputationError": "_errors",
     "Ball": "contact.law", "PowerLaw": "contact.law", "ContactLaw": "contact.law",
     "RubberFriction": "contact.sliding", "CoulombFriction": "contact.sliding", "FrictionLaw": "contact.sliding",
-    "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
+    "AdhesionHysteresis": "contact.sliding", "Striker": "contact.gripping", "StrikeLaw": "contact.gripping",
+    "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
@@ -69,9 +70,12 @@ if TYPE_CHECKING:
     from ._errors import InputError as InputError
     from ._settings import find_data as find_data
     from .contact.contract import check_effect as check_effect
+    from .contact.gripping import StrikeLaw as StrikeLaw
+    from .contact.gripping import Striker as Striker
     from .contact.law import Ball as Ball
     from .contact.law import ContactLaw as ContactLaw
     from .contact.law import PowerLaw as PowerLaw
+    from .contact.sliding import AdhesionHysteresis as AdhesionHysteresis
     from .contact.sliding import CoulombFriction as CoulombFriction
     from .contact.sliding import FrictionLaw as FrictionLaw
     from .contact.sliding import RubberFriction as RubberFriction
@@ -82,6 +86,7 @@ if TYPE_CHECKING:
     from .discrepancy.prediction import predict as predict
     from .dynamics.impact import simulate as simulate
     from .dynamics.slide import slide as slide
+    from .dynamics.strike import strike as strike
     from .effects import catalogue as catalogue
     from .inference.curves import SlipRecord as SlipRecord
     from .inference.curves import fit_rubber as fit_rubber

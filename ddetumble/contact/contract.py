@@ -24,9 +24,9 @@ from .clauses import (
     measure_difference,
     read_units,
 )
-from .effect import STAGE_OF, AbstractEffect, AbstractModel, parameters_of
+from .effect import STAGE_OF, AbstractEffect, AbstractModel, family_of, parameters_of
 from .law import Ball, ContactLaw
-from .slip_contract import check_slip_effect
+from .slip_contract import check_oblique_effect, check_slip_effect
 from .trial import STEPS, Trial, evaluate_path, read_gauge, try_impact
 
 
@@ -45,7 +45,7 @@ def check_effect(
     effect_class: type[AbstractEffect], reference: AbstractModel | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
 ) -> EffectReport:
-    """Prove by trial impacts, or trial strokes, that an effect keeps the contract on which fits and discovery rely.
+    """Prove by trial impacts or strokes that an effect keeps the contract on which fits and discovery rely.
 
     The clauses: it is complete (one stage, id, law, reference, nothing missing on the model); its parameters have units
     that `pint` reads; its values survive flattening; new values do not compile anew; it is finite at its starts;
@@ -64,8 +64,9 @@ def check_effect(
         An `EffectReport`; nothing is raised (see `EffectReport.require`).
     """
     name = str(getattr(effect_class, "id", "") or getattr(effect_class, "__name__", effect_class))
-    if getattr(effect_class, "stage", ""):
-        return check_slip_effect(effect_class, name, reference, conditions)
+    if family_of(effect_class) != "impact":
+        check = check_slip_effect if family_of(effect_class) == "slip" else check_oblique_effect
+        return check(effect_class, name, reference, conditions)
     try:
         bench = _Bench(effect_class, Ball() if reference is None else reference, conditions)
     except Exception as error:

@@ -23,6 +23,7 @@ An effect that needs a state of its own (gas lost, a relaxing force) is also an 
 
 import abc
 import dataclasses as dc
+import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -131,15 +132,45 @@ def parameter(
 
 
 def parameters_of(module: Any) -> tuple[Parameter, ...]:
-    """The declared parameters of an effect or model (class or instance), in the order of its fields."""
+    """The declared parameters of an effect or model (class or instance), in the order of its fields.
+
+    Of an instance, parts that are models themselves are gone through too; `field` is then a path such as
+    `ball.effective_mass`.
+    """
     found = []
     for field in dc.fields(module):
         meta = field.metadata.get("parameter")
+        part = None if isinstance(module, type) else getattr(module, field.name)
         if meta is not None:
             meta = dict(meta)
             meta["name"] = meta["name"] or field.name
             found.append(Parameter(field=field.name, **meta))
+        elif isinstance(part, AbstractModel):
+            found += [dc.replace(p, field=f"{field.name}.{p.field}") for p in parameters_of(part)]
     return tuple(found)
+
+
+def read_field(module: Any, path: str) -> Any:
+    """Value of a field, or of a part's field (`ball.effective_mass`)."""
+    return functools.reduce(getattr, path.split("."), module)
+
+
+def list_choices(model: Any) -> dict[str, Any]:
+    """What is chosen once for a model and is no parameter (`doubled_core`), by the path of its field."""
+    found = {}
+    for field in dc.fields(model):
+        value = getattr(model, field.name)
+        if isinstance(value, AbstractModel):
+            found |= {f"{field.name}.{path}": choice for path, choice in list_choices(value).items()}
+        elif "parameter" not in field.metadata:
+            found[field.name] = value
+    return found
+
+
+def parts_of(model: Any) -> tuple[Any, ...]:
+    """A model and the models that it is made of."""
+    parts = [getattr(model, field.name) for field in dc.fields(model)]
+    return (model, *(p for part in parts if isinstance(part, AbstractModel) for p in parts_of(part)))
 
 
 class AbstractEffect(eqx.Module):
@@ -152,6 +183,8 @@ class AbstractEffect(eqx.Module):
         requires: what the reference model must have for the effect to mean anything: any of `gas`, `geometry`,
             `damping`, or the name of a condition such as `sequence`.
         stage: where it acts; the bases of impact effects are told apart by `STAGE_OF`.
+        family: of the records on which it acts: `impact`, `slip` or `oblique` (effects of the first two act on oblique
+            impacts too).
     """
 
     id: AbstractClassVar[str]
@@ -159,18 +192,19 @@ class AbstractEffect(eqx.Module):
     reference: AbstractClassVar[str]
     requires: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[str] = ""
+    family: ClassVar[str] = "impact"
 
 
 class AbstractModel(eqx.Module):
     """Base of all reference models.
 
     Attributes:
-        family: of the campaigns that it describes: `impact` or `slip`.
+        family: of the records that it describes: `impact`, `slip` or `oblique`.
         provides: what effects may require.
     """
 
     family: AbstractClassVar[str]
-    provides: AbstractClassVar[tuple[str, ...]]
+    provides: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
     def extend(self, effects: tuple[AbstractEffect, ...]) -> Any:
@@ -276,8 +310,8 @@ class AbstractStatefulEffect(AbstractEffect):
 
 
 def family_of(effect: Any) -> str:
-    """Family of records on which an effect (class or instance) acts: `impact` or `slip`."""
-    return "slip" if getattr(effect, "stage", "") else "impact"
+    """Family of records on which an effect (class or instance) acts: `impact`, `slip` or `oblique`."""
+    return getattr(effect, "family", "impact")
 
 
 STAGE_OF: tuple[tuple[type, str], ...] = (

@@ -52,6 +52,7 @@ class AbstractRubberEffect(AbstractEffect):
     """Multiplies the Eq. 8 part of the friction coefficient."""
 
     stage: ClassVar[str] = "rubber"
+    family: ClassVar[str] = "slip"
 
     @abc.abstractmethod
     def factor(self, slide: Slide) -> Scalar:
@@ -62,6 +63,7 @@ class AbstractLoadEffect(AbstractEffect):
     """Multiplies the whole coefficient times the load."""
 
     stage: ClassVar[str] = "load"
+    family: ClassVar[str] = "slip"
 
     @abc.abstractmethod
     def factor(self, slide: Slide) -> Scalar:
@@ -72,6 +74,7 @@ class AbstractFrictionForce(AbstractEffect):
     """Adds to the friction force, against the motion."""
 
     stage: ClassVar[str] = "friction"
+    family: ClassVar[str] = "slip"
 
     @abc.abstractmethod
     def force(self, slide: Slide) -> Scalar:
@@ -129,6 +132,35 @@ class RubberFriction(AbstractFriction):
     def slipping(self, slide: Slide) -> Scalar:
         """Eqs. 9 and 10 at the record's load, scaled."""
         return self.slip_scale * slip_coefficient(slide.slip, slip_coefficients(slide.normal_load, self.printed))
+
+
+@final
+class AdhesionHysteresis(AbstractFriction):
+    """Eq. 8 alone: adhesion and hysteresis without the slip term, whose load polynomials end at 31 N."""
+
+    adhesion_constant: Scalar = parameter("", 0.8, kind="reference", typical=0.4, coordinate="log",
+                                          bounds=(0.0, jnp.inf), text="K of Eq. 8")
+    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log",
+                                    bounds=(0.0, jnp.inf), text="tan of the loss angle")
+    tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
+                                         bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8")
+    real_contact_pressure: Scalar = parameter("Pa", 20e6, kind="reference", typical=2e6, coordinate="log",
+                                              bounds=(0.0, jnp.inf), free=False, text="p_r of Eq. 8")
+    elastic_modulus: Scalar = parameter("Pa", 7.8e6, kind="reference", typical=1e6, coordinate="log",
+                                        bounds=(0.0, jnp.inf), free=False, text="E of the rubber")
+    poisson_ratio: Scalar = parameter("", 0.47, kind="reference", typical=0.05, bounds=(-1.0, 0.5), free=False,
+                                      text="of the rubber")
+    provides: ClassVar[tuple[str, ...]] = ("rubber",)
+
+    def rubber(self, slide: Slide) -> Scalar:
+        """Eq. 8."""
+        modulus = composite_modulus(self.elastic_modulus, self.poisson_ratio)
+        return rubber_coefficient(self.adhesion_constant, self.loss_factor,
+                                  self.tensile_strength / self.real_contact_pressure, slide.internal_pressure, modulus)
+
+    def slipping(self, slide: Slide) -> Scalar:
+        """No slip term: 0."""
+        return jnp.zeros_like(slide.slip)
 
 
 @final

@@ -1,7 +1,8 @@
-"""The contract of an effect on slip records, proved on trial strokes (see `contract`)."""
+"""The contract of an effect on slip records or on the patch of oblique impacts, proved by trial (see `contract`)."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,12 +21,16 @@ from .clauses import (
     read_units,
 )
 from .effect import AbstractEffect, AbstractModel, parameters_of, stage_of
-from .sliding import FrictionLaw, RubberFriction, Slide
+from .gripping import Striker
+from .law import Ball
+from .sliding import CoulombFriction, RubberFriction
+from .tangential_trial import stroke, try_patch
 
 
 _CONDITIONS = {"normal_load": (6.0, 14.0, 27.0), "internal_pressure": (0.6e6, 1.1e6, 2.3e6),
                "slip_speed": (0.02, 0.1, 0.4), "sequence": (1.0, 4.0, 9.0)}  # fmt: skip
-_SLIP = np.linspace(0.0, 0.012, 49)
+_OBLIQUE = {"initial_pressure": (0.6e6, 1.1e6, 2.3e6), "approach_speed": (0.25, 0.5, 0.34),
+            "tangential_speed": (0.1, 0.3, 0.6), "sequence": (1.0, 4.0, 9.0)}  # fmt: skip
 _ALIVE = 1e-9
 
 
@@ -33,30 +38,38 @@ def check_slip_effect(effect_class: type[AbstractEffect], name: str, reference: 
                       conditions: Mapping[str, Sequence[float]] | None) -> EffectReport:
     """The clauses of `contract.check_effect` for an effect on slip records."""
     try:
-        bench = _Bench(effect_class, RubberFriction() if reference is None else reference, conditions)
+        found = dict(_CONDITIONS) if conditions is None else conditions
+        bench = _Bench(effect_class, RubberFriction() if reference is None else reference, found, stroke,
+                       conditions is None)
     except Exception as error:
         return EffectReport(name, (Check("complete", False, explain_error(error)),))
-    clauses: list[tuple[str, Callable]] = [
-        ("complete", bench.find_gaps), ("units", bench.read_units), ("compiled = eager", bench.compare_eager),
-        ("compiles once", bench.count_traces), ("finite at its starts", bench.find_infinite),
-        ("batch = loop", bench.compare_loop), ("absent at its null", bench.compare_null),
-    ]
-    clauses += [(f"{one.name} alive", lambda k=k: bench.find_slope(k)) for k, one in enumerate(bench.parameters)]
-    return EffectReport(name, tuple(judge_clause(*clause) for clause in clauses))
+    return bench.report(name)
+
+
+def check_oblique_effect(effect_class: type[AbstractEffect], name: str, reference: AbstractModel | None,
+                         conditions: Mapping[str, Sequence[float]] | None) -> EffectReport:
+    """The same for an effect on the contact patch of oblique impacts."""
+    try:
+        model = Striker(Ball(), CoulombFriction()) if reference is None else reference
+        found = dict(_OBLIQUE) if conditions is None else conditions
+        bench = _Bench(effect_class, model, found, try_patch, conditions is None)
+    except Exception as error:
+        return EffectReport(name, (Check("complete", False, explain_error(error)),))
+    return bench.report(name)
 
 
 class _Bench:
-    """An effect, a reference model, and forward and backward strokes of a few records to try them on."""
+    """An effect, a reference model, and a trial of a few records on which the effect is proved."""
 
-    def __init__(self, effect_class, reference, conditions):
+    def __init__(self, effect_class, reference, conditions, trial, complete):
         self.kind, self.reference, self.parameters = effect_class, reference, parameters_of(effect_class)
+        self.trial = trial
         effect_class()  # raises where a method or a default is missing
-        found = dict(_CONDITIONS)
-        found |= {need: (1.0, 2.0, 3.0) for need in effect_class.requires
-                  if need not in reference.provides and need not in found}  # fmt: skip
-        given = found if conditions is None else conditions
-        self.conditions = {key: jnp.asarray(value, dtype=float) for key, value in given.items()}
-        self.records = len(self.conditions["normal_load"])
+        if complete:
+            conditions |= {need: (1.0, 2.0, 3.0) for need in effect_class.requires
+                           if need not in reference.provides and need not in conditions}  # fmt: skip
+        self.conditions = {key: jnp.asarray(value, dtype=float) for key, value in conditions.items()}
+        self.records = len(next(iter(self.conditions.values())))
         self.null = np.array([p.default for p in self.parameters])
         several = [p.starts or (p.default + 0.3 * p.typical,) for p in self.parameters]
         self.starts = [np.array(values) for values in itertools.islice(itertools.product(*several), 12)]
@@ -64,14 +77,24 @@ class _Bench:
 
         def run(law, conditions) -> Array:
             self.traces += 1
-            return stroke(law, conditions)
+            return self.trial(law, conditions)
 
         self.run = eqx.filter_jit(run)
-        self.run_all = eqx.filter_jit(jax.vmap(stroke, in_axes=(None, 0)))
-        self.run_slopes = eqx.filter_jit(jax.jacfwd(lambda v: jax.vmap(stroke, (None, 0))(self.build(v),
+        self.run_all = eqx.filter_jit(jax.vmap(self.trial, in_axes=(None, 0)))
+        self.run_slopes = eqx.filter_jit(jax.jacfwd(lambda v: jax.vmap(self.trial, (None, 0))(self.build(v),
                                                                                          self.conditions)))
 
-    def build(self, values) -> FrictionLaw:
+    def report(self, name: str) -> EffectReport:
+        """Every clause tried."""
+        clauses: list[tuple[str, Callable]] = [
+            ("complete", self.find_gaps), ("units", self.read_units), ("compiled = eager", self.compare_eager),
+            ("compiles once", self.count_traces), ("finite at its starts", self.find_infinite),
+            ("batch = loop", self.compare_loop), ("absent at its null", self.compare_null),
+        ]
+        clauses += [(f"{one.name} alive", lambda k=k: self.find_slope(k)) for k, one in enumerate(self.parameters)]
+        return EffectReport(name, tuple(judge_clause(*clause) for clause in clauses))
+
+    def build(self, values) -> Any:
         """The law with the effect at these field values."""
         return self.reference.extend((self.kind(**{p.field: values[k] for k, p in enumerate(self.parameters)}),))
 
@@ -91,7 +114,7 @@ class _Bench:
     def compare_eager(self):
         """The compiled force against the law evaluated operation by operation."""
         law, conditions = self.build([float(v) for v in self.starts[0]]), self.record(1 % self.records)
-        worst = measure_difference(stroke(law, conditions), self.run(law, conditions))
+        worst = measure_difference(self.trial(law, conditions), self.run(law, conditions))
         return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
 
     def count_traces(self):
@@ -127,8 +150,8 @@ class _Bench:
         shapes = [(p.default, *p.starts) if p.kind == "shape" else (p.default,) for p in self.parameters]
         for values in itertools.islice(itertools.product(*shapes), 12):
             for k in range(self.records):
-                extended = np.asarray(stroke(self.build(values), self.record(k)))
-                bare = np.asarray(stroke(self.reference.extend(()), self.record(k)))
+                extended = np.asarray(self.trial(self.build(values), self.record(k)))
+                bare = np.asarray(self.trial(self.reference.extend(()), self.record(k)))
                 if not np.array_equal(extended, bare):
                     where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(self.parameters, values, strict=True))
                     return f"the force changes by up to {np.abs(extended - bare).max():.3g} N at {where}."
@@ -154,14 +177,3 @@ class _Bench:
             return f"the force does not move with it {place}: {remedy}."
         return True, (f"a typical change ({one.typical:g} {one.unit}".rstrip()
                       + f") moves the force by {best:.1e} of its largest value {place}.")
-
-
-def stroke(law: FrictionLaw, conditions: Mapping[str, Array]) -> Array:
-    """Force of a forward and a backward stroke [N]; the work is what 5 N would have done, shape (2 * slips,)."""
-    def force(slip, direction):
-        speed = conditions.get("slip_speed", jnp.zeros(()))
-        return law.force(Slide(slip, speed, conditions["normal_load"],
-                               conditions.get("internal_pressure", jnp.zeros(())), 5.0 * slip, slip / 0.1, direction,
-                               conditions))
-
-    return jnp.concatenate([jax.vmap(force, (0, None))(jnp.asarray(_SLIP), jnp.asarray(way)) for way in (1.0, -1.0)])

@@ -10,7 +10,7 @@ import pandas as pd
 
 from .._errors import InputError
 from ..contact.effect import parameters_of
-from ..inference.families import Family, find_family
+from ..inference.families import Family, find_family, name_family
 from ..inference.files import make_plain, write_json
 from ..inference.models import is_fitted, resolve_model
 from ..inference.parameters import to_coordinate
@@ -115,8 +115,8 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    catalogue = find_family(campaign.family, "compare").catalogue
-    resolved = resolve_model(model, campaign.family)
+    catalogue = find_family(name_family(campaign), "compare").catalogue
+    resolved = resolve_model(model, name_family(campaign))
     extra = [type(e) for e in resolved.effects if type(e) not in catalogue]
     bench = Workbench(campaign, resolved.reference, extra)
     for effect in resolved.effects:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..contact.effect import AbstractEffect
-from ..inference.families import find_family
+from ..inference.families import find_family, name_family
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -47,8 +47,8 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     report = progress or (lambda text, share: None)
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    catalogue = find_family(campaign.family, "discover").catalogue
-    resolved = resolve_model(model, campaign.family)
+    catalogue = find_family(name_family(campaign), "discover").catalogue
+    resolved = resolve_model(model, name_family(campaign))
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     report("fitting the reference model", 0.02)

@@ -63,7 +63,7 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
 def _abscissa(workbench: Workbench, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
     """Variable in which something may repeat, its largest value and the sign of the force, by record."""
     records, solution = workbench.records, fitted.solution
-    if workbench.family.name == "impact":
+    if workbench.family.name != "slip":
         time = np.asarray(records.stack.time)
         return ([time[r, :n] for r, n in enumerate(records.lengths)], solution.end,
                 [np.ones(n) for n in records.lengths])
@@ -93,7 +93,8 @@ def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float) -> Pl
     """The place that a probe stands for."""
     effect = workbench.whole(probe)
     variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every probe has one
-    solution, index, channel = fitted.solution, workbench.space.index, workbench.records.channels[0]
+    solution, index = fitted.solution, workbench.space.index
+    channel = getattr(effect, "channel", workbench.records.channels[0])
     onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
     low, period = 0.0, None
     if onset is not None:
@@ -106,8 +107,18 @@ def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float) -> Pl
     if variable in workbench.campaign.records:
         values = workbench.campaign.records[variable].to_numpy(dtype=float)
         return Place(channel, variable, (float(values.min()), float(values.max())), "both", share)
+    if variable in ("slip", "slip_speed", "normal_force") and variable != workbench.family.state:
+        return Place(channel, variable, (0.0, _reach(workbench, fitted, variable)), "both", share)
     high = float((solution.state if variable == workbench.family.state else solution.end).max())
     return Place(channel, variable, (low, high), "both", share, period)
+
+
+def _reach(workbench: Workbench, fitted: Fitted, variable: str) -> float:
+    """Largest value that a variable of the tangential motion takes in an oblique impact, SI."""
+    if variable == "normal_force":
+        return float(fitted.solution.channels[:, 0].max())
+    speeds = workbench.campaign.records["tangential_speed"].to_numpy(dtype=float)
+    return float(np.max(speeds if variable == "slip_speed" else speeds * fitted.solution.end))
 
 
 def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> list[Place]:

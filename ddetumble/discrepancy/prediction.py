@@ -190,7 +190,7 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
         time[i, :len(t)], time[i, len(t):] = t, t[-1]
     time[count:] = time[0]
     padded = {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
-    if saved.family == "impact":
+    if saved.family != "slip":
         padded.setdefault("initial_pressure", np.zeros(rows))
     padded.setdefault("sequence", np.ones(rows))
     nuisances = (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")
@@ -218,7 +218,7 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
                       conditions, jnp.asarray(deviations), jnp.ones(rows))
         found = _linearise(saved.space, nuisances, channels, stack, base, jnp.asarray(directions), *limits)
         mean, shared, own, end, failed = (np.asarray(x) for x in found)
-        long = ~failed & (end < 0.3 * span) & (saved.family == "impact")
+        long = ~failed & (end < 0.3 * span) & (saved.family != "slip")
         if not long.any():
             break
         span = np.where(long, 2.0 * end, span)

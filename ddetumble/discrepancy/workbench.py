@@ -9,7 +9,7 @@ import numpy as np
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..inference.assembly import assemble_space, default_starts, guess_start
-from ..inference.families import find_family
+from ..inference.families import find_family, name_family
 from ..inference.noise import Noise
 from ..inference.parameters import to_coordinate
 from ..inference.problem import WORKERS, Problem, Solution
@@ -55,7 +55,7 @@ class Workbench:
     def __init__(self, campaign: Campaign, reference: AbstractModel,
                  extra: Sequence[type[AbstractEffect]] = (), given: Sequence[AbstractEffect] = ()):
         self.campaign = campaign
-        known = (*find_family(campaign.family).catalogue, *extra)
+        known = (*find_family(name_family(campaign)).catalogue, *extra)
         extra = (*extra, *(type(e) for e in given if type(e) not in known))
         found = assemble_space(campaign, reference, extra)
         self.reference = found.space.reference

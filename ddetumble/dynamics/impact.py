@@ -65,6 +65,48 @@ class _Path(eqx.Module):
     rate: Array
 
 
+class Motion(eqx.Module):
+    """The normal motion of one impact.
+
+    Attributes:
+        path: nodes of the solution.
+        end: time of separation, or of the last wanted time [s].
+        final: state there: depression, its rate, the effects' own.
+        separated, failed, steps: as in `Impact`.
+        diameter, damping: of the record, as `ContactLaw.start` gives them.
+    """
+
+    path: _Path
+    end: Array
+    final: Array
+    separated: Array
+    failed: Array
+    steps: Array
+    diameter: Array
+    damping: Array
+
+
+class Course(eqx.Module):
+    """What else moves in an impact needs to know of the contact, at given times, all of one shape.
+
+    Attributes:
+        time: since first touch [s].
+        depression, rate: of the ball [m], [m/s].
+        pressure: of the gas, absolute [Pa].
+        normal_force: on the plate [N].
+        contact_radius: b [m].
+        drive: force of the arm towards the plate [N].
+    """
+
+    time: Array
+    depression: Array
+    rate: Array
+    pressure: Array
+    normal_force: Array
+    contact_radius: Array
+    drive: Array
+
+
 def _interpolate(path: _Path, time: Array) -> tuple[Array, Array, Array, Array]:
     """Depression, rate, acceleration and further states at one time: quintic for the depression, cubic for the rest."""
     k = jnp.clip(jnp.searchsorted(path.time, time, side="right") - 1, 0, path.time.shape[0] - 2)
@@ -126,10 +168,16 @@ def simulate(
     Returns:
         An `Impact`; look at `failed` under `vmap`.
     """
+    last = stop(jnp.max(times) if span is None else span)
+    motion = follow(law, conditions, jnp.where(last > 0, last, 1.0), adjoint, rtol, atol, max_steps)
+    return read_motion(law, conditions, times, motion, from_motion)[0]
+
+
+def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, adjoint: dfx.AbstractAdjoint | None = None,
+           rtol: float | Array = RTOL, atol: float | Array = ATOL, max_steps: int = MAX_STEPS) -> Motion:
+    """Integrate one impact to separation, or to the time `last` [s]; arguments as of `simulate`."""
     adjoint = dfx.DirectAdjoint() if adjoint is None else adjoint
     speed = conditions["approach_speed"]
-    last = stop(jnp.max(times) if span is None else span)
-    last = jnp.where(last > 0, last, 1.0)
     diameter, damping = law.start(conditions)
     mass = law.reference.inertia()
     stateful = law.stateful()
@@ -165,10 +213,7 @@ def simulate(
     failed = failed | (k + _SUBSTEPS >= path.time.shape[0])
     path, end, final = _separate(lambda t, y: _rates(t, y, constants), path, k,
                                  solution.ts[1][0] * last, final[0] * scale, separated)
-    impact = _read(law, conditions, times, path, end, final, separated, failed, solution.stats["num_steps"],
-                   diameter, damping, from_motion)
-    total = impact.separation + impact.rebound_speed + jnp.sum(impact.normal_force) + jnp.sum(impact.pressure)
-    return eqx.tree_at(lambda i: i.failed, impact, failed | ~jnp.isfinite(total))
+    return Motion(path, end, final, separated, failed, solution.stats["num_steps"], diameter, damping)
 
 
 @jax.jit
@@ -214,41 +259,46 @@ def _separate(field, path: _Path, k: Array, end: Array, final: Array, separated:
     return path, end, final
 
 
-def _read(law, conditions, times, path, end, final, separated, failed, steps, diameter, damping,
-          from_motion) -> Impact:
-    """Channels at the wanted times from the nodes of the solution."""
+def read_motion(law: ContactLaw, conditions: Mapping[str, Array], times: Array, motion: Motion,
+                from_motion: bool = False, shares: np.ndarray | None = None) -> tuple[Impact, Course | None]:
+    """Channels at the wanted times, and the course of the contact at shares of its duration where these are given."""
+    path, end, final, separated = motion.path, motion.end, motion.final, motion.separated
     touch = (times > 0.0) & ((times < end) | (~separated & (times <= end)))
-
     mass = law.reference.inertia()
 
     def at(time):
         depression, rate, acceleration, states = _interpolate(path, time)
-        contact = law.contact(conditions, diameter, time, depression, rate, states)
+        contact = law.contact(conditions, motion.diameter, time, depression, rate, states)
         if from_motion:
             normal = law.drive(contact, states) - mass * acceleration
         else:
-            normal = law.forces(contact, damping, states).normal
-        return depression, rate, contact.pressure, normal
+            normal = law.forces(contact, motion.damping, states).normal
+        drive = jnp.zeros(()) if shares is None else law.drive(contact, states)
+        return Course(time, depression, rate, contact.pressure, normal, contact.contact_radius, drive)
 
     count = times.shape[0]
-    wanted = jnp.clip(times, 0.0, end)
+    wanted = [jnp.clip(times, 0.0, end)]
     if law.has_sensor():
-        wanted = jnp.concatenate([wanted, end * _FORCE_GRID])
-    # One call for samples and grid: the law is compiled once.
-    everywhere = jax.vmap(at)(wanted)
-    depression, rate, pressure, normal = (x[:count] for x in everywhere)
-    reading = jnp.where(touch, normal, 0.0)
+        wanted.append(end * _FORCE_GRID)
+    if shares is not None:
+        wanted.append(end * shares)
+    # One call for samples and grids: the law is compiled once.
+    everywhere = jax.vmap(at)(jnp.concatenate(wanted))
+    course = None if shares is None else jax.tree.map(lambda x: x[-len(shares):], everywhere)
+    reading = jnp.where(touch, everywhere.normal_force[:count], 0.0)
     if law.has_sensor():
-        reading = reading + _deviation(law, everywhere[3][count:], times, end)
+        reading = reading + _deviation(law, everywhere.normal_force[count:count + len(_FORCE_GRID)], times, end)
     initial = conditions.get("initial_pressure", jnp.zeros(()))
     zero = jnp.zeros(())
-    left = law.contact(conditions, diameter, end, zero, zero, final[2:]).pressure
-    return Impact(
-        normal_force=reading, depression=jnp.where(touch, depression, 0.0),
-        depression_rate=jnp.where(touch, rate, 0.0),
-        pressure=jnp.where(touch, pressure, jnp.where(times <= 0.0, initial, left)),
-        separation=end, rebound_speed=-final[1], separated=separated, failed=failed, steps=steps,
+    left = law.contact(conditions, motion.diameter, end, zero, zero, final[2:]).pressure
+    impact = Impact(
+        normal_force=reading, depression=jnp.where(touch, everywhere.depression[:count], 0.0),
+        depression_rate=jnp.where(touch, everywhere.rate[:count], 0.0),
+        pressure=jnp.where(touch, everywhere.pressure[:count], jnp.where(times <= 0.0, initial, left)),
+        separation=end, rebound_speed=-final[1], separated=separated, failed=motion.failed, steps=motion.steps,
     )
+    total = impact.separation + impact.rebound_speed + jnp.sum(impact.normal_force) + jnp.sum(impact.pressure)
+    return eqx.tree_at(lambda i: i.failed, impact, motion.failed | ~jnp.isfinite(total)), course
 
 
 def _deviation(law: ContactLaw, values: Array, times: Array, end: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from ..contact.effect import AbstractEffect, parameters_of, stage_of
 from .gas import AmbientPressure, GasLeak, PolytropicGas
+from .oblique import OBLIQUE
 from .rig import ArmServo, PressureDependentRestitution, SpeedDependentRestitution
 from .sensor import SensorGain, SensorHighpass, SensorLag
 from .slip import SLIP
@@ -21,14 +22,14 @@ IMPACT: tuple[type[AbstractEffect], ...] = (
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
     SensorHighpass, SensorLag, SensorGain,
 )
-CATALOGUES: dict[str, tuple[type[AbstractEffect], ...]] = {"impact": IMPACT, "slip": SLIP}
+CATALOGUES: dict[str, tuple[type[AbstractEffect], ...]] = {"impact": IMPACT, "slip": SLIP, "oblique": OBLIQUE}
 
 
 def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
     """All effects of a family of records, as classes: `.id`, `.law`, `.reference`, `parameters_of(effect)`.
 
     Args:
-        family: `impact` or `slip`.
+        family: `impact`, `slip`, or `oblique` (on whose records the effects of the first two act too).
     """
     if family not in CATALOGUES:
         raise ValueError(f"There is no catalogue for the family {family!r} yet; there is one for "
@@ -36,4 +37,4 @@ def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
     return CATALOGUES[family]
 
 
-__all__ = ["CATALOGUES", "IMPACT", "SLIP", "AbstractEffect", "catalogue", "parameters_of", "stage_of"]
+__all__ = ["CATALOGUES", "IMPACT", "OBLIQUE", "SLIP", "AbstractEffect", "catalogue", "parameters_of", "stage_of"]

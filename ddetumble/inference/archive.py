@@ -13,9 +13,10 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, AbstractModel
+from ..contact.effect import AbstractEffect, AbstractModel, list_choices
 from ..effects import CATALOGUES
 from ..measurement.campaign import Campaign, Uncertainty
+from .families import name_family
 from .files import hash_file, list_versions, make_plain, write_json
 from .models import resolve_effect, resolve_model
 from .noise import Noise
@@ -203,8 +204,8 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
     model, digest = _place_model(model_name, folder)
     content = ModelFile.model_validate({
         "schema": SCHEMA,
-        "campaign": campaign.name, "sha256": campaign.sha256, "family": campaign.family,
-        "model": model, "model_sha256": digest, "choices": make_plain(_list_choices(space.reference)),
+        "campaign": campaign.name, "sha256": campaign.sha256, "family": name_family(campaign),
+        "model": model, "model_sha256": digest, "choices": make_plain(list_choices(space.reference)),
         "effects": [_describe_effect(e, folder) for e in inside],
         "coordinates": {s.name: float(solution.u[k]) for k, s in enumerate(space.slots) if s.owner in owners},
         "free": list(solution.names if names is None else names),
@@ -269,20 +270,23 @@ def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect])
     return all(u[k] == p.default for k, p in amplitudes)
 
 
-def _list_choices(reference: AbstractModel) -> dict[str, Any]:
-    """What is chosen once for a reference model and is no parameter: `doubled_core`, `condition`."""
-    return {f.name: getattr(reference, f.name) for f in dc.fields(reference) if "parameter" not in f.metadata}
-
-
 def _choose(reference: AbstractModel, choices: Mapping[str, Any], path: Path) -> AbstractModel:
-    own = _list_choices(reference)
+    own = list_choices(reference)
     if set(own) != set(choices):
         raise InputError("the choices are not those of the model; fit it again", file=path, column="choices")
     tuples = {k: _freeze(v) for k, v in choices.items()}
     try:
-        return reference if own == tuples else dc.replace(reference, **tuples)
+        return reference if own == tuples else _replace(reference, tuples)
     except Exception as error:
         raise InputError(f"the model cannot be made ({error}); fit it again", file=path, column="choices") from None
+
+
+def _replace(model: AbstractModel, choices: Mapping[str, Any]) -> AbstractModel:
+    """A model with other choices; those of its parts have the part's name before a dot."""
+    parts = {path.partition(".")[0] for path in choices if "." in path}
+    inner = {part: _replace(getattr(model, part), {path.partition(".")[2]: value for path, value in choices.items()
+                                                   if path.startswith(f"{part}.")}) for part in parts}
+    return dc.replace(model, **{path: value for path, value in choices.items() if "." not in path}, **inner)
 
 
 def _freeze(value: Any) -> Any:

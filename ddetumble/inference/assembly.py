@@ -10,13 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, AbstractModel, family_of, parameters_of
+from ..contact.effect import AbstractEffect, AbstractModel, family_of, parameters_of, parts_of
 from ..contact.friction import describe_range
+from ..contact.gripping import Striker
 from ..contact.law import PowerLaw
-from ..contact.sliding import RubberFriction
+from ..contact.sliding import AdhesionHysteresis, RubberFriction
 from ..measurement.campaign import Campaign
 from ..measurement.units import ROLES
-from .families import find_family
+from .families import find_family, name_family
 from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
 
@@ -53,12 +54,13 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
     """
-    family = find_family(campaign.family)
+    family = find_family(name_family(campaign))
     if type(reference).family != family.name:
+        how = (": make one of it by `Striker(model, CoulombFriction())`" if family.name == "oblique" else "")
         raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign.name!r} of "
-                         f"{family.name!r}; take a model of that family")
+                         f"{family.name!r}; take a model of that family{how}")
     for effect in extra:
-        if family_of(effect) != family.name:
+        if family_of(effect) not in family.accepts:
             raise InputError(f"effect {effect.id!r} acts on {family_of(effect)} records, and campaign "
                              f"{campaign.name!r} is of family {family.name!r}; there are: "
                              + ", ".join(e.id for e in family.catalogue))
@@ -74,7 +76,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
             raise InputError(f"known: {value:g} is outside what {name} can be ({low:g} to {high:g})",
                              file=None if campaign.path is None else campaign.path / "datapackage.json", column=name)
     start = space.coordinates(known)
-    fixed = {"condition_exponent"} if isinstance(reference, PowerLaw) and not reference.condition else set()
+    fixed = {"condition_exponent"} if any(isinstance(m, PowerLaw) and not m.condition
+                                          for m in parts_of(reference)) else set()
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)
     return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
@@ -123,11 +126,20 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
         InputError: the model needs a gas pressure and the campaign has none, or none in some record.
     """
     records = campaign.records
-    if isinstance(reference, RubberFriction) and "internal_pressure" not in records:
+    if isinstance(reference, Striker):
+        if isinstance(reference.friction, RubberFriction):
+            raise InputError("the loads of an oblique impact pass through the whole range in which Eq. 10 breaks down; "
+                             "take AdhesionHysteresis (Eq. 8 alone) or CoulombFriction as its friction")
+        if isinstance(reference.friction, AdhesionHysteresis) and "initial_pressure" not in records:
+            raise InputError(f"campaign {campaign.name!r} has no condition 'initial_pressure', and Eq. 8 needs it; "
+                             "give the pressure, or take --model power-law")
+        return dc.replace(reference, ball=adapt_reference(campaign, reference.ball))
+    if isinstance(reference, (RubberFriction, AdhesionHysteresis)) and "internal_pressure" not in records:
         raise InputError(f"campaign {campaign.name!r} has no condition 'internal_pressure', and Eq. 8 needs it; give "
                          "the pressure, or take --model coulomb")
     if isinstance(reference, PowerLaw):
-        further = [c for c in records.columns if c not in ("approach_speed", "sequence", "initial_pressure")]
+        further = [c for c in records.columns if c not in ("approach_speed", "tangential_speed", "sequence",
+                                                         "initial_pressure")]
         values = {c: records[c].to_numpy(dtype=float) for c in ("initial_pressure", *further) if c in records}
         found = next((c for c, x in values.items() if (x > 0).all() and len(np.unique(x)) > 1), "")
         middle = float(np.median(values[found])) if found else 1.0

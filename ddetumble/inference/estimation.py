@@ -15,7 +15,7 @@ from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .assembly import Assembly, assemble_space, default_starts, guess_start
 from .bounded import Bounded, solve_bounded
-from .families import find_family
+from .families import find_family, name_family
 from .findings import Fit, summarise_fit
 from .models import ResolvedModel, resolve_effect, resolve_model
 from .noise import Noise
@@ -88,8 +88,8 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
 def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Mapping[str, float], report: Progress,
          classes: Sequence[type[AbstractEffect]], noise: Mapping[str, Noise] | None = None) -> Fit:
     """Fit what a specification says."""
-    catalogue = find_family(campaign.family, "fit").catalogue
-    resolved = resolve_model(wanted.model, campaign.family)
+    catalogue = find_family(name_family(campaign), "fit").catalogue
+    resolved = resolve_model(wanted.model, name_family(campaign))
     chosen = choose_effects(wanted.effects, classes, resolved)
     assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in catalogue])
     for effect in chosen:

@@ -12,9 +12,12 @@ from .._errors import InputError
 from ..contact.effect import AbstractEffect
 from ..dynamics.impact import simulate
 from ..dynamics.slide import slide
-from ..effects import IMPACT, SLIP
+from ..dynamics.strike import strike
+from ..effects import IMPACT, OBLIQUE, SLIP
+from ..effects.oblique_probes import OBLIQUE_PROBES
 from ..effects.probes import PROBES
 from ..effects.slip_probes import SLIP_PROBES
+from ..measurement.campaign import Campaign
 
 
 class Observation(NamedTuple):
@@ -39,10 +42,11 @@ class Family:
     """A family of records.
 
     Attributes:
-        name: as campaigns give it.
+        name: as campaigns give it; `oblique` for impacts with a tangential speed and force.
         channels: that the models predict, the main one first.
         needs: conditions without which nothing can be computed.
         sizes: to which the number of samples is padded, so that compiled programs are shared.
+        accepts: families of the effects that may act on its records.
         catalogue, probes: effects.
         state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
         observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
@@ -53,6 +57,7 @@ class Family:
     channels: tuple[str, ...]
     needs: tuple[str, ...]
     sizes: tuple[int, ...]
+    accepts: tuple[str, ...]
     catalogue: tuple[type[AbstractEffect], ...]
     probes: tuple[type[AbstractEffect], ...]
     state: str
@@ -71,6 +76,15 @@ def observe_impact(law: Any, conditions: Mapping[str, Array], time: Array, row: 
     return Observation(model, impact.depression, impact.depression_rate, impact.separation, impact.failed)
 
 
+def observe_strike(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
+                   ) -> Observation:
+    """An oblique impact, likewise."""
+    found = strike(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
+                   atol=0.01 * row.rtol, from_motion=True)
+    model = jnp.stack([getattr(found, channel) for channel in channels])
+    return Observation(model, found.depression, found.depression_rate, found.separation, found.failed)
+
+
 def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
                  ) -> Observation:
     """A slip record over its own slip; `time` is the slip itself where the record has no other path."""
@@ -82,17 +96,30 @@ def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: An
                        found.failed)
 
 
+IMPACT_SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
 FAMILIES: dict[str, Family] = {
     "impact": Family(
         "impact", ("normal_force", "depression", "pressure"), ("approach_speed",),
-        (768, 1536, 2048, 4096, 8192, 16384, 32768), IMPACT, PROBES, "depression", "depression_rate",
+        IMPACT_SIZES, ("impact",), IMPACT, PROBES, "depression", "depression_rate",
         ("loading", "unloading"), observe_impact,
         "measure at other pressures and speeds, or add the depression and pressure channels"),
     "slip": Family(
-        "slip", ("tangential_force",), ("normal_load",), (256, 1024, 4096, 8192, 16384, 32768), SLIP, SLIP_PROBES,
-        "slip", "direction", ("forward", "backward"), observe_slip,
+        "slip", ("tangential_force",), ("normal_load",), (256, 1024, 4096, 8192, 16384, 32768), ("slip",), SLIP,
+        SLIP_PROBES, "slip", "direction", ("forward", "backward"), observe_slip,
         "measure at other loads, pressures and slip speeds"),
+    "oblique": Family(
+        "oblique", ("normal_force", "tangential_force", "slip", "depression", "pressure"),
+        ("approach_speed", "tangential_speed"), (384, *IMPACT_SIZES), ("impact", "slip", "oblique"),
+        (*IMPACT, *SLIP, *OBLIQUE),
+        (*PROBES, *OBLIQUE_PROBES), "depression", "depression_rate", ("loading", "unloading"), observe_strike,
+        "measure at other pressures, speeds and angles, or add the slip and depression channels"),
 }  # fmt: skip
+
+
+def name_family(campaign: Campaign) -> str:
+    """Family of a campaign's records: impacts that measure a tangential force at a tangential speed are `oblique`."""
+    oblique = "tangential_speed" in campaign.records and "tangential_force" in campaign.channels
+    return "oblique" if campaign.family == "impact" and oblique else campaign.family
 
 
 def find_family(name: str, verb: str = "this") -> Family:

@@ -178,7 +178,7 @@ def _say_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend
         if name in problem.records.stack.conditions:
             ratios.append((_try_conditions(problem, solution, columns, blend, name, factor),
                            f"as many records {text}"))
-    if problem.records.family == "impact" and "depression" not in problem.records.channels:
+    if problem.records.family != "slip" and "depression" not in problem.records.channels:
         ratios.append((_try_depression(problem, solution, blend), "the depression as a further channel"))
     best, text = min(ratios, default=(1.0, ""))
     size = max(abs(x) / _typical(problem.space, n) for n, x in zip(solution.names, blend.step, strict=True))

@@ -13,8 +13,9 @@ from pathlib import Path
 from .._errors import InputError
 from .._numerics import scalar
 from ..contact.effect import AbstractEffect, AbstractModel
+from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw, PowerLaw
-from ..contact.sliding import CoulombFriction, FrictionLaw, RubberFriction
+from ..contact.sliding import AdhesionHysteresis, CoulombFriction, FrictionLaw, RubberFriction
 from ..effects import CATALOGUES
 
 
@@ -81,9 +82,19 @@ SLIP_MODELS: dict[str, BuiltinModel] = {
     "paper-printed": BuiltinModel(
         "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
         lambda: RubberFriction(printed=True)),
+    "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", AdhesionHysteresis),
     "coulomb": BuiltinModel("a constant coefficient of friction.", CoulombFriction),
 }  # fmt: skip
-BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS}
+OBLIQUE_MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel(
+        "the ball of Eqs. 2 to 5 with the friction of Eq. 8; Eqs. 9 and 10 end at loads below those of an impact.",
+        lambda: Striker(Ball(), AdhesionHysteresis())),
+    "coulomb": BuiltinModel("the ball of Eqs. 2 to 5 with a constant coefficient of friction.",
+                            lambda: Striker(Ball(), CoulombFriction())),
+    "power-law": BuiltinModel("a soft body without gas, with a constant coefficient of friction.",
+                              lambda: Striker(PowerLaw(), CoulombFriction())),
+}  # fmt: skip
+BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS, "oblique": OBLIQUE_MODELS}
 
 
 def describe_models() -> str:
@@ -107,7 +118,7 @@ def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
     Args:
         name: a built-in model; a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or
             `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or `AbstractFriction`, an
-            instance of one, or a law that extends one by effects.
+            instance of one or of `Striker`, or a law that extends one by effects.
         family: of the records, as built-in names stand for different models in different families.
 
     Raises:
@@ -214,7 +225,7 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
                          file=path) from error
     text = " ".join((type(made).__doc__ or "").strip().split("\n\n")[0].split()) or f"{attribute} of {path.name}"
-    if isinstance(made, (ContactLaw, FrictionLaw)):
+    if isinstance(made, (ContactLaw, FrictionLaw, StrikeLaw)):
         return ResolvedModel(name, made.reference, f"{attribute} of {path.name}", tuple(made.effects))
     return ResolvedModel(name, made, text)
 
@@ -222,4 +233,4 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
 def _is_model(value) -> bool:
     if isinstance(value, type):
         return issubclass(value, AbstractModel) and not inspect.isabstract(value)
-    return isinstance(value, (AbstractModel, ContactLaw, FrictionLaw))
+    return isinstance(value, (AbstractModel, ContactLaw, FrictionLaw, StrikeLaw))

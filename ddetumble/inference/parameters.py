@@ -11,7 +11,15 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, AbstractModel, Parameter, parameters_of
+from ..contact.effect import (
+    AbstractEffect,
+    AbstractModel,
+    Parameter,
+    list_choices,
+    parameters_of,
+    parts_of,
+    read_field,
+)
 from .families import FAMILIES, Family
 
 
@@ -75,7 +83,7 @@ class ParameterSpace:
     def __init__(self, reference: AbstractModel, effects: Sequence[type[AbstractEffect]]):
         self.reference = reference
         self.effects = tuple(effects)
-        slots = [Slot(p.name, None, dc.replace(p, default=float(getattr(reference, p.field))))
+        slots = [Slot(p.name, None, dc.replace(p, default=float(read_field(reference, p.field))))
                  for p in parameters_of(reference)]
         for effect in self.effects:
             slots += [Slot(f"{effect.id}.{p.name}", effect.id, p) for p in parameters_of(effect)]
@@ -96,9 +104,8 @@ class ParameterSpace:
     @property
     def key(self) -> tuple:
         """What identifies the space: compiled programs are shared between equal ones."""
-        statics = tuple((f.name, getattr(self.reference, f.name)) for f in dc.fields(self.reference)
-                        if "parameter" not in f.metadata)
-        return type(self.reference), statics, self.effects
+        kinds = tuple(type(part) for part in parts_of(self.reference))
+        return kinds, tuple(list_choices(self.reference).items()), self.effects
 
     def coordinates(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Coordinates of all parameters, shape (parameters,): defaults, with `values` (fields) put in by name."""
@@ -141,11 +148,11 @@ class ParameterSpace:
         return FAMILIES[type(self.reference).family]
 
     def build(self, u: Array) -> Any:
-        """The law at coordinates `u`, shape (parameters,): `ContactLaw` or `FrictionLaw`; works under jit."""
+        """The law at coordinates `u`, shape (parameters,): a `ContactLaw`, `FrictionLaw` or `StrikeLaw`."""
         values = [from_coordinate(s.parameter.coordinate, u[k]) for k, s in enumerate(self.slots)]
         fields = [s.parameter.field for s in self.slots]
         count = len(parameters_of(self.reference))
-        reference = eqx.tree_at(lambda r: [getattr(r, f) for f in fields[:count]], self.reference, values[:count])
+        reference = eqx.tree_at(lambda r: [read_field(r, f) for f in fields[:count]], self.reference, values[:count])
         effects = []
         for effect in self.effects:
             size = len(parameters_of(effect))

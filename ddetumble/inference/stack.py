@@ -11,7 +11,7 @@ from jaxtyping import Array
 from .._errors import InputError
 from ..dynamics.impact import RTOL
 from ..measurement.campaign import Campaign
-from .families import find_family
+from .families import find_family, name_family
 from .noise import TAPS, Noise, whitening
 from .strokes import split_strokes
 
@@ -128,7 +128,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     """
     if campaign.samples is None:
         raise InputError(f"campaign {campaign.name!r} holds peaks only; this needs sampled records")
-    family = find_family(campaign.family)
+    family = find_family(name_family(campaign))
     channels = tuple(c for c in family.channels if c in campaign.channels)
     main, abscissa = family.channels[0], campaign.independent.name if campaign.independent is not None else "time"
     if main not in channels:
@@ -210,7 +210,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
                   {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
                   inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
-    return Records(tuple(str(k) for k in keys), channels, nuisances, lengths, complete, stack, campaign.family,
+    return Records(tuple(str(k) for k in keys), channels, nuisances, lengths, complete, stack, family.name,
                    tuple(strokes))
 
 

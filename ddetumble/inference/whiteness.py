@@ -22,7 +22,7 @@ def list_spans(records: Records, row: int, end: float) -> list[tuple[float, floa
     """
     n = records.lengths[row]
     time = np.asarray(records.stack.time)[row, :n]
-    if records.family == "impact":
+    if records.family != "slip":
         return [(0.0, end, SPLINES), (end, float(time[-1]), max(SPLINES // 4, 4))]
     number = records.strokes[row]
     ends = [*np.flatnonzero(np.diff(number) > 0), n - 1]
@@ -47,7 +47,7 @@ def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> n
 
 def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
-    found, impact = {}, records.family == "impact"
+    found, impact = {}, records.family != "slip"
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     for c, channel in enumerate(records.channels):
         traces, steps, even = [], [], False
@@ -88,7 +88,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
 
 def _quiet_deviation(records: Records, channel: int) -> tuple[float, int]:
     """Standard deviation of the samples before first touch, each record about its own mean, and their number."""
-    if records.family != "impact":
+    if records.family == "slip":
         return float("nan"), 0
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     squares, count = 0.0, 0

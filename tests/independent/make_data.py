@@ -1,7 +1,7 @@
 """Make everything under ``data/``: ``python -m tests.independent.make_data [FOLDER]`` from the repository's root.
 
 Every campaign has a fixed seed, so the same versions of NumPy and SciPy give the same bytes. What is hidden in which
-campaign stands in PLANS, SLIP_PLANS and ``truth.json``: do not look before having tried.
+campaign stands in PLANS, SLIP_PLANS, OBLIQUE_PLANS and ``truth.json``: do not look before having tried.
 """
 
 import sys
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .campaigns import make_campaign, reveal_campaign, write_campaign_folder, write_json
 from .impact import CHANNELS
+from .oblique_campaigns import make_oblique_campaign, reveal_oblique_campaign, write_oblique_folder
 from .paper_tables import write_paper
 from .slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
 
@@ -128,6 +129,49 @@ SLIP_PLANS = {
     },
 }
 
+# angles of incidence from flat to steep: some records slide throughout, some grip early
+OBLIQUE_PLANS = {
+    "oblique-a": {
+        "seed": 20260301,
+        "effects": {"tangential-compliance": {"compliance": 4.6e-5}},
+        "base": {"effective_mass": 1.284, "restitution": 0.712, "adhesion_constant": 0.846, "loss_factor": 0.152,
+                 "tangential_mass": 1.173, "rolling_mass": 0.45},
+        "pressures": [0.6e6, 1.2e6, 2.1e6],
+        "speeds": [0.2, 0.45],
+        "slides": [0.1, 0.28, 0.6],
+    },
+    "oblique-b": {
+        "seed": 20260302,
+        "effects": {"off-centre-reaction": {"share": 0.14}},
+        "base": {"effective_mass": 1.461, "restitution": 0.684, "adhesion_constant": 0.913, "loss_factor": 0.141,
+                 "tangential_mass": 1.322, "rolling_mass": 0.52},
+        "pressures": [0.5e6, 1.1e6, 2.3e6],
+        "speeds": [0.18, 0.4],
+        "slides": [0.09, 0.24, 0.5],
+    },
+    "oblique-c": {
+        "seed": 20260303,
+        "effects": {},
+        "base": {"effective_mass": 1.137, "restitution": 0.741, "adhesion_constant": 0.782, "loss_factor": 0.163,
+                 "tangential_mass": 1.046, "rolling_mass": 0.41},
+        "pressures": [0.7e6, 1.4e6, 2.4e6],
+        "speeds": [0.22, 0.5],
+        "slides": [0.12, 0.55],
+        "rho": 0.7,
+        "setting_scatter": 0.01,
+    },
+    "oblique-d": {
+        "seed": 20260304,
+        "effects": {"tangential-compliance": {"compliance": 3.1e-5}, "stribeck": {"A": 0.24, "u_s": 0.09}},
+        "base": {"effective_mass": 1.369, "restitution": 0.697, "adhesion_constant": 0.871, "loss_factor": 0.147,
+                 "tangential_mass": 1.254, "rolling_mass": 0.48},
+        "pressures": [0.6e6, 1.3e6, 2.2e6],
+        "speeds": [0.2, 0.42],
+        "slides": [0.11, 0.27, 0.58],
+        "channels": ("normal_force", "tangential_force", "slip"),
+    },
+}
+
 
 def make_data(folder):
     """Write all packages and truth.json under the folder."""
@@ -143,6 +187,11 @@ def make_data(folder):
         campaign = make_slip_campaign(name, **plan)
         write_slip_folder(folder / name, campaign)
         truth[name] = reveal_slip_campaign(campaign)
+        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
+    for name, plan in OBLIQUE_PLANS.items():
+        campaign = make_oblique_campaign(name, **plan)
+        write_oblique_folder(folder / name, campaign)
+        truth[name] = reveal_oblique_campaign(campaign)
         print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
     write_json(folder / "truth.json", truth, indent=None)
 

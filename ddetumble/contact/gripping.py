@@ -1,0 +1,208 @@
+r"""The oblique contact: a normal model and a friction model together, and the patch between them that slips or grips.
+
+The ball's centre moves along the plate with speed $v$ and the ball may roll; with $y = r\omega$ the plate sees
+
+$m_t \dot v = -f$, $\quad m_r \dot y = f - \frac{x_r}{r} F_n\, y/\sqrt{y^2 + u_c^2}$, $\quad u = v - y$,
+
+where $f$ is the friction force against the motion, $m_t$ the mass felt along the plate, $m_r = I/r^2$ the ball's moment
+of inertia about its centre over the square of its height (`rolling_mass`; very large where the ball cannot turn), and
+$x_r$ the distance by which the normal force acts ahead of the patch's centre, against rolling either way. The patch is
+a spring of compliance $C$ in series with a slider:
+
+$u = C \dot f + u_s$, $\quad f = F_{max}\, u_s/\sqrt{u_s^2 + u_c^2}$.
+
+$F_{max}$ is what the friction law (Eqs. 8 to 11 with its effects) gives at the speed $u$ of the ball over the plate,
+after the slider's path and work; $u_c$ is the creep speed, below which rubber creeps instead of sliding (Grosch 1963):
+the transition from slip to grip is smooth, and so are the derivatives. (Were $F_{max}$ to fall with the speed of the
+massless slider, its motion would not be determined: that is why it sees $u$.) Stages of effects, beside those of normal
+and friction models:
+
+=====================  ==============================  ======================================================
+stage                  class                           returns
+=====================  ==============================  ======================================================
+compliance             `AbstractComplianceEffect`      tangential compliance of the patch [m/N]
+reaction               `AbstractReactionEffect`        how far the normal force acts ahead of the centre [m]
+=====================  ==============================  ======================================================
+"""
+
+import abc
+from collections.abc import Mapping
+from typing import ClassVar, final
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .._numerics import positive_part, safe_divide, stop
+from .effect import AbstractEffect, AbstractModel, Scalar, family_of, parameter
+from .law import AbstractReference, ContactLaw
+from .sliding import AbstractFriction, FrictionLaw, Slide
+
+
+NEWTON = 12  # steps towards the slider's speed; they converge from one side, quadratically at the end
+TOUCH = 1e-6  # N, below which the load counts as this: powers of the load stay finite where contact ends
+
+
+class Patch(eqx.Module):
+    """The contact patch as a tangential effect sees it; every entry is a scalar (the caller batches by `vmap`).
+
+    Attributes:
+        time: since first touch [s].
+        depression: how far the ball is squeezed [m].
+        contact_radius: of the flat contact disc, b [m].
+        height: of the ball's centre above the plate, r [m].
+        pressure: of the gas, absolute [Pa].
+        normal_force: F_n [N].
+        conditions: every condition of the record by name, SI.
+    """
+
+    time: Scalar
+    depression: Scalar
+    contact_radius: Scalar
+    height: Scalar
+    pressure: Scalar
+    normal_force: Scalar
+    conditions: Mapping[str, Array]
+
+
+class AbstractComplianceEffect(AbstractEffect):
+    """Lets the patch give way before it slides."""
+
+    stage: ClassVar[str] = "compliance"
+    family: ClassVar[str] = "oblique"
+
+    @abc.abstractmethod
+    def compliance(self, patch: Patch) -> Scalar:
+        """Tangential compliance that is added [m/N], not negative."""
+
+
+class AbstractReactionEffect(AbstractEffect):
+    """Moves the line of action of the normal force."""
+
+    stage: ClassVar[str] = "reaction"
+    family: ClassVar[str] = "oblique"
+
+    @abc.abstractmethod
+    def offset(self, patch: Patch) -> Scalar:
+        """How far the normal force acts ahead of the patch's centre, against rolling either way [m]."""
+
+
+@final
+class Striker(AbstractModel):
+    """A reference model of oblique impacts: a normal model, a friction model, and what moves along the plate.
+
+    Attributes:
+        ball: normal model (`Ball`, `PowerLaw` or one of your own).
+        friction: friction model (`AdhesionHysteresis`, `CoulombFriction` or one of your own).
+    """
+
+    ball: AbstractReference
+    friction: AbstractFriction
+    tangential_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
+                                        bounds=(0.0, jnp.inf), text="mass felt along the plate")
+    rolling_mass: Scalar = parameter("kg", 0.5, kind="reference", typical=0.2, coordinate="log", bounds=(0.0, jnp.inf),
+                                     free=False, text="moment of inertia of the turning ball over its height squared")
+    creep_speed: Scalar = parameter("m/s", 0.01, kind="reference", typical=0.005, coordinate="log",
+                                    bounds=(1e-5, 10.0), free=False, text="speed below which the patch creeps")
+    family: ClassVar[str] = "oblique"
+
+    @property
+    def provides(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """What effects may require: what ball and friction provide, and a slip speed."""
+        return (*self.ball.provides, *self.friction.provides, "slip_speed", "tangential")
+
+    def extend(self, effects: tuple[AbstractEffect, ...]) -> "StrikeLaw":
+        """This model with effects: those on impacts, on friction, and on the patch."""
+        return StrikeLaw(self, effects)
+
+
+class StrikeLaw(eqx.Module):
+    """A reference model of oblique impacts and the effects that extend it.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
+
+    reference: Striker
+    effects: tuple[AbstractEffect, ...] = ()
+
+    @property
+    def normal(self) -> ContactLaw:
+        """The law of the normal force."""
+        return ContactLaw(self.reference.ball, tuple(e for e in self.effects if family_of(e) == "impact"))
+
+    @property
+    def friction(self) -> FrictionLaw:
+        """The law of friction while sliding."""
+        return FrictionLaw(self.reference.friction, tuple(e for e in self.effects if family_of(e) == "slip"))
+
+    def compliance(self, patch: Patch) -> Scalar:
+        """Tangential compliance of the patch [m/N]; 0 without effects."""
+        total = jnp.zeros_like(patch.normal_force)
+        for effect in self.effects:
+            if isinstance(effect, AbstractComplianceEffect):
+                total = total + effect.compliance(patch)
+        return positive_part(total)
+
+    def offset(self, patch: Patch) -> Scalar:
+        """How far the normal force acts ahead of the patch's centre [m]; 0 without effects."""
+        total = jnp.zeros_like(patch.normal_force)
+        for effect in self.effects:
+            if isinstance(effect, AbstractReactionEffect):
+                total = total + effect.offset(patch)
+        return total
+
+    def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
+        """F_max: friction of the sliding patch [N], not negative.
+
+        Args:
+            patch: the contact patch.
+            speed: of the ball over the plate, u, with its sign [m/s].
+            path: slid by the patch so far, whichever way [m].
+            work: done against friction so far [J].
+        """
+        way = jnp.where(speed < 0, -1.0, 1.0)
+        load = jnp.maximum(patch.normal_force, TOUCH)
+        slide = Slide(path, jnp.abs(speed), load, patch.pressure, work, patch.time, way, patch.conditions)
+        return positive_part(self.friction.force(slide))
+
+
+def share_friction(speed: Array, creep_speed: Array) -> Array:
+    r"""Share of the friction limit at a sliding speed, $u/\sqrt{u^2 + u_c^2}$ [-]: odd, and 1 well above $u_c$."""
+    return speed / jnp.sqrt(speed**2 + creep_speed**2)
+
+
+def solve_slider(stiff: Array, step: Array, push: Array, creep_speed: Array) -> Scalar:
+    r"""Speed $u_s$ of the slider in $A\,u_s/\sqrt{u_s^2 + u_c^2} + B u_s = R$.
+
+    That is one implicit step of patch and ball. The left side rises, so there is one solution. Newton's method starts
+    below it and never passes it, as the left side is concave; its last step carries the derivative.
+
+    Args:
+        stiff: $A$ [m], not negative.
+        step: $B$ [s], positive.
+        push: $R$ [m].
+        creep_speed: $u_c$ [m/s], positive.
+    """
+    a, b, r, c = stop(stiff), stop(step), stop(jnp.abs(push)), stop(creep_speed)
+    speed = jnp.maximum(r / (a / c + b), (r - a) / b)
+    for _ in range(NEWTON):
+        root = jnp.sqrt(speed**2 + c**2)
+        speed = speed + (r - a * speed / root - b * speed) / (a * c**2 / root**3 + b)
+    speed = jnp.where(push < 0, -speed, speed)
+    root = jnp.sqrt(speed**2 + c**2)
+    slope = a * c**2 / root**3 + b
+    # What is left is rounding; its derivative by the arguments is what the solution has.
+    return speed + (push - stiff * share_friction(speed, creep_speed) - step * speed) / slope
+
+
+def height_of(diameter: Array, depression: Array) -> Scalar:
+    """Height of the ball's centre above the plate, half its squeezed height [m]; 30 mm for a body without diameter."""
+    half = jnp.maximum(0.5 * (diameter - depression), 1e-3 * diameter)
+    return jnp.where(diameter > 0, half, 0.03)
+
+
+def lever(offset: Array, height: Array) -> Scalar:
+    """Share of the normal force that brakes the ball's rolling, offset over height [-]."""
+    return safe_divide(offset, height)
