@@ -30,10 +30,11 @@ from collections.abc import Mapping
 from typing import ClassVar, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._numerics import positive_part, safe_divide, stop
+from .._numerics import positive_part, safe_divide
 from .effect import AbstractEffect, AbstractModel, Scalar, family_of, parameter
 from .law import AbstractReference, ContactLaw
 from .sliding import AbstractFriction, FrictionLaw, Slide
@@ -99,7 +100,7 @@ class Striker(AbstractModel):
     ball: AbstractReference
     friction: AbstractFriction
     tangential_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                        bounds=(0.0, jnp.inf), text="mass felt along the plate")
+                                        bounds=(1e-2, 1e2), text="mass felt along the plate")
     rolling_mass: Scalar = parameter("kg", 0.5, kind="reference", typical=0.2, coordinate="log", bounds=(0.0, jnp.inf),
                                      free=False, text="moment of inertia of the turning ball over its height squared")
     creep_speed: Scalar = parameter("m/s", 0.01, kind="reference", typical=0.005, coordinate="log",
@@ -154,18 +155,24 @@ class StrikeLaw(eqx.Module):
         return total
 
     def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
-        """F_max: friction of the sliding patch [N], not negative.
+        """F_max: friction of the sliding patch [N], not negative; see `limit_friction`."""
+        return limit_friction(self.friction, patch, speed, path, work)
 
-        Args:
-            patch: the contact patch.
-            speed: of the ball over the plate, u, with its sign [m/s].
-            path: slid by the patch so far, whichever way [m].
-            work: done against friction so far [J].
-        """
-        way = jnp.where(speed < 0, -1.0, 1.0)
-        load = jnp.maximum(patch.normal_force, TOUCH)
-        slide = Slide(path, jnp.abs(speed), load, patch.pressure, work, patch.time, way, patch.conditions)
-        return positive_part(self.friction.force(slide))
+
+def limit_friction(friction: FrictionLaw, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
+    """F_max: friction of the sliding patch [N], not negative.
+
+    Args:
+        friction: law of friction while sliding.
+        patch: the contact patch.
+        speed: of the ball over the plate, u, with its sign [m/s].
+        path: slid by the patch so far, whichever way [m].
+        work: done against friction so far [J].
+    """
+    way = jnp.where(speed < 0, -1.0, 1.0)
+    load = jnp.maximum(patch.normal_force, TOUCH)
+    slide = Slide(path, jnp.abs(speed), load, patch.pressure, work, patch.time, way, patch.conditions)
+    return positive_part(friction.force(slide))
 
 
 def share_friction(speed: Array, creep_speed: Array) -> Array:
@@ -173,11 +180,12 @@ def share_friction(speed: Array, creep_speed: Array) -> Array:
     return speed / jnp.sqrt(speed**2 + creep_speed**2)
 
 
+@jax.custom_jvp
 def solve_slider(stiff: Array, step: Array, push: Array, creep_speed: Array) -> Scalar:
     r"""Speed $u_s$ of the slider in $A\,u_s/\sqrt{u_s^2 + u_c^2} + B u_s = R$.
 
     That is one implicit step of patch and ball. The left side rises, so there is one solution. Newton's method starts
-    below it and never passes it, as the left side is concave; its last step carries the derivative.
+    below it and never passes it, as the left side is concave; the derivative is that of the equation.
 
     Args:
         stiff: $A$ [m], not negative.
@@ -185,16 +193,25 @@ def solve_slider(stiff: Array, step: Array, push: Array, creep_speed: Array) -> 
         push: $R$ [m].
         creep_speed: $u_c$ [m/s], positive.
     """
-    a, b, r, c = stop(stiff), stop(step), stop(jnp.abs(push)), stop(creep_speed)
-    speed = jnp.maximum(r / (a / c + b), (r - a) / b)
+    size = jnp.abs(push)
+    speed = jnp.maximum(size / (stiff / creep_speed + step), (size - stiff) / step)
     for _ in range(NEWTON):
-        root = jnp.sqrt(speed**2 + c**2)
-        speed = speed + (r - a * speed / root - b * speed) / (a * c**2 / root**3 + b)
-    speed = jnp.where(push < 0, -speed, speed)
-    root = jnp.sqrt(speed**2 + c**2)
-    slope = a * c**2 / root**3 + b
-    # What is left is rounding; its derivative by the arguments is what the solution has.
-    return speed + (push - stiff * share_friction(speed, creep_speed) - step * speed) / slope
+        root = jnp.sqrt(speed**2 + creep_speed**2)
+        left = size - stiff * speed / root - step * speed
+        speed = speed + left / (stiff * creep_speed**2 / root**3 + step)
+    # Without the barrier the compiler repeats the iteration wherever its result is used.
+    return jax.lax.optimization_barrier(jnp.where(push < 0, -speed, speed))
+
+
+@solve_slider.defjvp
+def _solve_slider_jvp(primals, tangents):
+    stiff, step, push, creep_speed = primals
+    speed = solve_slider(stiff, step, push, creep_speed)
+    root = jnp.sqrt(speed**2 + creep_speed**2)
+    slope = stiff * creep_speed**2 / root**3 + step
+    factors = (-speed / root / slope, -speed / slope, 1.0 / slope, stiff * speed * creep_speed / root**3 / slope)
+    factors = jax.lax.optimization_barrier(factors)
+    return speed, sum(factor * tangent for factor, tangent in zip(factors, tangents, strict=True))
 
 
 def height_of(diameter: Array, depression: Array) -> Scalar:

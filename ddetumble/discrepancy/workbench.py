@@ -23,6 +23,7 @@ from .records import LackOfFit
 
 THIN = 768  # samples a record on which candidates are screened
 SCREENING_STEPS = 8
+STRAYED = 3.0  # typical changes that a reference parameter has moved from its guess: fits start from the guess too
 
 
 @dc.dataclass
@@ -104,7 +105,21 @@ class Workbench:
 
     def _fit_reference(self) -> Solution:
         """From a start guessed from the contact times, else from the defaults."""
-        return self.problem.solve(self.base, guess_start(self.campaign, self.space, self.start, self.base))
+        self.guess = guess_start(self.campaign, self.space, self.start, self.base)
+        return self.problem.solve(self.base, self.guess)
+
+    def _origins(self, base: np.ndarray) -> list[np.ndarray]:
+        """Where a fit with more effects starts: where the poorer model ended, and without what strayed there.
+
+        A parameter may run away to make up for what is missing, to where nothing depends on it any more.
+        """
+        own = [self.space.index[name] for name in self.base]
+        strayed = [k for k in own if abs(base[k] - self.guess[k]) > STRAYED * self.problem.scales[k]]
+        if not strayed:
+            return [base]
+        back = base.copy()
+        back[strayed] = self.guess[strayed]
+        return [base, back]
 
     def _require(self, solution: Solution) -> Solution:
         if solution.failed:
@@ -139,8 +154,8 @@ class Workbench:
         freed = [n for n in self.freed if n.split(".")[0] in effects]
         free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
         best = None
-        for start in starts:
-            u = base.copy()
+        for origin, start in [(o, s) for o in self._origins(base) for s in starts]:
+            u = origin.copy()
             for name, value in start.items():
                 u[self.space.index[name]] = value
             try:

@@ -27,7 +27,6 @@ GAMMA = 0.43586652150845899942  # root of x**3 - 3 x**2 + 3 x/2 - 1/6
 _MIDDLE = 0.5 * (1.0 + GAMMA)  # where the second stage is; the third is at the end of the step
 _FIRST, _SECOND = -0.25 * (6.0 * GAMMA**2 - 16.0 * GAMMA + 1.0), 0.25 * (6.0 * GAMMA**2 - 20.0 * GAMMA + 5.0)
 _NEXT = (_MIDDLE - GAMMA, _SECOND, GAMMA)  # weight of each stage's rate in what the next one starts from
-SWEEPS = 2  # of a stage: the friction limit depends a little on the motion that it helps to find
 NODES = 97  # at which the normal motion is read, over the contact
 
 
@@ -74,40 +73,24 @@ class Strike(eqx.Module):
 
 
 class Grip(eqx.Module):
-    """The tangential motion at the ends of its steps, each shape (steps + 1,).
+    """The tangential motion of one impact.
 
     Attributes:
-        force: of friction, against the motion [N].
-        speed: of the ball's centre [m/s].
-        rolling: r omega [m/s].
-        deflection: of the patch's spring [m].
-        slip: of the slider, with its sign [m].
-        path: slid, whichever way [m].
+        force: of friction, against the motion, at the ends of the steps, shape (steps + 1,) [N].
+        slip: of the slider, with its sign, at the ends of the steps, shape (steps + 1,) [m].
+        speed, rolling: of the ball's centre and r omega, at the end [m/s].
+        deflection: of the patch's spring, at the end [m].
         work: done against friction by the slider [J].
         braked: work done by the offset normal force against rolling [J].
     """
 
     force: Array
+    slip: Array
     speed: Array
     rolling: Array
     deflection: Array
-    slip: Array
-    path: Array
     work: Array
     braked: Array
-
-
-class _State(eqx.Module):
-    speed: Array
-    rolling: Array
-    deflection: Array
-    slip: Array
-    path: Array
-    work: Array
-    braked: Array
-
-    def plus(self, step: Array | float, rate: "_State") -> "_State":
-        return jax.tree.map(lambda x, r: x + step * r, self, rate)
 
 
 def _weights(places: np.ndarray, nodes: int) -> np.ndarray:
@@ -147,63 +130,50 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     mobility = 1.0 / mass + 1.0 / rolling_mass
     step = course.time[-1] / intervals
     to_stages = _place_stages(intervals)
-    wanted = jax.tree.map(lambda x: to_stages @ x, course)
-    positive = jnp.maximum(wanted.normal_force, 0.0)  # adhesion pulls: no friction then
-    depression = jnp.maximum(wanted.depression, 0.0)
-    patches = Patch(wanted.time, depression, wanted.contact_radius, height_of(diameter, depression), wanted.pressure,
-                    positive, conditions)
+    # Adhesion pulls: no friction then.
+    depression, load = (jnp.maximum(to_stages @ x, 0.0) for x in (course.depression, course.normal_force))
+    inputs = (to_stages @ course.time, depression, to_stages @ course.contact_radius, height_of(diameter, depression),
+              to_stages @ course.pressure, load)
     reach = GAMMA * step
 
-    def stage(patch: Patch, base: _State, guess: Array) -> tuple[_State, Array, Array]:
-        """Rates at the end of an implicit step of `reach` from `base`, force and relative speed there."""
-        compliance = law.compliance(patch)
-        most = lever(law.offset(patch), patch.height) * patch.normal_force
-        relative, path, work, rolling = guess, base.path, base.work, base.rolling
-        speed = force = brake = along = jnp.zeros(())
-        for _ in range(SWEEPS):
-            brake = most * share_friction(rolling, creep)
-            free = base.speed - base.rolling + reach * brake / rolling_mass  # relative speed without friction
-            limit = law.limit(patch, relative, path, work)
-            speed = solve_slider((compliance + reach**2 * mobility) * limit, reach, base.deflection + reach * free,
-                                 creep)
-            force = limit * share_friction(speed, creep)
-            relative = free - reach * mobility * force
-            path, work = base.path + reach * jnp.abs(speed), base.work + reach * force * speed
-            rolling = base.rolling + reach * (force - brake) / rolling_mass
-            along = base.speed - reach * force / mass
-        rate = _State(-force / mass, (force - brake) / rolling_mass, along - rolling - speed, speed, jnp.abs(speed),
-                      force * speed, brake * rolling)
-        return rate, force, relative
+    def stage(patch: Patch, base: tuple, before: tuple) -> tuple[tuple, Array]:
+        """Rates at the end of an implicit step of `reach` from `base`, and the force there.
+
+        What friction limit and brake depend on is extrapolated by the rates `before`, those of the stage before.
+        """
+        along0, rolling0, deflection, _, path0, work0, _ = base
+        rolling, path, work = (x + reach * before[k] for x, k in ((rolling0, 1), (path0, 4), (work0, 5)))
+        brake = lever(law.offset(patch), patch.height) * patch.normal_force * share_friction(rolling, creep)
+        limit = law.limit(patch, along0 + reach * before[0] - rolling, path, work)
+        free = along0 - rolling0 + reach * brake / rolling_mass  # relative speed without friction
+        speed = solve_slider((law.compliance(patch) + reach**2 * mobility) * limit, reach, deflection + reach * free,
+                             creep)
+        force = limit * share_friction(speed, creep)
+        turn = (force - brake) / rolling_mass
+        rolling = rolling0 + reach * turn
+        slipping = along0 - reach * force / mass - rolling
+        return (-force / mass, turn, slipping - speed, speed, jnp.abs(speed), force * speed, brake * rolling), force
 
     def advance(carry, here):
-        base, held, guess = carry
-        patch, weight, second = here
-        rate, force, relative = stage(patch, base, guess)
-        origin = jax.tree.map(lambda kept, own: jnp.where(second, kept, own), held, base)
-        after = base.plus(reach, rate)
-        return (origin.plus(step * weight, rate), base.plus(step * _FIRST, rate), relative), (after, force)
+        base, held, before = carry
+        values, weight, second = here
+        rate, force = stage(Patch(*values, conditions), base, before)
+        after = tuple(jnp.where(second, h, b) + step * weight * r for h, b, r in zip(held, base, rate, strict=True))
+        kept = tuple(b + step * _FIRST * r for b, r in zip(base, rate, strict=True))
+        return (after, kept, rate), (force, base[3] + reach * rate[3])
 
     zero = jnp.zeros(())
     speed = conditions["tangential_speed"]
-    start = _State(speed, zero, zero, zero, zero, zero, zero)
-    spread = {k: jnp.broadcast_to(v, (3 * intervals,)) for k, v in conditions.items()}
-    patches = eqx.tree_at(lambda p: p.conditions, patches, spread)
+    start, still = (speed, *(zero,) * 6), (zero, zero, zero, speed, jnp.abs(speed), zero, zero)
     # All stages by one program: `held` is the third stage's start without the second's rate.
     weights, seconds = np.tile(_NEXT, intervals), np.tile([False, True, False], intervals)
-    _, (states, force) = jax.lax.scan(advance, (start, start, speed), (patches, weights, seconds))
-    states, force = jax.tree.map(lambda x: x[2::3], (states, force))
-    at_touch = jax.tree.map(lambda x: x[0], course)
-    touch = Patch(zero, zero, at_touch.contact_radius, height_of(diameter, zero), at_touch.pressure,
-                  jnp.maximum(at_touch.normal_force, 0.0), conditions)
+    (end, _, _), seen = jax.lax.scan(advance, (start, start, still), (inputs, weights, seconds))
+    touch = Patch(zero, zero, course.contact_radius[0], height_of(diameter, zero), course.pressure[0],
+                  jnp.maximum(course.normal_force[0], 0.0), conditions)
     rigid = law.compliance(touch) <= 0
     begin = jnp.where(rigid, law.limit(touch, speed, zero, zero) * share_friction(speed, creep), 0.0)
-
-    def join(first, rest):
-        return jnp.concatenate([jnp.reshape(first, (1,)), rest])
-
-    path = jax.tree.map(join, start, states)
-    return Grip(join(begin, force), path.speed, path.rolling, path.deflection, path.slip, path.path, path.work,
-                path.braked)
+    force, slip = (jnp.concatenate([x[None], y[2::3]]) for x, y in zip((begin, zero), seen, strict=True))
+    return Grip(force, slip, end[0], end[1], end[2], end[5], end[6])
 
 
 def strike(law: StrikeLaw, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
@@ -235,10 +205,10 @@ def strike(law: StrikeLaw, conditions: Mapping[str, Array], times: Array, *, spa
     bad = ~jnp.isfinite(jnp.sum(moved.force) + jnp.sum(moved.slip))
     return Strike(
         impact.normal_force, jnp.where(touch, force, 0.0), jnp.where(times > 0.0, slip, 0.0), impact.depression,
-        impact.depression_rate, impact.pressure, impact.separation, impact.rebound_speed, moved.speed[-1],
-        moved.rolling[-1], jnp.sum(weights * course.drive * course.rate),
-        jnp.sum(weights * course.normal_force * course.rate), moved.work[-1], moved.braked[-1],
-        0.5 * moved.force[-1] * moved.deflection[-1], impact.separated, impact.failed | bad, impact.steps)
+        impact.depression_rate, impact.pressure, impact.separation, impact.rebound_speed, moved.speed,
+        moved.rolling, jnp.sum(weights * course.drive * course.rate),
+        jnp.sum(weights * course.normal_force * course.rate), moved.work, moved.braked,
+        0.5 * moved.force[-1] * moved.deflection, impact.separated, impact.failed | bad, impact.steps)
 
 
 def _read_at(times: Array, end: Array, values: Array) -> Array:

@@ -178,7 +178,10 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
 
 
 def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]) -> np.ndarray:
-    """Start with a mass guessed from the measured impulses, where it is free: impulse = m v (1 + e), e near 0.7."""
+    """Start with a mass guessed from the measured impulses, where it is free: impulse = m v (1 + e), e near 0.7.
+
+    The mass felt along the plate is taken for as large, where it is free too.
+    """
     start = start.copy()
     if campaign.samples is not None and "effective_mass" in free:
         speeds = campaign.records["approach_speed"].to_numpy(dtype=float)
@@ -191,4 +194,6 @@ def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, fr
         mass = float(np.median(masses))
         if np.isfinite(mass) and mass > 0:
             start[space.index["effective_mass"]] = np.log(mass)
+            if "tangential_mass" in free:
+                start[space.index["tangential_mass"]] = np.log(mass)
     return start
