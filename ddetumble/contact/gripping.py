@@ -211,7 +211,8 @@ def _solve_slider_jvp(primals, tangents):
     slope = stiff * creep_speed**2 / root**3 + step
     factors = (-speed / root / slope, -speed / slope, 1.0 / slope, stiff * speed * creep_speed / root**3 / slope)
     factors = jax.lax.optimization_barrier(factors)
-    return speed, sum(factor * tangent for factor, tangent in zip(factors, tangents, strict=True))
+    parts = [factor * tangent for factor, tangent in zip(factors, tangents, strict=True)]
+    return speed, parts[0] + parts[1] + parts[2] + parts[3]
 
 
 def height_of(diameter: Array, depression: Array) -> Scalar:

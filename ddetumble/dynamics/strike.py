@@ -132,8 +132,9 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     to_stages = _place_stages(intervals)
     # Adhesion pulls: no friction then.
     depression, load = (jnp.maximum(to_stages @ x, 0.0) for x in (course.depression, course.normal_force))
-    inputs = (to_stages @ course.time, depression, to_stages @ course.contact_radius, height_of(diameter, depression),
-              to_stages @ course.pressure, load)
+    inputs = {"time": to_stages @ course.time, "depression": depression, "normal_force": load,
+              "contact_radius": to_stages @ course.contact_radius, "height": height_of(diameter, depression),
+              "pressure": to_stages @ course.pressure}
     reach = GAMMA * step
 
     def stage(patch: Patch, base: tuple, before: tuple) -> tuple[tuple, Array]:
@@ -157,7 +158,7 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     def advance(carry, here):
         base, held, before = carry
         values, weight, second = here
-        rate, force = stage(Patch(*values, conditions), base, before)
+        rate, force = stage(Patch(**values, conditions=conditions), base, before)
         after = tuple(jnp.where(second, h, b) + step * weight * r for h, b, r in zip(held, base, rate, strict=True))
         kept = tuple(b + step * _FIRST * r for b, r in zip(base, rate, strict=True))
         return (after, kept, rate), (force, base[3] + reach * rate[3])
