@@ -10,6 +10,9 @@ from ..discrepancy.records import Trace
 from .labels import vary
 
 
+MISSED = 1.3  # rms of the residual over the noise, above which a record is worth showing
+
+
 @dc.dataclass(frozen=True)
 class Bins:
     """Means of standardised residuals in bins.
@@ -77,7 +80,10 @@ def group_values(values, tolerance: float = 0.04) -> list[float]:
 
 
 def choose_records(traces: Sequence[Trace], count: int) -> list[Trace]:
-    """Up to `count` traces spread over the conditions, as far from each other as can be, sorted."""
+    """Up to `count` traces spread over the conditions, as far from each other as can be, sorted.
+
+    The record that its model misses most is among them, if it is missed by more than `MISSED` deviations (rms).
+    """
     traces = sort_traces(traces)
     if len(traces) <= count:
         return traces
@@ -88,7 +94,9 @@ def choose_records(traces: Sequence[Trace], count: int) -> list[Trace]:
         ranks = {value: i / max(len(levels) - 1, 1) for i, value in enumerate(levels)}
         columns.append([ranks.get(value, 0.5) for value in groups])
     place = np.array(columns).T if columns else np.linspace(0, 1, len(traces))[:, None]
-    chosen = [int(np.argmin(place.sum(axis=1)))]
+    misses = [float(np.sqrt(np.mean(np.nan_to_num(standardise(trace)) ** 2))) for trace in traces]
+    worst = int(np.argmax(misses))
+    chosen = [worst if misses[worst] > MISSED else int(np.argmin(place.sum(axis=1)))]
     while len(chosen) < count:
         distance = np.min(np.linalg.norm(place[:, None] - place[None, chosen], axis=2), axis=1)
         distance[chosen] = -1

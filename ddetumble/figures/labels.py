@@ -38,7 +38,7 @@ _QUANTITIES = {
     "slip_speed": ("slip speed", "m/s", 1.0), "tangential_force": ("friction force", "N", 1.0),
     "peak_friction_force": ("peak friction force", "N", 1.0),
 }  # fmt: skip
-_MAIN = ("initial_pressure", "approach_speed", "normal_load", "internal_pressure", "slip_speed")
+_MAIN = ("initial_pressure", "approach_speed", "tangential_speed", "normal_load", "internal_pressure", "slip_speed")
 _DIGITS = {"normal_load": "#.3g", "slip_speed": ".3g"}  # others by their unit
 _LONG = 2.0  # s, from which a record's time is shown in seconds
 VERDICTS = {
@@ -104,7 +104,8 @@ def describe_conditions(conditions: Mapping[str, float], names: Iterable[str] = 
             continue
         shown = describe_quantity(name, [value])
         number = shown.format(value)
-        words.append(f"{number} {shown.unit}" if name in _MAIN else f"{shown.name} {number}")
+        own = "along" if name == "tangential_speed" else shown.unit  # a second speed needs a word, not a unit
+        words.append(f"{number} {own}" if name in _MAIN else f"{shown.name} {number}")
     return " · ".join(words)
 
 
