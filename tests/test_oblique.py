@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import shutil
 
 import equinox as eqx
 import jax
@@ -10,7 +11,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble import Ball, InputError, Striker, check_effect, discover, find_data, predict, read_campaign, simulate
+from ddetumble import (
+    Ball,
+    InputError,
+    Striker,
+    check_effect,
+    discover,
+    find_data,
+    import_tests,
+    predict,
+    read_campaign,
+    simulate,
+)
 from ddetumble import strike as run_strike
 from ddetumble.contact.effect import parameter, parameters_of
 from ddetumble.contact.gripping import AbstractComplianceEffect, share_friction, solve_slider
@@ -30,7 +42,7 @@ from ddetumble.effects.slip import (
     ViscousFriction,
 )
 from ddetumble.effects.wall import ViscoelasticWall, ViscousDashpot, WallStiffness
-from ddetumble.inference.assembly import adapt_reference
+from ddetumble.inference.assembly import adapt_reference, assemble_space
 from ddetumble.inference.families import name_family
 from ddetumble.inference.models import resolve_model
 from tests.independent.oblique import CHANNELS, integrate_strike, simulate_strike
@@ -240,7 +252,7 @@ class ThinPatch(AbstractComplianceEffect):
     law = "compliance c/b"
     reference = "a test"
 
-    def compliance(self, patch):
+    def compliance_at(self, patch):
         return self.c / (patch.contact_radius + 1e-4)
 
 
@@ -249,7 +261,7 @@ class BrokenPatch(ThinPatch):
 
     id = "broken-patch"
 
-    def compliance(self, patch):
+    def compliance_at(self, patch):
         return self.c + 1e-5
 
 
@@ -303,3 +315,111 @@ def test_independent_simulator_closes_its_own_books():
     columns, end = integrate_strike(BASE, {"tangential-compliance": {"compliance": 3e-5}}, conditions, times)
     work = np.trapezoid(columns["tangential_force"] * np.gradient(columns["slip"], times), times)
     np.testing.assert_allclose(work, end["work"], rtol=1e-3)
+
+
+GOOD = {"initial_pressure": 1.2e6, "approach_speed": 0.4, "tangential_speed": 0.15}
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"tangential_speed": None}, "needs the condition 'tangential_speed'"),
+    ({"initial_pressure": None}, "needs the condition 'initial_pressure'"),
+    ({"approach_speed": -0.4}, "approach_speed must be positive; it is -0.4"),
+    ({"approach_speed": "0.3 m/s"}, "approach_speed must be a number in SI units"),
+    ({"tangential_speed": float("nan")}, "tangential_speed is nan"),
+    ({"tangential_speed": np.array([0.1, 0.2])}, "batch impacts by jax.vmap"),
+])  # fmt: skip
+def test_strike_refuses_conditions(change, message):
+    """What is missing or no use is named, before anything is compiled."""
+    conditions = {k: v for k, v in (GOOD | change).items() if v is not None}
+    with pytest.raises(InputError, match=message):
+        run_strike(Striker(Ball(), AdhesionHysteresis()), conditions, TIMES)
+
+
+def test_strike_takes_plain_numbers_and_refuses_the_rest():
+    """Floats and lists do; times, laws and masses that do not are named."""
+    law = Striker(Ball(), AdhesionHysteresis())
+    times = list(TIMES[::10])
+    found = run_strike(law, GOOD, times)
+    wrapped = run(law.extend(()), {k: jnp.asarray(v) for k, v in GOOD.items()}, jnp.asarray(times))
+    np.testing.assert_allclose(found.tangential_force, wrapped.tangential_force, rtol=1e-9, atol=1e-12)
+    for wrong, message in ((0.01, "one-dimensional"), ([], "one time at least"), ([0.0, np.nan], "time number 2")):
+        with pytest.raises(InputError, match=message):
+            run_strike(law, GOOD, wrong)
+    with pytest.raises(InputError, match="needs a Striker"):
+        run_strike(Ball(), GOOD, times)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="tangential_mass must be positive; it is -1"):
+        run_strike(Striker(Ball(), AdhesionHysteresis(), tangential_mass=-1.0), GOOD, times)
+    with pytest.raises(TypeError, match="in this order"):
+        Striker(AdhesionHysteresis(), Ball())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match="tuple of effects"):
+        law.extend(TangentialCompliance(1e-4))  # pyright: ignore[reportArgumentType]
+
+
+def copy_campaign(folder, change):
+    """A copy of `oblique-a` whose files a function has changed."""
+    shutil.copytree(find_data() / "oblique-a", folder)
+    change(folder)
+    return folder
+
+
+def edit_known(**values):
+    """A change of what is known; None leaves a parameter out."""
+    def change(folder):
+        path = folder / "datapackage.json"
+        tree = json.loads(path.read_text(encoding="utf-8"))
+        tree["known"] = {k: v for k, v in (tree["known"] | values).items() if v is not None}
+        path.write_text(json.dumps(tree), encoding="utf-8")
+
+    return change
+
+
+def edit_table(name, column, change):
+    """A change of one column of a table."""
+    def apply(folder):
+        table = pd.read_csv(folder / name)
+        table[column] = change(table[column])
+        table.to_csv(folder / name, index=False)
+
+    return apply
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (edit_known(rolling_mass="450 m"), "mass"),
+    (edit_known(rolling_mass="0 kg"), "positive"),
+    (edit_table("records.csv", "tangential_speed", lambda x: x.where(x.index != 3, -x)), "cannot be negative"),
+    (edit_table("samples.csv", "tangential_force", lambda x: -x), "points against its tangential speed"),
+])  # fmt: skip
+def test_campaigns_that_cannot_be(tmp_path, change, message):
+    """A unit of another kind, a mass of nothing, and signs that contradict each other are refused in words."""
+    with pytest.raises(InputError, match=message):
+        assemble_space(read_campaign(copy_campaign(tmp_path / "copy", change)),
+                       resolve_model("paper", "oblique").reference)
+
+
+def test_unstated_rolling_mass_is_told(tmp_path):
+    """What is assumed of the ball's inertia stands in the notes."""
+    campaign = read_campaign(copy_campaign(tmp_path / "copy", edit_known(rolling_mass=None)))
+    found = assemble_space(campaign, resolve_model("paper", "oblique").reference)
+    assert any("rolling_mass is not in known: 0.5 kg is taken" in text for text in found.warnings)
+
+
+def test_import_of_three_axes(tmp_path):
+    """`--keep` takes the tangential force; without it a note says that it stays unused."""
+    law = build()
+    rows = []
+    for k, (pressure, speed, slide) in enumerate([(1e6, 0.3, 0.1), (1.5e6, 0.4, 0.3), (2e6, 0.35, 0.2)]):
+        found = run(law, set_conditions(pressure, speed, slide), jnp.asarray(TIMES))
+        frame = pd.DataFrame({"time [s]": TIMES, "Fz [N]": found.normal_force, "Fx [N]": found.tangential_force})
+        frame.to_csv(tmp_path / f"t{k}.csv", index=False)
+        rows.append({"test": f"t{k}", "pressure [bar]": pressure / 1e5, "speed [m/s]": speed,
+                     "tangential speed [m/s]": slide})
+    pd.DataFrame(rows).to_csv(tmp_path / "settings.csv", index=False)
+    files = [str(tmp_path / f"t{k}.csv") for k in range(3)]
+    options = {"conditions": str(tmp_path / "settings.csv"), "gauge": False, "uncertainty": {"force": "0.25 N"}}
+    plain = import_tests(files, **options)
+    assert any("--keep tangential_force=COLUMN" in note for note in plain.notes)
+    options["uncertainty"] = {"force": "0.25 N", "tangential_force": "0.1 N"}
+    campaign = import_tests(files, **options, keep={"tangential_force": "Fx [N]"})
+    assert name_family(campaign) == "oblique"
+    np.testing.assert_allclose(campaign.records["tangential_speed"], [0.1, 0.3, 0.2])
+    assert any("rolling_mass is not stated" in note for note in campaign.notes)

@@ -105,7 +105,7 @@ def show_effects(
         str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
     ] = None,
     family: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Family of records: impact or slip; all if not given.")
+        str | None, typer.Option(metavar="NAME", help="Family of records: impact, slip or oblique; all if not given.")
     ] = None,
 ):
     """The catalogue of effects that a model may be missing: law, parameters, units, null, reference."""
@@ -114,7 +114,7 @@ def show_effects(
     try:
         families = {name: catalogue(name) for name in ([family] if family else CATALOGUES)}
     except ValueError as error:
-        raise InputError(str(error), column="--family") from None
+        raise InputError(str(error)) from None
     effects = {entry.id: entry for found in families.values() for entry in found}
     if effect is None:
         width = max(map(len, effects))
@@ -122,6 +122,8 @@ def show_effects(
             typer.echo(f"{name} records:")
             for entry in found:
                 typer.echo(f"  {entry.id:{width}}  {entry.law}")
+            if name == "oblique":
+                typer.echo("  (the effects on impact and slip records act on oblique impacts too)")
         return
     if effect not in effects:
         raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")

@@ -73,7 +73,7 @@ class AbstractComplianceEffect(AbstractEffect):
     family: ClassVar[str] = "oblique"
 
     @abc.abstractmethod
-    def compliance(self, patch: Patch) -> Scalar:
+    def compliance_at(self, patch: Patch) -> Scalar:
         """Tangential compliance that is added [m/N], not negative."""
 
 
@@ -84,7 +84,7 @@ class AbstractReactionEffect(AbstractEffect):
     family: ClassVar[str] = "oblique"
 
     @abc.abstractmethod
-    def offset(self, patch: Patch) -> Scalar:
+    def offset_at(self, patch: Patch) -> Scalar:
         """How far the normal force acts ahead of the patch's centre, against rolling either way [m]."""
 
 
@@ -107,6 +107,11 @@ class Striker(AbstractModel):
                                     bounds=(1e-5, 10.0), free=False, text="speed below which the patch creeps")
     family: ClassVar[str] = "oblique"
 
+    def __check_init__(self):
+        if not isinstance(self.ball, AbstractReference) or not isinstance(self.friction, AbstractFriction):
+            raise TypeError("`Striker(ball, friction)` takes a normal model and a friction model, in this order; it is "
+                            f"given a {type(self.ball).__name__} and a {type(self.friction).__name__}.")
+
     @property
     def provides(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """What effects may require: what ball and friction provide, and a slip speed."""
@@ -114,6 +119,10 @@ class Striker(AbstractModel):
 
     def extend(self, effects: tuple[AbstractEffect, ...]) -> "StrikeLaw":
         """This model with effects: those on impacts, on friction, and on the patch."""
+        for effect in effects if isinstance(effects, (tuple, list)) else (effects,):
+            if not isinstance(effects, (tuple, list)) or not isinstance(effect, AbstractEffect):
+                raise TypeError("`extend` takes a tuple of effects, such as `(TangentialCompliance(5e-5),)`; it is "
+                                f"given {effect!r:.60}.")
         return StrikeLaw(self, effects)
 
 
@@ -143,7 +152,7 @@ class StrikeLaw(eqx.Module):
         total = jnp.zeros_like(patch.normal_force)
         for effect in self.effects:
             if isinstance(effect, AbstractComplianceEffect):
-                total = total + effect.compliance(patch)
+                total = total + effect.compliance_at(patch)
         return positive_part(total)
 
     def offset(self, patch: Patch) -> Scalar:
@@ -151,7 +160,7 @@ class StrikeLaw(eqx.Module):
         total = jnp.zeros_like(patch.normal_force)
         for effect in self.effects:
             if isinstance(effect, AbstractReactionEffect):
-                total = total + effect.offset(patch)
+                total = total + effect.offset_at(patch)
         return total
 
     def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:

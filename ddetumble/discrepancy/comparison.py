@@ -74,7 +74,9 @@ class Comparison:
         for title, table in (("By channel", self.channels), ("By condition", self.conditions),
                              ("By record", self.records)):
             parts.append(f"{title}:\n" + table.to_string(index=False, float_format="{:.4g}".format))
-        rows = [f"  {name} = {e.estimate:.6g} +- {e.sd:.2g} {e.unit}".rstrip() for name, e in self.parameters.items()]
+        rows = [(f"  {name} = {e.estimate:.6g} +- {e.sd:.2g} {e.unit}" if e.sd > 0 else
+                 f"  {name} = {e.estimate:.6g} {e.unit} (at a limit, or not determined)").rstrip()
+                for name, e in self.parameters.items()]
         if rows:
             parts.append("\n".join(["Refitted:", *rows]))
         parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items())]))
@@ -272,8 +274,8 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
     worst = records.loc[records["ratio"].idxmax()]
     setting = []
     for name, unit, scale in (("initial_pressure", "MPa", 1e-6), ("approach_speed", "m/s", 1.0),
-                              ("normal_load", "N", 1.0), ("internal_pressure", "MPa", 1e-6),
-                              ("slip_speed", "m/s", 1.0)):
+                              ("tangential_speed", "m/s along", 1.0), ("normal_load", "N", 1.0),
+                              ("internal_pressure", "MPa", 1e-6), ("slip_speed", "m/s", 1.0)):
         if name in campaign.conditions:
             setting.append(f"{worst[name] * scale:.3g} {unit}")
     if not lack.rejected:
@@ -288,5 +290,6 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
         phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading", "backward") else ""
         place = (f"; the residuals of {spot.channel} are largest at {spot.variable.replace('_', ' ')} "
                  f"{spot.range[0] * scale:.3g} to {spot.range[1] * scale:.3g} {unit}".rstrip() + phase)
-    return (f"The model `{model}` leaves {ratio:.3g} times the noise: something is missing. Worst record "
+    shown = f"{ratio:.3f}" if abs(ratio - 1.0) < 0.05 else f"{ratio:.3g}"
+    return (f"The model `{model}` leaves {shown} times the noise: something is missing. Worst record "
             f"{worst['record']} ({', '.join(setting)}, {worst['ratio']:.3g} times the noise){place}.")

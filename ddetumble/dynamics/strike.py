@@ -16,9 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._errors import InputError
 from .._numerics import stop
 from ..contact.effect import Scalar
-from ..contact.gripping import Patch, StrikeLaw, height_of, lever, share_friction, solve_slider
+from ..contact.gripping import Patch, StrikeLaw, Striker, height_of, lever, share_friction, solve_slider
+from .entry import read_conditions, read_times, refuse_values
 from .impact import ATOL, MAX_STEPS, RTOL, Course, follow, read_motion
 
 
@@ -177,7 +179,7 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     return Grip(force, slip, end[0], end[1], end[2], end[5], end[6])
 
 
-def strike(law: StrikeLaw, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
+def strike(law: StrikeLaw | Striker, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
            adjoint: dfx.AbstractAdjoint | None = None, rtol: float | Array = RTOL, atol: float | Array = ATOL,
            max_steps: int = MAX_STEPS, from_motion: bool = False) -> Strike:
     """Simulate one oblique impact until separation.
@@ -185,7 +187,7 @@ def strike(law: StrikeLaw, conditions: Mapping[str, Array], times: Array, *, spa
     Batch records with `jax.vmap`. Differentiable in both modes, through slip and grip.
 
     Args:
-        law: of the oblique contact: `Striker(ball, friction).extend(effects)`.
+        law: of the oblique contact: `Striker(ball, friction)`, with `.extend(effects)`.
         conditions: `approach_speed`, `tangential_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law
             reads, scalars.
         times: wanted times since first touch, ascending, shape (times,) [s]; may start before 0.
@@ -193,7 +195,18 @@ def strike(law: StrikeLaw, conditions: Mapping[str, Array], times: Array, *, spa
 
     Returns:
         A `Strike`; look at `failed` under `vmap`.
+
+    Raises:
+        InputError: The law is none of oblique impacts, a condition is missing, or a known value is no use.
     """
+    law = law.extend(()) if isinstance(law, Striker) else law
+    if not isinstance(law, StrikeLaw):
+        raise InputError("strike needs a Striker(ball, friction), or one with .extend(effects); it is given a "
+                         f"{type(law).__name__}")
+    needs = ("approach_speed", "tangential_speed", *(("initial_pressure",) if "gas" in law.reference.provides else ()))
+    conditions, times = read_conditions(conditions, needs, "strike"), read_times(times, "strike")
+    refuse_values({"approach_speed": conditions["approach_speed"]} | {
+        name: getattr(law.reference, name) for name in ("tangential_mass", "rolling_mass", "creep_speed")}, "strike")
     normal = law.normal
     last = stop(jnp.max(times) if span is None else span)
     motion = follow(normal, conditions, jnp.where(last > 0, last, 1.0), adjoint, rtol, atol, max_steps)

@@ -2,10 +2,18 @@
 
 from ..contact.effect import AbstractEffect, parameters_of, stage_of
 from .gas import AmbientPressure, GasLeak, PolytropicGas
-from .oblique import OBLIQUE
+from .oblique import OBLIQUE, OffCentreReaction, TangentialCompliance
 from .rig import ArmServo, PressureDependentRestitution, SpeedDependentRestitution
 from .sensor import SensorGain, SensorHighpass, SensorLag
-from .slip import SLIP
+from .slip import (
+    SLIP,
+    AdhesiveOffset,
+    FrictionalHeating,
+    LoadExponent,
+    Presliding,
+    Stribeck,
+    ViscousFriction,
+)
 from .surface import Adhesion
 from .wall import (
     InflationGrowth,
@@ -32,9 +40,14 @@ def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
         family: `impact`, `slip`, or `oblique` (on whose records the effects of the first two act too).
     """
     if family not in CATALOGUES:
-        raise ValueError(f"There is no catalogue for the family {family!r} yet; there is one for "
-                         + " and ".join(map(repr, CATALOGUES)) + ".")
+        raise ValueError(f"there is no family {family!r}; there are {', '.join(CATALOGUES)}")
     return CATALOGUES[family]
 
 
-__all__ = ["CATALOGUES", "IMPACT", "OBLIQUE", "SLIP", "AbstractEffect", "catalogue", "parameters_of", "stage_of"]
+__all__ = [
+    "CATALOGUES", "IMPACT", "OBLIQUE", "SLIP", "AbstractEffect", "Adhesion", "AdhesiveOffset", "AmbientPressure",
+    "ArmServo", "FrictionalHeating", "GasLeak", "InflationGrowth", "LoadExponent", "MembraneArea", "OffCentreReaction",
+    "PolytropicGas", "PressureDependentRestitution", "Presliding", "SensorGain", "SensorHighpass", "SensorLag",
+    "SpeedDependentRestitution", "StressSoftening", "Stribeck", "TangentialCompliance", "ViscoelasticWall",
+    "ViscousDashpot", "ViscousFriction", "WallStiffness", "catalogue", "parameters_of", "stage_of",
+]

@@ -12,16 +12,16 @@ from ..contact.gripping import AbstractComplianceEffect, AbstractReactionEffect,
 class TangentialCompliance(AbstractComplianceEffect):
     r"""The patch grips on a tangential spring, $f = \xi/C$, until $\mu F_n$: friction can reverse within an impact."""
 
-    compliance_: Scalar = parameter("m/N", 0.0, name="compliance", typical=5e-5, sign=1, starts=(2e-5, 1e-4),
+    compliance: Scalar = parameter("m/N", 0.0, typical=5e-5, sign=1, starts=(2e-5, 1e-4),
                                     bounds=(0.0, 1.0), singular=True, text="tangential compliance of the patch")
     id: ClassVar[str] = "tangential-compliance"
     law: ClassVar[str] = "the patch grips on a tangential spring until mu F_n, so friction can reverse"
     reference: ClassVar[str] = "Maw, Barber & Fawcett 1976, Wear 38, 101; Cross 2002, Am. J. Phys. 70, 1093"
     requires: ClassVar[tuple[str, ...]] = ("tangential",)
 
-    def compliance(self, patch: Patch) -> Scalar:
+    def compliance_at(self, patch: Patch) -> Scalar:
         """C [m/N]."""
-        return self.compliance_ * jnp.ones_like(patch.normal_force)
+        return self.compliance * jnp.ones_like(patch.normal_force)
 
 
 @final
@@ -31,11 +31,11 @@ class OffCentreReaction(AbstractReactionEffect):
     share: Scalar = parameter("", 0.0, typical=0.1, sign=1, starts=(0.1,), bounds=(-1.0, 1.0),
                               text="distance from the centre, in contact radii")
     id: ClassVar[str] = "off-centre-reaction"
-    law: ClassVar[str] = "the normal force acts ahead of the patch's centre by a share of b"
+    law: ClassVar[str] = "the normal force acts ahead of the patch's centre by a share of b, the contact radius"
     reference: ClassVar[str] = "Cross 2014, Am. J. Phys. 82, 1020"
     requires: ClassVar[tuple[str, ...]] = ("tangential", "geometry")
 
-    def offset(self, patch: Patch) -> Scalar:
+    def offset_at(self, patch: Patch) -> Scalar:
         """share * b [m]."""
         return self.share * patch.contact_radius
 

@@ -136,7 +136,7 @@ class BrakeProbe(AbstractReactionEffect):
     variable: ClassVar[str] = "time"
     channel: ClassVar[str] = "tangential_force"
 
-    def offset(self, patch: Patch) -> Scalar:
+    def offset_at(self, patch: Patch) -> Scalar:
         """A share of 5 mm."""
         return self.share * 0.005 * jnp.ones_like(patch.normal_force)
 

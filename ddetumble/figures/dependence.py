@@ -88,7 +88,10 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     varying = [name for name in vary(trace.conditions for trace in own) if len(list_levels(own, name)) > 1]
     deepest = max(float(np.nan_to_num(trace.state).max(initial=0.0)) for trace in own)
     edges = np.linspace(0, max(deepest, 1e-9), _count_bins(own, view))
-    name = (_find_strongest(own, varying, edges, view) if view.strongest else varying[0]) if varying else ""
+    strongest = view.strongest or channel != view.force
+    forces = {trace.channel for trace in first} & {"normal_force", "tangential_force"}
+    which = f"{describe_quantity(channel).name}:\n" if len(forces) > 1 else ""
+    name = (_find_strongest(own, varying, edges, view) if strongest else varying[0]) if varying else ""
     shown = describe_quantity(channel, own[0].measured, own[0].unit)
     condition = describe_quantity(name, [trace.conditions.get(name, math.nan) for trace in own])
     levels = list_levels(own, name) if name else [math.nan]
@@ -123,7 +126,7 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     for axes in panels[-1]:
         axes.set_xlabel(state.label)
     for axes in panels[:, 0]:
-        axes.set_ylabel(f"measured − model [{shown.unit}]")
+        axes.set_ylabel(f"{which}measured − model [{shown.unit}]")
     pad = 0.08 * max(highest - lowest, 1e-9)
     panels[0, 0].set_ylim(lowest - pad, highest + pad)
     panels[0, 0].set_xlim(0, None)

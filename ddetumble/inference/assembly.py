@@ -65,6 +65,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
                              f"{campaign.name!r} is of family {family.name!r}; there are: "
                              + ", ".join(e.id for e in family.catalogue))
     reference = adapt_reference(campaign, reference)
+    if family.name == "oblique":
+        check_directions(campaign)
     offered = (*family.catalogue, *extra)
     catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
     probes = tuple(e for e in family.probes if fits_campaign(e, reference, campaign))
@@ -73,7 +75,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     for name, value in known.items():
         low, high = space.slots[space.index[name]].parameter.bounds
         if not low <= value <= high or (space.slots[space.index[name]].parameter.coordinate == "log" and value <= 0):
-            raise InputError(f"known: {value:g} is outside what {name} can be ({low:g} to {high:g})",
+            edge = "above 0" if low == 0 and high == np.inf else f"{low:g} to {high:g}"
+            raise InputError(f"known: {value:g} is outside what {name} can be ({edge})",
                              file=None if campaign.path is None else campaign.path / "datapackage.json", column=name)
     start = space.coordinates(known)
     fixed = {"condition_exponent"} if any(isinstance(m, PowerLaw) and not m.condition
@@ -104,8 +107,38 @@ def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
     return (f"Known, and of no use here: {listed} {is_are} no parameter of the model.",)
 
 
+def check_directions(campaign: Campaign) -> None:
+    """Refuse oblique records whose friction pushes the ball on: speed and force are given along axes that differ.
+
+    Raises:
+        InputError: A tangential speed is negative, or the impulse of a tangential force is, beyond its noise.
+    """
+    file = None if campaign.path is None else campaign.path / "records.csv"
+    speeds = campaign.records["tangential_speed"].to_numpy(dtype=float)
+    for key, speed in zip(campaign.record_keys, speeds, strict=True):
+        if speed < 0:
+            raise InputError(f"the tangential speed of record {key!r} is {speed:g} m/s, and it cannot be negative; "
+                             "turn the axis along the plate, and the sign of the tangential force with it", file=file,
+                             column="tangential_speed")
+        force = campaign.trace(key)["tangential_force"].to_numpy(dtype=float)
+        force = force[np.isfinite(force)]
+        uncertainty = campaign.channels["tangential_force"].uncertainty
+        largest = np.abs(force).max(initial=0.0, keepdims=True)
+        noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(largest)))
+        if force.sum() < -10.0 * noise * np.sqrt(len(force)) - 0.02 * np.abs(force).sum():
+            raise InputError(f"the tangential force of record {key!r} points against its tangential speed on the "
+                             "whole, and friction on the plate acts in the direction of motion; turn the sign of one",
+                             file=None if campaign.path is None else campaign.path / "samples.csv",
+                             column="tangential_force")
+
+
 def warn_of_range(campaign: Campaign, reference: AbstractModel) -> tuple[str, ...]:
-    """Sentences on records whose conditions lie outside the range of the reference model: Eq. 10's loads."""
+    """Sentences on what is assumed, and on records outside the range of the reference model: Eq. 10's loads."""
+    if isinstance(reference, Striker) and campaign.known.get("rolling_mass") is None:
+        mass = float(reference.rolling_mass)
+        return (f"rolling_mass is not in known: {mass:g} kg is taken, and what the ball does once it grips depends on "
+                "it. It is two thirds of the mass of a thin hollow ball, two fifths of a solid one's, 1e6 kg where the "
+                "ball cannot turn.",)
     if not isinstance(reference, RubberFriction):
         return ()
     found: dict[str, list[str]] = {}

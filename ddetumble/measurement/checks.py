@@ -17,7 +17,8 @@ FEWEST_SAMPLES = 5
 OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
-    "inner_diameter", "wall_thickness", "effective_mass", "inertia_ratio", "ambient_pressure", "tensile_strength",
+    "inner_diameter", "wall_thickness", "effective_mass", "tangential_mass", "rolling_mass",
+    "creep_speed", "inertia_ratio", "ambient_pressure", "tensile_strength",
     "real_contact_pressure", "elastic_modulus", "composite_modulus", "pad_thickness",
 }  # fmt: skip
 _NOT_NEGATIVE = {"initial_pressure", "internal_pressure", "restitution", "temperature"}

@@ -210,7 +210,8 @@ def _explain(error: ValidationError, tree: dict) -> str:
             place += f"{'.' if place else ''}{part}"
     if first["loc"] == ("family",):
         given = repr(first["input"]) if "family" in tree else "missing"
-        return f"family must be impact, slip or tumble, and is {given}"
+        hint = "; oblique impacts are impact, with tangential_speed and tangential_force" if "oblique" in given else ""
+        return f"family must be impact, slip or tumble, and is {given}{hint}"
     if first["type"] == "missing":
         return f"{place} is missing; add it"
     given = first["input"]

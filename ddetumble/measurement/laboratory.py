@@ -87,7 +87,9 @@ def import_tests(
         InputError: Anything malformed or undecidable; the option to give is named.
     """
     if family not in FAMILIES:
-        raise InputError(f"--family is impact, slip or tumble, not {family!r}")
+        hint = ("; oblique impacts are of the family impact, with a tangential speed among the conditions and "
+                "--keep tangential_force=COLUMN" if family == "oblique" else "")
+        raise InputError(f"--family is impact, slip or tumble, not {family!r}{hint}")
     plan = make_plan(family, force, time, slip, record_column, units, keep)
     tests = []
     for file in _list_files(paths, conditions):
@@ -127,6 +129,13 @@ def import_tests(
     sources.check(bool(gauge))
     if family == "impact" and "outer_diameter" not in parameters:
         plan.notes.append("The ball's outer diameter is not stated; add it to known if the model is to use it.")
+    if family == "impact" and "tangential_speed" in sources.values:
+        if not any("tangential_force" in test.values for test in tests):
+            plan.notes.append("The tests have a tangential speed and no tangential force was taken, so the friction "
+                              "stays unused; --keep tangential_force=COLUMN takes it.")
+        elif "rolling_mass" not in parameters:
+            plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
+                              "the ball cannot turn): 0.5 kg is taken; --known 'rolling_mass=0.4 kg' states it.")
     if family == "slip" and not set(_RUBBER) & set(parameters):
         shown = ", ".join(_RUBBER)
         plan.notes.append(f"The rubber is not described ({shown}): the paper's is taken; --known states another.")

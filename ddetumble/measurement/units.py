@@ -41,14 +41,15 @@ _KINDS = {
 _ROLES = {
     "pressure": "initial_pressure internal_pressure pressure ambient_pressure tensile_strength real_contact_pressure "
     "contour_pressure composite_modulus elastic_modulus",
-    "speed": "approach_speed slip_speed tangential_speed",
+    "speed": "approach_speed slip_speed tangential_speed creep_speed",
     "force": "normal_load normal_force tangential_force peak_normal_force peak_friction_force friction_force",
     "length": "depression slip outer_diameter inner_diameter wall_thickness pad_thickness contact_radius",
     "time": "time",
     "angular velocity": "orbit_rate " + " ".join(f"angular_velocity_{a}{n}" for a in "xyz" for n in ("", "0")),
-    "mass": "effective_mass",
+    "mass": "effective_mass tangential_mass rolling_mass",
     "temperature": "temperature",
     "pure number": "sequence repeats restitution inertia_ratio adhesion_constant loss_factor slip_scale poisson_ratio "
+    "friction_coefficient "
     "attitude attitude_w attitude_x attitude_y attitude_z attitude_0 attitude_1 attitude_2 attitude_3",
 }
 ROLES = {name: kind for kind, names in _ROLES.items() for name in names.split()}

@@ -162,19 +162,32 @@ def show_failures(
     return Section("Where the model fails" if where else "Where the residuals sit", points=points, figures=pictures)
 
 
+def _measure_miss(traces: Sequence[Trace], channel: str) -> float:
+    """Mean square of the residuals of a channel over its noise."""
+    import numpy as np
+
+    from ..figures.binning import standardise
+
+    return float(np.mean(np.concatenate([np.nan_to_num(standardise(t)) ** 2 for t in traces if t.channel == channel])))
+
+
 def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
     """The force that is missing, over what a misfit is located in."""
     from .. import figures
 
-    state, force = describe_quantity(view.state).name, describe_quantity(view.force).name
-    word = "force" if view.force == "normal_force" else force
+    first = next(iter(models.values()))
+    forces = [c for c in ("normal_force", "tangential_force") if any(trace.channel == c for trace in first)]
+    # Of two forces the one that the first model misses more.
+    channel = max(forces, key=lambda c: _measure_miss(first, c)) if len(forces) > 1 else view.force
+    state, force = describe_quantity(view.state).name, describe_quantity(channel).name
+    word = "force" if forces == ["normal_force"] else force
     caption = (
         f"The {word} that the model leaves unexplained over the {state}: the shape of what is missing. Records whose "
         "lines fall together share a cause that does not depend on the condition."
     )
     if "backward" in view.phases:
         caption += " On a stroke backward the force is negative, so friction that is missing is too."
-    return Picture("missing-force", caption, figures.draw_missing_force(models),
+    return Picture("missing-force", caption, figures.draw_missing_force(models, channel),
                    f"Measured minus modelled {word} against {state}.")  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from .campaigns import make_campaign, write_campaign_folder
+from .oblique_study import draw_oblique_case, make_oblique_case
 from .slip_study import draw_slip_case, make_slip_case
 
 
@@ -66,6 +67,8 @@ def judge_case(case: dict, folder: Path) -> dict:
 
     if "loads" in case:
         make_slip_case(case, folder)
+    elif "slides" in case:
+        make_oblique_case(case, folder)
     else:
         campaign = make_campaign(
             f"case-{case['seed']:03d}", case["seed"] + 5000, case["effects"], case["base"], case["pressures"],
@@ -112,9 +115,9 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--family", choices=("impact", "slip"), default="impact")
+    parser.add_argument("--family", choices=("impact", "slip", "oblique"), default="impact")
     options = parser.parse_args()
-    draw = {"impact": draw_case, "slip": draw_slip_case}[options.family]
+    draw = {"impact": draw_case, "slip": draw_slip_case, "oblique": draw_oblique_case}[options.family]
     options.output.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in range(options.first, options.first + options.cases):

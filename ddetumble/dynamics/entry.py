@@ -1,0 +1,68 @@
+"""What a simulation is given, checked where its values are known; plain numbers become arrays."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._errors import InputError
+
+
+def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str) -> dict[str, Array]:
+    """Conditions as scalar arrays.
+
+    Args:
+        conditions: by name, SI.
+        needs: those without which nothing can be computed.
+        verb: what asks for them, in messages.
+
+    Raises:
+        InputError: One is missing, no number, not scalar, or (where its value is known) not finite.
+    """
+    missing = [name for name in needs if name not in conditions]
+    if missing:
+        raise InputError(f"{verb} needs the condition {missing[0]!r}; it is given {', '.join(conditions) or 'none'}")
+    found = {}
+    for name, value in conditions.items():
+        try:
+            array = jnp.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{verb}: {name} must be a number in SI units; got {value!r}") from None
+        if array.ndim:
+            raise InputError(f"{verb}: {name} has shape {array.shape}, and one impact has one value; batch impacts by "
+                             "jax.vmap")
+        if not isinstance(array, jax.core.Tracer) and not np.isfinite(array):
+            raise InputError(f"{verb}: {name} is {float(array)}")
+        found[name] = array
+    return found
+
+
+def read_times(times: Any, verb: str) -> Array:
+    """Wanted times as an array of shape (times,).
+
+    Raises:
+        InputError: They are no numbers, not one-dimensional, none, or (where they are known) not finite.
+    """
+    try:
+        array = jnp.asarray(times, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{verb}: times must be numbers in seconds; got {type(times).__name__}") from None
+    if array.ndim != 1 or array.shape[0] == 0:
+        raise InputError(f"{verb}: times must be one-dimensional with one time at least; their shape is {array.shape}")
+    if not isinstance(array, jax.core.Tracer) and not np.isfinite(array).all():
+        raise InputError(f"{verb}: time number {int(np.argmin(np.isfinite(array))) + 1} is not a number")
+    return array
+
+
+def refuse_values(values: Mapping[str, Any], verb: str) -> None:
+    """Refuse values that have to be positive and are known not to be.
+
+    Raises:
+        InputError: One is zero, negative, or not a number.
+    """
+    for name, value in values.items():
+        if not isinstance(value, jax.core.Tracer) and np.ndim(value) == 0 and not float(value) > 0:
+            raise InputError(f"{verb}: {name} must be positive; it is {float(value):g}")
