@@ -24,6 +24,10 @@ F_n               `normal_force`           N
 K, tan delta_L    `adhesion_constant`,     -, Eq. 8
                   `loss_factor`
 s, u              `slip`, `slip_speed`     m, m/s, sliding displacement and speed in the contact plane
+omega             `angular_velocity`       rad/s, of the debris, body components
+q                 `attitude`               -, unit quaternion, scalar first, body to inertial
+I                 `inertia`                kg m², about the centre of mass, body components
+L                 `angular_momentum`       N m s, inertial components
 ================  =======================  ====================================================
 
 Nothing heavy is imported until a name is used.
@@ -42,6 +46,12 @@ _HOMES = {
     "Ball": "contact.law", "PowerLaw": "contact.law", "ContactLaw": "contact.law",
     "RubberFriction": "contact.sliding", "CoulombFriction": "contact.sliding", "FrictionLaw": "contact.sliding",
     "AdhesionHysteresis": "contact.sliding", "Striker": "contact.gripping", "StrikeLaw": "contact.gripping",
+    "coast": "dynamics.free_motion", "tumble": "dynamics.tumbling", "Tumble": "dynamics.rigid",
+    "measure_energy": "dynamics.rigid", "measure_momentum": "dynamics.rigid", "trace_point": "dynamics.rigid",
+    "measure_nutation": "dynamics.angles", "measure_precession": "dynamics.angles", "measure_spin": "dynamics.angles",
+    "to_euler_angles": "dynamics.angles", "from_euler_angles": "dynamics.angles",
+    "Cylinder": "dynamics.bodies", "HollowCylinder": "dynamics.bodies", "Box": "dynamics.bodies",
+    "Sphere": "dynamics.bodies", "Mesh": "dynamics.bodies", "read_mesh": "dynamics.bodies",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
@@ -84,9 +94,26 @@ if TYPE_CHECKING:
     from .discrepancy.discovery import discover as discover
     from .discrepancy.identification import identify as identify
     from .discrepancy.prediction import predict as predict
+    from .dynamics.angles import from_euler_angles as from_euler_angles
+    from .dynamics.angles import measure_nutation as measure_nutation
+    from .dynamics.angles import measure_precession as measure_precession
+    from .dynamics.angles import measure_spin as measure_spin
+    from .dynamics.angles import to_euler_angles as to_euler_angles
+    from .dynamics.bodies import Box as Box
+    from .dynamics.bodies import Cylinder as Cylinder
+    from .dynamics.bodies import HollowCylinder as HollowCylinder
+    from .dynamics.bodies import Mesh as Mesh
+    from .dynamics.bodies import Sphere as Sphere
+    from .dynamics.bodies import read_mesh as read_mesh
+    from .dynamics.free_motion import coast as coast
     from .dynamics.impact import simulate as simulate
+    from .dynamics.rigid import Tumble as Tumble
+    from .dynamics.rigid import measure_energy as measure_energy
+    from .dynamics.rigid import measure_momentum as measure_momentum
+    from .dynamics.rigid import trace_point as trace_point
     from .dynamics.slide import slide as slide
     from .dynamics.strike import strike as strike
+    from .dynamics.tumbling import tumble as tumble
     from .effects import catalogue as catalogue
     from .inference.curves import SlipRecord as SlipRecord
     from .inference.curves import fit_rubber as fit_rubber

@@ -1,0 +1,156 @@
+"""Rigid body about its centre of mass: Euler's equations, energy, angular momentum, and the record of a motion."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from .._errors import InputError
+from .rotation import rotate
+
+
+class Tumble(eqx.Module):
+    """Attitude motion at the wanted times.
+
+    Attributes:
+        time: shape (times,) [s].
+        attitude: unit quaternions, scalar first, body to inertial, shape (times, 4) [-].
+        angular_velocity: body components, shape (times, 3) [rad/s].
+        failed: whether the motion could not be computed (too many steps, or not finite).
+        steps: integration steps taken; 0 for a closed form.
+    """
+
+    time: Float[Array, " times"]
+    attitude: Float[Array, "times 4"]
+    angular_velocity: Float[Array, "times 3"]
+    failed: Bool[Array, ""]
+    steps: Array
+
+
+def accelerate(inertia: Array, angular_velocity: Array, torque: Array, inverse: Array | None = None) -> Array:
+    r"""Euler's equations, $\dot\omega = I^{-1} (\tau - \omega \times I \omega)$, all in body components.
+
+    Args:
+        inertia: about the centre of mass, shape (3, 3) [kg m²].
+        angular_velocity: shape (3,) [rad/s].
+        torque: shape (3,) [N m].
+        inverse: of the inertia, where the caller has it, shape (3, 3) [1/(kg m²)].
+
+    Returns:
+        Angular acceleration, shape (3,) [rad/s²].
+    """
+    inverse = jnp.linalg.inv(inertia) if inverse is None else inverse
+    return inverse @ (torque - jnp.cross(angular_velocity, inertia @ angular_velocity))
+
+
+def measure_energy(inertia: Array, angular_velocity: Array) -> Array:
+    r"""Energy of rotation $E = \frac{1}{2} \omega \cdot I \omega$, shapes (3, 3), (..., 3) to (...) [J]."""
+    inertia = to_tensor(inertia)
+    return 0.5 * jnp.sum(angular_velocity * (angular_velocity @ inertia), axis=-1)
+
+
+def measure_momentum(inertia: Array, attitude: Array, angular_velocity: Array) -> Array:
+    r"""Angular momentum in the inertial frame, $L = q \otimes I\omega \otimes q^*$.
+
+    Args:
+        inertia: about the centre of mass, body components, shape (3, 3), or three principal moments [kg m²].
+        attitude: shape (..., 4) [-].
+        angular_velocity: body components, shape (..., 3) [rad/s].
+
+    Returns:
+        Shape (..., 3) [N m s].
+    """
+    return rotate(attitude, angular_velocity @ to_tensor(inertia))
+
+
+def trace_point(attitude: Array, point: Array, centre: Array | None = None) -> Array:
+    """Path of a point of the body in the inertial frame, such as the centre A of an end face (Figures 16 and 17).
+
+    Args:
+        attitude: shape (times, 4) [-].
+        point: from the centre of mass, body components, shape (3,) [m]; (0, 0, l/2) for A of the paper's cylinder.
+        centre: of mass in the inertial frame, shape (3,) or (times, 3) [m] (default: the origin).
+
+    Returns:
+        Shape (times, 3) [m].
+    """
+    path = rotate(attitude, jnp.broadcast_to(jnp.asarray(point, dtype=float), (*attitude.shape[:-1], 3)))
+    return path if centre is None else path + centre
+
+
+def to_tensor(inertia: Any) -> Array:
+    """Inertia tensor of a tensor or of three principal moments along the body axes, shape (3, 3) [kg m²]."""
+    inertia = jnp.asarray(inertia, dtype=float)
+    return jnp.diag(inertia) if inertia.ndim == 1 else 0.5 * (inertia + inertia.T)
+
+
+def read_start(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -> tuple[Array, Array, Array, Array]:
+    """Check what a motion starts from and bring it into form; what JAX traces cannot be looked at and is let through.
+
+    Args:
+        inertia: shape (3, 3), or three principal moments [kg m²].
+        attitude: quaternion that is not zero, scalar first, shape (4,) [-].
+        angular_velocity: body components, shape (3,) [rad/s].
+        times: ascending, shape (times,) [s].
+
+    Returns:
+        Inertia tensor, unit quaternion, angular velocity, times.
+
+    Raises:
+        InputError: for a wrong shape, a number that is not finite, an inertia tensor that no body has, a quaternion
+            that is zero, or times that do not ascend.
+    """
+    given = {"inertia": (inertia, ((3,), (3, 3))), "attitude": (attitude, ((4,),)),
+             "angular_velocity": (angular_velocity, ((3,),))}
+    for name, (value, shapes) in given.items():
+        if np.shape(value) not in shapes:
+            wanted = " or ".join(str(shape) for shape in shapes)
+            raise InputError(f"{name} must have the shape {wanted}; got {np.shape(value)}")
+        if is_known(value) and not np.all(np.isfinite(np.asarray(value, dtype=float))):
+            raise InputError(f"{name} must be finite; got {np.asarray(value).tolist()}")
+    if is_known(inertia):
+        check_inertia(np.asarray(inertia, dtype=float))
+    if is_known(attitude) and not np.any(np.asarray(attitude)):
+        raise InputError("attitude must be a quaternion that is not zero; (1, 0, 0, 0) is no turn")
+    if np.ndim(times) != 1 or not np.size(times):
+        raise InputError(f"times must be a row of at least one time; got the shape {np.shape(times)}")
+    if is_known(times):
+        known = np.asarray(times, dtype=float)
+        if not np.all(np.isfinite(known)) or np.any(np.diff(known) < 0):
+            raise InputError("times must be finite and ascend [s]")
+    quaternion = jnp.asarray(attitude, dtype=float)
+    return (to_tensor(inertia), quaternion / jnp.linalg.norm(quaternion),
+            jnp.asarray(angular_velocity, dtype=float), jnp.asarray(times, dtype=float))
+
+
+def check_inertia(inertia: np.ndarray) -> None:
+    """Refuse an inertia tensor that no rigid body has.
+
+    Args:
+        inertia: shape (3, 3), or three principal moments [kg m²].
+
+    Raises:
+        InputError: where it is not symmetric, not positive definite, or one principal moment exceeds the sum of the
+            other two by more than rounding.
+    """
+    if inertia.ndim == 2:
+        if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-9 * np.max(np.abs(inertia))):
+            raise InputError(f"inertia must be symmetric; got {inertia.tolist()} kg m²")
+        moments = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
+    else:
+        moments = np.sort(inertia)
+    told = ", ".join(f"{moment:.6g}" for moment in moments)
+    if moments[0] <= 0:
+        raise InputError(f"inertia must be positive definite; its principal moments are {told} kg m²")
+    if moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
+        raise InputError(f"inertia must satisfy the triangle inequality, no principal moment above the sum of the "
+                         f"other two; they are {told} kg m²")
+
+
+def is_known(value: Any) -> bool:
+    """Whether a value can be looked at now: it is no tracer of JAX."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
