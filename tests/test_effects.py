@@ -123,7 +123,7 @@ def test_catalogue_is_complete():
     declared = {effect.id: {p.name for p in parameters_of(effect)} for effect in catalogue()}
     expected = {name: set(null) for name, null in independent.NULLS.items() if not name.startswith("x-")}
     assert declared == expected and len(declared) == 16
-    with pytest.raises(ValueError, match="no catalogue for the family 'moon'"):
+    with pytest.raises(ValueError, match="there is no family 'moon'"):
         catalogue("moon")
 
 
