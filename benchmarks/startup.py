@@ -16,6 +16,7 @@ from pathlib import Path
 
 from benchmarks.discover import describe_size, locate
 from benchmarks.records import ROOT, describe_machine, print_table, summarise, write_result
+from ddetumble import read_campaign
 
 
 def main(arguments=None):
@@ -40,7 +41,7 @@ def main(arguments=None):
             cache = str(Path(folder) / "cache")
             times["first"].append(run(command, cache))
             times["second"].append(run(command, cache))
-    result = {"benchmark": "startup", "campaign": describe_size(campaign), "machine": machine,
+    result = {"benchmark": "startup", "campaign": describe_size(read_campaign(campaign)), "machine": machine,
               **{name: summarise(seconds) for name, seconds in times.items()}}  # fmt: skip
     names = {"help": "ddetumble --help", "first": "first discover, nothing compiled", "second": "second discover"}
     print(f"{result['campaign']}, {machine['cores']} cores")
