@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 
@@ -41,3 +42,8 @@ def safe_divide(a: Array, b: Array) -> Array:
 def stop(x: Array) -> Array:
     """Treat x as a constant: used for scales that must not carry derivatives."""
     return jax.lax.stop_gradient(x)
+
+
+def is_known(value: Any) -> bool:
+    """Whether a value can be looked at now: it is no tracer of JAX."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))

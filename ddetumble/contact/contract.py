@@ -26,7 +26,7 @@ from .clauses import (
 )
 from .effect import STAGE_OF, AbstractEffect, AbstractModel, family_of, parameters_of
 from .law import Ball, ContactLaw
-from .slip_contract import check_oblique_effect, check_slip_effect
+from .tangential_contract import check_oblique_effect, check_slip_effect
 from .trial import STEPS, Trial, evaluate_path, read_gauge, try_impact
 
 

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._numerics import safe_power
+
 
 # Eq. 10 in ascending powers of the load; its exp^{-4} stands for 1e-4.
 POLYNOMIALS = {
@@ -60,9 +62,7 @@ def rubber_coefficient(adhesion_constant: Array, loss_factor: Array, strength_ra
         contour_pressure: $p_c$, the pressure of the gas [Pa]; not negative.
         modulus: $E^*$ [Pa].
     """
-    share = 3.0 * contour_pressure / modulus
-    some = share > 0
-    hysteresis = jnp.where(some, jnp.exp(2.0 / 3.0 * jnp.log(jnp.where(some, share, 1.0))), 0.0)
+    hysteresis = safe_power(3.0 * contour_pressure / modulus, jnp.asarray(2.0 / 3.0))
     return loss_factor * (jnp.pi / 4.0 * adhesion_constant * strength_ratio + jnp.pi / 10.0 * hysteresis)
 
 

@@ -155,33 +155,27 @@ class StrikeLaw(eqx.Module):
                 total = total + effect.compliance_at(patch)
         return positive_part(total)
 
-    def offset(self, patch: Patch) -> Scalar:
-        """How far the normal force acts ahead of the patch's centre [m]; 0 without effects."""
+    def brake(self, patch: Patch) -> Scalar:
+        """Force that brakes rolling at full speed, the moment of the offset normal force over the height [N]."""
         total = jnp.zeros_like(patch.normal_force)
         for effect in self.effects:
             if isinstance(effect, AbstractReactionEffect):
                 total = total + effect.offset_at(patch)
-        return total
+        return safe_divide(total, patch.height) * patch.normal_force
 
     def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
-        """F_max: friction of the sliding patch [N], not negative; see `limit_friction`."""
-        return limit_friction(self.friction, patch, speed, path, work)
+        """F_max: friction of the sliding patch [N], not negative.
 
-
-def limit_friction(friction: FrictionLaw, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
-    """F_max: friction of the sliding patch [N], not negative.
-
-    Args:
-        friction: law of friction while sliding.
-        patch: the contact patch.
-        speed: of the ball over the plate, u, with its sign [m/s].
-        path: slid by the patch so far, whichever way [m].
-        work: done against friction so far [J].
-    """
-    way = jnp.where(speed < 0, -1.0, 1.0)
-    load = jnp.maximum(patch.normal_force, TOUCH)
-    slide = Slide(path, jnp.abs(speed), load, patch.pressure, work, patch.time, way, patch.conditions)
-    return positive_part(friction.force(slide))
+        Args:
+            patch: the contact patch.
+            speed: of the ball over the plate, u, with its sign [m/s].
+            path: slid by the patch so far, whichever way [m].
+            work: done against friction so far [J].
+        """
+        way = jnp.where(speed < 0, -1.0, 1.0)
+        load = jnp.maximum(patch.normal_force, TOUCH)
+        slide = Slide(path, jnp.abs(speed), load, patch.pressure, work, patch.time, way, patch.conditions)
+        return positive_part(self.friction.force(slide))
 
 
 def share_friction(speed: Array, creep_speed: Array) -> Array:
@@ -224,12 +218,7 @@ def _solve_slider_jvp(primals, tangents):
     return speed, parts[0] + parts[1] + parts[2] + parts[3]
 
 
-def height_of(diameter: Array, depression: Array) -> Scalar:
+def find_height(diameter: Array, depression: Array) -> Scalar:
     """Height of the ball's centre above the plate, half its squeezed height [m]; 30 mm for a body without diameter."""
     half = jnp.maximum(0.5 * (diameter - depression), 1e-3 * diameter)
     return jnp.where(diameter > 0, half, 0.03)
-
-
-def lever(offset: Array, height: Array) -> Scalar:
-    """Share of the normal force that brakes the ball's rolling, offset over height [-]."""
-    return safe_divide(offset, height)

@@ -100,63 +100,48 @@ class AbstractFriction(AbstractModel):
         return FrictionLaw(self, effects)
 
 
+class AbstractRubberFriction(AbstractFriction):
+    """Friction whose adhesive and hysteretic part is Eq. 8, with $p_c = P'$."""
+
+    adhesion_constant: Scalar = parameter("", 0.8, kind="reference", typical=0.4, coordinate="log",
+                                          bounds=(0.0, jnp.inf), text="K of Eq. 8")
+    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log",
+                                    bounds=(0.0, jnp.inf), text="tan of the loss angle")
+    tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
+                                         bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8")
+    real_contact_pressure: Scalar = parameter("Pa", 20e6, kind="reference", typical=2e6, coordinate="log",
+                                              bounds=(0.0, jnp.inf), free=False, text="p_r of Eq. 8")
+    elastic_modulus: Scalar = parameter("Pa", 7.8e6, kind="reference", typical=1e6, coordinate="log",
+                                        bounds=(0.0, jnp.inf), free=False, text="E of the rubber")
+    poisson_ratio: Scalar = parameter("", 0.47, kind="reference", typical=0.05, bounds=(-1.0, 0.5), free=False,
+                                      text="of the rubber")
+    provides: ClassVar[tuple[str, ...]] = ("rubber",)
+
+    def rubber(self, slide: Slide) -> Scalar:
+        """Eq. 8 [-]."""
+        modulus = composite_modulus(self.elastic_modulus, self.poisson_ratio)
+        return rubber_coefficient(self.adhesion_constant, self.loss_factor,
+                                  self.tensile_strength / self.real_contact_pressure, slide.internal_pressure, modulus)
+
+
 @final
-class RubberFriction(AbstractFriction):
-    r"""Eq. 11: $f = (\mu_{rubber} + s_c\,\mu_{slip}(s)) F_n$ against the motion, $p_c = P'$.
+class RubberFriction(AbstractRubberFriction):
+    r"""Eq. 11: $f = (\mu_{rubber} + s_c\,\mu_{slip}(s)) F_n$ against the motion.
 
     `printed` takes e from Eq. 10 as printed (friction at zero slip is negative then) instead of 1.
     """
 
-    adhesion_constant: Scalar = parameter("", 0.8, kind="reference", typical=0.4, coordinate="log",
-                                          bounds=(0.0, jnp.inf), text="K of Eq. 8")
-    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log",
-                                    bounds=(0.0, jnp.inf), text="tan of the loss angle")
     slip_scale: Scalar = parameter("", 1.0, kind="reference", typical=0.3, text="factor on the slip term")
-    tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
-                                         bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8")
-    real_contact_pressure: Scalar = parameter("Pa", 20e6, kind="reference", typical=2e6, coordinate="log",
-                                              bounds=(0.0, jnp.inf), free=False, text="p_r of Eq. 8")
-    elastic_modulus: Scalar = parameter("Pa", 7.8e6, kind="reference", typical=1e6, coordinate="log",
-                                        bounds=(0.0, jnp.inf), free=False, text="E of the rubber")
-    poisson_ratio: Scalar = parameter("", 0.47, kind="reference", typical=0.05, bounds=(-1.0, 0.5), free=False,
-                                      text="of the rubber")
     printed: bool = eqx.field(static=True, default=False)
-    provides: ClassVar[tuple[str, ...]] = ("rubber",)
-
-    def rubber(self, slide: Slide) -> Scalar:
-        """Eq. 8."""
-        modulus = composite_modulus(self.elastic_modulus, self.poisson_ratio)
-        return rubber_coefficient(self.adhesion_constant, self.loss_factor,
-                                  self.tensile_strength / self.real_contact_pressure, slide.internal_pressure, modulus)
 
     def slipping(self, slide: Slide) -> Scalar:
-        """Eqs. 9 and 10 at the record's load, scaled."""
+        """Eqs. 9 and 10 at the record's load, scaled [-]."""
         return self.slip_scale * slip_coefficient(slide.slip, slip_coefficients(slide.normal_load, self.printed))
 
 
 @final
-class AdhesionHysteresis(AbstractFriction):
+class AdhesionHysteresis(AbstractRubberFriction):
     """Eq. 8 alone: adhesion and hysteresis without the slip term, whose load polynomials end at 31 N."""
-
-    adhesion_constant: Scalar = parameter("", 0.8, kind="reference", typical=0.4, coordinate="log",
-                                          bounds=(0.0, jnp.inf), text="K of Eq. 8")
-    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log",
-                                    bounds=(0.0, jnp.inf), text="tan of the loss angle")
-    tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
-                                         bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8")
-    real_contact_pressure: Scalar = parameter("Pa", 20e6, kind="reference", typical=2e6, coordinate="log",
-                                              bounds=(0.0, jnp.inf), free=False, text="p_r of Eq. 8")
-    elastic_modulus: Scalar = parameter("Pa", 7.8e6, kind="reference", typical=1e6, coordinate="log",
-                                        bounds=(0.0, jnp.inf), free=False, text="E of the rubber")
-    poisson_ratio: Scalar = parameter("", 0.47, kind="reference", typical=0.05, bounds=(-1.0, 0.5), free=False,
-                                      text="of the rubber")
-    provides: ClassVar[tuple[str, ...]] = ("rubber",)
-
-    def rubber(self, slide: Slide) -> Scalar:
-        """Eq. 8."""
-        modulus = composite_modulus(self.elastic_modulus, self.poisson_ratio)
-        return rubber_coefficient(self.adhesion_constant, self.loss_factor,
-                                  self.tensile_strength / self.real_contact_pressure, slide.internal_pressure, modulus)
 
     def slipping(self, slide: Slide) -> Scalar:
         """No slip term: 0."""

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .gripping import Patch, StrikeLaw, height_of, lever, share_friction, solve_slider
+from .gripping import Patch, StrikeLaw, find_height, share_friction, solve_slider
 from .sliding import FrictionLaw, Slide
 
 
@@ -38,10 +38,10 @@ def try_patch(law: StrikeLaw, conditions: Mapping[str, Array]) -> Array:
         wave = jnp.sin(jnp.pi * share)
         depression = 0.005 * wave
         pressure = conditions.get("initial_pressure", jnp.zeros(()))
-        patch = Patch(0.03 * share, depression, jnp.pi / 4 * depression, height_of(diameter, depression), pressure,
+        patch = Patch(0.03 * share, depression, jnp.pi / 4 * depression, find_height(diameter, depression), pressure,
                       60.0 * wave, conditions)
         limit = law.limit(patch, relative, path, work)
-        brake = lever(law.offset(patch), patch.height) * patch.normal_force
+        brake = law.brake(patch)
         brake = brake * share_friction(rolling, reference.creep_speed) / reference.rolling_mass
         braked = relative + step * brake
         speed = solve_slider((law.compliance(patch) + step**2 * mobility) * limit, step, spring + step * braked,

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._errors import InputError
-from .._numerics import scalar
-from .rigid import is_known
+from .._numerics import is_known, scalar
 
 
 def shift_inertia(inertia: Array, mass: Array, offset: Array) -> Array:

@@ -5,10 +5,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
 from .._errors import InputError
+from .._numerics import is_known
 
 
 def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str) -> dict[str, Array]:
@@ -34,7 +34,7 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
         if array.ndim:
             raise InputError(f"{verb}: {name} has shape {array.shape}, and one impact has one value; batch impacts by "
                              "jax.vmap")
-        if not isinstance(array, Tracer) and not np.isfinite(array):
+        if is_known(array) and not np.isfinite(array):
             raise InputError(f"{verb}: {name} is {float(array)}")
         found[name] = array
     return found
@@ -52,7 +52,7 @@ def read_times(times: Any, verb: str) -> Array:
         raise InputError(f"{verb}: times must be numbers in seconds; got {type(times).__name__}") from None
     if array.ndim != 1 or array.shape[0] == 0:
         raise InputError(f"{verb}: times must be one-dimensional with one time at least; their shape is {array.shape}")
-    if not isinstance(array, Tracer) and not np.isfinite(array).all():
+    if is_known(array) and not np.isfinite(array).all():
         raise InputError(f"{verb}: time number {int(np.argmin(np.isfinite(array))) + 1} is not a number")
     return array
 
@@ -64,5 +64,5 @@ def refuse_values(values: Mapping[str, Any], verb: str) -> None:
         InputError: One is zero, negative, or not a number.
     """
     for name, value in values.items():
-        if not isinstance(value, Tracer) and np.ndim(value) == 0 and not float(value) > 0:
+        if is_known(value) and np.ndim(value) == 0 and not float(value) > 0:
             raise InputError(f"{verb}: {name} must be positive; it is {float(value):g}")

@@ -3,13 +3,12 @@
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
+from .._numerics import is_known
 from .rotation import rotate
 
 
@@ -149,8 +148,3 @@ def check_inertia(inertia: np.ndarray) -> None:
     if moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
         raise InputError(f"inertia must satisfy the triangle inequality, no principal moment above the sum of the "
                          f"other two; they are {told} kg m²")
-
-
-def is_known(value: Any) -> bool:
-    """Whether a value can be looked at now: it is no tracer of JAX."""
-    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from .._errors import InputError
 from .._numerics import stop
 from ..contact.effect import Scalar
-from ..contact.gripping import Patch, StrikeLaw, Striker, height_of, lever, share_friction, solve_slider
+from ..contact.gripping import Patch, StrikeLaw, Striker, find_height, share_friction, solve_slider
 from .entry import read_conditions, read_times, refuse_values
 from .impact import ATOL, MAX_STEPS, RTOL, Course, follow, read_motion
 
@@ -135,7 +135,7 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     # Adhesion pulls: no friction then.
     depression, load = (jnp.maximum(to_stages @ x, 0.0) for x in (course.depression, course.normal_force))
     inputs = {"time": to_stages @ course.time, "depression": depression, "normal_force": load,
-              "contact_radius": to_stages @ course.contact_radius, "height": height_of(diameter, depression),
+              "contact_radius": to_stages @ course.contact_radius, "height": find_height(diameter, depression),
               "pressure": to_stages @ course.pressure}
     reach = GAMMA * step
 
@@ -146,7 +146,7 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
         """
         along0, rolling0, deflection, _, path0, work0, _ = base
         rolling, path, work = (x + reach * before[k] for x, k in ((rolling0, 1), (path0, 4), (work0, 5)))
-        brake = lever(law.offset(patch), patch.height) * patch.normal_force * share_friction(rolling, creep)
+        brake = law.brake(patch) * share_friction(rolling, creep)
         limit = law.limit(patch, along0 + reach * before[0] - rolling, path, work)
         free = along0 - rolling0 + reach * brake / rolling_mass  # relative speed without friction
         speed = solve_slider((law.compliance(patch) + reach**2 * mobility) * limit, reach, deflection + reach * free,
@@ -171,7 +171,7 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     # All stages by one program: `held` is the third stage's start without the second's rate.
     weights, seconds = np.tile(_NEXT, intervals), np.tile([False, True, False], intervals)
     (end, _, _), seen = jax.lax.scan(advance, (start, start, still), (inputs, weights, seconds))
-    touch = Patch(zero, zero, course.contact_radius[0], height_of(diameter, zero), course.pressure[0],
+    touch = Patch(zero, zero, course.contact_radius[0], find_height(diameter, zero), course.pressure[0],
                   jnp.maximum(course.normal_force[0], 0.0), conditions)
     rigid = law.compliance(touch) <= 0
     begin = jnp.where(rigid, law.limit(touch, speed, zero, zero) * share_friction(speed, creep), 0.0)

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._errors import ComputationError, InputError
-from .._numerics import stop
-from .rigid import Tumble, accelerate, is_known, read_start
+from .._numerics import is_known, stop
+from .rigid import Tumble, accelerate, read_start
 from .rotation import normalise, turn
 
 

@@ -14,7 +14,7 @@ from ..contact.effect import AbstractEffect, AbstractModel, family_of, parameter
 from ..contact.friction import describe_range
 from ..contact.gripping import Striker
 from ..contact.law import PowerLaw
-from ..contact.sliding import AdhesionHysteresis, RubberFriction
+from ..contact.sliding import AbstractRubberFriction, RubberFriction
 from ..measurement.campaign import Campaign
 from ..measurement.units import ROLES
 from .families import find_family, name_family
@@ -163,11 +163,11 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
         if isinstance(reference.friction, RubberFriction):
             raise InputError("the loads of an oblique impact pass through the whole range in which Eq. 10 breaks down; "
                              "take AdhesionHysteresis (Eq. 8 alone) or CoulombFriction as its friction")
-        if isinstance(reference.friction, AdhesionHysteresis) and "initial_pressure" not in records:
+        if isinstance(reference.friction, AbstractRubberFriction) and "initial_pressure" not in records:
             raise InputError(f"campaign {campaign.name!r} has no condition 'initial_pressure', and Eq. 8 needs it; "
                              "give the pressure, or take --model power-law")
         return dc.replace(reference, ball=adapt_reference(campaign, reference.ball))
-    if isinstance(reference, (RubberFriction, AdhesionHysteresis)) and "internal_pressure" not in records:
+    if isinstance(reference, AbstractRubberFriction) and "internal_pressure" not in records:
         raise InputError(f"campaign {campaign.name!r} has no condition 'internal_pressure', and Eq. 8 needs it; give "
                          "the pressure, or take --model coulomb")
     if isinstance(reference, PowerLaw):

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import diffrax as dfx
@@ -67,20 +68,11 @@ class Family:
     remedies: str
 
 
-def observe_impact(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
-                   ) -> Observation:
-    """An impact, integrated in forward mode; the force is read off the motion."""
-    impact = simulate(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
-                      atol=0.01 * row.rtol, from_motion=True)
-    model = jnp.stack([getattr(impact, channel) for channel in channels])
-    return Observation(model, impact.depression, impact.depression_rate, impact.separation, impact.failed)
-
-
-def observe_strike(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
-                   ) -> Observation:
-    """An oblique impact, likewise."""
-    found = strike(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol,
-                   atol=0.01 * row.rtol, from_motion=True)
+def observe_contact(run: Callable[..., Any], law: Any, conditions: Mapping[str, Array], time: Array, row: Any,
+                    channels: tuple[str, ...]) -> Observation:
+    """An impact, straight (`simulate`) or oblique (`strike`), in forward mode; the force is read off the motion."""
+    found = run(law, conditions, time, span=row.span, adjoint=dfx.ForwardMode(), rtol=row.rtol, atol=0.01 * row.rtol,
+                from_motion=True)
     model = jnp.stack([getattr(found, channel) for channel in channels])
     return Observation(model, found.depression, found.depression_rate, found.separation, found.failed)
 
@@ -101,7 +93,7 @@ FAMILIES: dict[str, Family] = {
     "impact": Family(
         "impact", ("normal_force", "depression", "pressure"), ("approach_speed",),
         IMPACT_SIZES, ("impact",), IMPACT, PROBES, "depression", "depression_rate",
-        ("loading", "unloading"), observe_impact,
+        ("loading", "unloading"), partial(observe_contact, simulate),
         "measure at other pressures and speeds, or add the depression and pressure channels"),
     "slip": Family(
         "slip", ("tangential_force",), ("normal_load",), (256, 1024, 4096, 8192, 16384, 32768), ("slip",), SLIP,
@@ -111,7 +103,8 @@ FAMILIES: dict[str, Family] = {
         "oblique", ("normal_force", "tangential_force", "slip", "depression", "pressure"),
         ("approach_speed", "tangential_speed"), (384, *IMPACT_SIZES), ("impact", "slip", "oblique"),
         (*IMPACT, *SLIP, *OBLIQUE),
-        (*PROBES, *OBLIQUE_PROBES), "depression", "depression_rate", ("loading", "unloading"), observe_strike,
+        (*PROBES, *OBLIQUE_PROBES), "depression", "depression_rate", ("loading", "unloading"),
+        partial(observe_contact, strike),
         "measure at other pressures, speeds and angles, or add the slip and depression channels"),
 }  # fmt: skip
 

@@ -11,7 +11,7 @@ from ..contact.sliding import AbstractFriction, CoulombFriction, RubberFriction
 from .bench import choose_effects, has_power
 from .fits import fit_linear
 from .rivals import estimate_noise, judge_rivals, make_row
-from .rows import Noise, PairedDifference, PeakRow, compare_rows, judge_gain, tabulate
+from .rows import Noise, PairedDifference, PeakRow, compare_rows, decide_verdict, judge_gain, tabulate
 from .sliding_peaks import ForceFit, FrictionProgram
 
 
@@ -160,7 +160,7 @@ def judge_friction(
                for effect in chosen)
     every = (*rows, *singles)
     judged = FrictionJudgement(
-        campaign, model, _decide(steps, able, level), steps[-1].effects, "", loads, peaks,
+        campaign, model, decide_verdict(steps, able, level), steps[-1].effects, "", loads, peaks,
         conditions.get("internal_pressure", np.zeros_like(loads)),
         (float(np.mean(peaks / loads)), float(np.std(peaks / loads, ddof=1)) if len(peaks) > 1 else float("nan")),
         noise, every, steps, base, constant, rivals[-1],
@@ -259,15 +259,3 @@ def _helps(before: PeakRow, after: PeakRow, peaks: np.ndarray, noise: Noise, tri
     seen = any(abs(value["estimate"]) > 2.0 * value["sd"] for value in added)
     return (seen and judge_gain(before, after, peaks, noise, tried) < level
             and compare_rows(before, after, peaks).decided)
-
-
-def _decide(steps: Sequence[PeakRow], able: bool, level: float) -> str:
-    """The verdict, as `formats.md` defines the five of them."""
-    first, last = steps[0], steps[-1]
-    if not np.isfinite(first.p_value):
-        return "undecided"
-    if first.p_value >= level:
-        return "nothing-missing" if able else "undecided"
-    if len(steps) == 1:
-        return "unexplained" if len(first.fitted) >= 5 else "undecided"
-    return "explained" if last.p_value >= level else "improved"

@@ -13,7 +13,7 @@ from .fits import PeakData
 from .friction import FrictionJudgement, judge_friction
 from .peaks import WINDOW, PeakProgram
 from .rivals import estimate_noise, judge_rivals
-from .rows import Noise, PairedDifference, PeakRow, compare_rows, tabulate
+from .rows import Noise, PairedDifference, PeakRow, compare_rows, decide_verdict, tabulate
 
 
 LEVEL = 0.05
@@ -229,13 +229,14 @@ def judge_peaks(
     rows = (*rivals, base, *readings, *sorted(singles, key=_order), *sorted(pairs, key=_order))
     able = could_show(bench, base, level)
     finalists = sorted((row for row in singles if row.physical and row.heldout < 0.15), key=_order)[:4]
-    differences = [compare_rows(row, best, peaks) 
+    differences = [compare_rows(row, best, peaks)
                    for row in {r.label: r for r in (*steps, *finalists, *sorted(pairs, key=_order)[:4])}.values()]
     differences += [compare_rows(b, a, peaks) for k, a in enumerate(finalists) for b in finalists[k + 1:]]
     judged = PeakJudgement(
-        campaign=campaign, family="impact", model=model, verdict=_decide(steps, able, level), effects=steps[-1].effects,
-        sentence="", pressures=table["initial_pressure"], peaks=peaks, noise=noise, rows=rows, steps=tuple(steps),
-        reference=base, polynomial=best, pairs=tuple(differences), candidates=tuple(candidates),
+        campaign=campaign, family="impact", model=model, verdict=decide_verdict(steps, able, level),
+        effects=steps[-1].effects, sentence="", pressures=table["initial_pressure"], peaks=peaks, noise=noise,
+        rows=rows, steps=tuple(steps), reference=base, polynomial=best, pairs=tuple(differences),
+        candidates=tuple(candidates),
         where=locate_misfit(base, table["initial_pressure"], peaks), left_out=left_out,
         exponent=fit_exponent(table["initial_pressure"], peaks), fixed=bench.fixed,
         contact=bench.contact(steps[-1]), level=level, notes=())
@@ -257,16 +258,3 @@ def fit_exponent(pressures: np.ndarray, peaks: np.ndarray) -> tuple[float, float
 
 def _order(row: PeakRow) -> float:
     return row.heldout if np.isfinite(row.heldout) else np.inf
-
-
-def _decide(steps: Sequence[PeakRow], able: bool, level: float) -> str:
-    """The verdict, as `formats.md` defines the five of them."""
-    first, last = steps[0], steps[-1]
-    if not np.isfinite(first.p_value):
-        return "undecided"
-    if first.p_value >= level:
-        return "nothing-missing" if able else "undecided"
-    # Flipping the signs of fewer than five records can never say that an effect helps.
-    if len(steps) == 1:
-        return "unexplained" if len(first.fitted) >= 5 else "undecided"
-    return "explained" if last.p_value >= level else "improved"

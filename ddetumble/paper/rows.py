@@ -202,3 +202,16 @@ def describe_estimates(estimates: Mapping[str, Mapping]) -> str:
 
 def _round(value: float) -> float | str:
     return round(value, 2) if np.isfinite(value) and value < 1e4 else "fails"
+
+
+def decide_verdict(steps: Sequence[PeakRow], able: bool, level: float) -> str:
+    """The verdict, as `formats.md` defines the five of them."""
+    first, last = steps[0], steps[-1]
+    if not np.isfinite(first.p_value):
+        return "undecided"
+    if first.p_value >= level:
+        return "nothing-missing" if able else "undecided"
+    # Flipping the signs of fewer than five records can never say that an effect helps.
+    if len(steps) == 1:
+        return "unexplained" if len(first.fitted) >= 5 else "undecided"
+    return "explained" if last.p_value >= level else "improved"
