@@ -25,6 +25,7 @@ LAYERS = (
     {"dynamics"},
     {"measurement"},
     {"inference"},
+    {"sampling"},
     {"discrepancy"},
     {"planning"},
     {"report", "figures", "paper", "demo"},

@@ -69,7 +69,7 @@ class Fit:
         cannot_tell_apart: sentences.
         notes: further sentences.
         settings: command, specification, seed.
-        space, solution: for those who go on computing.
+        space, solution, problem, bounded: for those who go on computing.
     """
 
     campaign: str
@@ -97,6 +97,8 @@ class Fit:
     space: ParameterSpace
     solution: Solution
     source: Campaign
+    problem: Problem
+    bounded: Bounded
 
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
@@ -205,7 +207,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), problem.records.count, counted,
         dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
-        dict(settings), space, solution, campaign)
+        dict(settings), space, solution, campaign, problem, found)
 
 
 def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], free: tuple[str, ...]

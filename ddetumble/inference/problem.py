@@ -103,16 +103,36 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
     axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
     model, jacobian, (state, rate, end, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
     failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
-    there = stack.present > 0
-    keep = (there & ~failed)[:, None, None, None]
-    # Without the barrier the compiler computes the whole model again for every tap of the filter.
-    columns = jax.lax.optimization_barrier(jnp.concatenate([(model - stack.values)[..., None], jacobian], axis=-1))
-    columns = _whitened(stack.weights, stack.taps, jnp.where(keep & jnp.isfinite(columns), columns, 0.0))
-    columns = columns.reshape(columns.shape[0], -1, columns.shape[-1])
-    failed = failed & there
+    columns = _weigh(stack, failed, jnp.concatenate([(model - stack.values)[..., None], jacobian], axis=-1))
+    failed = failed & (stack.present > 0)
     residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
     return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate,
                       end, failed)
+
+
+def _weigh(stack: Stack, failed: Array, columns: Array) -> Array:
+    """Columns over samples whitened, shape (records, rows, columns); 0 for records that failed or are not there."""
+    keep = ((stack.present > 0) & ~failed)[:, None, None, None]
+    # Without the barrier the compiler computes the whole model again for every tap of the filter.
+    columns = jax.lax.optimization_barrier(columns)
+    columns = _whitened(stack.weights, stack.taps, jnp.where(keep & jnp.isfinite(columns), columns, 0.0))
+    return columns.reshape(columns.shape[0], -1, columns.shape[-1])
+
+
+def simulate_records(space, names, channels, z, stack: Stack, base, low, high) -> tuple[Array, Array, Array]:
+    """The model alone, without derivatives.
+
+    Returns:
+        Whitened residual, shape (records, rows); which records failed; channels, shape (records, channels, samples).
+    """
+    axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
+    none, still = jnp.zeros(0), jnp.zeros((0, base.shape[1]))
+    model, (*_, failed) = jax.vmap(
+        lambda own, row, start: _record(space, names, channels, none, own, row, start, still, low, high),
+        in_axes=(0, axes, 0))(z, stack, base)
+    failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
+    residual = _weigh(stack, failed, (model - stack.values)[..., None])[..., 0]
+    return residual, failed & (stack.present > 0), model
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))

@@ -28,13 +28,23 @@ class Prior(_Strict):
 
 
 class Sampler(_Strict):
-    """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone."""
+    """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone.
+
+    Attributes:
+        name: `emcee` or `nuts`.
+        walkers: of each ensemble, even; 0 for as many as the number of parameters asks for.
+        ensembles: independent ones; chains of NUTS.
+        steps: after the burn-in at most.
+        burn: first steps, left out.
+        effective: independent draws wanted of every parameter.
+    """
 
     name: Literal["emcee", "nuts"] = "emcee"
-    walkers: Annotated[StrictInt, Field(ge=4)] = 32
-    steps: Annotated[StrictInt, Field(ge=1)] = 2000
-    burn: Annotated[StrictInt, Field(ge=0)] = 500
-    thin: Annotated[StrictInt, Field(ge=1)] = 1
+    walkers: Annotated[StrictInt, Field(ge=0)] = 0
+    ensembles: Annotated[StrictInt, Field(ge=1)] = 4
+    steps: Annotated[StrictInt, Field(ge=1)] = 5000
+    burn: Annotated[StrictInt, Field(ge=0)] = 100
+    effective: Annotated[StrictInt, Field(ge=1)] = 2000
 
 
 class Specification(_Strict):

@@ -1,0 +1,97 @@
+r"""Whether chains are long enough: autocorrelation time, effective size and R-hat of independent ensembles.
+
+Walkers of one ensemble move by each other's places, so that they are no independent chains: the autocorrelation time
+$\tau$ is that of emcee, of the function averaged over the walkers of an ensemble (Goodman and Weare 2010), the effective
+size is steps times walkers over $\tau$ summed over the ensembles, and R-hat (split, rank-normalised; Vehtari et al.
+2021) compares the ensembles, which are independent.
+"""
+
+import dataclasses as dc
+
+import emcee
+import numpy as np
+from scipy import stats
+
+
+AGREE = 1.01  # R-hat below which ensembles agree
+TIMES = 50.0  # autocorrelation times that a chain has to be long
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Convergence:
+    """How good chains are.
+
+    Attributes:
+        steps: of each ensemble.
+        times: autocorrelation time in steps, longest over the ensembles, shape (free,).
+        sizes: effective size of each parameter, shape (free,).
+        rhats: R-hat of each parameter between the ensembles, shape (free,).
+        effective, rhat: worst of them.
+        enough: whether the wanted size is reached, the ensembles agree, and steps are many autocorrelation times.
+        lacking: what is not, in words.
+    """
+
+    steps: int
+    times: np.ndarray
+    sizes: np.ndarray
+    rhats: np.ndarray
+    effective: float
+    rhat: float
+    enough: bool
+    lacking: str
+
+
+def measure_times(x: np.ndarray) -> np.ndarray:
+    """Autocorrelation time by emcee of one ensemble, shape (steps, walkers, free) to (free,); at least 1."""
+    if x.shape[0] < 8:
+        return np.full(x.shape[2], np.inf)
+    with np.errstate(all="ignore"):
+        found = emcee.autocorr.integrated_time(x, tol=0, quiet=True)
+    return np.maximum(np.where(np.isfinite(found), found, np.inf), 1.0)
+
+
+def compare_ensembles(x: np.ndarray) -> np.ndarray:
+    """R-hat of every parameter, shape (ensembles, steps, walkers, free) to (free,); infinite where it says nothing.
+
+    Draws are ranked over everything, made normal, and each ensemble is split into its halves; bulk and folded draws
+    both have to agree.
+    """
+    ensembles, steps, walkers, free = x.shape
+    if steps < 8:
+        return np.full(free, np.inf)
+    half = steps // 2
+    parts = np.concatenate([x[:, :half], x[:, steps - half:]]).reshape(2 * ensembles, -1, free)
+    found = []
+    for k in range(free):
+        values = parts[..., k]
+        found.append(max(_compare(values), _compare(np.abs(values - np.median(values)))))
+    return np.array(found)
+
+
+def _compare(values: np.ndarray) -> float:
+    ranks = stats.rankdata(values, axis=None).reshape(values.shape)
+    normal = stats.norm.ppf((ranks - 0.375) / (values.size + 0.25))
+    count = values.shape[1]
+    within = np.mean(np.var(normal, axis=1, ddof=1))
+    between = count * np.var(normal.mean(axis=1), ddof=1)
+    return float(np.sqrt(((count - 1) / count * within + between / count) / within)) if within > 0 else np.inf
+
+
+def judge_chains(x: np.ndarray, wanted: float) -> Convergence:
+    """Judge chains after their burn-in, shape (ensembles, steps, walkers, free)."""
+    ensembles, steps, walkers, free = x.shape
+    if steps < 8:
+        nothing = np.full(free, np.inf)
+        return Convergence(steps, nothing, np.zeros(free), nothing, 0.0, np.inf, False, "there are hardly any steps")
+    each = np.stack([measure_times(part) for part in x])
+    sizes = np.sum(steps * walkers / each, axis=0)
+    rhats = compare_ensembles(x)
+    lacking = []
+    if sizes.min() < wanted:
+        lacking.append(f"{sizes.min():.0f} independent draws of {wanted:.0f}")
+    if rhats.max() >= AGREE:
+        lacking.append(f"the ensembles differ (R-hat {rhats.max():.3f}, and {AGREE} is wanted)")
+    if steps < TIMES * each.max():
+        lacking.append(f"{steps} steps are {steps / each.max():.0f} autocorrelation times, and {TIMES:.0f} are wanted")
+    return Convergence(steps, each.max(axis=0), sizes, rhats, float(sizes.min()), float(rhats.max()), not lacking,
+                       "; ".join(lacking))

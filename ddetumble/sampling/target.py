@@ -1,0 +1,302 @@
+"""What is sampled: a posterior density over a few coordinates, whatever fit of the toolkit it comes from."""
+
+import dataclasses as dc
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._errors import InputError
+from ..inference.bounded import linearise_all
+from ..inference.findings import Fit
+from ..inference.identifiability import analyse_columns
+from ..inference.parameters import ParameterSpace, to_public
+from ..inference.stack import Records, Stack
+from .marginal import Integral, Plan, draw_nodes, integrate_nuisances
+
+
+POINTS = 16  # of the importance sampling of a record's nuisances
+TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged
+CURVED = 0.05  # standard deviation, over these, of what the linear integral is off by: beyond it nuisances are sampled
+FROZEN = ("base", "centre", "own", "slope", "nodes")
+GRAIN = 64  # samples are padded to a multiple of it
+
+
+@dc.dataclass(frozen=True, eq=False)
+class AbstractTarget(ABC):
+    """A posterior density.
+
+    Attributes:
+        names, units: of the parameters.
+        coordinates: kind of each: `linear`, `log`, `logit` or `inverse`; priors are flat in these where none is given.
+        centre: coordinates of the fit, shape (free,).
+        covariance: of the coordinates by the fit, shape (free, free).
+        low, high: limits of the coordinates, shape (free,).
+        priors: Gaussian (mean, sd) of coordinates by name.
+        parts: what the likelihood is a product over: keys of the records.
+        identity: what makes this target, for those who go on with a chain: plain data.
+        notes: sentences.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    centre: np.ndarray
+    covariance: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    priors: Mapping[str, tuple[float, float]]
+    parts: tuple[str, ...]
+    identity: Mapping[str, Any]
+    notes: tuple[str, ...]
+
+    @abstractmethod
+    def likelihoods(self, x: np.ndarray) -> np.ndarray:
+        """Logarithm of the likelihood of every part, shape (points, free) to (points, parts); -inf where it failed."""
+
+    def prior(self, x: np.ndarray) -> np.ndarray:
+        """Logarithm of the prior, shape (points, free) to (points,); -inf outside the limits."""
+        total = np.zeros(len(x))
+        for name, (mean, sd) in self.priors.items():
+            total -= 0.5 * ((x[:, self.names.index(name)] - mean) / sd) ** 2 + np.log(sd * np.sqrt(2 * np.pi))
+        inside = np.all((x >= self.low) & (x <= self.high), axis=1)
+        return np.where(inside, total, -np.inf)
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Logarithm of prior times likelihood, shape (points, free) to (points,); never nan."""
+        x = np.asarray(x, dtype=float)
+        prior = self.prior(x)
+        safe = np.where(np.isfinite(prior)[:, None], x, self.centre)
+        total = prior + np.sum(self.likelihoods(safe), axis=1)
+        return np.where(np.isnan(total), -np.inf, total)
+
+    def freeze(self) -> dict[str, np.ndarray]:
+        """The numbers that a chain depends on beside the data, which another fit might give in other last digits."""
+        return {"centre": self.centre, "covariance": self.covariance}
+
+    def thaw(self, arrays: Mapping[str, np.ndarray]) -> "AbstractTarget":
+        """The target with those numbers."""
+        return dc.replace(self, centre=arrays["centre"], covariance=arrays["covariance"])
+
+    def publish(self, x: np.ndarray) -> np.ndarray:
+        """Coordinates to values in the parameters' public units, any shape (..., free)."""
+        x = np.asarray(x, dtype=float)
+        columns = [np.vectorize(lambda u, k=kind: to_public(k, u), otypes=[float])(x[..., k])
+                   if kind in ("inverse",) else _publish(kind, x[..., k]) for k, kind in enumerate(self.coordinates)]
+        return np.stack(columns, axis=-1)
+
+
+def _publish(kind: str, u: np.ndarray) -> np.ndarray:
+    if kind == "log":
+        return np.exp(u)
+    return 1.0 / (1.0 + np.exp(-u)) if kind == "logit" else u
+
+
+@final
+@dc.dataclass(frozen=True, eq=False)
+class CampaignTarget(AbstractTarget):
+    """Posterior of a model fitted to a campaign, each record's nuisances integrated out.
+
+    Attributes:
+        fit: it comes from.
+        space: the reference model with the effects of the fit alone.
+        records: stacked, without padding beyond a few samples.
+        plan: arrays of the likelihood.
+        curved: by how much the linear integral is off from point to point, in logarithms of the likelihood.
+    """
+
+    fit: Fit
+    space: ParameterSpace
+    records: Records
+    plan: Plan
+    curved: float
+
+    def freeze(self) -> dict[str, np.ndarray]:
+        """As the base class has it, with the plan's."""
+        return {**super().freeze(), **{name: np.asarray(getattr(self.plan, name)) for name in FROZEN}}
+
+    def thaw(self, arrays: Mapping[str, np.ndarray]) -> "CampaignTarget":
+        """As the base class has it, with the plan's."""
+        plan = dc.replace(self.plan, **{name: jnp.asarray(arrays[name]) for name in FROZEN})
+        return dc.replace(self, centre=arrays["centre"], covariance=arrays["covariance"], plan=plan)
+
+    def integrate(self, x: np.ndarray) -> Integral:
+        """The integrals over every record's nuisances, shapes (points, records, ...)."""
+        found = integrate_nuisances(self.space, self.records.nuisances, self.records.channels, jnp.asarray(x),
+                                    self.plan)
+        return jax.tree.map(np.asarray, found)
+
+    def likelihoods(self, x: np.ndarray) -> np.ndarray:
+        """As the base class has it; parts are records."""
+        return np.asarray(self.integrate(x).value)
+
+
+@final
+@dc.dataclass(frozen=True, eq=False)
+class CurveTarget(AbstractTarget):
+    """Posterior of the coefficients of a curve with independent Gaussian errors.
+
+    Attributes:
+        rows: whitened residual of coordinates and data, in JAX; lives at the top of a module.
+        data: whatever `rows` takes.
+    """
+
+    rows: Callable[[Array, Any], Array]
+    data: Any
+
+    def likelihoods(self, x: np.ndarray) -> np.ndarray:
+        """As the base class has it; the curve is one part."""
+        return np.asarray(_square(self.rows, jnp.asarray(x), self.data))[:, None]
+
+
+@eqx.filter_jit
+def _square(rows, x: Array, data: Any) -> Array:
+    value = jax.vmap(lambda one: -0.5 * jnp.sum(rows(one, data) ** 2))(x)
+    return jnp.where(jnp.isfinite(value), value, -jnp.inf)
+
+
+def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, covariance, *, units=None,
+               coordinates=None, bounds: Mapping[str, tuple[float, float]] | None = None,
+               priors: Mapping[str, tuple[float, float]] | None = None, identity: Mapping[str, Any] | None = None
+               ) -> CurveTarget:
+    """The posterior of a curve's coefficients.
+
+    Args:
+        rows: whitened residual, `rows(x, data)` with x of shape (free,), in JAX.
+        data: an array or a tuple of them.
+        names: of the coefficients.
+        centre, covariance: of the coordinates by a fit.
+        units, coordinates: of each coefficient; nothing and `linear` where not given.
+        bounds: of coordinates by name.
+        priors: Gaussian (mean, sd) of coordinates by name.
+        identity: plain data that tells this target from others.
+    """
+    names, count = tuple(names), len(names)
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    for name, (a, b) in (bounds or {}).items():
+        low[names.index(name)], high[names.index(name)] = a, b
+    centre, covariance = np.asarray(centre, dtype=float), np.asarray(covariance, dtype=float)
+    if not np.all(np.isfinite(covariance)):
+        raise InputError("the readings do not determine every coefficient, so that there is no posterior to draw from; "
+                         "hold one of them, or give bounds and a finite covariance")
+    return CurveTarget(names, tuple(units or ("",) * count), tuple(coordinates or ("linear",) * count), centre,
+                       covariance, low, high, dict(priors or {}), ("curve",), dict(identity or {}), (), rows, data)
+
+
+def pose_fit(fit: Fit) -> CampaignTarget:
+    """The posterior of a campaign's fit.
+
+    Whether a record's nuisances can be integrated as if the model were linear in them is tried at draws from the fit's
+    Gaussian; where not, they are sampled.
+
+    Raises:
+        InputError: The records determine nothing about a parameter that has no prior: there is no posterior.
+    """
+    problem, found = fit.problem, fit.bounded
+    full, names = problem.space, found.names
+    at = linearise_all(problem, found.solution, names, found.solution.u)
+    columns, _ = at.projected()
+    flat = np.concatenate([columns.reshape(-1, len(names)), np.diag(at.prior_weight)])
+    known = analyse_columns(full, names, flat, at.scales)
+    limits = {name: found.bounds.get(name, (-np.inf, np.inf)) for name in names}
+    ends = np.array([limits[name] for name in names])
+    places = [full.index[name] for name in names]
+    low = np.maximum(ends[:, 0], problem.limits[0][places])
+    high = np.minimum(ends[:, 1], problem.limits[1][places])
+    for k, name in enumerate(names):
+        if name in known.undetermined and not np.isfinite(high[k] - low[k]):
+            raise InputError(f"the records say nothing about {name}, so that there is no posterior to draw from; give "
+                             "it a prior or bounds (in fit.toml: [priors], [bounds]), or fix it ([fixed])", column=name)
+    slots = [full.slots[k].parameter for k in places]
+    space = _slim(full, found.solution.u, fit.effects)
+    records = trim_records(problem.records)
+    plan = _plan(space, records, fit, at, names)
+    identity = {"campaign": fit.campaign, "sha256": fit.sha256, "model": fit.model, "effects": list(fit.effects),
+                "names": list(names), "fixed": dict(fit.fixed), "priors": {k: list(v) for k, v in
+                                                                            problem.priors.items()},
+                "bounds": {k: list(v) for k, v in limits.items() if np.any(np.isfinite(v))},
+                "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
+                "specification": fit.settings.get("sha256")}
+    target = CampaignTarget(names, tuple(p.unit for p in slots), tuple(p.coordinate for p in slots),
+                            found.solution.u[places], _cap(known.covariance, high - low), low, high, problem.priors,
+                            records.keys, identity, (), fit, space, records, plan, 0.0)
+    return _judge(target)
+
+
+def _cap(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """A covariance whose deviations do not exceed a quarter of the room between finite limits."""
+    sd = np.sqrt(np.diag(covariance))
+    shrink = np.minimum(1.0, np.where(np.isfinite(room), 0.25 * room, np.inf) / sd)
+    return covariance * np.outer(shrink, shrink)
+
+
+def _slim(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...]) -> ParameterSpace:
+    """The same reference model with those effects only that are in the model or not at their null."""
+    moved = {s.owner for k, s in enumerate(space.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
+    return ParameterSpace(space.reference, [e for e in space.effects if e.id in effects or e.id in moved])
+
+
+def trim_records(records: Records) -> Records:
+    """Without padding: as many rows as there are records, and samples to a multiple of a few."""
+    rows = records.count
+    size = min(-(-int(records.lengths.max()) // GRAIN) * GRAIN, records.stack.time.shape[1])
+    old = records.stack
+    stack = Stack(old.time[:rows, :size], old.span[:rows], old.values[:rows, :, :size], old.weights[:rows, :, :size],
+                  old.taps[:rows, :, :size], {k: v[:rows] for k, v in old.conditions.items()},
+                  old.condition_sd[:rows], old.present[:rows], {k: v[:rows, :size] for k, v in old.inputs.items()},
+                  old.rtol)
+    return dc.replace(records, stack=stack)
+
+
+def _plan(space: ParameterSpace, records: Records, fit: Fit, at, names) -> Plan:
+    full, solution = fit.problem.space, fit.bounded.solution
+    u = np.array([solution.u[full.index[name]] for name in space.index])
+    low, high = (np.array([b[full.index[name]] for name in space.index]) for b in fit.problem.limits)
+    corner = np.eye(at.own.shape[2]) + np.einsum("grk,grl->gkl", at.own, at.own)
+    side = np.einsum("grk,grj->gkj", at.own, at.shared)
+    slope = -np.linalg.solve(corner, side) / at.scales
+    weights = np.asarray(records.stack.weights)
+    logs = np.where(weights > 0, np.log(np.where(weights > 0, weights, 1.0)) - 0.5 * np.log(2 * np.pi), 0.0)
+    columns = [space.index[name] for name in names]
+    arrays = (u, np.eye(len(u))[columns].reshape(len(columns), len(u)), low, high, u[columns], solution.z, slope,
+              draw_nodes(0, solution.z.shape[1]), logs.sum(axis=(1, 2)))
+    return Plan(records.stack, *(jnp.asarray(a) for a in arrays))
+
+
+def _judge(target: CampaignTarget) -> CampaignTarget:
+    """Compare the linear integral with a sampled one at draws from the fit's Gaussian."""
+    still = not np.any(np.asarray(target.records.stack.condition_sd) > 0)
+    if still:
+        return dc.replace(target, notes=("conditions and time origins were taken as exact",))
+    rng = np.random.default_rng(0)
+    x = draw_inside(target, rng, TRIALS)
+    nodes = jnp.asarray(draw_nodes(POINTS, target.plan.own.shape[1]))
+    sampled = dc.replace(target, plan=eqx.tree_at(lambda p: p.nodes, target.plan, nodes))
+    off = np.sum(sampled.likelihoods(x) - target.likelihoods(x), axis=1)
+    off = off[np.isfinite(off)]
+    curved = float(np.std(off)) if len(off) > 1 else np.inf
+    if curved > CURVED:
+        return dc.replace(sampled, curved=curved, identity={**target.identity, "nuisances": "sampled"}, notes=(
+            f"each record's nuisances were integrated out by importance sampling with {POINTS} points: taken as "
+            f"linear, the logarithm of the likelihood is off by {curved:.2g} from point to point",))
+    return dc.replace(target, curved=curved, identity={**target.identity, "nuisances": "linear"}, notes=(
+        "each record's nuisances were integrated out analytically, as the model is linear in them over their width "
+        f"(the logarithm of the likelihood is off by {curved:.1g} from point to point)",))
+
+
+def draw_inside(target: AbstractTarget, rng: np.random.Generator, count: int, width: float = 1.0) -> np.ndarray:
+    """Draws from the fit's Gaussian, made `width` times as wide, within the limits; shape (count, free)."""
+    factor = np.linalg.cholesky(target.covariance + 1e-14 * np.diag(np.diag(target.covariance)))
+    found = np.zeros((0, len(target.names)))
+    for _ in range(200):
+        x = target.centre + width * rng.standard_normal((4 * count, len(target.names))) @ factor.T
+        found = np.concatenate([found, x[np.all((x > target.low) & (x < target.high), axis=1)]])
+        if len(found) >= count:
+            return found[:count]
+        width *= 0.9
+    raise InputError("hardly any of the fit's Gaussian lies within the bounds; widen them, or start the fit elsewhere")
