@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -109,7 +109,8 @@ def _potential_of_campaign(space, names, channels, joint: Joint, plan, v: Array)
     noise = v[free:].reshape(joint.own.shape[:2])
     z = plan.own + jnp.einsum("gkp,p->gk", plan.slope, shift) + jnp.einsum("gkl,gl->gk", joint.own, noise)
     prior = 0.5 * jnp.sum(((x - joint.prior_mean) * joint.prior_weight) ** 2)
-    return _misfit(space, names, channels, shift, z, plan) + 0.5 * jnp.sum(z**2) + prior - volume
+    misfit = cast(Array, _misfit(space, names, channels, shift, z, plan))
+    return misfit + 0.5 * jnp.sum(z**2) + prior - volume
 
 
 def _potential_of_curve(rows: Callable, joint: Joint, data: Any, v: Array) -> Array:
