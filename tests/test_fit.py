@@ -124,10 +124,28 @@ def test_a_cut_off_normal():
     draw = np.random.default_rng(1).normal(-2.0, 1.0, 2_000_000)
     draw = draw[draw > 0]
     assert sd == pytest.approx(draw.std(), rel=0.02)
-    assert (low, high) == (pytest.approx(np.quantile(draw, 0.025), rel=0.1),
-                           pytest.approx(np.quantile(draw, 0.975), rel=0.02))
+    assert low == 0.0 and high == pytest.approx(np.quantile(draw, 0.95), rel=0.02)
     sd, low, high = truncate_normal(-50.0, 1.0, 0.0, np.inf)
-    assert sd == pytest.approx(1 / 50) and 0 < low < high < 0.1
+    assert sd == pytest.approx(1 / 50) and low == 0.0 and high == pytest.approx(-np.log(0.05) / 50)
+    # Well inside, the plain interval; in between, the shortest one that holds the share.
+    assert truncate_normal(9.0, 1.0, 0.0, np.inf, 0.9)[1:] == pytest.approx((9 - 1.644854, 9 + 1.644854))
+    for mean, level in ((1.2, 0.5), (0.4, 0.9), (2.2, 0.95)):
+        _, low, high = truncate_normal(mean, 1.0, 0.0, np.inf, level)
+        cut = stats.truncnorm(-mean, np.inf, loc=mean)
+        assert cut.cdf(high) - cut.cdf(low) == pytest.approx(level)
+        for shift in (1e-3, -1e-3):
+            start = min(max(low + shift, 0.0), high)
+            assert cut.ppf(min(cut.cdf(start) + level, 1.0)) - start >= high - low - 1e-9
+
+
+def test_intervals_at_other_levels(fitted):
+    p = fitted.parameters["wall-stiffness.k_w"]
+    assert fitted.interval("wall-stiffness.k_w") == pytest.approx((p.q025, p.q975))
+    low, high = fitted.interval("wall-stiffness.k_w", 0.5)
+    assert (high - low) / (p.q975 - p.q025) == pytest.approx(stats.norm.ppf(0.75) / stats.norm.ppf(0.975), rel=1e-6)
+    for name, level in (("nothing", 0.9), ("wall-stiffness.k_w", 1.0)):
+        with pytest.raises(InputError):
+            fitted.interval(name, level)
 
 
 def test_confounded_parameters_are_said_in_words(campaign):
@@ -198,7 +216,7 @@ GOOD = 'schema = "ddetumble.fit/1"\ncampaign = "../wall"\n'
     (GOOD + "[priors]\nrestitution = { mean = 0.7, sd = -1.0 }\n", ["priors.restitution"]),
     (GOOD + "[bounds]\neffective_mass = [2.0, 1.0]\n", ["bounds", "effective_mass", "below"]),
     (GOOD + "[bounds]\neffective_mass = [1.0]\n", ["bounds.effective_mass"]),
-    (GOOD + '[sampler]\nname = "guess"\nwalkers = 0\n', ["sampler.name", "sampler.walkers"]),
+    (GOOD + '[sampler]\nname = "guess"\nwalkers = -1\n', ["sampler.name", "sampler.walkers"]),
     (GOOD + "[fixed]\nrestitution = nan\n", ["fixed.restitution"]),
 ])  # fmt: skip
 def test_a_damaged_specification_is_one_sentence(folder, text, parts):

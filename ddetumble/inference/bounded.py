@@ -108,14 +108,30 @@ def linearise_all(problem: Problem, solution: Solution, names: Sequence[str], u:
     return problem.solve(names, u, solution.z, moving=False)
 
 
-def truncate_normal(mean: float, sd: float, low: float, high: float) -> tuple[float, float, float]:
-    """Standard deviation and 95 % interval of a normal distribution cut off at `low` and `high`."""
+def truncate_normal(mean: float, sd: float, low: float, high: float, level: float = 0.95
+                    ) -> tuple[float, float, float]:
+    """Standard deviation and interval of highest density of a normal distribution cut off at `low` and `high`.
+
+    Where the density is highest at a limit the interval begins there, so that a true value at the limit is not always
+    outside it, as it would be of an interval with equal tails.
+
+    Args:
+        mean, sd: of the normal distribution before it is cut off.
+        low, high: limits.
+        level: probability inside the interval.
+    """
     a, b = (low - mean) / sd, (high - mean) / sd
     if max(a, -b) > 30:  # all of it is in the tail: an exponential at the nearer end
         rate = max(a, -b) / sd
-        ends = [-np.log1p(-q) / rate for q in (0.025, 0.975)]
-        near = low if a > -b else high
-        first, last = sorted(float(near + (x if a > -b else -x)) for x in ends)
-        return 1.0 / rate, first, last
+        width = -np.log1p(-level) / rate
+        return (1.0 / rate, low, low + width) if a > -b else (1.0 / rate, high - width, high)
     cut = stats.truncnorm(a, b, loc=mean, scale=sd)
-    return float(cut.std()), float(cut.ppf(0.025)), float(cut.ppf(0.975))
+    inside = stats.norm.cdf(b) - stats.norm.cdf(a)
+    half = float(stats.norm.ppf(0.5 + 0.5 * level * inside)) * sd
+    if mean - half < low:
+        first, last = low, float(cut.ppf(level))
+    elif mean + half > high:
+        first, last = float(cut.ppf(1.0 - level)), high
+    else:
+        first, last = mean - half, mean + half
+    return float(cut.std()), float(first), float(last)

@@ -70,6 +70,7 @@ class Fit:
         notes: further sentences.
         settings: command, specification, seed.
         space, solution, problem, bounded: for those who go on computing.
+        gaussians: of the coordinates, by name: mean, standard deviation, and the limits at which they are cut off.
     """
 
     campaign: str
@@ -99,6 +100,7 @@ class Fit:
     source: Campaign
     problem: Problem
     bounded: Bounded
+    gaussians: Mapping[str, tuple[float, float, float, float]]
 
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
@@ -107,6 +109,22 @@ class Fit:
     def model_text(self) -> str:
         """Model and effects in words."""
         return self.model + (f" with {', '.join(self.effects)}" if self.effects else "")
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Interval of a parameter in its public unit: Gaussian in its coordinate, cut off at its limits.
+
+        Raises:
+            InputError: It is no fitted parameter, or the level is not between 0 and 1.
+        """
+        if name not in self.parameters:
+            raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", column="name")
+        if not 0 < level < 1:
+            raise InputError(f"the level has to be between 0 and 1; it is {level:g}", column="level")
+        p = self.space.slots[self.space.index[name]].parameter
+        mean, sd, low, high = self.gaussians[name]
+        _, a, b = truncate_normal(mean, sd, low, high, level) if np.isfinite(sd) else (sd, low, high)
+        a, b = sorted(to_public(p.coordinate, x) for x in (a, b))
+        return a, b
 
     def text(self) -> str:
         """The report, as lmfit's users expect it."""
@@ -189,7 +207,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     flat = _flatten(solution)
     known = analyse_columns(space, moving, flat, solution.scales)
     told = describe_knowledge(problem, solution, flat, known)
-    parameters, covariance, correlations = _estimate(problem, found, known, start)
+    parameters, covariance, correlations, gaussians = _estimate(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + len(problem.priors) - len(moving)
     notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others "
@@ -207,7 +225,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), problem.records.count, counted,
         dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
-        dict(settings), space, solution, campaign, problem, found)
+        dict(settings), space, solution, campaign, problem, found, gaussians)
 
 
 def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], free: tuple[str, ...]
@@ -228,8 +246,11 @@ def _flatten(solution: Solution) -> np.ndarray:
 
 
 def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
-              ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray]:
-    """Parameters in the order of `found.names`, their covariance and correlations; held ones are uncorrelated."""
+              ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray, dict[str, tuple[float, float, float, float]]]:
+    """Parameters in the order of `found.names`, their covariance, correlations, and Gaussians of their coordinates.
+
+    Held parameters are uncorrelated.
+    """
     space, solution, names = problem.space, found.solution, found.names
     moving = list(solution.names)
     place = [names.index(n) for n in moving]
@@ -237,17 +258,23 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
     covariance[np.ix_(place, place)] = known.covariance
     correlations[np.ix_(place, place)] = known.correlations
     cut = _cut_off(problem, found) if found.held else {}
-    parameters = {}
+    parameters, gaussians = {}, {}
     for k, name in enumerate(names):
-        p = space.slots[space.index[name]].parameter
-        initial, u = to_public(p.coordinate, start[space.index[name]]), solution.u[space.index[name]]
+        j = space.index[name]
+        p = space.slots[j].parameter
+        initial, u = to_public(p.coordinate, start[j]), solution.u[j]
+        ends = found.bounds.get(name, (-np.inf, np.inf))
+        low, high = max(ends[0], problem.limits[0][j]), min(ends[1], problem.limits[1][j])
         if name in cut:
-            sd, low, high = cut[name]
+            gaussians[name] = (*cut[name], low, high)
+            sd, first, last = truncate_normal(*gaussians[name])
             covariance[k, k] = sd**2
-            parameters[name] = _make_public(p, u, sd, low, high, initial, "upper" if found.held[name] > 0 else "lower")
+            parameters[name] = _make_public(p, u, sd, first, last, initial, "upper" if found.held[name] > 0 else "lower")
             continue
         sd = float(np.sqrt(covariance[k, k]))
+        gaussians[name] = (float(u), sd, float(low), float(high))
         if name in known.undetermined:
+            gaussians[name] = (float(u), math.inf, *space_ends(p))
             low, high = (to_public(p.coordinate, x) for x in space_ends(p))
             parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), p.unit,
                                       initial, "", False, "not determined by these records")
@@ -257,9 +284,11 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
         if p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
                 ", and no farther than noise explains" if abs(u - p.default) < 2 * sd else "")
-        middle, width, low, high = (float(public[key]) for key in ("estimate", "sd", "q025", "q975"))
-        parameters[name] = Fitted(middle, width, low, high, p.unit, initial, text=text)
-    return parameters, covariance, correlations
+        middle, width = (float(public[key]) for key in ("estimate", "sd"))
+        _, *ends = truncate_normal(*gaussians[name])
+        first, last = sorted(to_public(p.coordinate, x) for x in ends)
+        parameters[name] = Fitted(middle, width, first, last, p.unit, initial, text=text)
+    return parameters, covariance, correlations, gaussians
 
 
 def space_ends(p) -> tuple[float, float]:
@@ -280,9 +309,9 @@ def _make_public(p, u: float, sd: float, low: float, high: float, initial: float
     return Fitted(value, abs(slope) * sd, ends[0], ends[1], p.unit, initial, bound, True, "stopped at its bound")
 
 
-def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float, float]]:
-    """Standard deviation and interval of held parameters: their Gaussian, cut off at the bounds."""
-    index, (low, high) = problem.space.index, problem.limits
+def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of held parameters' Gaussian, before it is cut off at the bounds."""
+    index = problem.space.index
     moving = list(found.solution.names)
     full = linearise_all(problem, found.solution, [*moving, *found.held], found.solution.u)
     _, right = full.projected()
@@ -292,9 +321,7 @@ def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float, 
     step = -known.covariance @ ((flat / full.scales).T @ rest)
     result = {}
     for j, name in enumerate(found.held, start=len(moving)):
-        a, b = found.bounds.get(name, (-np.inf, np.inf))
-        a, b = max(a, low[index[name]]), min(b, high[index[name]])
-        result[name] = truncate_normal(found.solution.u[index[name]] + step[j], math.sqrt(known.covariance[j, j]), a, b)
+        result[name] = (float(found.solution.u[index[name]] + step[j]), math.sqrt(known.covariance[j, j]))
     return result
 
 
