@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
@@ -127,6 +128,7 @@ def test_a_cut_off_normal():
     assert low == 0.0 and high == pytest.approx(np.quantile(draw, 0.95), rel=0.02)
     sd, low, high = truncate_normal(-50.0, 1.0, 0.0, np.inf)
     assert sd == pytest.approx(1 / 50) and low == 0.0 and high == pytest.approx(-np.log(0.05) / 50)
+    assert truncate_normal(0.3, 1e9, 0.0, 2.0) == pytest.approx((2 / 12**0.5, 0.05, 1.95))
     # Well inside, the plain interval; in between, the shortest one that holds the share.
     assert truncate_normal(9.0, 1.0, 0.0, np.inf, 0.9)[1:] == pytest.approx((9 - 1.644854, 9 + 1.644854))
     for mean, level in ((1.2, 0.5), (0.4, 0.9), (2.2, 0.95)):

@@ -125,6 +125,9 @@ def truncate_normal(mean: float, sd: float, low: float, high: float, level: floa
         rate = max(a, -b) / sd
         width = -np.log1p(-level) / rate
         return (1.0 / rate, low, low + width) if a > -b else (1.0 / rate, high - width, high)
+    if b - a < 1e-3:  # so little room that it is level
+        room = high - low
+        return room / 12**0.5, low + 0.5 * (1 - level) * room, high - 0.5 * (1 - level) * room
     cut = stats.truncnorm(a, b, loc=mean, scale=sd)
     inside = stats.norm.cdf(b) - stats.norm.cdf(a)
     half = float(stats.norm.ppf(0.5 + 0.5 * level * inside)) * sd

@@ -269,7 +269,8 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
             gaussians[name] = (*cut[name], low, high)
             sd, first, last = truncate_normal(*gaussians[name])
             covariance[k, k] = sd**2
-            parameters[name] = _make_public(p, u, sd, first, last, initial, "upper" if found.held[name] > 0 else "lower")
+            side = "upper" if found.held[name] > 0 else "lower"
+            parameters[name] = _make_public(p, u, sd, first, last, initial, side)
             continue
         sd = float(np.sqrt(covariance[k, k]))
         gaussians[name] = (float(u), sd, float(low), float(high))

@@ -140,7 +140,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         InputError: It is damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as found:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as found:
             return {name: found[name] for name in found.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         raise InputError("the block is damaged; remove it and those after it, and the chain goes on from there",

@@ -189,6 +189,7 @@ def _run(target: AbstractTarget, settings: Settings, chain: ChainFolder | None, 
     blocks: list[dict[str, np.ndarray]] = [chain.read(k) for k in range(chain.blocks)] if chain else []
     resumed = sum(b["x"].shape[1] for b in blocks)
     done = resumed
+    convergence = _judge(blocks, settings)
     if blocks:
         for k, ensemble in enumerate(ensembles):
             ensemble.resume(blocks[-1], k)
@@ -198,9 +199,10 @@ def _run(target: AbstractTarget, settings: Settings, chain: ChainFolder | None, 
                 draws, values = (_join(blocks, name)[:, settings.burn // 2:] for name in ("x", "log_density"))
                 for k, ensemble in enumerate(ensembles):
                     ensemble.adapt(draws[k].reshape(-1, draws.shape[-1]), values[k].reshape(-1))
-            convergence = _judge(blocks, settings)
-            if convergence.enough or done >= settings.burn + settings.most:
-                break
+            if is_due(done, settings):
+                convergence = _judge(blocks, settings)
+                if convergence.enough or done >= settings.burn + settings.most:
+                    break
             steps = min(settings.block, settings.burn - done if done < settings.burn else settings.block)
             parts = list(pool.map(lambda e, n=steps: e.advance(n), ensembles))
             block = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
@@ -217,6 +219,12 @@ def _run(target: AbstractTarget, settings: Settings, chain: ChainFolder | None, 
     accepted = float(sum(b["counts"][:, 2].sum() for b in late) / max(moves, 1))
     return Chains(_join(blocks, "x"), _join(blocks, "log_density"), settings.burn, accepted, int(counts[0]),
                   int(counts[1]), convergence, resumed)
+
+
+def is_due(done: int, settings: Settings) -> bool:
+    """Whether chains are judged after so many steps: ever more seldom, and the same for a chain that was stopped."""
+    number = (done - settings.burn) // settings.block
+    return done >= settings.burn + settings.most or number < 8 or number % (1 << (number.bit_length() - 3)) == 0
 
 
 def _join(blocks: Sequence[dict[str, np.ndarray]], name: str) -> np.ndarray:

@@ -1,0 +1,300 @@
+"""Posteriors: integrals over nuisances against quadrature, samplers against closed forms and one another."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import logsumexp
+
+from ddetumble import fit, pose_curve, pose_fit, sample
+from ddetumble._errors import InputError
+from ddetumble.cli import main
+from ddetumble.inference.problem import simulate_records
+from ddetumble.measurement import read_campaign
+from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
+from ddetumble.sampling.ensemble import Settings, run_ensembles
+from ddetumble.sampling.moves import Proposal
+from ddetumble.sampling.target import draw_inside
+from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+
+
+BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}
+PLAN = dict(loads=[8.0, 18.0], pressures=[4e5, 2e6], speeds=[0.02], length=6e-3, interval=2e-4, noise=0.2)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("sampling") / "offset"
+    write_slip_folder(place, make_slip_campaign("offset", 5, {"adhesive-offset": {"f_a": 0.3}}, BASE, **PLAN))
+    return place
+
+
+@pytest.fixture(scope="module")
+def fitted(folder):
+    return fit(read_campaign(folder), effects=["adhesive-offset"])
+
+
+@pytest.fixture(scope="module")
+def target(fitted):
+    return pose_fit(fitted)
+
+
+@pytest.fixture(scope="module")
+def posterior(target):
+    return sample(target, seed=3)
+
+
+def line(x, data):
+    """Whitened residual of a straight line."""
+    t, y = data
+    return (x[0] + x[1] * t - y) / 0.1
+
+
+def plain(x, data):
+    """Whitened residual of a Gaussian with a given factor of its precision."""
+    factor, mean = data
+    return factor @ (x - mean)
+
+
+def pose_line(**more):
+    t = np.linspace(0.0, 1.0, 12)
+    y = 0.3 + 0.7 * t + 0.1 * np.random.default_rng(2).standard_normal(12)
+    design = np.stack([np.ones(12), t], axis=1) / 0.1
+    covariance = np.linalg.inv(design.T @ design)
+    mean = covariance @ design.T @ (y / 0.1)
+    made = pose_curve(line, (jnp.asarray(t), jnp.asarray(y)), ["offset", "slope"], mean, covariance, **more)
+    return made, mean, covariance
+
+
+def test_the_integral_is_that_of_quadrature(target):
+    """One record's nuisances (load and pressure) by Gauss-Hermite quadrature of the model as it is."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(16)
+    x = draw_inside(target, np.random.default_rng(1), 1)
+    plan, records = target.plan, target.records
+    moving = np.flatnonzero(np.asarray(plan.stack.condition_sd)[0] > 0)
+    assert len(moving) == 2
+    found = target.integrate(x)
+
+    @jax.jit
+    def simulate(z, base):
+        return simulate_records(target.space, records.nuisances, records.channels, z, plan.stack, base, plan.low,
+                                plan.high)
+
+    base = jnp.broadcast_to(plan.base + (x[0] - plan.centre) @ plan.directions, (records.count, len(target.space)))
+    terms = []
+    # Nodes are placed by the found Gaussian and weighed by the true integrand.
+    for a, wa in zip(nodes, weights, strict=True):
+        for b, wb in zip(nodes, weights, strict=True):
+            e = np.zeros((records.count, len(records.nuisances)))
+            e[:, moving] = (a, b)
+            z = found.mean[0] + np.stack([np.linalg.solve(f.T, v) for f, v in zip(found.factor[0], e, strict=True)])
+            r, _, _ = simulate(z, base)
+            terms.append(np.log(wa * wb / (2 * np.pi)) + 0.5 * (a * a + b * b)
+                         - 0.5 * (np.sum(np.asarray(r) ** 2, axis=1) + np.sum(z[:, moving] ** 2, axis=1)))
+    volume = -np.sum(np.log(np.diagonal(found.factor[0], axis1=1, axis2=2)), axis=1)
+    want = logsumexp(np.array(terms), axis=0) + volume + np.asarray(plan.constant)
+    np.testing.assert_allclose(found.value[0], want, atol=2e-3)
+
+
+def test_sampled_integral_agrees_with_the_linear_one(target):
+    import equinox as eqx
+
+    from ddetumble.sampling.marginal import draw_nodes, integrate_nuisances
+
+    assert target.curved < 0.05 and "analytically" in target.notes[0]
+    x = draw_inside(target, np.random.default_rng(4), 5)
+    plan = eqx.tree_at(lambda p: p.nodes, target.plan, jnp.asarray(draw_nodes(64, target.plan.own.shape[1])))
+    found = integrate_nuisances(target.space, target.records.nuisances, target.records.channels, jnp.asarray(x), plan)
+    np.testing.assert_allclose(np.asarray(found.value).sum(axis=1), target.likelihoods(x).sum(axis=1), atol=0.05)
+
+
+def test_the_density_near_the_fit_is_the_fits_gaussian(target, fitted):
+    x = draw_inside(target, np.random.default_rng(0), 40)
+    shift = x - target.centre
+    quadratic = -0.5 * np.einsum("ij,jk,ik->i", shift, np.linalg.inv(target.covariance), shift)
+    assert np.std(target.log_density(x) - quadratic) < 0.5
+    assert target.names == tuple(fitted.parameters)
+    np.testing.assert_allclose(target.publish(target.centre), [p.estimate for p in fitted.parameters.values()])
+
+
+def test_emcee_finds_the_closed_form_of_a_line():
+    made, mean, covariance = pose_line()
+    found = sample(made, effective=4000)
+    assert found.converged
+    for k, p in enumerate(found.parameters.values()):
+        assert abs(p.mean - mean[k]) < 5 * p.mcse
+        assert p.sd == pytest.approx(np.sqrt(covariance[k, k]), rel=0.06)
+    flat = found.x.reshape(-1, 2)
+    correlation = covariance[0, 1] / np.sqrt(np.prod(np.diag(covariance)))
+    assert np.corrcoef(flat.T)[0, 1] == pytest.approx(correlation, abs=0.04)
+
+
+def test_nuts_finds_the_closed_form_of_a_line():
+    made, mean, covariance = pose_line()
+    found = sample(made, sampler="nuts", burn=100, block=200, effective=2000)
+    for k, p in enumerate(found.parameters.values()):
+        assert abs(p.mean - mean[k]) < 5 * p.mcse
+        assert p.sd == pytest.approx(np.sqrt(covariance[k, k]), rel=0.08)
+    assert found.statistics["divergences"] == 0
+
+
+@pytest.mark.parametrize("sampler", ["emcee", "nuts"])
+def test_a_limit_cuts_the_posterior_off(sampler):
+    """A normal with mean at -1 cut off at 0, of known mean and quantile; with a prior on the other one."""
+    factor, mean = jnp.eye(2), jnp.array([-1.0, 2.0])
+    made = pose_curve(plain, (factor, mean), ["a", "b"], [0.05, 2.0], np.diag([1.0, 1.0]), bounds={"a": (0.0, np.inf)},
+                      priors={"b": (0.0, 0.5)})
+    found = sample(made, sampler=sampler, burn=200, block=200, effective=3000)
+    cut = stats.truncnorm(1.0, np.inf, loc=-1.0)
+    p = found.parameters["a"]
+    assert found.x[..., 0].min() >= 0.0
+    assert abs(p.mean - cut.mean()) < 6 * p.mcse and p.sd == pytest.approx(cut.std(), rel=0.08)
+    assert p.q975 == pytest.approx(cut.ppf(0.975), rel=0.1)
+    assert abs(found.parameters["b"].mean - 2.0 / 5.0) < 6 * found.parameters["b"].mcse  # precisions 1 and 4
+    assert any("cut off by its lower limit" in note for note in found.notes)
+
+
+def test_twenty_parameters():
+    """A strongly correlated Gaussian in twenty dimensions, started from a covariance that is wrong by a factor."""
+    rng = np.random.default_rng(8)
+    basis = np.linalg.qr(rng.standard_normal((20, 20)))[0]
+    sd = np.geomspace(0.01, 10.0, 20)
+    covariance = basis @ np.diag(sd**2) @ basis.T
+    factor = jnp.asarray(np.diag(1 / sd) @ basis.T)
+    mean = rng.standard_normal(20)
+    made = pose_curve(plain, (factor, jnp.asarray(mean)), [f"p{k}" for k in range(20)], mean, 1.7 * covariance)
+    found = sample(made, effective=2000)
+    assert found.converged
+    z = [(p.mean - mean[k]) / p.mcse for k, p in enumerate(found.parameters.values())]
+    assert np.max(np.abs(z)) < 5.0
+    ratio = [p.sd / np.sqrt(covariance[k, k]) for k, p in enumerate(found.parameters.values())]
+    np.testing.assert_allclose(ratio, 1.0, atol=0.12)
+
+
+def test_two_separate_hills_are_both_visited():
+    """The proposal of the fit knows one hill only; walkers that differ say so or reach both in the right shares."""
+    def hills(x, data):
+        top = jnp.logaddexp(-0.5 * jnp.sum(x**2), -0.5 * jnp.sum((x - 3.0) ** 2))
+        return jnp.sqrt(jnp.maximum(-2.0 * top + 2.0, 0.0))[None]
+
+    made = pose_curve(hills, (), ["x"], [0.0], [[4.0]])
+    found = sample(made, effective=4000)
+    assert found.converged and abs(np.mean(found.x > 1.5) - 0.5) < 0.06
+
+
+def test_the_proposal_draws_what_its_density_says():
+    """Importance weights of its draws give the moments of another distribution."""
+    made = Proposal(np.array([0.2, -0.1]), np.array([[1.0, 0.6], [0.6, 1.0]]), np.full(2, -np.inf), np.full(2, np.inf))
+    x = made.draw(200_000, np.random.RandomState(1))
+    logs = stats.multivariate_normal([0.5, 0.0], [[0.8, 0.1], [0.1, 0.5]]).logpdf(x) - made.log_density(x)
+    w = np.exp(logs - logs.max())
+    w /= w.sum()
+    np.testing.assert_allclose(w @ x, [0.5, 0.0], atol=0.02)
+    np.testing.assert_allclose(w @ x[:, 0] ** 2 - 0.25, 0.8, atol=0.03)
+
+
+def test_samplers_agree_on_a_campaign(posterior, target):
+    """Nuisances integrated out (emcee) and sampled along (NUTS): same means and deviations within Monte Carlo error."""
+    assert posterior.converged
+    nuts = sample(target, sampler="nuts", burn=150, block=150, effective=1000)
+    assert nuts.converged and nuts.statistics["divergences"] == 0
+    for name, p in posterior.parameters.items():
+        q = nuts.parameters[name]
+        assert abs(p.mean - q.mean) < 4 * np.hypot(p.mcse, q.mcse)
+        error = np.sqrt(0.5 / p.effective + 0.5 / q.effective)
+        assert abs(np.log(p.sd / q.sd)) < 4 * error
+
+
+def test_truth_lies_in_the_posterior(posterior):
+    truth = {**BASE, "adhesive-offset.f_a": 0.3}
+    for name, p in posterior.parameters.items():
+        assert abs(p.mean - truth[name]) < 4 * p.sd
+
+
+def test_autocorrelation_time_of_a_known_process():
+    """AR(1) with coefficient 0.8 has tau = (1 + 0.8)/(1 - 0.8) = 9."""
+    rng = np.random.default_rng(5)
+    x = np.zeros((20_000, 8, 1))
+    for t in range(1, len(x)):
+        x[t] = 0.8 * x[t - 1] + rng.standard_normal((8, 1))
+    assert measure_times(x)[0] == pytest.approx(9.0, rel=0.08)
+
+
+def test_ensembles_that_differ_are_seen():
+    rng = np.random.default_rng(6)
+    x = rng.standard_normal((4, 200, 16, 2))
+    assert compare_ensembles(x).max() < 1.01
+    x[0, ..., 1] += 0.8
+    assert compare_ensembles(x)[0] < 1.01 and compare_ensembles(x)[1] > 1.02
+    x = rng.standard_normal((4, 200, 16, 1))
+    x[0] *= 2.0  # same mean, another spread
+    assert compare_ensembles(x)[0] > 1.01
+    told = judge_chains(x, 100)
+    assert not told.enough and "differ" in told.lacking
+    assert "hardly any" in judge_chains(x[:, :4], 100).lacking
+
+
+def test_what_cannot_be_sampled_is_said():
+    made, mean, _ = pose_line()
+    with pytest.raises(InputError, match="do not determine"):
+        pose_curve(line, made.data, ["a", "b"], mean, [[np.inf, 0], [0, 1]])
+    for wrong, word in (({"walkers": 7}, "even"), ({"walkers": 2}, "even"), ({"effective": 0}, "effective"),
+                        ({"sampler": "guess"}, "no sampler")):
+        with pytest.raises(InputError, match=word):
+            sample(made, **wrong)
+
+
+def test_a_parameter_without_data_has_no_posterior(folder):
+    loose = fit(read_campaign(folder), effects=["stribeck"])
+    with pytest.raises(InputError, match="say nothing about stribeck"):
+        pose_fit(loose)
+
+
+def test_failures_count_as_impossible():
+    def broken(x, data):
+        return jnp.where(x[0] > 0.5, jnp.nan, x)
+
+    found = sample(pose_curve(broken, (), ["x"], [0.0], [[1.0]]), effective=500)
+    assert found.x.max() <= 0.5 and found.statistics["failures"] > 0
+    assert any("could not be computed" in note for note in found.notes)
+
+
+def test_the_command_writes_what_arviz_reads(folder, tmp_path, capsys):
+    import xarray as xr
+
+    place = tmp_path / "posterior"
+    assert main(["sample", str(folder), "--effect", "adhesive-offset", "-o", str(place), "--effective", "300"]) == 0
+    assert "[[Parameters]]" in capsys.readouterr().out
+    tree = xr.open_datatree(place / "posterior.nc", engine="h5netcdf")
+    told = json.loads((place / "posterior.json").read_text())
+    assert tree["posterior"].sizes["chain"] == 4 and tree["posterior"]["adhesive-offset.f_a"].attrs["units"] == "N"
+    assert float(tree["posterior"]["adhesive-offset.f_a"].mean()) == pytest.approx(
+        told["parameters"]["adhesive-offset.f_a"]["mean"], rel=0.05)
+    assert list(tree["log_likelihood"]["part"].values) == ["r01", "r02", "r03", "r04"]
+    assert json.loads(tree.attrs["target"])["sha256"] == read_campaign(folder).sha256
+    assert {"versions", "settings", "priors", "state"} <= set(tree.attrs) and (place / "model.json").is_file()
+    tree.close()
+    assert main(["sample", str(folder), "--effect", "adhesive-offset", "-o", str(place), "--effective", "300"]) == 0
+    assert "taken over" in capsys.readouterr().out
+    assert main(["sample", str(folder), "--effect", "adhesive-offset", "-o", str(place), "--seed", "9"]) == 2
+    assert "something else: seed is 0 there and 9 now" in capsys.readouterr().err
+
+
+def test_settings_of_a_specification(folder, tmp_path, capsys):
+    (tmp_path / "fit.toml").write_text(
+        f'schema = "ddetumble.fit/1"\ncampaign = "{folder}"\neffects = ["adhesive-offset"]\nseed = 4\n'
+        '[priors]\n"adhesive-offset.f_a" = {mean = 0.2, sd = 0.1}\n[sampler]\nwalkers = 20\neffective = 200\n')
+    assert main(["sample", str(tmp_path / "fit.toml")]) == 0
+    told = json.loads((tmp_path / "posterior.json").read_text())
+    assert told["settings"]["walkers"] == 20 and told["settings"]["seed"] == 4
+    assert told["target"]["priors"]["adhesive-offset.f_a"] == [0.2, 0.1]
+
+
+def test_every_run_of_a_seed_is_the_same():
+    made, _, _ = pose_line()
+    one, two = (run_ensembles(made, Settings(seed=5, effective=300)) for _ in range(2))
+    np.testing.assert_array_equal(one.x, two.x)
+    assert not np.array_equal(one.x, run_ensembles(made, Settings(seed=6, effective=300)).x[:, : one.x.shape[1]])
