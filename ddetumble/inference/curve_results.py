@@ -58,6 +58,7 @@ class CurveFit:
         steps: that the optimiser took.
         profiles: one a coefficient.
         notes: what cannot be told apart and which test would, sentences.
+        curve, data: for those who go on computing.
     """
 
     subject: str
@@ -72,6 +73,8 @@ class CurveFit:
     steps: int
     profiles: tuple[Profile, ...]
     notes: tuple[str, ...]
+    curve: Curve
+    data: Any
 
     @property
     def values(self) -> np.ndarray:
@@ -111,7 +114,7 @@ def fits_noise(chi2: float, degrees: int) -> bool:
 
 
 def gather_fit(curve: Curve, subject: str, fit: Settled, measured: Measured, profiles: Sequence[Profile],
-               fixed: Mapping[str, float], readings: int, notes: Sequence[str]) -> CurveFit:
+               fixed: Mapping[str, float], readings: int, notes: Sequence[str], data: Any) -> CurveFit:
     """Put the parts of a fit together."""
     lost = measured.known.undetermined
     doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
@@ -133,7 +136,7 @@ def gather_fit(curve: Curve, subject: str, fit: Settled, measured: Measured, pro
                  f"(p = {chance:.1g}), so that no interval here can be relied on.", *notes]
     return CurveFit(subject, coefficients, derived, dict(fixed), measured.known.covariance,
                     measured.known.correlations, measured.singular, fit.chi2, readings, fit.steps, tuple(profiles),
-                    tuple(notes))
+                    tuple(notes), curve, data)
 
 
 def describe_confusion(curve: Curve, fit: Settled, measured: Measured, profiles: Sequence[Profile],

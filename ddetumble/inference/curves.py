@@ -115,7 +115,8 @@ def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free
              *describe_confusion(curve, fit, measured, profiles, tests, elsewhere, "strokes")]
     trouble = describe_range(load)
     notes += [f"{load:g} N is outside the range of Eq. 10: {trouble}."] if trouble else []
-    return gather_fit(curve, subject, fit, measured, profiles, {} if free_e else {"e": 1.0}, len(parts[0][0]), notes)
+    return gather_fit(curve, subject, fit, measured, profiles, {} if free_e else {"e": 1.0}, len(parts[0][0]), notes,
+                      data)
 
 
 def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False, profile: bool = True) -> CurveFit:
@@ -167,7 +168,7 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
     beyond.pop("", None)
     notes += [f"Outside the range of Eq. 10, at {', '.join(at)}: {trouble}." for trouble, at in beyond.items()]
     count = sum(len(part[0]) for part in parts)
-    return gather_fit(curve, subject, fit, measured, profiles, {} if free_e else {"e": 1.0}, count, notes)
+    return gather_fit(curve, subject, fit, measured, profiles, {} if free_e else {"e": 1.0}, count, notes, data)
 
 
 def fit_rubber(pressure, coefficient, sd, *, modulus: float, strength_ratio: float | None = None,
@@ -205,7 +206,7 @@ def fit_rubber(pressure, coefficient, sd, *, modulus: float, strength_ratio: flo
                  RATIO: "sigma_0 from a tensile test and p_r from the real contact area"}
     one = [ONE_PRESSURE + "."] if pressures == 1 else []
     notes = [PRODUCT + ".", *one, *describe_confusion(curve, fit, measured, profiles, tests, elsewhere, "readings")]
-    return gather_fit(curve, subject, fit, measured, profiles, {} if free else {RATIO: ratio}, len(p), notes)
+    return gather_fit(curve, subject, fit, measured, profiles, {} if free else {RATIO: ratio}, len(p), notes, data)
 
 
 def _settle_alone(curve: Curve, data: SlipData, part: Readings, load: float) -> tuple[SlipData, Settled]:

@@ -113,10 +113,11 @@ def _potential_of_campaign(space, names, channels, joint: Joint, plan, v: Array)
     return misfit + 0.5 * jnp.sum(z**2) + prior - volume
 
 
-def _potential_of_curve(rows: Callable, joint: Joint, data: Any, v: Array) -> Array:
+def _potential_of_curve(rows: Callable, weight: Callable | None, joint: Joint, data: Any, v: Array) -> Array:
     x, volume = _place(v, joint)
     prior = 0.5 * jnp.sum(((x - joint.prior_mean) * joint.prior_weight) ** 2)
     value = 0.5 * jnp.sum(rows(x, data) ** 2) + prior - volume
+    value = value if weight is None else value - weight(x, data)
     return jnp.where(jnp.isfinite(value), value, 1e10)
 
 
@@ -148,7 +149,7 @@ def _pose(target: AbstractTarget) -> tuple[Joint, int, Callable[[Array], Array]]
         return joint, len(sd) + own.shape[0] * own.shape[1], partial(
             _potential_of_campaign, target.space, records.nuisances, records.channels, joint, target.plan)
     assert isinstance(target, CurveTarget)
-    return joint, len(sd), partial(_potential_of_curve, target.rows, joint, target.data)
+    return joint, len(sd), partial(_potential_of_curve, target.rows, target.weight, joint, target.data)
 
 
 def run_nuts(target: AbstractTarget, settings: Settings, folder: Path | None = None, progress: Progress | None = None

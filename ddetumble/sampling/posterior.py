@@ -183,8 +183,9 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
     """Turn draws into what people read; arguments as in `Posterior`."""
     public = target.publish(x)
     centre = target.publish(target.centre)
-    step = 1e-4 * np.sqrt(np.diag(target.covariance))
-    slope = (target.publish(target.centre + step) - target.publish(target.centre - step)) / (2 * step)
+    step = 1e-4 * np.diag(np.sqrt(np.diag(target.covariance)))
+    slope = (target.publish(target.centre + step) - target.publish(target.centre - step)).T / (2 * np.diag(step))
+    spread = np.sqrt(np.diag(slope @ target.covariance @ slope.T))
     parameters = {}
     for k, name in enumerate(target.names):
         values = public[..., k].ravel()
@@ -193,7 +194,7 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
         parameters[name] = Estimate(
             float(values.mean()), sd, low, middle, high, sd / float(np.sqrt(max(convergence.sizes[k], 1.0))),
             float(convergence.sizes[k]), float(convergence.rhats[k]), float(centre[k]),
-            float(abs(slope[k]) * np.sqrt(target.covariance[k, k])), target.units[k])
+            float(spread[k]), target.units[k])
     state = (f"converged after {convergence.steps} steps" if convergence.enough else
              f"not converged after {convergence.steps} steps: {convergence.lacking}; the same command with more steps "
              "goes on from here")

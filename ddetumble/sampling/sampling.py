@@ -7,19 +7,20 @@ from typing import Any
 
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
+from ..inference.curve_results import CurveFit
 from ..inference.estimation import Progress, fit
 from ..inference.findings import Fit
 from ..inference.specification import read_specification
 from ..measurement.campaign import Campaign
 from .ensemble import Settings, run_ensembles
 from .posterior import Posterior, summarise_posterior
-from .target import AbstractTarget, pose_fit
+from .target import AbstractTarget, pose_curve_fit, pose_fit
 
 
 CHAIN = "chain"  # folder of the blocks
 
 
-def sample(source: Campaign | Fit | AbstractTarget | str | Path, model: str = "paper",
+def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, model: str = "paper",
            effects: Sequence[str | type[AbstractEffect]] = (), *, sampler: str | None = None,
            folder: str | Path | None = None, progress: Progress | None = None,
            walkers: int | None = None, ensembles: int | None = None, burn: int | None = None,
@@ -28,7 +29,8 @@ def sample(source: Campaign | Fit | AbstractTarget | str | Path, model: str = "p
     """Draw from the posterior of a model's parameters, every record's nuisances integrated out.
 
     Args:
-        source: a campaign or its folder, a specification `fit.toml`, a fit, or a target made by `pose_curve`.
+        source: a campaign or its folder, a specification `fit.toml`, a fit of a campaign or of a friction
+            curve, or a target made by `pose_curve`.
         model, effects: as for `fit`.
         sampler: `emcee` (default), or `nuts`, which needs the extra `nuts`.
         folder: where a chain is kept, so that the same call goes on after whatever stopped it.
@@ -48,13 +50,15 @@ def sample(source: Campaign | Fit | AbstractTarget | str | Path, model: str = "p
              "most": most, "seed": seed}
     stated: dict[str, Any] = {}
     target = source if isinstance(source, AbstractTarget) else None
+    if isinstance(source, CurveFit):
+        target = pose_curve_fit(source)
     if target is None:
         if isinstance(source, (str, Path)) and Path(source).suffix == ".toml":
             stated, named = _read_settings(Path(source))
             sampler = sampler or named
         found = source if isinstance(source, Fit) else None
         if found is None:
-            assert not isinstance(source, (Fit, AbstractTarget))
+            assert not isinstance(source, (Fit, CurveFit, AbstractTarget))
             found = fit(source, model, effects, progress=lambda text, share: report(text, 0.1 * share), **fitting)
         elif fitting or effects:
             raise InputError("a fit has its model and effects already; fit it anew with others")

@@ -3,6 +3,7 @@
 import dataclasses as dc
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, final
 
 import equinox as eqx
@@ -13,10 +14,13 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from ..inference.bounded import linearise_all
+from ..inference.curve_results import CurveFit
 from ..inference.findings import Fit
 from ..inference.identifiability import analyse_columns
 from ..inference.parameters import ParameterSpace, to_public
+from ..inference.profiles import Curve
 from ..inference.stack import Records, Stack
+from .checkpoint import digest
 from .marginal import Integral, Plan, draw_nodes, integrate_nuisances
 
 
@@ -144,20 +148,37 @@ class CurveTarget(AbstractTarget):
     Attributes:
         rows: whitened residual of coordinates and data, in JAX; lives at the top of a module.
         data: whatever `rows` takes.
+        weight: logarithm of a further factor, of coordinates and data; None for one.
+        values: public values from coordinates and data; None where each coordinate gives its own.
     """
 
     rows: Callable[[Array, Any], Array]
     data: Any
+    weight: Callable[[Array, Any], Array] | None = None
+    values: Callable[[Array, Any], Array] | None = None
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it; the curve is one part."""
-        return np.asarray(_square(self.rows, jnp.asarray(x), self.data))[:, None]
+        return np.asarray(_square(self.rows, self.weight, jnp.asarray(x), self.data))[:, None]
+
+    def publish(self, x: np.ndarray) -> np.ndarray:
+        """As the base class has it."""
+        if self.values is None:
+            return super().publish(x)
+        flat = jnp.asarray(x).reshape(-1, np.shape(x)[-1])
+        return np.asarray(_publish_all(self.values, flat, self.data)).reshape(np.shape(x))
 
 
 @eqx.filter_jit
-def _square(rows, x: Array, data: Any) -> Array:
-    value = jax.vmap(lambda one: -0.5 * jnp.sum(rows(one, data) ** 2))(x)
+def _square(rows, weight, x: Array, data: Any) -> Array:
+    value = jax.vmap(lambda one: -0.5 * jnp.sum(rows(one, data) ** 2)
+                     + (0.0 if weight is None else weight(one, data)))(x)
     return jnp.where(jnp.isfinite(value), value, -jnp.inf)
+
+
+@eqx.filter_jit
+def _publish_all(values, x: Array, data: Any) -> Array:
+    return jax.vmap(lambda one: values(one, data))(x)
 
 
 def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, covariance, *, units=None,
@@ -186,6 +207,61 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
                          "hold one of them, or give bounds and a finite covariance")
     return CurveTarget(names, tuple(units or ("",) * count), tuple(coordinates or ("linear",) * count), centre,
                        covariance, low, high, dict(priors or {}), ("curve",), dict(identity or {}), (), rows, data)
+
+
+def pose_curve_fit(found: CurveFit) -> CurveTarget:
+    """The posterior of a friction curve's coefficients; flat in these, in the logarithm of what is positive.
+
+    It is sampled in the internal coordinates of the fit, in which valleys are straight, with the volume's change as a
+    factor. The prior ends far outside the intervals of the profile likelihood, five of their widths away.
+
+    Raises:
+        InputError: The readings do not bound a coefficient, so that there is no posterior.
+    """
+    curve, data = found.curve, found.data
+    loose = [p.name for p in found.profiles if not all(p.bounded)]
+    if loose or not found.profiles:
+        why = f"the readings do not bound {', '.join(loose)}" if loose else "the fit was made without profiles"
+        raise InputError(f"there is no posterior to draw from: {why}; hold what is loose, or add readings")
+    with np.errstate(divide="ignore"):
+        low, high = (_take_logs(curve, np.array(ends)) for ends in ([p.low for p in found.profiles],
+                                                                    [p.high for p in found.profiles]))
+    box = np.stack([low - 5.0 * (high - low), high + 5.0 * (high - low)])
+    centre = np.asarray(curve.fold(jnp.asarray(found.values), data))
+    columns = np.asarray(jax.jacfwd(lambda x: _whiten(curve, x, data))(jnp.asarray(centre)))
+    norms = np.linalg.norm(columns, axis=0)
+    covariance = np.linalg.pinv((columns / norms).T @ (columns / norms), rcond=1e-12) / np.outer(norms, norms)
+    values = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(data)])
+    made = pose_curve(partial(_whiten, curve), data, curve.names, centre, covariance, units=curve.units,
+                      identity={"title": found.subject, "fixed": dict(found.fixed), "data": digest(values.tolist())})
+    box = jnp.asarray(box)
+    return dc.replace(made, weight=partial(_weigh_box, curve, box), values=partial(_unfold, curve), notes=(
+        "the prior is flat in each coefficient, in the logarithm of what is positive",))
+
+
+def _take_logs(curve: Curve, values: np.ndarray) -> np.ndarray:
+    logs = np.array(curve.logs)
+    return np.where(logs, np.log(np.where(logs, values, 1.0)), values)
+
+
+def _unfold(curve: Curve, x: Array, data: Any) -> Array:
+    return curve.unfold(x, jnp.asarray(-1), jnp.asarray(0.0), data)
+
+
+def _whiten(curve: Curve, x: Array, data: Any) -> Array:
+    return curve.predict(_unfold(curve, x, data), data)
+
+
+def _weigh_box(curve: Curve, box: Array, x: Array, data: Any) -> Array:
+    """Change of volume from internal coordinates to those in which the prior is flat; nothing outside its box."""
+    logs = jnp.asarray(curve.logs)
+
+    def flat(x):
+        p = _unfold(curve, x, data)
+        return jnp.where(logs, jnp.log(jnp.where(logs, p, 1.0)), p)
+
+    inside = jnp.all((flat(x) > box[0]) & (flat(x) < box[1]))
+    return jnp.where(inside, jnp.linalg.slogdet(jax.jacfwd(flat)(x))[1], -jnp.inf)
 
 
 def pose_fit(fit: Fit) -> CampaignTarget:
