@@ -95,7 +95,7 @@ class CurveFit:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data for JSON; what has no end is null."""
-        return make_plain(self)
+        return {f.name: make_plain(getattr(self, f.name)) for f in dc.fields(self) if f.name not in ("curve", "data")}
 
 
 def say_end(value: float) -> str:

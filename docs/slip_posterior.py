@@ -1,0 +1,77 @@
+"""a...e of Eq. 9 at one load by emcee and by NUTS: `python -m docs.slip_posterior -o fits/slip-coefficients`.
+
+The curve is that of Eq. 10 at 15 N with noise, as in `docs/slip_curves.py`, with e free. Writes the fit (optimistix),
+both posteriors, a corner plot and `README.md`.
+"""
+
+import argparse
+import dataclasses as dc
+from pathlib import Path
+
+import numpy as np
+
+from ddetumble import sample
+from ddetumble.figures.posterior import draw_corner
+from ddetumble.figures.style import render_png
+from ddetumble.inference.curves import fit_slip_curve
+from ddetumble.inference.files import write_json
+from docs.slip_curves import make_curve
+
+
+LOAD, SEED = 15.0, 20
+
+
+def compare(emcee, nuts) -> list[dict]:
+    """Difference of means over its Monte Carlo error, and ratio of deviations with its error, of every coefficient."""
+    rows = []
+    for name, p in emcee.parameters.items():
+        q = nuts.parameters[name]
+        rows.append({"name": name, "difference": (p.mean - q.mean) / np.hypot(p.mcse, q.mcse), "ratio": p.sd / q.sd,
+                     "ratio_error": float(np.sqrt(0.5 / p.effective + 0.5 / q.effective))})
+    return rows
+
+
+def describe(found, emcee, nuts, rows) -> str:
+    """README of the folder."""
+    lines = ["# a...e at 15 N", "", "Made by `python -m docs.slip_posterior -o fits/slip-coefficients`: a curve of "
+             "Eq. 10 with noise, e free.", "",
+             "| | optimistix | its interval by profile | emcee: mean, sd | 95 % of its draws | NUTS: mean, sd |",
+             "| --- | --- | --- | --- | --- | --- |"]
+    for name, p in emcee.parameters.items():
+        c, q = found.coefficients[name], nuts.parameters[name]
+        lines.append(f"| {name} | {c.estimate:.5g} ± {c.sd:.2g} | {c.low:.5g} to {c.high:.5g} | {p.mean:.5g}, "
+                     f"{p.sd:.2g} | {p.q025:.5g} to {p.q975:.5g} | {q.mean:.5g}, {q.sd:.2g} |")
+    worst = max(abs(row["difference"]) for row in rows)
+    lines += ["", f"- emcee: {emcee.state}; R-hat {emcee.convergence.rhat:.4f}, {emcee.convergence.effective:.0f} "
+              "independent draws of the worst coefficient.",
+              f"- NUTS: {nuts.state}; {nuts.statistics['divergences']} divergences, R-hat "
+              f"{nuts.convergence.rhat:.4f}, {nuts.convergence.effective:.0f} independent draws.",
+              f"- Their means differ by at most {worst:.1f} Monte Carlo errors; deviations: "
+              + ", ".join(f"{r['name']} {r['ratio']:.3f} ± {r['ratio_error']:.3f}" for r in rows) + ".",
+              "- The posterior is no Gaussian: c has a long tail where d is small, as c d is what the curve knows.", "",
+              "![corner](corner.png)", ""]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    given = parser.parse_args()
+    curve = make_curve(LOAD, np.random.default_rng(SEED))
+    found = fit_slip_curve(curve.slip, curve.coefficient, curve.load, curve.sd, free_e=True)
+    emcee = sample(found, seed=SEED, effective=4000, most=40_000, block=500)
+    nuts = sample(found, seed=SEED, sampler="nuts", effective=4000, burn=1000, block=500, most=20_000)
+    emcee.save(given.output)
+    rows = compare(emcee, nuts)
+    (given.output / "corner.png").write_bytes(render_png(draw_corner(emcee)))
+    own = {k: v for k, v in found.to_dict().items() if k != "profiles"}
+    write_json(given.output / "result.json", {"optimistix": own, "nuts": nuts.to_dict(), "compared": rows,
+                                              "convergence": dc.asdict(emcee.convergence)})
+    text = describe(found, emcee, nuts, rows)
+    (given.output / "README.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
