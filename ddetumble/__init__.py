@@ -58,6 +58,7 @@ _HOMES = {
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
     "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
     "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.target",
+    "weigh": "sampling.weighing",
     "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
@@ -133,3 +134,4 @@ if TYPE_CHECKING:
     from .sampling.sampling import sample as sample
     from .sampling.target import pose_curve as pose_curve
     from .sampling.target import pose_fit as pose_fit
+    from .sampling.weighing import weigh as weigh

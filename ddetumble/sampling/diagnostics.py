@@ -1,9 +1,9 @@
 r"""Whether chains are long enough: autocorrelation time, effective size and R-hat of independent ensembles.
 
 Walkers of one ensemble move by each other's places, so that they are no independent chains: the autocorrelation time
-$\tau$ is that of emcee, of the function averaged over the walkers of an ensemble (Goodman and Weare 2010), the effective
-size is steps times walkers over $\tau$ summed over the ensembles, and R-hat (split, rank-normalised; Vehtari et al.
-2021) compares the ensembles, which are independent.
+$\tau$ is that of emcee, of the function averaged over the walkers of an ensemble (Goodman and Weare 2010), the
+effective size is steps times walkers over $\tau$ summed over the ensembles, and R-hat (split, rank-normalised; Vehtari
+et al. 2021) compares the ensembles, which are independent.
 """
 
 import dataclasses as dc

@@ -2,7 +2,8 @@
 
 import dataclasses as dc
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, final
 
 import equinox as eqx
@@ -12,10 +13,11 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
-from ..inference.bounded import linearise_all
+from ..inference.bounded import Bounded, linearise_all
 from ..inference.findings import Fit
-from ..inference.identifiability import analyse_columns
+from ..inference.identifiability import Knowledge, analyse_columns
 from ..inference.parameters import ParameterSpace, to_public
+from ..inference.problem import WORKERS, Problem, Solution
 from ..inference.stack import Records, Stack
 from .marginal import Integral, Plan, draw_nodes, integrate_nuisances
 
@@ -126,10 +128,22 @@ class CampaignTarget(AbstractTarget):
         return dc.replace(self, centre=arrays["centre"], covariance=arrays["covariance"], plan=plan)
 
     def integrate(self, x: np.ndarray) -> Integral:
-        """The integrals over every record's nuisances, shapes (points, records, ...)."""
-        found = integrate_nuisances(self.space, self.records.nuisances, self.records.channels, jnp.asarray(x),
-                                    self.plan)
-        return jax.tree.map(np.asarray, found)
+        """The integrals over every record's nuisances, shapes (points, records, ...); many points go in blocks."""
+        names, channels = self.records.nuisances, self.records.channels
+        x, size = np.asarray(x, dtype=float), len(x)
+        if size > TRIALS:  # one size of block, one compiled program
+            x = np.concatenate([x, np.repeat(x[-1:], -size % TRIALS, axis=0)])
+
+        def run(block):
+            found = integrate_nuisances(self.space, names, channels, jnp.asarray(block), self.plan)
+            return jax.tree.map(np.asarray, found)
+
+        blocks = np.split(x, max(1, len(x) // TRIALS) if len(x) > TRIALS else 1)
+        if len(blocks) == 1:
+            return run(x)
+        with ThreadPoolExecutor(WORKERS) as pool:
+            parts = list(pool.map(run, blocks))
+        return Integral(*(np.concatenate(part)[:size] for part in zip(*parts, strict=True)))
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it; parts are records."""
@@ -144,26 +158,33 @@ class CurveTarget(AbstractTarget):
     Attributes:
         rows: whitened residual of coordinates and data, in JAX; lives at the top of a module.
         data: whatever `rows` takes.
+        labels: number of the part to which every row belongs, shape (rows,); None where the curve is one part.
     """
 
     rows: Callable[[Array, Any], Array]
     data: Any
+    labels: np.ndarray | None = None
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it; the curve is one part."""
-        return np.asarray(_square(self.rows, jnp.asarray(x), self.data))[:, None]
+        """As the base class has it, with densities of whitened readings; parts are those of `labels`."""
+        squares = _square(self.rows, jnp.asarray(x), self.data)
+        if self.labels is None:
+            return np.asarray(squares).sum(axis=1, keepdims=True)
+        constant = -0.5 * np.log(2 * np.pi) * np.bincount(self.labels, minlength=len(self.parts))
+        split = [np.asarray(squares)[:, self.labels == k].sum(axis=1) for k in range(len(self.parts))]
+        return np.stack(split, axis=1) + constant
 
 
 @eqx.filter_jit
 def _square(rows, x: Array, data: Any) -> Array:
-    value = jax.vmap(lambda one: -0.5 * jnp.sum(rows(one, data) ** 2))(x)
+    value = jax.vmap(lambda one: -0.5 * rows(one, data) ** 2)(x)
     return jnp.where(jnp.isfinite(value), value, -jnp.inf)
 
 
 def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, covariance, *, units=None,
                coordinates=None, bounds: Mapping[str, tuple[float, float]] | None = None,
-               priors: Mapping[str, tuple[float, float]] | None = None, identity: Mapping[str, Any] | None = None
-               ) -> CurveTarget:
+               priors: Mapping[str, tuple[float, float]] | None = None, identity: Mapping[str, Any] | None = None,
+               parts: Sequence[Any] | None = None) -> CurveTarget:
     """The posterior of a curve's coefficients.
 
     Args:
@@ -175,6 +196,7 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
         bounds: of coordinates by name.
         priors: Gaussian (mean, sd) of coordinates by name.
         identity: plain data that tells this target from others.
+        parts: label of the part to which each row belongs, shape (rows,): what can be left out together.
     """
     names, count = tuple(names), len(names)
     low, high = np.full(count, -np.inf), np.full(count, np.inf)
@@ -184,8 +206,11 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
     if not np.all(np.isfinite(covariance)):
         raise InputError("the readings do not determine every coefficient, so that there is no posterior to draw from; "
                          "hold one of them, or give bounds and a finite covariance")
+    known = ["curve"] if parts is None else list(dict.fromkeys(parts))
+    labels = None if parts is None else np.array([known.index(one) for one in parts])
     return CurveTarget(names, tuple(units or ("",) * count), tuple(coordinates or ("linear",) * count), centre,
-                       covariance, low, high, dict(priors or {}), ("curve",), dict(identity or {}), (), rows, data)
+                       covariance, low, high, dict(priors or {}), tuple(map(str, known)), dict(identity or {}), (),
+                       rows, data, labels)
 
 
 def pose_fit(fit: Fit) -> CampaignTarget:
@@ -199,10 +224,7 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     """
     problem, found = fit.problem, fit.bounded
     full, names = problem.space, found.names
-    at = linearise_all(problem, found.solution, names, found.solution.u)
-    columns, _ = at.projected()
-    flat = np.concatenate([columns.reshape(-1, len(names)), np.diag(at.prior_weight)])
-    known = analyse_columns(full, names, flat, at.scales)
+    at, known = know_fit(problem, found)
     limits = {name: found.bounds.get(name, (-np.inf, np.inf)) for name in names}
     ends = np.array([limits[name] for name in names])
     places = [full.index[name] for name in names]
@@ -222,13 +244,22 @@ def pose_fit(fit: Fit) -> CampaignTarget:
                 "bounds": {k: list(v) for k, v in limits.items() if np.any(np.isfinite(v))},
                 "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
+    covariance = cap_covariance(known.covariance, high - low)
     target = CampaignTarget(names, tuple(p.unit for p in slots), tuple(p.coordinate for p in slots),
-                            found.solution.u[places], _cap(known.covariance, high - low), low, high, problem.priors,
-                            records.keys, identity, (), fit, space, records, plan, 0.0)
+                            found.solution.u[places], covariance, low, high, problem.priors, records.keys, identity,
+                            (), fit, space, records, plan, 0.0)
     return _judge(target)
 
 
-def _cap(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
+def know_fit(problem: Problem, found: Bounded) -> tuple[Solution, Knowledge]:
+    """Derivatives by all free parameters at a fit, held ones too, and what the records say of them."""
+    at = linearise_all(problem, found.solution, found.names, found.solution.u)
+    columns, _ = at.projected()
+    flat = np.concatenate([columns.reshape(-1, len(found.names)), np.diag(at.prior_weight)])
+    return at, analyse_columns(problem.space, found.names, flat, at.scales)
+
+
+def cap_covariance(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
     """A covariance whose deviations do not exceed a quarter of the room between finite limits."""
     sd = np.sqrt(np.diag(covariance))
     shrink = np.minimum(1.0, np.where(np.isfinite(room), 0.25 * room, np.inf) / sd)
