@@ -1,11 +1,13 @@
 """Draws from a posterior: marginals and pairs, the way of the chains, and the ranks of their ensembles."""
 
 import math
+import textwrap
 from typing import Any
 
 import numpy as np
 
 from ..sampling.posterior import Posterior
+from ..sampling.target import AbstractTarget
 from .labels import clean
 from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, WIDTH, dress, head_figure, new_figure, styled
 
@@ -13,6 +15,7 @@ from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, WIDTH, dress, head_fig
 _MASSES = (0.6827, 0.9545)  # inside the contours
 _SHADES = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#e69f00", "#7a5195", "#66727f")
 _MOST = 10  # parameters of a figure
+_DRAWN = 20000  # draws at most
 
 
 @styled
@@ -30,14 +33,15 @@ def draw_corner(posterior: Posterior):
 
     names = posterior.target.names[:_MOST]
     count = len(names)
-    values = posterior.target.publish(posterior.draw(4000)) if posterior.log_density.size > 4000 else (
-        posterior.target.publish(posterior.x.reshape(-1, posterior.x.shape[-1])))
-    gauss = _push_gauss(posterior)
-    spans = [_span(values[:, k], gauss[:, k]) for k in range(count)]
+    x = posterior.x.reshape(-1, posterior.x.shape[-1])
+    values = posterior.target.publish(x if len(x) <= _DRAWN else posterior.draw(_DRAWN))
+    curves = [_push_marginal(posterior.target, k) for k in range(count)]
+    spans = [_span(values[:, k], curves[k]) for k in range(count)]
     size = WIDTH * (0.55 if count == 1 else 0.8 if count == 2 else 1.0)
     figure = new_figure(0.45 + 0.92 * size if count > 1 else 0.62 * size, size, gap=0.03)
     panels = figure.subplots(count, count, squeeze=False)
     font = 9.5 if count <= 4 else 8.5 if count <= 6 else 7.0
+    wide = 24 if count <= 4 else 18 if count <= 6 else 14
     for row in range(count):
         for column in range(count):
             axes = panels[row, column]
@@ -47,15 +51,17 @@ def draw_corner(posterior: Posterior):
             dress(axes, grid="")
             axes.set_xlim(*spans[column])
             if row == column:
-                _draw_marginal(axes, values[:, row], gauss[:, row], spans[row])
+                _draw_marginal(axes, values[:, row], curves[row], spans[row])
             else:
-                _draw_pair(axes, values[:, [column, row]], gauss[:, [column, row]], spans[column], spans[row])
+                _draw_pair(axes, values[:, [column, row]], spans[column], spans[row])
+                for ellipse in _push_ellipses(posterior.target, column, row):
+                    axes.plot(*ellipse.T, color=BEFORE, lw=1.2, ls=(0, (4, 2)))
                 axes.set_ylim(*spans[row])
             _number(axes, count, row, column)
             if row == count - 1:
-                axes.set_xlabel(_label(posterior, column), fontsize=font)
+                axes.set_xlabel(_label(posterior, column, wide), fontsize=font)
             if column == 0 and row > 0:
-                axes.set_ylabel(_label(posterior, row), fontsize=font)
+                axes.set_ylabel(_label(posterior, row, wide), fontsize=font)
     handles: list[Any] = [Patch(facecolor=KIN, edgecolor=AFTER), Line2D([], [], color=BEFORE, lw=1.4, ls=(0, (4, 2)))]
     words = ["draws; contours hold 68 and 95 %" if count > 1 else "draws", "the fit's Gaussian"]
     head_figure(figure, handles, words)
@@ -138,7 +144,7 @@ def draw_ranks(posterior: Posterior, bins: int = 20):
         edges = np.linspace(0, 1, bins + 1)
         for e, shade in enumerate(shades):
             share = np.histogram(ranks[e], bins=edges)[0] * bins / flat.shape[1]
-            axes.stairs(share, edges, color=shade, lw=1.3)
+            axes.stairs(share, edges, color=shade, lw=1.3, baseline=None)
         reach = max(1.3 * width, 0.1)
         low, high = axes.get_ylim()
         axes.set_ylim(max(min(low, 1 - reach), 0), max(high, 1 + reach))
@@ -157,58 +163,69 @@ def draw_ranks(posterior: Posterior, bins: int = 20):
     return figure
 
 
-def _push_gauss(posterior: Posterior, count: int = 4000) -> np.ndarray:
-    """Draws from the fit's Gaussian in public units, shape (count, free): the coordinates bend it."""
-    target = posterior.target
-    rng = np.random.default_rng(3)
-    scale = np.sqrt(np.diag(target.covariance))
-    factor = np.linalg.cholesky(target.covariance / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
-    half = rng.standard_normal((count // 2, len(scale)))
-    x = target.centre + (np.concatenate([half, -half]) @ factor.T) * scale
-    return target.publish(x)
+def _push_marginal(target: AbstractTarget, k: int) -> np.ndarray:
+    """The fit's Gaussian of one parameter in its public unit: values and their density, shape (points, 2)."""
+    sd = math.sqrt(target.covariance[k, k])
+    x = np.repeat(target.centre[None], 401, axis=0)
+    steps = np.linspace(-4, 4, len(x))
+    x[:, k] += sd * steps
+    inside = (x[:, k] >= target.low[k]) & (x[:, k] <= target.high[k])
+    x, steps = x[inside], steps[inside]
+    value = target.publish(x)[:, k]
+    slope = np.abs(np.gradient(value, x[:, k])) if len(x) > 1 else np.ones(len(x))
+    density = np.exp(-0.5 * steps**2) / (sd * math.sqrt(2 * math.pi)) / np.maximum(slope, 1e-300)
+    good = np.isfinite(value) & np.isfinite(density)
+    return np.stack([value[good], density[good]], axis=1)
 
 
-def _span(values: np.ndarray, gauss: np.ndarray) -> tuple[float, float]:
+def _push_ellipses(target: AbstractTarget, i: int, j: int) -> list[np.ndarray]:
+    """Where the fit's Gaussian of two parameters holds 68 and 95 %, in public units, each shape (points, 2)."""
+    own = target.covariance[np.ix_([i, j], [i, j])]
+    scale = np.sqrt(np.diag(own))
+    factor = scale[:, None] * np.linalg.cholesky(own / np.outer(scale, scale) + 1e-12 * np.eye(2))
+    angle = np.linspace(0, 2 * np.pi, 121)
+    found = []
+    for mass in _MASSES:
+        x = np.repeat(target.centre[None], len(angle), axis=0)
+        x[:, [i, j]] += math.sqrt(-2 * math.log1p(-mass)) * (factor @ np.stack([np.cos(angle), np.sin(angle)])).T
+        found.append(target.publish(np.clip(x, target.low, target.high))[:, [i, j]])
+    return found
+
+
+def _span(values: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
+    """From where to where a parameter is drawn: the draws, and the Gaussian unless it is much wider."""
     low, high = (float(q) for q in np.quantile(values, [0.001, 0.999]))
-    other = np.quantile(gauss[np.isfinite(gauss)], [0.005, 0.995]) if np.isfinite(gauss).any() else (low, high)
     room = high - low
-    low, high = min(low, max(float(other[0]), low - room)), max(high, min(float(other[1]), high + room))
+    seen = curve[curve[:, 1] > 0.02 * curve[:, 1].max(), 0] if len(curve) else np.array([low, high])
+    low, high = min(low, max(float(seen.min()), low - room)), max(high, min(float(seen.max()), high + room))
     pad = 0.05 * (high - low) or 1e-9 * max(abs(low), 1.0)
     return low - pad, high + pad
 
 
-def _draw_marginal(axes, values: np.ndarray, gauss: np.ndarray, span: tuple[float, float]) -> None:
-    edges = np.linspace(*span, 41)
+def _draw_marginal(axes, values: np.ndarray, curve: np.ndarray, span: tuple[float, float]) -> None:
+    edges = np.linspace(*span, 33)
     density = np.histogram(values, bins=edges, density=True)[0]
     axes.stairs(density, edges, fill=True, color=KIN, alpha=0.6)
     axes.stairs(density, edges, color=AFTER, lw=1.0)
-    centre = 0.5 * (edges[1:] + edges[:-1])
-    smooth = _smooth(np.histogram(gauss, bins=edges)[0] / len(gauss) / np.diff(edges), 1.2)
-    axes.plot(centre, smooth, color=BEFORE, lw=1.4, ls=(0, (4, 2)))
+    axes.plot(*curve.T, color=BEFORE, lw=1.4, ls=(0, (4, 2)))
     for q in np.quantile(values, [0.025, 0.975]):
         axes.axvline(q, color=GREY, lw=0.7, ls=(0, (2, 2)))
-    axes.set_ylim(0, 1.15 * max(density.max(), smooth.max()))
+    axes.set_ylim(0, 1.15 * max([density.max(), *curve[:, 1]]))
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
 
 
-def _draw_pair(axes, values: np.ndarray, gauss: np.ndarray, along: tuple[float, float], up: tuple[float, float]
-               ) -> None:
-    size = 36
+def _draw_pair(axes, values: np.ndarray, along: tuple[float, float], up: tuple[float, float]) -> None:
+    size = 40
     edges = np.linspace(*along, size + 1), np.linspace(*up, size + 1)
     middle = [0.5 * (e[1:] + e[:-1]) for e in edges]
-    for points, colour, filled in ((values, AFTER, True), (gauss, BEFORE, False)):
-        density = np.histogram2d(points[:, 0], points[:, 1], bins=edges)[0].T
-        for axis in (0, 1):
-            density = np.apply_along_axis(_smooth, axis, density, 1.3)
-        levels = _find_levels(density)
-        if levels is None:
-            continue
-        if filled:
-            axes.contourf(*middle, density, levels=[*levels, np.inf], colors=[KIN, AFTER], alpha=0.35)
-            axes.contour(*middle, density, levels=levels, colors=colour, linewidths=0.9)
-        else:
-            axes.contour(*middle, density, levels=levels, colors=colour, linewidths=1.2, linestyles=[(0, (4, 2))])
+    density = np.histogram2d(values[:, 0], values[:, 1], bins=edges)[0].T
+    for axis in (0, 1):
+        density = np.apply_along_axis(_smooth, axis, density, 1.8)
+    levels = _find_levels(density)
+    if levels is not None:
+        axes.contourf(*middle, density, levels=[*levels, np.inf], colors=[KIN, AFTER], alpha=0.35)
+        axes.contour(*middle, density, levels=levels, colors=AFTER, linewidths=0.9)
 
 
 def _find_levels(density: np.ndarray) -> list[float] | None:
@@ -222,9 +239,9 @@ def _find_levels(density: np.ndarray) -> list[float] | None:
 
 
 def _smooth(values: np.ndarray, width: float) -> np.ndarray:
-    reach = np.arange(-4, 5)
+    reach = np.arange(-6, 7)
     kernel = np.exp(-0.5 * (reach / width) ** 2)
-    padded = np.pad(values, 4, mode="reflect")
+    padded = np.pad(values, 6, mode="symmetric")
     return np.convolve(padded, kernel / kernel.sum(), mode="valid")
 
 
@@ -247,9 +264,9 @@ def _few(axis, count: int) -> None:
     axis.set_major_locator(MaxNLocator(count, steps=[1, 2, 2.5, 5, 10], prune="both" if count < 4 else None))
 
 
-def _label(posterior: Posterior, k: int) -> str:
-    """A parameter's name in two lines at most, with its unit."""
+def _label(posterior: Posterior, k: int, width: int = 24) -> str:
+    """A parameter's name with its unit, the effect in lines of its own."""
     name, unit = posterior.target.names[k], posterior.target.units[k]
     effect, _, own = clean(name, 50).rpartition(".")
-    own = own.replace("_", " ") + (f" [{clean(unit, 14)}]" if unit not in ("", "1") else "")
-    return f"{effect}\n{own}" if effect else own.replace(" ", "\n", 1) if len(own) > 16 else own
+    own = (own if effect else own.replace("_", " ")) + (f" [{clean(unit, 14)}]" if unit not in ("", "1") else "")
+    return "\n".join([*textwrap.wrap(effect, width), *textwrap.wrap(own, width)])

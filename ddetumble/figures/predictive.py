@@ -42,7 +42,7 @@ def draw_predictive(checks: Checks, family: str = "impact", count: int = 4):
     axes.axhspan(_LEAST / 3, limit, color=FLOOR, alpha=0.18, lw=0)
     axes.set_yscale("log")
     axes.set_ylim(_LEAST / 3, 1.6)
-    axes.set_yticks([1, 1e-2, 1e-4, 1e-6, _LEAST], ["1", "0.01", "10⁻⁴", "10⁻⁶", "≤ 10⁻⁷"])
+    axes.set_yticks([1, 1e-2, 1e-4, 1e-6, _LEAST], ["1", "0.01", "1e−4", "1e−6", "≤ 1e−7"])
     axes.minorticks_off()
     axes.set_xlim(-0.7, len(records) - 0.3)
     every = max(1, -(-len(records) // 26))

@@ -167,17 +167,20 @@ class CurveTarget(AbstractTarget):
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it, with densities of whitened readings; parts are those of `labels`."""
-        squares = _square(self.rows, jnp.asarray(x), self.data)
         if self.labels is None:
-            return np.asarray(squares).sum(axis=1, keepdims=True)
+            return np.asarray(_square(self.rows, jnp.asarray(x), self.data, None, 1))
         constant = -0.5 * np.log(2 * np.pi) * np.bincount(self.labels, minlength=len(self.parts))
-        split = [np.asarray(squares)[:, self.labels == k].sum(axis=1) for k in range(len(self.parts))]
-        return np.stack(split, axis=1) + constant
+        return np.asarray(_square(self.rows, jnp.asarray(x), self.data, jnp.asarray(self.labels),
+                                  len(self.parts))) + constant
 
 
 @eqx.filter_jit
-def _square(rows, x: Array, data: Any) -> Array:
+def _square(rows, x: Array, data: Any, labels: Array | None, count: int) -> Array:
     value = jax.vmap(lambda one: -0.5 * rows(one, data) ** 2)(x)
+    if labels is None:
+        value = value.sum(axis=1, keepdims=True)
+    else:
+        value = jnp.zeros((x.shape[0], count)).at[:, labels].add(value)
     return jnp.where(jnp.isfinite(value), value, -jnp.inf)
 
 
