@@ -127,8 +127,10 @@ def weigh_models(
     from ..sampling.weighing import weigh
 
     with show_progress(f"weighing models of {measured.name}") as report:
-        more = {"campaign": measured} if found else {"models": list(effect or ()), "model": model or "paper"}
-        result = weigh(path if found else measured, **more, progress=report)
+        if found:
+            result = weigh(path, campaign=measured, progress=report)
+        else:
+            result = weigh(measured, list(effect or ()), model or "paper", progress=report)
         result.save(folder)
     typer.echo(result.text())
     typer.echo(f"Written to {folder}")

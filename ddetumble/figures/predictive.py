@@ -31,9 +31,10 @@ def draw_predictive(checks: Checks, family: str = "impact", count: int = 4):
     from matplotlib.patches import Patch
 
     records = checks.records
-    figure = new_figure(2.7 + 1.75 * -(-min(count, len(records)) // 2), WIDTH)
-    parts = figure.subfigures(2, 1, height_ratios=(2.3, 1.75 * -(-min(count, len(records)) // 2) + 0.4))
-    axes = dress(parts[0].add_subplot())
+    height = 1.75 * -(-min(count, len(records)) // 2)
+    figure = new_figure(2.7 + height, WIDTH)
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(2.3, height + 0.4)).ravel()
+    axes = dress(above.add_subplot())
     place = np.arange(len(records))
     for name, (mark, colour) in _MARKS.items():
         values = [max(one.p_values[name], _LEAST) for one in records]
@@ -53,7 +54,7 @@ def draw_predictive(checks: Checks, family: str = "impact", count: int = 4):
                           for mark, colour in _MARKS.values()]
     handles += [Patch(facecolor=FLOOR, alpha=0.35), Line2D([], [], color=INK, lw=1.0), Patch(facecolor=KIN, alpha=0.5)]
     labels = [*STATISTICS.values(), "stands out by itself", "measured", "90 % of replicates"]
-    _draw_replicates(parts[1], checks, family, count)
+    _draw_replicates(below, checks, family, count)
     head_figure(figure, handles, labels)
     return figure
 

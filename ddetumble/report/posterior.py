@@ -56,7 +56,7 @@ def say_posterior(posterior: Posterior) -> str:
         p = posterior.parameters[name]
         unit = f" {clean(p.unit, 16)}" if p.unit not in ("", "1") else ""
         low, high = (format_value(q, p.sd) for q in (p.q025, p.q975))
-        told.append(f"{clean(name, 60)} lies between {low} and {high}{unit}")
+        told.append(f"{clean(name if '.' in name else name.replace('_', ' '), 60)} lies between {low} and {high}{unit}")
     rest = len(names) - len(told)
     more = f" (and {rest} more {'parameters' if rest > 1 else 'parameter'} below)" if rest > 0 else ""
     text = f"With 95 % probability each, {_join(told)}{more}"

@@ -93,7 +93,7 @@ def smooth_weights(log_weights: np.ndarray, independent: float = 1.0) -> tuple[n
     Returns:
         Logarithms of the normalised weights, shape (draws,), and the shape k of their tail.
     """
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats
 
     alive = np.isfinite(log_weights)
     result = np.full(len(log_weights), -np.inf)
@@ -105,9 +105,15 @@ def smooth_weights(log_weights: np.ndarray, independent: float = 1.0) -> tuple[n
         return result, 0.0
     with np.errstate(all="ignore"):
         # It takes logarithms of what is left out, and weighs by their inverse.
-        smooth, k = array_stats.psislw(values.max() - values, r_eff=float(np.clip(independent, 0.01, 1.0)))
-    result[alive] = smooth - special.logsumexp(smooth)
+        share: Any = float(np.clip(independent, 0.01, 1.0))
+        smooth, k = (np.asarray(one, dtype=float) for one in array_stats.psislw(values.max() - values, r_eff=share))
+    result[alive] = smooth - np.logaddexp.reduce(smooth)
     return result, float(k) if np.isfinite(k) else np.inf
+
+
+def spare_draws(target: AbstractTarget, wanted: int) -> int:
+    """How many draws to make: fewer where each costs as much as the points of a sampled integral."""
+    return wanted // 4 if isinstance(target, CampaignTarget) and target.plan.nodes.shape[0] else wanted
 
 
 def limit_shape(draws: int) -> float:
@@ -177,7 +183,7 @@ def _average(log_weights: np.ndarray, own: np.ndarray, independent: float) -> tu
     if not alive.any():
         return -np.inf, np.inf, False
     size = int(alive.sum() * independent)
-    return float(special.logsumexp(smooth[alive] + own[alive])), k, bool(k <= limit_shape(size))
+    return float(np.logaddexp.reduce(smooth[alive] + own[alive])), k, bool(k <= limit_shape(size))
 
 
 def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.ndarray], random
@@ -196,7 +202,7 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.
     halves, best = [found, whole], None
     for _ in range(2):
         proposals = [Proposal(*one, target.low, target.high) for one in halves]
-        x = np.concatenate([_spread(one, REFITTED // 2, random) for one in proposals])
+        x = np.concatenate([_spread(one, spare_draws(target, REFITTED) // 2, random) for one in proposals])
         if not len(x):
             return best
         densities = [one.log_density(x) - np.sum(np.log(np.diag(one.factor))) for one in proposals]
@@ -209,10 +215,10 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.
         alive = np.isfinite(smooth) & np.isfinite(own)
         if not alive.any():
             return best
-        value = float(special.logsumexp(smooth[alive] + own[alive]))
+        value = float(np.logaddexp.reduce(smooth[alive] + own[alive]))
         worst = max(k, k_both)
         if best is None or worst < best[1]:
-            best = (value, worst, bool(worst <= limit_shape(REFITTED)))
+            best = (value, worst, bool(worst <= limit_shape(len(x))))
         if best[2]:
             break
         halves = [describe_draws(x, w, one[1]) for w, one in zip((smooth, posterior), halves, strict=True)]
@@ -234,9 +240,9 @@ def _spread(proposal: Proposal, count: int, random) -> np.ndarray:
 
 def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of weighted draws; the covariance that is given where they are too few."""
-    w = np.exp(log_weights - special.logsumexp(log_weights))
-    if not np.all(np.isfinite(w)):
+    if not np.any(np.isfinite(log_weights)):
         return x.mean(axis=0), fallback
+    w = np.exp(log_weights - np.logaddexp.reduce(log_weights))
     mean = w @ x
     if 1.0 / np.sum(w**2) < 4 * x.shape[1]:
         return mean, fallback
@@ -288,9 +294,10 @@ def _fit_curve(target: CurveTarget, out: np.ndarray):
         return jnp.concatenate([target.rows(x, target.data)[keep], more])
 
     start = np.clip(target.centre, target.low, target.high)
-    slope = jax.jit(jax.jacfwd(rows))
+    slope: Any = jax.jit(jax.jacfwd(rows))
+    bend: Any = lambda x: np.asarray(slope(jnp.asarray(x)))
     found = optimize.least_squares(lambda x: np.asarray(rows(jnp.asarray(x))), start, x_scale=np.sqrt(np.diag(
-        target.covariance)), jac=lambda x: np.asarray(slope(jnp.asarray(x))), bounds=(target.low, target.high))
+        target.covariance)), jac=bend, bounds=(target.low, target.high))
     information = found.jac.T @ found.jac
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     if np.linalg.cond(information * np.outer(scale, scale)) > 1e12:

@@ -143,7 +143,7 @@ class CampaignTarget(AbstractTarget):
             return run(x)
         with ThreadPoolExecutor(WORKERS) as pool:
             parts = list(pool.map(run, blocks))
-        return Integral(*(np.concatenate(part)[:size] for part in zip(*parts, strict=True)))
+        return jax.tree.map(lambda *part: np.concatenate(part)[:size], *parts)
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it; parts are records."""

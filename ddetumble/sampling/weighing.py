@@ -22,7 +22,7 @@ from ..inference.stack import stack_records
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .moves import Proposal, start_proposal
-from .scores import Scores, describe_draws, limit_shape, score_conditions, smooth_weights
+from .scores import Scores, describe_draws, limit_shape, score_conditions, smooth_weights, spare_draws
 from .target import CampaignTarget, pose_fit
 from .weights import FILE, SCHEMA, Weighing, conclude, name_rival
 
@@ -135,7 +135,7 @@ def draw_about(target: CampaignTarget, seed: int = 0) -> tuple[np.ndarray, np.nd
     random = np.random.RandomState(np.random.SeedSequence([seed, 11]).generate_state(8))
     proposal, best = start_proposal(target), None
     for _ in range(ROUNDS):
-        x = proposal.draw(DRAWS, random)
+        x = proposal.draw(spare_draws(target, DRAWS), random)
         likelihoods = target.likelihoods(x)
         base = target.prior(x) + likelihoods.sum(axis=1) - proposal.log_density(x)
         base = np.where(np.isfinite(base), base, -np.inf)
@@ -144,7 +144,7 @@ def draw_about(target: CampaignTarget, seed: int = 0) -> tuple[np.ndarray, np.nd
             break
         if best is None or k < best[0]:
             best = (k, x, likelihoods, base)
-        if k <= min(0.5, limit_shape(DRAWS)):
+        if k <= min(0.5, limit_shape(len(x))):
             break
         proposal = Proposal(*describe_draws(x, smooth, 2.0 * target.covariance), target.low, target.high)
     if best is None:
