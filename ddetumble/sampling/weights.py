@@ -84,7 +84,7 @@ class Weighing:
         rows = [("", "weight", "elpd", "behind the best", "std. error", "largest k", "refits", "chi2/dof")]
         for one in self.rivals:
             scores = one.scores.scores
-            rows.append((one.name, f"{one.weight:.3f}", f"{one.scores.elpd:.1f}", f"{-one.difference:.1f}",
+            rows.append((one.name, f"{one.weight:.3f}", f"{one.scores.elpd:.1f}", f"{abs(one.difference):.1f}",
                          f"{one.standard_error:.1f}", f"{max(s.pareto_k for s in scores):.2f}",
                          f"{sum(s.way == 'refit' for s in scores)} of {len(scores)}", f"{one.fit.chi2_reduced:.4g}"))
         widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
