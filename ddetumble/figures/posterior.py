@@ -53,7 +53,7 @@ def draw_corner(posterior: Posterior):
             if row == column:
                 _draw_marginal(axes, values[:, row], curves[row], spans[row])
             else:
-                _draw_pair(axes, values[:, [column, row]], spans[column], spans[row])
+                _draw_pair(axes, values[:, [column, row]])
                 for ellipse in _push_ellipses(posterior.target, column, row):
                     axes.plot(*ellipse.T, color=BEFORE, lw=1.2, ls=(0, (4, 2)))
                 axes.set_ylim(*spans[row])
@@ -215,17 +215,26 @@ def _draw_marginal(axes, values: np.ndarray, curve: np.ndarray, span: tuple[floa
     axes.spines["left"].set_visible(False)
 
 
-def _draw_pair(axes, values: np.ndarray, along: tuple[float, float], up: tuple[float, float]) -> None:
-    size = 40
-    edges = np.linspace(*along, size + 1), np.linspace(*up, size + 1)
-    middle = [0.5 * (e[1:] + e[:-1]) for e in edges]
-    density = np.histogram2d(values[:, 0], values[:, 1], bins=edges)[0].T
+def _draw_pair(axes, values: np.ndarray) -> None:
+    """Contours of the density of two parameters, shape (draws, 2).
+
+    It is smoothed along the principal axes: along the parameters, a thin ridge would be drawn too wide.
+    """
+    mean, scale = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-300)
+    factor = scale[:, None] * np.linalg.cholesky(np.corrcoef(values.T) + 1e-9 * np.eye(2))
+    round_ = np.linalg.solve(factor, (values - mean).T)
+    reach = np.maximum(np.quantile(np.abs(round_), 0.999, axis=1), 3.2) + 0.4
+    edges = [np.linspace(-r, r, 41) for r in reach]
+    density = np.histogram2d(*round_, bins=edges)[0]
     for axis in (0, 1):
         density = np.apply_along_axis(_smooth, axis, density, 1.8)
     levels = _find_levels(density)
-    if levels is not None:
-        axes.contourf(*middle, density, levels=[*levels, np.inf], colors=[KIN, AFTER], alpha=0.35)
-        axes.contour(*middle, density, levels=levels, colors=AFTER, linewidths=0.9)
+    if levels is None:
+        return
+    grid = np.stack(np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in edges), indexing="ij"))
+    x, y = mean[:, None, None] + np.einsum("ij,jkl->ikl", factor, grid)
+    axes.contourf(x, y, density, levels=[*levels, np.inf], colors=[KIN, AFTER], alpha=0.35)
+    axes.contour(x, y, density, levels=levels, colors=AFTER, linewidths=0.9)
 
 
 def _find_levels(density: np.ndarray) -> list[float] | None:
