@@ -57,7 +57,8 @@ _HOMES = {
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
     "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
-    "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.target",
+    "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
+    "weigh": "sampling.weighing",
     "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
@@ -130,6 +131,7 @@ if TYPE_CHECKING:
     from .paper import write_paper as write_paper
     from .report import describe as describe
     from .report import write_report as write_report
+    from .sampling.curves import pose_curve as pose_curve
     from .sampling.sampling import sample as sample
-    from .sampling.target import pose_curve as pose_curve
     from .sampling.target import pose_fit as pose_fit
+    from .sampling.weighing import weigh as weigh

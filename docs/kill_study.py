@@ -18,8 +18,8 @@ import numpy as np
 
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.sampling.checkpoint import read_arrays
+from ddetumble.sampling.curves import CurveTarget, pose_curve
 from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.target import CurveTarget, pose_curve
 
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -72,7 +72,7 @@ def fit_parameters(
 
 
 def predict_records(
-    model: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit or discover wrote.")],
+    model: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit, discover or weigh wrote.")],
     conditions: Annotated[
         Path,
         typer.Argument(

@@ -1,4 +1,4 @@
-"""Commands about posteriors: `sample`."""
+"""Commands about posteriors and rival models: `sample` and `weigh`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 from .._errors import InputError
 from .examination import MODEL
-from .places import locate_campaign, prepare_folder
+from .places import list_shipped, locate_campaign, prepare_folder
 from .progress import show_progress
 
 
@@ -20,6 +20,13 @@ def register(app: typer.Typer) -> None:
         "  ddetumble sample fits/impact-b/fit.toml\n"
         "  ddetumble sample data/slip-a --effect adhesive-offset --nuts -o nuts",
     )(sample_posterior)
+    app.command(
+        "weigh",
+        short_help="Weights of rival models, by conditions left out.",
+        epilog="\b\nExamples:\n  ddetumble weigh data/slip-a --effect adhesive-offset --effect viscous-friction "
+        "--effect none\n  ddetumble weigh discovery --campaign data/impact-b\n"
+        "  ddetumble predict slip-a-weights conditions.csv",
+    )(weigh_models)
 
 
 def sample_posterior(
@@ -73,6 +80,72 @@ def sample_posterior(
         found = sample(measured, **more, sampler="nuts" if nuts else None, folder=folder, progress=report,
                        walkers=walkers, ensembles=ensembles, burn=burn, block=checkpoint, effective=effective,
                        most=steps, seed=seed)
+        found = found.examine(lambda text, share: report(text, share))
+        report("writing the report", 0.95)
+        from ..report import write_posterior
+
         found.save(folder)
+        page = write_posterior(found, folder)
     typer.echo(found.text())
+    typer.echo(f"Report: {page}")
+
+
+def weigh_models(
+    source: Annotated[
+        str, typer.Argument(metavar="CAMPAIGN|DIR", help="A campaign, or a folder that discover wrote.")
+    ],
+    model: Annotated[str | None, MODEL] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("-e", "--effect", metavar="ID[,ID...]",
+                     help="One rival: its effects with commas between them, or `none` for the reference model alone."),
+    ] = None,
+    campaign: Annotated[
+        str | None, typer.Option(metavar="CAMPAIGN", help="The campaign that discover looked at.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for weights.json and every rival's "
+                                  "fit; that of discover itself, if not given.")
+    ] = None,
+):
+    """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages
+    over them.
+    """
+    path = Path(source) if (Path(source) / "result.json").is_file() else locate_campaign(source)
+    found = (path / "result.json").is_file()
+    if found and (effect or model):
+        raise InputError("the folder says which models are rivals; leave out --effect and --model", file=source)
+    if not found and campaign is not None:
+        raise InputError("--campaign goes with a folder that discover wrote", file=source)
+    if not found and len(effect or ()) < 2:
+        raise InputError("there have to be at least two models to weigh; give --effect for each, `none` for the "
+                         "reference model alone", file=source)
+    from ..measurement.package import read_campaign
+
+    measured = read_campaign(locate_campaign(campaign or _name_campaign(path)) if found else path)
+    folder = prepare_folder(output or (path if found else Path(f"{measured.name}-weights")))
+    from ..sampling.weighing import weigh
+
+    with show_progress(f"weighing models of {measured.name}") as report:
+        if found:
+            result = weigh(path, campaign=measured, progress=report)
+        else:
+            result = weigh(measured, list(effect or ()), model or "paper", progress=report)
+        result.save(folder)
+    typer.echo(result.text())
     typer.echo(f"Written to {folder}")
+
+
+def _name_campaign(folder: Path) -> str:
+    """Name of a shipped campaign of which a result speaks."""
+    import json
+
+    try:
+        name = str(json.loads((folder / "result.json").read_text(encoding="utf-8"))["campaign"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError("this is no result of discover, or a damaged one; run discover again",
+                         file=folder / "result.json") from None
+    if name not in list_shipped():
+        raise InputError(f"the result does not hold the campaign {name!r} that it is about; name its folder with "
+                         "--campaign", file=folder)
+    return name

@@ -1,36 +1,8 @@
 """Whole conditions left out: how well a fitted model predicts tests that did not choose it."""
 
 import numpy as np
-import pandas as pd
 
 from ..inference.problem import Solution
-
-
-GAP = 0.03  # neighbouring settings further apart than this share of their value are different conditions
-
-
-def group_conditions(records: pd.DataFrame) -> np.ndarray:
-    """Number of the condition to which each record belongs, shape (records,).
-
-    Settings scatter about nominal values: along each condition, sorted values are cut where neighbours differ by more
-    than 3 % (and five times the median step). The order in a series is no condition.
-    """
-    labels = []
-    for name in records.columns:
-        if name == "sequence":
-            continue
-        values = records[name].to_numpy(dtype=float)
-        order = np.argsort(values)
-        ordered = values[order]
-        size = np.maximum(np.abs(ordered[1:]), 1e-300)
-        label = np.zeros(len(values), dtype=int)
-        label[order[1:]] = np.cumsum(np.diff(ordered) / size > GAP)
-        labels.append(label)
-    if not labels:
-        return np.arange(len(records))
-    _, groups = np.unique(np.stack(labels, axis=1), axis=0, return_inverse=True)
-    groups = np.ravel(groups)
-    return groups if groups.max() >= 2 else np.arange(len(records))
 
 
 def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:

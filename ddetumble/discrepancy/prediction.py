@@ -16,6 +16,7 @@ from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import RECORD_SIZES, Stack, pad_size
 from ..measurement.tables import Table, convert_column, read_table
+from ..sampling.weights import FILE as WEIGHTS
 
 
 CHUNK = 48  # records a call of the compiled program
@@ -29,7 +30,7 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
     """Predict records at new conditions.
 
     Args:
-        model: folder that `fit` or `discover` wrote.
+        model: folder that `fit`, `discover` or `weigh` wrote; with weights, predictions are averaged over the rivals.
         conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
             `slip`, since the stroke began); one row a wanted sample, SI.
 
@@ -43,6 +44,15 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
         InputError: a column is missing or holds no numbers, conditions that no test can have.
         ComputationError: the model could not be integrated there.
     """
+    if not isinstance(model, SavedModel) and (Path(model) / WEIGHTS).is_file():
+        from .averaging import predict_average
+
+        return predict_average(Path(model), conditions)
+    return predict_model(model, conditions)
+
+
+def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+    """As `predict`, for a single model."""
     saved = model if isinstance(model, SavedModel) else load_model(model)
     family = find_family(saved.family, "predict")
     abscissa = "slip" if saved.family == "slip" else "time"

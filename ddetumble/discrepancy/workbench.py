@@ -16,8 +16,9 @@ from ..inference.problem import WORKERS, Problem, Solution
 from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
+from ..measurement.grouping import group_conditions
 from .adequacy import Score, family_p_value, judge_fit, score_directions, smooth_bases
-from .holdout import group_conditions, leave_out
+from .holdout import leave_out
 from .records import LackOfFit
 
 

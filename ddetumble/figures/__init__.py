@@ -4,21 +4,28 @@ from .dependence import draw_dependence, draw_missing_force
 from .estimates import draw_parameters
 from .fit import draw_fit, draw_peaks
 from .ledger import draw_ledger
+from .posterior import draw_corner, draw_ranks, draw_traces
+from .predictive import draw_left_out, draw_predictive
 from .ranking import draw_ranking
 from .residuals import draw_record_errors, draw_residual_map
 from .style import new_figure, render_png, styled
 
 
 __all__ = [
+    "draw_corner",
     "draw_dependence",
     "draw_fit",
     "draw_ledger",
+    "draw_left_out",
     "draw_missing_force",
     "draw_parameters",
     "draw_peaks",
+    "draw_predictive",
     "draw_ranking",
+    "draw_ranks",
     "draw_record_errors",
     "draw_residual_map",
+    "draw_traces",
     "new_figure",
     "render_png",
     "styled",

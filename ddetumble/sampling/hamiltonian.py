@@ -21,10 +21,11 @@ from jaxtyping import Array
 from .._errors import ComputationError, InputError
 from ..inference.problem import evaluate
 from .checkpoint import ChainFolder
+from .curves import CurveTarget
 from .diagnostics import judge_chains
 from .ensemble import WORKERS, Progress, Settings
 from .posterior import Posterior, summarise_posterior
-from .target import AbstractTarget, CampaignTarget, CurveTarget
+from .target import AbstractTarget, CampaignTarget
 
 
 REACH = 6.0  # standard deviations within which a limit counts

@@ -3,7 +3,7 @@
 import dataclasses as dc
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,10 @@ import numpy as np
 
 from .._errors import InputError
 from ..inference.files import list_versions, make_plain, write_json
+from .checks import DRAWS, Checks, check_posterior
+from .curves import CurveTarget
 from .diagnostics import Convergence
+from .scores import Scores, score_conditions
 from .target import AbstractTarget, CampaignTarget
 
 
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 FILE, SUMMARY = "posterior.nc", "posterior.json"
 SCHEMA = "ddetumble.posterior/1"
 MOST_DRAWS = 4000  # on disk
+SCORED = (1000, 300)  # draws at which records' likelihoods are kept: nuisances integrated analytically, or sampled
 
 
 @dc.dataclass(frozen=True)
@@ -63,6 +67,9 @@ class Posterior:
         parameters: summaries by name.
         state: a sentence.
         notes: further sentences.
+        log_likelihood: of every part at some draws (`scored`), shape (ensembles, draws, parts); where it was examined.
+        predictive: posterior predictive checks; of campaigns only, where it was examined.
+        left_out: scores of left-out conditions, where it was examined.
     """
 
     target: AbstractTarget
@@ -75,6 +82,9 @@ class Posterior:
     parameters: Mapping[str, Estimate]
     state: str
     notes: tuple[str, ...]
+    log_likelihood: np.ndarray | None = None
+    predictive: Checks | None = None
+    left_out: Scores | None = None
 
     def __repr__(self) -> str:
         return f"<Posterior of {', '.join(self.target.names)}: {self.state}>"
@@ -107,6 +117,32 @@ class Posterior:
         x, value = self.x[:, ::every], self.log_density[:, ::every]
         return np.moveaxis(x, 2, 1).reshape(ensembles, -1, free), np.moveaxis(value, 2, 1).reshape(ensembles, -1)
 
+    def scored(self) -> np.ndarray:
+        """Draws at which likelihoods of the records are kept, shape (ensembles, draws, free): some of `thinned`."""
+        sampled = isinstance(self.target, CampaignTarget) and self.target.plan.nodes.shape[0]
+        x, _ = self.thinned()
+        every = max(1, -(-x.shape[0] * x.shape[1] // SCORED[bool(sampled)]))
+        return x[:, ::every]
+
+    def examine(self, report: Callable[[str, float], None] = lambda text, share: None) -> "Posterior":
+        """The same with posterior predictive checks and scores of left-out conditions, where it has several parts."""
+        target = self.target
+        if isinstance(target, CurveTarget) and target.labels is None:
+            return self
+        report("likelihoods of the records", 0.0)
+        x = self.scored()
+        flat = x.reshape(-1, x.shape[-1])
+        likelihoods = self.log_likelihood
+        if likelihoods is None:
+            likelihoods = target.likelihoods(flat).reshape(*x.shape[:2], -1)
+        checks = None
+        if isinstance(target, CampaignTarget):
+            checks = check_posterior(target, self.draw(DRAWS), report=lambda t, s: report(t, 0.3 + 0.3 * s))
+        share = min(1.0, self.convergence.effective / max(len(flat), 1))
+        scores = score_conditions(target, flat, likelihoods.reshape(len(flat), -1), independent=max(share, 0.05),
+                                  report=lambda t, s: report(t, 0.6 + 0.4 * s))
+        return dc.replace(self, log_likelihood=likelihoods, predictive=checks, left_out=scores)
+
     def text(self) -> str:
         """The report."""
         count = self.log_density.size
@@ -120,6 +156,11 @@ class Posterior:
         widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
         lines += ["    " + "  ".join(cell.ljust(w) if k == 0 else cell.rjust(w)
                                      for k, (cell, w) in enumerate(zip(row, widths, strict=True))) for row in rows]
+        if self.predictive is not None:
+            lines += ["[[Predictive check]]", f"    {self.predictive.sentence}"]
+        if self.left_out is not None:
+            lines += ["[[Left-out conditions]]", f"    expected log predictive density {self.left_out.elpd:.1f} +/- "
+                      f"{self.left_out.standard_error:.1f}", f"    {self.left_out.text}"]
         if self.notes:
             lines += ["[[Notes]]", *(f"    {note}" for note in self.notes)]
         return "\n".join(lines)
@@ -133,11 +174,16 @@ class Posterior:
             "state": self.state, "steps": c.steps, "effective": c.effective, "rhat": c.rhat,
             "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)),
             "statistics": self.statistics, "correlations": _correlate(self.x), "notes": self.notes,
+            "predictive": None if self.predictive is None else self.predictive.to_dict(), "left_out": self.left_out,
             "versions": list_versions(),
         })  # fmt: skip
 
     def to_datatree(self) -> "xr.DataTree":
-        """Draws, densities and likelihoods of the records as ArviZ has them; every ensemble is a chain."""
+        """Draws, densities and likelihoods of the records as ArviZ has them; every ensemble is a chain.
+
+        Likelihoods are those at some draws (`scored`). Of an examined posterior there are replicated records, as one
+        chain of a few draws, beside the measured ones.
+        """
         import arviz_base
 
         x, value = self.thinned()
@@ -145,10 +191,24 @@ class Posterior:
         groups: dict[str, Any] = {
             "posterior": {name: public[..., k] for k, name in enumerate(self.target.names)},
             "sample_stats": {"lp": value},
-            "log_likelihood": {"record": self.target.likelihoods(x.reshape(-1, x.shape[-1])).reshape(
-                *x.shape[:2], -1)},
         }
-        tree = arviz_base.from_dict(groups, coords={"part": list(self.target.parts)}, dims={"record": ["part"]})
+        likelihoods = self.log_likelihood
+        if likelihoods is None:
+            some = self.scored()
+            likelihoods = self.target.likelihoods(some.reshape(-1, some.shape[-1])).reshape(*some.shape[:2], -1)
+        groups["log_likelihood"] = {"record": likelihoods}
+        coordinates: dict[str, Any] = {"part": list(self.target.parts)}
+        dims = {"record": ["part"]}
+        if self.predictive is not None:
+            own = self.predictive.replicates
+            coordinates |= {"measured_record": list(own.keys)}
+            for k, name in enumerate(own.channels):
+                groups.setdefault("posterior_predictive", {})[name] = own.values[None, :, :, k].astype(np.float32)
+                groups.setdefault("observed_data", {})[name] = own.measured[:, k]
+                dims[name] = ["measured_record", "reading"]
+            groups["constant_data"] = {"time": own.time}
+            dims["time"] = ["measured_record", "reading"]
+        tree = arviz_base.from_dict(groups, coords=coordinates, dims=dims)
         plain = self.to_dict()
         for name, p in self.parameters.items():
             tree["posterior"][name].attrs["units"] = p.unit

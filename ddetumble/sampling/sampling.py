@@ -12,9 +12,10 @@ from ..inference.estimation import Progress, fit
 from ..inference.findings import Fit
 from ..inference.specification import read_specification
 from ..measurement.campaign import Campaign
+from .curves import pose_curve_fit
 from .ensemble import Settings, run_ensembles
 from .posterior import Posterior, summarise_posterior
-from .target import AbstractTarget, pose_curve_fit, pose_fit
+from .target import AbstractTarget, pose_fit
 
 
 CHAIN = "chain"  # folder of the blocks

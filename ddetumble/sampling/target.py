@@ -2,25 +2,22 @@
 
 import dataclasses as dc
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, final
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from .._errors import InputError
-from ..inference.bounded import linearise_all
-from ..inference.curve_results import CurveFit
+from ..inference.bounded import Bounded, linearise_all
 from ..inference.findings import Fit
-from ..inference.identifiability import analyse_columns
+from ..inference.identifiability import Knowledge, analyse_columns
 from ..inference.parameters import ParameterSpace, to_public
-from ..inference.profiles import Curve
+from ..inference.problem import WORKERS, Problem, Solution
 from ..inference.stack import Records, Stack
-from .checkpoint import digest
 from .marginal import Integral, Plan, draw_nodes, integrate_nuisances
 
 
@@ -130,138 +127,26 @@ class CampaignTarget(AbstractTarget):
         return dc.replace(self, centre=arrays["centre"], covariance=arrays["covariance"], plan=plan)
 
     def integrate(self, x: np.ndarray) -> Integral:
-        """The integrals over every record's nuisances, shapes (points, records, ...)."""
-        found = integrate_nuisances(self.space, self.records.nuisances, self.records.channels, jnp.asarray(x),
-                                    self.plan)
-        return jax.tree.map(np.asarray, found)
+        """The integrals over every record's nuisances, shapes (points, records, ...); many points go in blocks."""
+        names, channels = self.records.nuisances, self.records.channels
+        x, size = np.asarray(x, dtype=float), len(x)
+        if size > TRIALS:  # one size of block, one compiled program
+            x = np.concatenate([x, np.repeat(x[-1:], -size % TRIALS, axis=0)])
+
+        def run(block):
+            found = integrate_nuisances(self.space, names, channels, jnp.asarray(block), self.plan)
+            return jax.tree.map(np.asarray, found)
+
+        blocks = np.split(x, max(1, len(x) // TRIALS) if len(x) > TRIALS else 1)
+        if len(blocks) == 1:
+            return run(x)
+        with ThreadPoolExecutor(WORKERS) as pool:
+            parts = list(pool.map(run, blocks))
+        return jax.tree.map(lambda *part: np.concatenate(part)[:size], *parts)
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it; parts are records."""
         return np.asarray(self.integrate(x).value)
-
-
-@final
-@dc.dataclass(frozen=True, eq=False)
-class CurveTarget(AbstractTarget):
-    """Posterior of the coefficients of a curve with independent Gaussian errors.
-
-    Attributes:
-        rows: whitened residual of coordinates and data, in JAX; lives at the top of a module.
-        data: whatever `rows` takes.
-        weight: logarithm of a further factor, of coordinates and data; None for one.
-        values: public values from coordinates and data; None where each coordinate gives its own.
-    """
-
-    rows: Callable[[Array, Any], Array]
-    data: Any
-    weight: Callable[[Array, Any], Array] | None = None
-    values: Callable[[Array, Any], Array] | None = None
-
-    def likelihoods(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it; the curve is one part."""
-        return np.asarray(_square(self.rows, self.weight, jnp.asarray(x), self.data))[:, None]
-
-    def publish(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it."""
-        if self.values is None:
-            return super().publish(x)
-        flat = jnp.asarray(x).reshape(-1, np.shape(x)[-1])
-        return np.asarray(_publish_all(self.values, flat, self.data)).reshape(np.shape(x))
-
-
-@eqx.filter_jit
-def _square(rows, weight, x: Array, data: Any) -> Array:
-    value = jax.vmap(lambda one: -0.5 * jnp.sum(rows(one, data) ** 2)
-                     + (0.0 if weight is None else weight(one, data)))(x)
-    return jnp.where(jnp.isfinite(value), value, -jnp.inf)
-
-
-@eqx.filter_jit
-def _publish_all(values, x: Array, data: Any) -> Array:
-    return jax.vmap(lambda one: values(one, data))(x)
-
-
-def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, covariance, *, units=None,
-               coordinates=None, bounds: Mapping[str, tuple[float, float]] | None = None,
-               priors: Mapping[str, tuple[float, float]] | None = None, identity: Mapping[str, Any] | None = None
-               ) -> CurveTarget:
-    """The posterior of a curve's coefficients.
-
-    Args:
-        rows: whitened residual, `rows(x, data)` with x of shape (free,), in JAX.
-        data: an array or a tuple of them.
-        names: of the coefficients.
-        centre, covariance: of the coordinates by a fit.
-        units, coordinates: of each coefficient; nothing and `linear` where not given.
-        bounds: of coordinates by name.
-        priors: Gaussian (mean, sd) of coordinates by name.
-        identity: plain data that tells this target from others.
-    """
-    names, count = tuple(names), len(names)
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    for name, (a, b) in (bounds or {}).items():
-        low[names.index(name)], high[names.index(name)] = a, b
-    centre, covariance = np.asarray(centre, dtype=float), np.asarray(covariance, dtype=float)
-    if not np.all(np.isfinite(covariance)):
-        raise InputError("the readings do not determine every coefficient, so that there is no posterior to draw from; "
-                         "hold one of them, or give bounds and a finite covariance")
-    return CurveTarget(names, tuple(units or ("",) * count), tuple(coordinates or ("linear",) * count), centre,
-                       covariance, low, high, dict(priors or {}), ("curve",), dict(identity or {}), (), rows, data)
-
-
-def pose_curve_fit(found: CurveFit) -> CurveTarget:
-    """The posterior of a friction curve's coefficients; flat in these, in the logarithm of what is positive.
-
-    It is sampled in the internal coordinates of the fit, in which valleys are straight, with the volume's change as a
-    factor. The prior ends far outside the intervals of the profile likelihood, five of their widths away.
-
-    Raises:
-        InputError: The readings do not bound a coefficient, so that there is no posterior.
-    """
-    curve, data = found.curve, found.data
-    loose = [p.name for p in found.profiles if not all(p.bounded)]
-    if loose or not found.profiles:
-        why = f"the readings do not bound {', '.join(loose)}" if loose else "the fit was made without profiles"
-        raise InputError(f"there is no posterior to draw from: {why}; hold what is loose, or add readings")
-    with np.errstate(divide="ignore"):
-        low, high = (_take_logs(curve, np.array(ends)) for ends in ([p.low for p in found.profiles],
-                                                                    [p.high for p in found.profiles]))
-    box = np.stack([low - 5.0 * (high - low), high + 5.0 * (high - low)])
-    centre = np.asarray(curve.fold(jnp.asarray(found.values), data))
-    columns = np.asarray(jax.jacfwd(lambda x: _whiten(curve, x, data))(jnp.asarray(centre)))
-    norms = np.linalg.norm(columns, axis=0)
-    covariance = np.linalg.pinv((columns / norms).T @ (columns / norms), rcond=1e-12) / np.outer(norms, norms)
-    values = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(data)])
-    made = pose_curve(partial(_whiten, curve), data, curve.names, centre, covariance, units=curve.units,
-                      identity={"title": found.subject, "fixed": dict(found.fixed), "data": digest(values.tolist())})
-    box = jnp.asarray(box)
-    return dc.replace(made, weight=partial(_weigh_box, curve, box), values=partial(_unfold, curve), notes=(
-        "the prior is flat in each coefficient, in the logarithm of what is positive",))
-
-
-def _take_logs(curve: Curve, values: np.ndarray) -> np.ndarray:
-    logs = np.array(curve.logs)
-    return np.where(logs, np.log(np.where(logs, values, 1.0)), values)
-
-
-def _unfold(curve: Curve, x: Array, data: Any) -> Array:
-    return curve.unfold(x, jnp.asarray(-1), jnp.asarray(0.0), data)
-
-
-def _whiten(curve: Curve, x: Array, data: Any) -> Array:
-    return curve.predict(_unfold(curve, x, data), data)
-
-
-def _weigh_box(curve: Curve, box: Array, x: Array, data: Any) -> Array:
-    """Change of volume from internal coordinates to those in which the prior is flat; nothing outside its box."""
-    logs = jnp.asarray(curve.logs)
-
-    def flat(x):
-        p = _unfold(curve, x, data)
-        return jnp.where(logs, jnp.log(jnp.where(logs, p, 1.0)), p)
-
-    inside = jnp.all((flat(x) > box[0]) & (flat(x) < box[1]))
-    return jnp.where(inside, jnp.linalg.slogdet(jax.jacfwd(flat)(x))[1], -jnp.inf)
 
 
 def pose_fit(fit: Fit) -> CampaignTarget:
@@ -275,10 +160,7 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     """
     problem, found = fit.problem, fit.bounded
     full, names = problem.space, found.names
-    at = linearise_all(problem, found.solution, names, found.solution.u)
-    columns, _ = at.projected()
-    flat = np.concatenate([columns.reshape(-1, len(names)), np.diag(at.prior_weight)])
-    known = analyse_columns(full, names, flat, at.scales)
+    at, known = know_fit(problem, found)
     limits = {name: found.bounds.get(name, (-np.inf, np.inf)) for name in names}
     ends = np.array([limits[name] for name in names])
     places = [full.index[name] for name in names]
@@ -298,13 +180,22 @@ def pose_fit(fit: Fit) -> CampaignTarget:
                 "bounds": {k: list(v) for k, v in limits.items() if np.any(np.isfinite(v))},
                 "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
+    covariance = cap_covariance(known.covariance, high - low)
     target = CampaignTarget(names, tuple(p.unit for p in slots), tuple(p.coordinate for p in slots),
-                            found.solution.u[places], _cap(known.covariance, high - low), low, high, problem.priors,
-                            records.keys, identity, (), fit, space, records, plan, 0.0)
+                            found.solution.u[places], covariance, low, high, problem.priors, records.keys, identity,
+                            (), fit, space, records, plan, 0.0)
     return _judge(target)
 
 
-def _cap(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
+def know_fit(problem: Problem, found: Bounded) -> tuple[Solution, Knowledge]:
+    """Derivatives by all free parameters at a fit, held ones too, and what the records say of them."""
+    at = linearise_all(problem, found.solution, found.names, found.solution.u)
+    columns, _ = at.projected()
+    flat = np.concatenate([columns.reshape(-1, len(found.names)), np.diag(at.prior_weight)])
+    return at, analyse_columns(problem.space, found.names, flat, at.scales)
+
+
+def cap_covariance(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
     """A covariance whose deviations do not exceed a quarter of the room between finite limits."""
     sd = np.sqrt(np.diag(covariance))
     shrink = np.minimum(1.0, np.where(np.isfinite(room), 0.25 * room, np.inf) / sd)

@@ -1,0 +1,186 @@
+"""The report of a posterior: draws, parameters, checks against the records, left-out conditions, as one page."""
+
+import math
+from pathlib import Path
+
+from ..figures.labels import (
+    clean,
+    describe_conditions,
+    format_number,
+    format_p,
+    format_share,
+    format_value,
+    say_p,
+    vary,
+)
+from ..sampling.checks import STATISTICS
+from ..sampling.posterior import Posterior
+from ..sampling.scores import WAYS
+from ..sampling.target import CampaignTarget
+from .page import Picture, Section, Table, write_page
+from .words import flatten
+
+
+def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
+    """Write what the draws say as one self-contained page, and its figures as PNG files in `figures/` beside it.
+
+    Args:
+        posterior: of `sample`, examined or not.
+        folder: where to write; made where it is not there.
+        name: of the page's file.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    badge = "converged" if posterior.converged else "not converged"
+    target = posterior.target
+    status = [clean(posterior.title, 120)]
+    if isinstance(target, CampaignTarget):
+        status.append(f"{len(target.parts)} records")
+    status.append(f"{posterior.log_density.size} draws by {posterior.sampler}")
+    sections = [_show_parameters(posterior), _show_predictive(posterior), _show_left_out(posterior),
+                _show_chains(posterior), _show_provenance(posterior)]
+    return write_page(f"Posterior: {posterior.title}", say_posterior(posterior), [s for s in sections if s], folder,
+                      name, badge=badge, status=status, facts=_list_facts(posterior))
+
+
+def say_posterior(posterior: Posterior) -> str:
+    """The answer in one or two sentences: the least certain parameters first where there are many."""
+    told = []
+    # What a model adds is what a reader looks for: parameters of effects first.
+    names = sorted(posterior.parameters, key=lambda n: "." not in n)
+    for name in names[:3]:
+        p = posterior.parameters[name]
+        unit = f" {clean(p.unit, 16)}" if p.unit not in ("", "1") else ""
+        low, high = (format_value(q, p.sd) for q in (p.q025, p.q975))
+        told.append(f"{clean(name if '.' in name else name.replace('_', ' '), 60)} lies between {low} and {high}{unit}")
+    rest = len(names) - len(told)
+    more = f" (and {rest} more {'parameters' if rest > 1 else 'parameter'} below)" if rest > 0 else ""
+    text = f"With 95 % probability each, {_join(told)}{more}"
+    checks = posterior.predictive
+    if not posterior.converged:
+        return f"The chains have not converged, so that these are no final numbers. {text}."
+    if checks is None:
+        return f"{text}, if the model is right."
+    if checks.rejected:
+        return (f"The model does not make records like those measured ({say_p(checks.p_value)}), so that its intervals "
+                f"cannot be relied on. {text}, if the model were right.")
+    return f"{text}; records that the model would make look like those measured ({say_p(checks.p_value)})."
+
+
+def _join(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
+
+
+def _list_facts(posterior: Posterior) -> list[tuple[str, str, str]]:
+    c = posterior.convergence
+    facts = [("independent draws", f"{c.effective:.0f}", "of the worst parameter"),
+             ("R-hat", format_number(c.rhat, 4), "1 is perfect agreement")]
+    if posterior.predictive is not None:
+        found = posterior.predictive
+        facts.append(("predictive check", "fails" if found.rejected else "nothing stands out", say_p(found.p_value)))
+    if posterior.left_out is not None:
+        found = posterior.left_out
+        facts.append(("left-out conditions", format_number(found.elpd, 5), "expected log predictive density"))
+    return facts
+
+
+def _show_parameters(posterior: Posterior) -> Section:
+    from .. import figures
+
+    rows = []
+    for name, p in posterior.parameters.items():
+        rows.append((clean(name, 60), format_value(p.q50, p.sd), format_value(p.sd, p.sd), format_value(p.q025, p.sd),
+                     format_value(p.q975, p.sd), clean(p.unit, 16) or "–",
+                     f"{format_value(p.fit, p.fit_sd)} ± {format_value(p.fit_sd, p.fit_sd)}",
+                     f"{p.effective:.0f}", f"{p.rhat:.3f}"))
+    header = ("parameter", "median", "sd", "2.5 %", "97.5 %", "unit", "fit", "independent draws", "R-hat")
+    caption = ("Marginals on the diagonal, with the 95 % interval dotted; below it, pairs with contours that hold 68 "
+               "and 95 % of the draws. Dashed: the Gaussian that the fit reports. Where the two differ, rely on "
+               "the draws.")
+    hidden = len(posterior.parameters) - 10
+    points = list(posterior.notes)
+    if hidden > 0:
+        points.append(f"The figures leave {hidden} parameters out; posterior.nc holds all.")
+    picture = Picture("corner", caption, figures.draw_corner(posterior),
+                      f"Corner plot of {len(rows)} parameters.")
+    return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
+
+
+def _show_predictive(posterior: Posterior) -> Section | None:
+    from .. import figures
+
+    checks = posterior.predictive
+    if checks is None or not isinstance(posterior.target, CampaignTarget):
+        return None
+    paragraphs = [checks.sentence, (
+        f"For {checks.draws} draws of the parameters, and of each record's settings, replicated records were made with "
+        "noise of the fitted size and correlation. A p-value is the probability of a replicate at least as extreme as "
+        "the measurement; a small one says that the model does not make such a record.")]
+    caption = (f"Above: p-values of every record; below the grey edge a record stands out among {checks.comparisons} "
+               "comparisons. Below: the two strangest records and two that are not, measured minus the mean of the "
+               "replicates, over the range that holds 90 % of these.")
+    picture = Picture("predictive", caption, figures.draw_predictive(checks, posterior.target.fit.source.family),
+                      "P-values by record, and residuals of four records over their replicates.")
+    names = vary(one.conditions for one in checks.records)
+    rows, marked = [], set()
+    for i, one in enumerate(checks.records):
+        if one.record in checks.outstanding:
+            marked.add(i)
+        rows.append((clean(one.record, 30), describe_conditions(one.conditions, names), str(one.samples),
+                     format_number(one.chi_square), format_p(one.p_values["chi_square"]), format_number(one.largest),
+                     format_p(one.p_values["largest"]), format_number(one.lag), format_p(one.p_values["lag"])))
+    header = ("record", "conditions", "samples", "χ² / dof", "p", "largest residual", "p", "neighbours", "p")
+    totals = ", ".join(f"{STATISTICS[name]} {say_p(value)}" for name, value in checks.totals.items())
+    table = Table(header, rows, f"Marked records stand out by themselves. All records together: {totals}.",
+                  frozenset(marked))
+    return Section("Does the model make such records?", paragraphs, [picture], [table])
+
+
+def _show_left_out(posterior: Posterior) -> Section | None:
+    from .. import figures
+
+    scores = posterior.left_out
+    if scores is None or len(scores.scores) < 2:
+        return None
+    names = vary(one.conditions for one in scores.scores)
+    rows = [(describe_conditions(one.conditions, names) or clean(", ".join(one.records), 40), str(len(one.records)),
+             f"{one.elpd:.2f}", f"{one.pareto_k:.2f}", WAYS[one.way], "yes" if one.trusted else "no")
+            for one in scores.scores]
+    error = scores.standard_error
+    size = f" ± {format_value(error, error)}" if math.isfinite(error) else ""
+    paragraphs = [
+        f"Expected log predictive density of conditions left out: {format_value(scores.elpd, error)}{size} "
+        f"({scores.text}). By itself the number says little: it is there to be compared with that of another model "
+        "of the same campaign under the same noise, as `ddetumble weigh` does."]
+    header = ("condition", "records", "log density", "Pareto k", "how", "to be trusted")
+    caption = "Logarithm of the predictive density of every condition's records, given all others."
+    picture = Picture("left-out", caption, figures.draw_left_out([scores]),
+                      f"Log predictive density of {len(rows)} conditions.")
+    return Section("Conditions left out", paragraphs, [picture], [Table(header, rows)])
+
+
+def _show_chains(posterior: Posterior) -> Section:
+    from .. import figures
+
+    word = "ensemble" if posterior.x.shape[2] > 1 else "chain"
+    pictures = [
+        Picture("trace", "The draws in the order in which they were made: a level band without drift or steps is what "
+                "a converged chain looks like.", figures.draw_traces(posterior)),
+        Picture("ranks", f"How the draws of each {word} rank among those of all: even where they agree. The band is "
+                "that of as many independent draws.", figures.draw_ranks(posterior)),
+    ]  # fmt: skip
+    share = posterior.statistics.get("accepted")
+    told = f"; {format_share(share)} of the moves were accepted" if isinstance(share, float) else ""
+    state = posterior.state[:1].upper() + posterior.state[1:]
+    return Section("The chains", [f"{state}{told}."], pictures)
+
+
+def _show_provenance(posterior: Posterior) -> Section:
+    plain = posterior.to_dict()
+    rows = [("sampler", posterior.sampler), *flatten(plain["settings"]), *flatten(plain["statistics"]),
+            *flatten(plain["target"]), *flatten(plain["versions"])]
+    return Section("Provenance", tables=[Table(("item", "value"), rows)])

@@ -1,0 +1,265 @@
+r"""Posterior predictive checks: do records that the fitted model would make look like those that were measured?
+
+For draws $\theta_s$ of the parameters and $z_s$ of every record's nuisances, whitened residuals $r_s$ of the measured
+record are held against those of a replicate $y_{rep} = m(\theta_s, z_s) + \epsilon$, which are standard normal, for
+three statistics: chi-square of samples and nuisances, largest residual, and correlation of neighbouring residuals
+(realised discrepancies; Gelman, Meng and Stern 1996). As the replicates' residuals are known to be standard normal,
+each draw's probability of a more extreme replicate is computed, not counted, and the p-value is its mean over the
+draws: so it can be small enough to survive a correction for the number of records. That the size and correlation of the
+noise are themselves uncertain is allowed for.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from scipy import stats
+
+from ..inference.problem import simulate_records
+from .marginal import Plan
+from .target import CampaignTarget
+
+
+DRAWS = 96
+TRIED = 8  # nuisances of each draw among which one is chosen where the model is not linear in them
+KEPT = 24  # replicated records that are kept
+BLOCK = 96
+LEVEL = 0.01
+STATISTICS = {"chi_square": "chi-square", "largest": "largest residual", "lag": "correlation of neighbours"}
+
+
+@dc.dataclass(frozen=True)
+class RecordCheck:
+    """One record against its replicates.
+
+    Attributes:
+        record: its key; `conditions` its settings, SI.
+        samples: how many were measured.
+        chi_square, largest, lag: the statistics, mean over the draws: chi-square per degree of freedom, largest
+            whitened residual, correlation of neighbouring whitened residuals.
+        p_values: of each, by name.
+    """
+
+    record: str
+    conditions: Mapping[str, float]
+    samples: int
+    chi_square: float
+    largest: float
+    lag: float
+    p_values: Mapping[str, float]
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Replicates:
+    """Records that the fitted model would make.
+
+    Attributes:
+        channels: their names.
+        time: independent variable, shape (records, samples).
+        measured: shape (records, channels, samples), SI; nan where nothing was measured.
+        values: shape (draws, records, channels, samples), SI.
+        keys: of the records.
+    """
+
+    channels: tuple[str, ...]
+    time: np.ndarray
+    measured: np.ndarray
+    values: np.ndarray
+    keys: tuple[str, ...]
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Checks:
+    """Posterior predictive checks of all records.
+
+    Attributes:
+        records: each record's.
+        draws: of the parameters.
+        totals: p-values over all records together, by statistic.
+        smallest: smallest p-value of any comparison; `comparisons` their number.
+        p_value: of all comparisons together, corrected for their number.
+        rejected: whether the records do not look like what the model makes.
+        outstanding: records that stand out by themselves after the correction.
+        sentence: what that means.
+        replicates: some of the replicated records.
+    """
+
+    records: tuple[RecordCheck, ...]
+    draws: int
+    totals: Mapping[str, float]
+    smallest: float
+    comparisons: int
+    p_value: float
+    rejected: bool
+    outstanding: tuple[str, ...]
+    sentence: str
+    replicates: Replicates
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the replicates."""
+        return {f.name: getattr(self, f.name) for f in dc.fields(self) if f.name != "replicates"}
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _simulate(space, names, channels, x: Array, z: Array, plan: Plan):
+    """Whitened residuals, shape (draws, records, rows), failures and channels of records at many points."""
+    rows = plan.stack.time.shape[0]
+
+    def one(pair):
+        point, own = pair
+        base = jnp.broadcast_to(plan.base + (point - plan.centre) @ plan.directions, (rows, plan.base.shape[0]))
+        return simulate_records(space, names, channels, own, plan.stack, base, plan.low, plan.high)
+
+    return jax.lax.map(one, (x, z))
+
+
+def _run(target: CampaignTarget, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `_simulate`, in blocks of one size."""
+    size = len(x)
+    pad = -size % BLOCK
+    x, z = (np.concatenate([a, np.repeat(a[-1:], pad, axis=0)]) for a in (x, z))
+    records = target.records
+    parts = [_simulate(target.space, records.nuisances, records.channels, jnp.asarray(x[k: k + BLOCK]),
+                       jnp.asarray(z[k: k + BLOCK]), target.plan) for k in range(0, len(x), BLOCK)]
+    residual, failed, model = (np.concatenate([np.asarray(part[j]) for part in parts])[:size] for j in range(3))
+    return residual, failed, model
+
+
+def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generator
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nuisances of every record given parameters, and the records that these make.
+
+    From their Gaussian; where the model is not linear in them one of a few draws is chosen, by its density.
+
+    Args:
+        target: the posterior.
+        x: coordinates, shape (draws, free).
+        rng: random numbers.
+
+    Returns:
+        Nuisances, shape (draws, records, nuisances); whitened residuals, shape (draws, records, rows); channels, shape
+        (draws, records, channels, samples). Draws that the model cannot compute are left out.
+    """
+    at = target.integrate(x)
+    tries = TRIED if target.plan.nodes.shape[0] else 1
+    back = np.linalg.inv(np.swapaxes(at.factor, -1, -2))
+    found = []
+    for _ in range(tries):
+        noise = rng.standard_normal(at.mean.shape)
+        z = at.mean + np.einsum("srkl,srl->srk", back, noise)
+        residual, failed, model = _run(target, x, z)
+        value = -0.5 * (np.sum(residual**2, axis=2) + np.sum(z**2, axis=2)) + 0.5 * np.sum(noise**2, axis=2)
+        found.append((np.where(failed | ~np.isfinite(value), -np.inf, value), z, residual, model))
+    values = np.stack([one[0] for one in found])
+    gumbel = rng.gumbel(size=values.shape)
+    best = np.argmax(np.where(np.isfinite(values), values + gumbel, -np.inf), axis=0)
+    rows = np.arange(len(x))[:, None], np.arange(best.shape[1])[None, :]
+    z, residual, model = (np.stack([one[j] for one in found])[best, rows[0], rows[1]] for j in (1, 2, 3))
+    good = np.all(np.isfinite(values.max(axis=0)), axis=1)
+    return z[good], residual[good], model[good]
+
+
+def check_posterior(target: CampaignTarget, x: np.ndarray, seed: int = 0,
+                    report: Callable[[str, float], None] = lambda text, share: None) -> Checks:
+    """Hold every record against replicates of it.
+
+    Args:
+        target: the posterior.
+        x: draws of the coordinates, shape (draws, free).
+        seed: of the replicates.
+        report: called with a sentence and the share done.
+    """
+    report("replicating the records", 0.0)
+    rng = np.random.default_rng([seed, 7])
+    z, residual, model = draw_nuisances(target, x, rng)
+    stack = target.records.stack
+    weights, taps = np.asarray(stack.weights), np.asarray(stack.taps)
+    count, channels, samples = weights.shape
+    draws = len(residual)
+    residual = residual.reshape(draws, count, channels, samples)
+    noise = [target.fit.noise[name] for name in target.records.channels]
+    level = np.array([one.log_level_sd for one in noise])
+    residual = residual * np.exp(-0.5 * level * rng.standard_normal((draws, channels)))[:, None, :, None]
+    valid = weights > 0
+    moved = np.asarray(stack.condition_sd) > 0
+    size = valid.sum(axis=(1, 2))
+    degrees = size + moved.sum(axis=1)
+    square = np.sum(residual**2 * valid, axis=(2, 3)) + np.sum(np.where(moved, z, 0.0) ** 2, axis=2)
+    largest = np.max(np.abs(residual) * valid, axis=(2, 3))
+    pairs = valid[:, :, 1:] & valid[:, :, :-1]
+    product = np.sum(residual[..., 1:] * residual[..., :-1] * pairs, axis=(2, 3))
+    energy = np.maximum(np.sum(residual**2 * valid, axis=(2, 3)), 1e-300)
+    lag = product / energy
+    # E (sum of products)^2 over E (sum of squares)^2 of standard normal numbers: exact, as the ratio and the sum are
+    # independent. What the noise's correlation is off by adds to it.
+    couples = pairs.sum(axis=(1, 2))
+    off = np.max([0.5 * one.log_level_sd * (1 - one.correlation**2) for one in noise])
+    spread = np.sqrt(couples / (size * (size + 2.0)) + off**2)
+    p = {"chi_square": stats.chi2.sf(square, degrees), "lag": 2 * stats.norm.sf(np.abs(lag) / spread),
+         "largest": -np.expm1(size * np.log1p(-np.minimum(2 * stats.norm.sf(largest), 1 - 1e-16)))}
+    p = {name: p[name].mean(axis=0) for name in STATISTICS}
+    whole = product.sum(axis=1) / energy.sum(axis=1)
+    wide = np.sqrt(couples.sum() / (size.sum() * (size.sum() + 2.0)) + off**2)
+    totals = {"chi_square": float(stats.chi2.sf(square.sum(axis=1), degrees.sum()).mean()),
+              "lag": float(np.mean(2 * stats.norm.sf(np.abs(whole) / wide)))}
+    table = target.fit.source.records
+    settings = [{str(k): float(v) for k, v in row.items()} for row in table.to_dict("records")]
+    records = tuple(
+        RecordCheck(key, settings[g], int(size[g]), float(square[:, g].mean() / degrees[g]),
+                    float(largest[:, g].mean()), float(lag[:, g].mean()), {k: float(v[g]) for k, v in p.items()})
+        for g, key in enumerate(target.records.keys))
+    report("replicating the records", 0.8)
+    kept = slice(None, None, max(1, draws // KEPT))
+    values = _replicate(model[kept], weights, taps, rng)
+    replicates = Replicates(target.records.channels, np.asarray(stack.time), np.where(valid, np.asarray(stack.values),
+                            np.nan), np.where(valid, values, np.nan), target.records.keys)
+    return _conclude(records, draws, totals, replicates)
+
+
+def _replicate(model: np.ndarray, weights: np.ndarray, taps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Models with noise of the fitted kind: the whitening filter run backwards."""
+    fresh = rng.standard_normal(model.shape) / np.where(weights > 0, weights, 1.0)
+    noise, reach = np.zeros_like(model), taps.shape[-1] if np.any(taps) else 0
+    for t in range(model.shape[-1]):
+        noise[..., t] = np.where(weights[..., t] > 0, fresh[..., t], 0.0)
+        for k in range(min(t, reach)):
+            noise[..., t] += taps[..., t, k] * noise[..., t - 1 - k]
+    return model + noise
+
+
+def _conclude(records: tuple[RecordCheck, ...], draws: int, totals: Mapping[str, float], replicates: Replicates
+              ) -> Checks:
+    single = np.array([[one.p_values[name] for name in STATISTICS] for one in records])
+    count = single.size + len(totals)
+    # Half of the level for all records together, half for them one by one: a misfit is in many records, or in few.
+    together = min(1.0, len(totals) * min(totals.values()))
+    apart = np.minimum(1.0, single.size * single)
+    p_value = min(1.0, 2.0 * min(together, float(apart.min())))
+    rejected = p_value < LEVEL
+    outstanding = tuple(one.record for one, row in zip(records, apart, strict=True) if 2.0 * row.min() < LEVEL)
+    smallest = min(float(single.min()), *totals.values())
+    told = f"p {_show(p_value)} after correction for {count} comparisons"
+    if not rejected:
+        sentence = ("Records that the fitted model would make look like the measured ones: none of "
+                    f"{count} comparisons stands out ({told}). That does not prove the model right: what its "
+                    "parameters and the records' settings can imitate does not show here.")
+    else:
+        which = []
+        if outstanding:
+            which.append(f"{len(outstanding)} of {len(records)} records stand out by themselves")
+        if 2.0 * together < LEVEL:
+            words = [STATISTICS[name] for name, value in totals.items() if 2.0 * len(totals) * value < LEVEL]
+            which.append(f"all records together by {' and '.join(words)}")
+        sentence = (f"Records that the fitted model would make do not look like the measured ones ({told}): "
+                    f"{'; '.join(which)}. The model lacks something, or the noise is not what it was taken for; "
+                    "intervals of its parameters do not include that.")
+    return Checks(records, draws, dict(totals), smallest, count, p_value, rejected, outstanding, sentence, replicates)
+
+
+def _show(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"= {p:.2g}"

@@ -1,0 +1,306 @@
+r"""How well a posterior predicts conditions that it has not seen: expected log predictive density, one condition out.
+
+For the records $y_g$ of condition g and all others $y_{-g}$,
+
+$$ \ln p(y_g | y_{-g}) = \ln \int p(y_g | \theta)\, p(\theta | y_{-g})\, d\theta , $$
+
+every record's nuisances integrated out in each factor. The integral is a mean over draws $\theta_s$ of a density q with
+weights $p(\theta_s | y_{-g}) / q(\theta_s)$, smoothed by a Pareto tail (PSIS; Vehtari et al. 2024). First q is what the
+draws came from, the posterior or a heavy-tailed Gaussian about the fit; where the shape k of the tail says that these
+weights cannot be trusted, the model is fitted again without the condition and q is a mixture of two multivariate t,
+about the fits with and without it.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import optimize, special, stats
+
+from .._errors import ComputationError
+from ..inference.bounded import solve_bounded
+from ..inference.problem import Problem
+from ..measurement.grouping import group_conditions, name_conditions
+from .curves import CurveTarget
+from .moves import TAIL, Proposal
+from .target import AbstractTarget, CampaignTarget, cap_covariance, know_fit
+
+
+TRUSTED = 0.7  # shape of the Pareto tail up to which weights can be trusted
+REFITTED = 256  # draws about fits with and without the condition
+WAYS = {"draws": "draws reweighted", "refit": "refitted without it"}
+
+
+@dc.dataclass(frozen=True)
+class Score:
+    """One condition left out.
+
+    Attributes:
+        conditions: mean settings, SI.
+        records: keys of its records.
+        elpd: logarithm of the predictive density of its records, from all others.
+        pareto_k: shape of the tail of the weights: up to 0.7 they can be trusted.
+        way: `draws`, reweighted, or `refit`, without the condition.
+        trusted: whether the weights that were used can be trusted.
+    """
+
+    conditions: Mapping[str, float]
+    records: tuple[str, ...]
+    elpd: float
+    pareto_k: float
+    way: str
+    trusted: bool
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Scores:
+    """All conditions, each left out once.
+
+    Attributes:
+        scores: of every condition.
+        elpd: their sum.
+        standard_error: of the sum, from the scatter between conditions.
+        text: how they were computed.
+    """
+
+    scores: tuple[Score, ...]
+    elpd: float
+    standard_error: float
+    text: str
+
+    @property
+    def values(self) -> np.ndarray:
+        """Of every condition, shape (conditions,)."""
+        return np.array([one.elpd for one in self.scores])
+
+
+def add_up(values: np.ndarray) -> tuple[float, float]:
+    """Sum over conditions and its standard error from their scatter; infinite for a single one."""
+    n = len(values)
+    return float(np.sum(values)), float(np.sqrt(n) * np.std(values, ddof=1)) if n > 1 else np.inf
+
+
+def smooth_weights(log_weights: np.ndarray, independent: float = 1.0) -> tuple[np.ndarray, float]:
+    """Pareto-smoothed importance weights.
+
+    Args:
+        log_weights: shape (draws,); -inf where the density is none.
+        independent: share of the draws that count as independent.
+
+    Returns:
+        Logarithms of the normalised weights, shape (draws,), and the shape k of their tail.
+    """
+    from arviz_stats.base.array import array_stats
+
+    alive = np.isfinite(log_weights)
+    result = np.full(len(log_weights), -np.inf)
+    if alive.sum() < 5:
+        return result, np.inf
+    values = log_weights[alive]
+    if np.ptp(values) < 1e-9:
+        result[alive] = -np.log(len(values))
+        return result, 0.0
+    with np.errstate(all="ignore"):
+        # It takes logarithms of what is left out, and weighs by their inverse.
+        share: Any = float(np.clip(independent, 0.01, 1.0))
+        smooth, k = (np.asarray(one, dtype=float) for one in array_stats.psislw(values.max() - values, r_eff=share))
+    result[alive] = smooth - np.logaddexp.reduce(smooth)
+    return result, float(k) if np.isfinite(k) else np.inf
+
+
+def spare_draws(target: AbstractTarget, wanted: int) -> int:
+    """How many draws to make: fewer where each costs as much as the points of a sampled integral."""
+    return wanted // 4 if isinstance(target, CampaignTarget) and target.plan.nodes.shape[0] else wanted
+
+
+def limit_shape(draws: int) -> float:
+    """Shape of the tail that so many draws can bear: 0.7 for many, less for few (Vehtari et al. 2024)."""
+    return min(TRUSTED, 1.0 - 1.0 / np.log10(max(draws, 20)))
+
+
+def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndarray, base: np.ndarray | None = None, *,
+                     groups: np.ndarray | None = None, independent: float = 1.0, seed: int = 0,
+                     report: Callable[[str, float], None] = lambda text, share: None) -> Scores:
+    """Leave every condition out once.
+
+    Args:
+        target: the posterior of all records.
+        x: draws, shape (draws, free).
+        likelihoods: of every part at them, shape (draws, parts).
+        base: logarithm of posterior over the density that the draws come from, shape (draws,); None for draws from the
+            posterior.
+        groups: number of the condition of every part, shape (parts,); whole conditions of a campaign, and single parts
+            of a curve, where not given.
+        independent: share of the draws that count as independent.
+        seed: of the draws about refits.
+        report: called with a sentence and the share done.
+    """
+    base = np.zeros(len(x)) if base is None else base
+    settings: list[dict[str, float]] = []
+    if isinstance(target, CampaignTarget):
+        table = target.fit.source.records
+        groups = group_conditions(table) if groups is None else groups
+        settings = name_conditions(table, groups)
+    groups = np.arange(len(target.parts)) if groups is None else groups
+    numbers = np.unique(groups)
+    whole = describe_draws(x, smooth_weights(base, independent)[0], target.covariance)
+    found = []
+    for k, g in enumerate(numbers):
+        report("leaving conditions out", k / len(numbers))
+        out = groups == g
+        own = likelihoods[:, out].sum(axis=1)
+        elpd, shape, trusted = _average(base - own, own, independent)
+        way = "draws"
+        if not trusted and len(numbers) > 1:
+            again = _refit(target, out, whole, np.random.RandomState(np.random.SeedSequence(
+                [seed, 3, int(g)]).generate_state(8)))
+            if again is not None and (again[2] or not again[1] > shape):
+                (elpd, shape, trusted), way = again, "refit"
+        keys = tuple(part for part, gone in zip(target.parts, out, strict=True) if gone)
+        found.append(Score(settings[k] if settings else {}, keys, elpd, shape, way, trusted))
+    return _gather(found)
+
+
+def _gather(found: Sequence[Score]) -> Scores:
+    total, error = add_up(np.array([one.elpd for one in found]))
+    again = sum(one.way == "refit" for one in found)
+    doubtful = sum(not one.trusted for one in found)
+    text = (f"{len(found)} conditions, each left out once: {len(found) - again} by reweighting draws "
+            f"(Pareto-smoothed), {again} by a fit without it where these weights could not be trusted")
+    if doubtful:
+        text += f"; {doubtful} of them remain doubtful, as one condition decides what the others leave open"
+    return Scores(tuple(found), total, error, text)
+
+
+def _average(log_weights: np.ndarray, own: np.ndarray, independent: float) -> tuple[float, float, bool]:
+    """Predictive density with weights, the shape of their tail, and whether that can be trusted."""
+    log_weights = np.where(np.isfinite(own), log_weights, -np.inf)
+    smooth, k = smooth_weights(log_weights, independent)
+    alive = np.isfinite(smooth)
+    if not alive.any():
+        return -np.inf, np.inf, False
+    size = int(alive.sum() * independent)
+    return float(np.logaddexp.reduce(smooth[alive] + own[alive])), k, bool(k <= limit_shape(size))
+
+
+def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.ndarray], random
+           ) -> tuple[float, float, bool] | None:
+    """The same from draws about a fit without some parts, and about that of all; None where the fit says nothing.
+
+    The predictive density is the ratio of two integrals, with and without the parts: each is covered by a half of the
+    draws, whose density is the mixture of the two.
+    """
+    try:
+        found = fit_without(target, out)
+    except ComputationError:
+        return None
+    if found is None:
+        return None
+    halves, best = [found, whole], None
+    for _ in range(2):
+        proposals = [Proposal(*one, target.low, target.high) for one in halves]
+        x = np.concatenate([_spread(one, spare_draws(target, REFITTED) // 2, random) for one in proposals])
+        if not len(x):
+            return best
+        densities = [one.log_density(x) - np.sum(np.log(np.diag(one.factor))) for one in proposals]
+        likelihoods = target.likelihoods(x)
+        own, rest = likelihoods[:, out].sum(axis=1), likelihoods[:, ~out].sum(axis=1)
+        weights = target.prior(x) + rest - np.logaddexp(*densities)
+        weights, both = (np.where(np.isfinite(w), w, -np.inf) for w in (weights, weights + own))
+        smooth, k = smooth_weights(weights)
+        posterior, k_both = smooth_weights(both)
+        alive = np.isfinite(smooth) & np.isfinite(own)
+        if not alive.any():
+            return best
+        value = float(np.logaddexp.reduce(smooth[alive] + own[alive]))
+        worst = max(k, k_both)
+        if best is None or worst < best[1]:
+            best = (value, worst, bool(worst <= limit_shape(len(x))))
+        if best[2]:
+            break
+        halves = [describe_draws(x, w, one[1]) for w, one in zip((smooth, posterior), halves, strict=True)]
+    return best
+
+
+def _spread(proposal: Proposal, count: int, random) -> np.ndarray:
+    """Points of a multivariate t, evenly spread (scrambled Sobol), without those beyond the limits, shape (some, free).
+
+    As those are left out, the density of what remains is the t's own, up to a constant that all proposals share.
+    """
+    size = len(proposal.mean)
+    u = stats.qmc.Sobol(size + 1, rng=np.random.default_rng(random.randint(2**31))).random(count)
+    u = np.clip(u, 1e-9, 1 - 1e-9)
+    stretch = np.sqrt(special.gammaincinv(TAIL / 2, u[:, -1]) * 2.0 / TAIL)
+    x = proposal.mean + (stats.norm.ppf(u[:, :-1]) @ proposal.factor.T) / stretch[:, None]
+    return x[np.all((x >= proposal.low) & (x <= proposal.high), axis=1)]
+
+
+def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of weighted draws; the covariance that is given where they are too few."""
+    if not np.any(np.isfinite(log_weights)):
+        return x.mean(axis=0), fallback
+    w = np.exp(log_weights - np.logaddexp.reduce(log_weights))
+    mean = w @ x
+    if 1.0 / np.sum(w**2) < 4 * x.shape[1]:
+        return mean, fallback
+    return mean, np.atleast_2d(np.cov(x.T, aweights=w))
+
+
+def fit_without(target: AbstractTarget, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Coordinates and their covariance by a fit without some parts, shapes (free,) and (free, free).
+
+    Args:
+        target: the posterior of all parts.
+        out: which parts are left out, shape (parts,).
+
+    Returns:
+        None where the fit fails, or the rest says nothing about a parameter.
+    """
+    if isinstance(target, CampaignTarget):
+        return _fit_campaign(target, out)
+    return _fit_curve(target, out) if isinstance(target, CurveTarget) and target.labels is not None else None
+
+
+def _fit_campaign(target: CampaignTarget, out: np.ndarray):
+    problem, found = target.fit.problem, target.fit.bounded
+    weights = np.array(problem.records.stack.weights)
+    weights[: len(out)][out] = 0.0
+    stack = eqx.tree_at(lambda s: s.weights, problem.records.stack, jnp.asarray(weights))
+    less = Problem(problem.space, dc.replace(problem.records, stack=stack), problem.priors)
+    again = solve_bounded(less, list(found.names), found.solution.u, found.solution.z, found.bounds, 1e-2)
+    if again.solution.failed:
+        return None
+    _, known = know_fit(less, again)
+    room = target.high - target.low
+    if any(not np.isfinite(room[target.names.index(name)]) for name in known.undetermined):
+        return None
+    covariance = cap_covariance(known.covariance, room)
+    if not np.all(np.isfinite(covariance)):
+        return None
+    places = [problem.space.index[name] for name in target.names]
+    return again.solution.u[places], covariance
+
+
+def _fit_curve(target: CurveTarget, out: np.ndarray):
+    assert target.labels is not None
+    keep = ~out[target.labels]
+    priors = [(target.names.index(name), mean, sd) for name, (mean, sd) in target.priors.items()]
+
+    def rows(x: Any):
+        more = jnp.array([(x[k] - mean) / sd for k, mean, sd in priors])
+        return jnp.concatenate([target.rows(x, target.data)[keep], more])
+
+    start = np.clip(target.centre, target.low, target.high)
+    slope: Any = jax.jit(jax.jacfwd(rows))
+    bend: Any = lambda x: np.asarray(slope(jnp.asarray(x)))
+    found = optimize.least_squares(lambda x: np.asarray(rows(jnp.asarray(x))), start, x_scale=np.sqrt(np.diag(
+        target.covariance)), jac=bend, bounds=(target.low, target.high))
+    information = found.jac.T @ found.jac
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    if np.linalg.cond(information * np.outer(scale, scale)) > 1e12:
+        return None
+    return found.x, np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
