@@ -8,12 +8,17 @@ from .records import UNSEEN, Discovery, Estimate, Place, Step
 
 CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", "depression": "depression",
                  "pressure": "pressure"}
+CHANNEL_WORDS |= {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
+CHANNEL_WORDS |= {f"attitude_{a}": f"attitude component {a}" for a in (*"wxyz", *"0123")}
+LONG = 2.0  # s, from which times are said in seconds
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
          "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0),
-         "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0)}
+         "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0),
+         "angular_speed": ("rad/s", 1.0)} | {f"angular_velocity_{a}": ("rad/s", 1.0) for a in "xyz"}
 NAMES = {"depression": "depression", "time": "time since touch", "depression_rate": "depression rate",
          "initial_pressure": "pressure", "approach_speed": "approach speed", "sequence": "order in the series",
-         "normal_load": "load", "internal_pressure": "pressure", "slip_speed": "slip speed"}
+         "normal_load": "load", "internal_pressure": "pressure", "slip_speed": "slip speed",
+         "angular_speed": "angular speed"} | {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
 
 
 def name_value(name: str, e: Estimate) -> str:
@@ -29,10 +34,14 @@ def name_value(name: str, e: Estimate) -> str:
 def describe_place(place: Place) -> str:
     """One place of a misfit in words."""
     unit, factor = UNITS.get(place.variable, ("", 1.0))
+    name = NAMES.get(place.variable, place.variable)
+    if place.variable == "time" and place.channel.startswith(("angular_velocity", "attitude")):
+        name = "time"
+    if unit == "ms" and place.range[1] > LONG:
+        unit, factor = "s", 1.0
     low, high = (f"{v * factor:.3g}" for v in place.range)
     phase = "" if place.phase == "both" else f" while {place.phase}"
-    text = (f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {NAMES.get(place.variable, place.variable)} "
-            f"{low} to {high} {unit}".rstrip() + phase)
+    text = f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {name} {low} to {high} {unit}".rstrip() + phase
     if place.period is not None:
         text += f", repeating every {place.period * factor:.3g} {unit}"
     return text
