@@ -68,9 +68,23 @@ def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, n
     fastest = [float(np.sqrt(np.sum(w**2, axis=1)).max()) for w in filled]
     widths = [FREE * max(fastest), FREE]
     wide = np.stack([np.full(len(times), widths[k >= len(START)]) for k in range(len(found))], axis=1)
-    steps = max(count_steps(t[-1], f, float(np.median(np.diff(t)))) for t, f in zip(times, fastest, strict=True))
+    return found, wide, lay_mesh(times, fastest)
+
+
+def lay_mesh(times: Sequence[np.ndarray], speeds: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Even times to integrate on, from 0 to the last wanted one, as many for all records, shape (records, steps + 1).
+
+    Args:
+        times: of the samples, ascending, by record [s].
+        speeds: largest angular speed of each record [rad/s].
+    """
+    steps = 1
+    for t, speed in zip(times, speeds, strict=True):
+        gaps = np.diff(np.concatenate([[0.0], t]))
+        interval = float(np.median(gaps[gaps > 0])) if np.any(gaps > 0) else 1.0
+        steps = max(steps, count_steps(float(t[-1]), float(speed), interval))
     steps = next((size for size in MESHES if steps <= size), -(-steps // MESHES[-1]) * MESHES[-1])
-    return found, wide, np.stack([np.linspace(0.0, t[-1], steps + 1) for t in times])
+    return np.stack([np.linspace(0.0, max(float(t[-1]), 1e-3), steps + 1) for t in times])
 
 
 def straighten(values: np.ndarray) -> np.ndarray:
