@@ -21,7 +21,7 @@ from ..contact.torque import (
 class EddyCurrent(AbstractTorque):
     r"""Eddy currents in the Earth's field brake the rotation: torque $-k_e \omega$."""
 
-    k_e: Scalar = parameter("1/s", 0.0, typical=1e-6, sign=1, starts=(1e-6,), text="braking rate")
+    k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate")
     id: ClassVar[str] = "eddy-current"
     law: ClassVar[str] = "torque -k_e omega"
     reference: ClassVar[str] = "Smith 1962, NASA TN D-1284; Praly et al. 2012, Acta Astronautica 76, 145"
@@ -35,9 +35,9 @@ class EddyCurrent(AbstractTorque):
 class ConstantTorque(AbstractTorque):
     """A constant torque in the body frame (a leak, a stuck thruster)."""
 
-    torque_0: Scalar = parameter("1/s**2", 0.0, name="torque.0", typical=1e-7, starts=(3e-8,), text="body x component")
-    torque_1: Scalar = parameter("1/s**2", 0.0, name="torque.1", typical=1e-7, starts=(3e-8,), text="body y component")
-    torque_2: Scalar = parameter("1/s**2", 0.0, name="torque.2", typical=1e-7, starts=(3e-8,), text="body z component")
+    torque_0: Scalar = parameter("1/s**2", 0.0, name="torque.0", typical=1e-5, starts=(3e-8,), text="body x component")
+    torque_1: Scalar = parameter("1/s**2", 0.0, name="torque.1", typical=1e-5, starts=(3e-8,), text="body y component")
+    torque_2: Scalar = parameter("1/s**2", 0.0, name="torque.2", typical=1e-5, starts=(3e-8,), text="body z component")
     id: ClassVar[str] = "constant-torque"
     law: ClassVar[str] = "constant torque in the body frame"
     reference: ClassVar[str] = "Longuski 1980, AIAA paper 80-1642"
@@ -86,7 +86,7 @@ class InternalDamper(AbstractInnerTorque):
     starting at the body's rate; the body's moments exclude the sphere.
     """
 
-    c: Scalar = parameter("1/s", 0.0, typical=1e-5, sign=1, starts=(1e-5,), text="coupling")
+    c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling")
     I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 10.0),
                             starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one")
     id: ClassVar[str] = "internal-damper"
@@ -126,9 +126,9 @@ class GravityGradient(AbstractTorque):
 class GyroBias(AbstractGyroEffect):
     """A constant bias of the measured rates, added last."""
 
-    bias_0: Scalar = parameter("rad/s", 0.0, name="bias.0", typical=1e-4, starts=(3e-5,), text="of the x rate")
-    bias_1: Scalar = parameter("rad/s", 0.0, name="bias.1", typical=1e-4, starts=(3e-5,), text="of the y rate")
-    bias_2: Scalar = parameter("rad/s", 0.0, name="bias.2", typical=1e-4, starts=(3e-5,), text="of the z rate")
+    bias_0: Scalar = parameter("rad/s", 0.0, name="bias.0", typical=1e-3, starts=(3e-5,), text="of the x rate")
+    bias_1: Scalar = parameter("rad/s", 0.0, name="bias.1", typical=1e-3, starts=(3e-5,), text="of the y rate")
+    bias_2: Scalar = parameter("rad/s", 0.0, name="bias.2", typical=1e-3, starts=(3e-5,), text="of the z rate")
     id: ClassVar[str] = "gyro-bias"
     law: ClassVar[str] = "measured rates gain bias, last"
     reference: ClassVar[str] = "Farrenkopf 1978, J. Guidance and Control 1, 282"
