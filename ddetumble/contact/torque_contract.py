@@ -13,7 +13,8 @@ from .torque import RigidBody, Spin, TumbleLaw
 
 
 TIMES = 25
-_CONDITIONS = {"x": (0.05, 0.02, -0.07), "y": (0.03, -0.06, 0.04), "z": (0.08, 0.05, -0.09), "sequence": (1.0, 4.0, 9.0)}
+_CONDITIONS = {"x": (0.05, 0.02, -0.07), "y": (0.03, -0.06, 0.04), "z": (0.08, 0.05, -0.09),
+               "sequence": (1.0, 4.0, 9.0)}  # fmt: skip
 
 
 def check_tumble_effect(effect_class: type[AbstractEffect], name: str, reference: AbstractModel | None,

@@ -71,6 +71,8 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     given = list(dict.fromkeys(name.split(".")[0] for name in first.parameters if "." in name))
     model += f" with {_join(given)}" if given else ""
     absorbs = ", ".join([*(name.replace("_", " ") for name in first.parameters), "and the settings"])
+    if family.free_running:
+        absorbs = " and ".join([*(name.replace("_", " ") for name in first.parameters), "the initial rates"])
     lack = first.lack_of_fit
     records = f"{found.settings['records']} records"
     misfit = (f"it leaves {_times(first, found.noise_nrmse)} times the noise, more than chance allows "
@@ -103,17 +105,21 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
                     f"({misfit}), and none of its {len(found.candidates)} effects explains it on left-out conditions.")
     if found.verdict in ("improved", "unexplained") and found.where:
         sentence += f" The misfit sits in the {describe_place(found.where[0])}."
+    if family.free_running:
+        sentence = sentence.replace("left-out conditions", "left-out records")
     notes = []
     alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
     if alike:
         sentence += (f" This campaign cannot tell it apart from {_join(alike)}: "
                      f"{family.remedies}.")
     elif found.verdict == "explained":
-        sentence += " No other effect of the catalogue predicts left-out conditions as well."
+        sentence += (" No other effect of the catalogue predicts left-out "
+                     f"{'records' if family.free_running else 'conditions'} as well.")
     unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
     if unseen:
+        they = "they do" if len(unseen) > 1 else "it does"
         notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
-                     "absorbs more than 99.8 % of what they do.")
+                     f"absorbs more than 99.8 % of what {they}.")
     if left_out:
         notes.append(f"Not tried, because the model or the campaign lacks what they need: {_join(list(left_out))}.")
     for channel, noise in found.noise.items():

@@ -13,7 +13,7 @@ from ..contact.torque import Spin, TumbleLaw
 from .rotation import from_rotation_vector, normalise, rotate_back, turn
 
 
-STEP = 0.4  # rad, by which a body turns at most in one step of the mesh
+STEP = 0.8  # rad, by which a body turns at most in one step of the mesh
 START = ("angular_velocity_x0", "angular_velocity_y0", "angular_velocity_z0")
 START_ATTITUDE = ("attitude_x0", "attitude_y0", "attitude_z0")
 _TABLEAU = dfx.Dopri8.tableau
@@ -45,9 +45,9 @@ def count_steps(duration: float, fastest: float, interval: float) -> int:
     Args:
         duration: of the record [s].
         fastest: largest angular speed [rad/s].
-        interval: between samples [s]; a step is no longer, unless that were more than 1,024 steps.
+        interval: between samples [s]; a step is no longer than three, unless that were more than 256 steps.
     """
-    longest = min(STEP / max(fastest, 1e-300), max(interval, duration / 1024))
+    longest = min(STEP / max(fastest, 1e-300), max(3.0 * interval, duration / 256))
     return max(int(np.ceil(duration / longest - 1e-9)), 1)
 
 
@@ -55,7 +55,7 @@ def spin(law: TumbleLaw, conditions: Mapping[str, Array], time: Array, mesh: Arr
     r"""Integrate $\dot\omega$ of the law and $\dot q = \frac12 q \otimes \omega$ from t = 0.
 
     Dormand and Prince's method of order 8 with even steps, and quintic Hermite interpolation between them: with steps
-    of 0.4 rad the error stays below 1e-8 of the rates a revolution. Batch records with `jax.vmap`. Differentiable in
+    of 0.8 rad the error stays below 1e-6 of the rates. Batch records with `jax.vmap`. Differentiable in
     both modes.
 
     Args:
@@ -102,12 +102,12 @@ def _integrate(field: Callable[[Array, Array], Array], first: Array, mesh: Array
         def add(stages, stage):
             node, row, here = stage
             slope = field(t + node * step, y + step * (row @ stages))
-            return stages + here[:, None] * slope, None
+            return stages.at[here].set(slope), None
 
         slope, curve = bend(t, y)
         # One stage after the other in a loop: written out, fourteen copies of the law took a minute to compile.
         stages = jnp.zeros((_WEIGHTS.size, y.size)).at[0].set(slope)
-        stages, _ = jax.lax.scan(add, stages, (_NODES, _ROWS, np.eye(_WEIGHTS.size)[1:]))
+        stages, _ = jax.lax.scan(add, stages, (_NODES, _ROWS, np.arange(1, _WEIGHTS.size)))
         return y + step * (_WEIGHTS @ stages), (y, slope, curve)
 
     last, (values, slopes, bends) = jax.lax.scan(advance, first, mesh[:-1])

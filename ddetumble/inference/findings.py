@@ -65,8 +65,8 @@ class Fit:
         records, samples: how many.
         noise: by channel.
         converged, steps, state: of the optimiser; `state` is a sentence.
-        nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its `sd`
-            of what tumbling records start from.
+        nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its
+            `sd` of what tumbling records start from.
         cannot_tell_apart: sentences.
         notes: further sentences.
         settings: command, specification, seed.
@@ -136,8 +136,8 @@ class Fit:
             lines.append(f"[[Correlations]] (unreported correlations are < {LEAST:.3f})")
             wide = max(len(f"{a}, {b}") for _, a, b in pairs)
             lines += [f"    C({f'{a}, {b}':<{wide}}) = {value:+.4f}" for value, a, b in pairs]
-        pulls = sorted(((abs(v["pull"]), r, n, v) for r, own in self.nuisances.items() for n, v in own.items() if "pull" in v),
-                       key=lambda p: -p[0])[:3]
+        pulls = sorted(((abs(v["pull"]), r, n, v) for r, own in self.nuisances.items() for n, v in own.items()
+                        if "pull" in v), key=lambda p: -p[0])[:3]
         if pulls:
             lines.append("[[Settings]] (largest shifts, in their stated standard deviations)")
             lines += [f"    {n} of {r}: {v['pull']:+.2f}" for _, r, n, v in pulls]

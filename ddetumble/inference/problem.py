@@ -238,7 +238,7 @@ class Problem:
         Returns:
             For each of `wanted` an array of shape (records, rows, names).
         """
-        few = SLOTS[0]
+        few = self.space.family.slots[0]
         jobs = [(k, names[first:first + few], u) for k, (names, u) in enumerate(wanted)
                 for first in range(0, len(names), few)]
         with ThreadPoolExecutor(WORKERS) as pool:
@@ -259,7 +259,7 @@ class Problem:
             max_steps: after which the fit counts as not converged.
         """
         stack, count = self.records.stack, self.records.count
-        slots = next(s for s in SLOTS if len(free) <= s)
+        slots = next(s for s in self.space.family.slots if len(free) <= s)
         columns = [self.space.index[name] for name in free]
         directions = np.zeros((slots, len(self.space)))
         scales = self.scales[columns]

@@ -16,7 +16,7 @@ from .families import ATTITUDES, RATES
 
 WINDOW = 1.0  # rad, over which Euler's equations are integrated to guess the ratio of the moments
 FREE = 1e3  # standard deviation of a start over the largest rate: far more than any fit moves it
-MESHES = (32, 64, 96, 128, 192, 256, 320, 384, 512, 640, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
+MESHES = (64, 96, 128, 160, 192, 256, 320, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
 
 
 def list_starts(campaign: Campaign) -> tuple[str, ...]:
@@ -47,8 +47,8 @@ def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, n
             raise InputError(f"record {key!r} begins at {time[0]:g} s; times of a tumbling record count from its start "
                              "at t = 0, where the rates are free: shift them", file=table, column="time")
         if time[0] > 0.5 * time[-1]:
-            raise InputError(f"record {key!r} lasts from {time[0]:g} to {time[-1]:g} s; times of a tumbling record count "
-                             f"from its start: subtract {time[0]:g} s", file=table, column="time")
+            raise InputError(f"record {key!r} lasts from {time[0]:g} to {time[-1]:g} s; times of a tumbling record "
+                             f"count from its start: subtract {time[0]:g} s", file=table, column="time")
         values = group[list(RATES)].to_numpy(dtype=float)
         empty = ~np.isfinite(values).any(axis=0)
         if empty.any():
@@ -160,8 +160,8 @@ def _list_attitudes(campaign: Campaign) -> tuple[str, ...]:
             return names
         if there:
             missing = next(name for name in names if name not in there)
-            raise InputError(f"campaign {campaign.name!r} has the channel {there[0]!r} and not {missing!r}; an attitude "
-                             "is a unit quaternion of four numbers, scalar first", column=missing,
+            raise InputError(f"campaign {campaign.name!r} has the channel {there[0]!r} and not {missing!r}; an "
+                             "attitude is a unit quaternion of four numbers, scalar first", column=missing,
                              file=None if campaign.path is None else campaign.path / "datapackage.json")
     return ()
 

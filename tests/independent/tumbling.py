@@ -71,11 +71,12 @@ def simulate_tumbling(base, effects, rates, times, orbit_rate=0.00106, tolerance
     states, state = np.zeros((times.size, 15)), first
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         here = (times >= a) & (times <= b)
-        inner = [solve_ivp(lambda t, y: differ(min(max(t, a + 1e-9), b - 1e-9), y) if jumps else differ(t, y), (a, b),
-                           state, "DOP853", t_eval=np.unique(np.append(times[here], b)), rtol=tolerance,
-                           atol=tolerance * scale)][0]
-        states[here] = inner.y.T[: here.sum()]
-        state = inner.y[:, -1]
+        inside = (a + 1e-9, b - 1e-9) if jumps else (a, b)  # the torque is that of this side of a jump
+        found = solve_ivp(lambda t, y, low, high: differ(min(max(t, low), high), y), (a, b), state, "DOP853",
+                          t_eval=np.unique(np.append(times[here], b)), rtol=tolerance, atol=tolerance * scale,
+                          args=inside)  # fmt: skip
+        states[here] = found.y.T[: here.sum()]
+        state = found.y[:, -1]
     matrices = states[:, :9].reshape(-1, 3, 3)
     body = np.einsum("tij,ti->tj", matrices, states[:, 9:12]) / moments
     if "x-flexible-panel" in effects:
