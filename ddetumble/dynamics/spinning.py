@@ -29,13 +29,15 @@ class Spinning(eqx.Module):
     Attributes:
         angular_velocity: what the gyroscopes read, body components, shape (samples, 3) [rad/s].
         attitude: unit quaternions, scalar first, body to inertial, shape (samples, 4) [-].
-        speed: magnitude of the body's true angular velocity, shape (samples,) [rad/s].
+        body: true angular velocity, body components, shape (samples, 3) [rad/s].
+        inner: that of the inner bodies, body components, shape (samples, inner bodies, 3) [rad/s].
         failed: whether any value is not finite.
     """
 
     angular_velocity: Float[Array, "samples 3"]
     attitude: Float[Array, "samples 4"]
-    speed: Float[Array, " samples"]
+    body: Float[Array, "samples 3"]
+    inner: Float[Array, "samples bodies 3"]
     failed: Bool[Array, ""]
 
 
@@ -85,10 +87,11 @@ def spin(law: TumbleLaw, conditions: Mapping[str, Array], time: Array, mesh: Arr
     values, slopes, bends = _integrate(field, first, mesh, step)
     place = jnp.clip(jnp.floor((time - mesh[0]) / step).astype(int), 0, mesh.shape[0] - 2)
     share = ((time - mesh[0]) / step - place)[:, None]
-    found = _interpolate(values, slopes * step, bends * step**2, place, share)
-    omega, attitude = found[:, :3], normalise(found[:, 3:7])
-    return Spinning(law.read(omega, time), attitude, jnp.sqrt(jnp.sum(omega**2, axis=-1) + 1e-300),
-                    ~jnp.all(jnp.isfinite(found)))
+    # Each part by itself, so that the compiler leaves out what nobody reads.
+    omega, attitude, inner = (_interpolate(values[:, part], slopes[:, part] * step, bends[:, part] * step**2, place,
+                                           share) for part in (slice(0, 3), slice(3, 7), slice(7, None)))
+    return Spinning(law.read(omega, time), normalise(attitude), omega, inner.reshape(time.size, -1, 3),
+                    ~(jnp.all(jnp.isfinite(values)) & jnp.all(jnp.isfinite(omega))))
 
 
 def _integrate(field: Callable[[Array, Array], Array], first: Array, mesh: Array, step: Array

@@ -17,7 +17,7 @@ from .assembly import Assembly, assemble_space, default_starts, guess_start
 from .bounded import Bounded, solve_bounded
 from .families import find_family, name_family
 from .findings import Fit, summarise_fit
-from .horizon import is_lost, solve_growing
+from .horizon import MOST, is_lost, solve_growing
 from .models import ResolvedModel, resolve_effect, resolve_model
 from .noise import Noise
 from .parameters import ParameterSpace, from_public, to_public
@@ -107,7 +107,10 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     priors, limits = place_priors(space, names, wanted), place_bounds(space, names, wanted)
 
     report("fitting the reference model", 0.05)
-    problem = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
+    whole = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
+    problem = whole
+    if space.family.free_running and whole.records.lengths.max() > MOST:  # starts are tried on a part of the samples
+        problem = _pose(space, stack_records(campaign, noise, MOST), priors, wanted.nuisances)
     known = [n for n in names if n in assembly.base]
     first = _require(solve_growing(problem, known, base), problem.records, assembly.warnings)
     places = [space.index[n] for n in known if n not in given]
@@ -130,6 +133,9 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     if best is None:
         raise ComputationError("the model could not be integrated from any start; try other starting values or fix a "
                                "parameter")
+    if problem is not whole:
+        problem = whole
+        best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
     report("measuring the noise", 0.82)
     measured = dict(noise or {}) or measure_noise(campaign, problem.records, best.solution)
     if wanted.noise == "stated":

@@ -112,7 +112,8 @@ def observe_tumble(law: Any, conditions: Mapping[str, Array], time: Array, row: 
     found = spin(law, conditions, time, row.inputs["mesh"])
     named = {f"angular_velocity_{a}": found.angular_velocity[:, k] for k, a in enumerate("xyz")}
     named |= {name: found.attitude[:, k % 4] for k, name in enumerate(ATTITUDES)}
-    return Observation(jnp.stack([named[channel] for channel in channels]), time, found.speed, time[-1], found.failed)
+    speed = jnp.sqrt(jnp.sum(found.body**2, axis=-1) + 1e-300)
+    return Observation(jnp.stack([named[channel] for channel in channels]), time, speed, time[-1], found.failed)
 
 
 RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")

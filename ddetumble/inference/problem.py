@@ -25,6 +25,7 @@ from .stack import Records, Stack
 SLOTS = (5, 8, 12, 16, 24, 32, 48)
 WORKERS = 2
 FAILED = 1e4
+LARGE = 60_000  # samples of all records together beyond which free-running ones are computed one after the other
 
 
 class Evaluation(eqx.Module):
@@ -100,8 +101,14 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
                         out_axes=(None, -1, None))(unit)
 
-    axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
-    model, jacobian, (state, rate, end, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
+    if space.family.free_running and stack.time.size > LARGE:
+        # So many samples at once would fill the memory with what is only on the way.
+        rows = eqx.tree_at(lambda s: s.rtol, stack, jnp.broadcast_to(stack.rtol, stack.present.shape))
+        found = jax.lax.map(lambda x: one(*x), (z, rows, base))
+    else:
+        axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
+        found = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
+    model, jacobian, (state, rate, end, failed) = found
     failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
     there = stack.present > 0
     keep = (there & ~failed)[:, None, None, None]
