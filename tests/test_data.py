@@ -118,7 +118,8 @@ def test_tumble_heldout_records_match_simulator(name):
     truth = read_truth()[name]
     assert len(truth["heldout"]) == 2
     for record in truth["heldout"]:
-        rates, _ = simulate_tumbling(truth["base"], truth["effects"], record["conditions"]["w0"], record["x"], ORBIT_RATE)
+        start = record["conditions"]["w0"]
+        rates, _ = simulate_tumbling(truth["base"], truth["effects"], start, record["x"], ORBIT_RATE)
         assert np.abs(rates - record["y"]).max() < 1e-9
 
 

@@ -61,7 +61,7 @@ def forecast(records: Records, solution: Solution, groups: np.ndarray) -> np.nda
     early, loss = _find_early(records, solution), np.zeros(records.count)
     for out, step in _step_aside(solution, groups, *solution.projected()):
         for r in np.flatnonzero(out):
-            loss[r] = _predict_rest(solution, r, early[r], step)
+            loss[r] = _predict_rest(solution, int(r), early[r], step)
     return loss
 
 

@@ -40,22 +40,7 @@ def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, n
     """
     attitudes = _list_attitudes(campaign)
     table = None if campaign.path is None else campaign.path / "samples.csv"
-    times, rates = [], []
-    for key, group in zip(campaign.record_keys, groups, strict=True):
-        time = group["time"].to_numpy(dtype=float)
-        if time[0] < 0:
-            raise InputError(f"record {key!r} begins at {time[0]:g} s; times of a tumbling record count from its start "
-                             "at t = 0, where the rates are free: shift them", file=table, column="time")
-        if time[0] > 0.5 * time[-1]:
-            raise InputError(f"record {key!r} lasts from {time[0]:g} to {time[-1]:g} s; times of a tumbling record "
-                             f"count from its start: subtract {time[0]:g} s", file=table, column="time")
-        values = group[list(RATES)].to_numpy(dtype=float)
-        empty = ~np.isfinite(values).any(axis=0)
-        if empty.any():
-            raise InputError(f"record {key!r} has no value of this rate, and the model needs all three", file=table,
-                             column=RATES[int(np.argmax(empty))])
-        times.append(time)
-        rates.append(values)
+    times, rates = read_rates(campaign, groups)
     filled = [_fill(t, w) for t, w in zip(times, rates, strict=True)]
     ratio = campaign.known.get("inertia_ratio") or guess_ratio(times, filled)
     begun = np.array([_turn_back(t[0], w[0], ratio) for t, w in zip(times, filled, strict=True)])
@@ -85,6 +70,36 @@ def lay_mesh(times: Sequence[np.ndarray], speeds: Sequence[float] | np.ndarray) 
         steps = max(steps, count_steps(float(t[-1]), float(speed), interval))
     steps = next((size for size in MESHES if steps <= size), -(-steps // MESHES[-1]) * MESHES[-1])
     return np.stack([np.linspace(0.0, max(float(t[-1]), 1e-3), steps + 1) for t in times])
+
+
+def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Times and rates of all records, shapes (samples,) and (samples, 3), missing ones nan.
+
+    Raises:
+        InputError: a rate that is missing throughout, times before 0 or far behind it.
+    """
+    missing = [rate for rate in RATES if rate not in campaign.channels]
+    if missing:
+        raise InputError(f"campaign {campaign.name!r} has no channel {missing[0]!r}; it has: "
+                         + ", ".join(campaign.channels))
+    table = None if campaign.path is None else campaign.path / "samples.csv"
+    times, rates = [], []
+    for key, group in zip(campaign.record_keys, groups, strict=True):
+        time = group["time"].to_numpy(dtype=float)
+        if time[0] < 0:
+            raise InputError(f"record {key!r} begins at {time[0]:g} s; times of a tumbling record count from its start "
+                             "at t = 0, where the rates are free: shift them", file=table, column="time")
+        if time[0] > 0.5 * time[-1]:
+            raise InputError(f"record {key!r} lasts from {time[0]:g} to {time[-1]:g} s; times of a tumbling record "
+                             f"count from its start: subtract {time[0]:g} s", file=table, column="time")
+        values = group[list(RATES)].to_numpy(dtype=float)
+        empty = ~np.isfinite(values).any(axis=0)
+        if empty.any():
+            raise InputError(f"record {key!r} has no value of this rate, and the model needs all three", file=table,
+                             column=RATES[int(np.argmax(empty))])
+        times.append(time)
+        rates.append(values)
+    return times, rates
 
 
 def straighten(values: np.ndarray) -> np.ndarray:
@@ -130,10 +145,8 @@ def guess_ratio(times: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> flo
 def guess_body(campaign: Campaign) -> float:
     """Ratio of the moments, guessed from all records of a campaign."""
     assert campaign.samples is not None
-    groups = [group for _, group in campaign.samples.groupby("record", sort=False)]
-    times = [group["time"].to_numpy(dtype=float) for group in groups]
-    rates = [_fill(t, g[list(RATES)].to_numpy(dtype=float)) for t, g in zip(times, groups, strict=True)]
-    return guess_ratio(times, rates)
+    times, rates = read_rates(campaign, [group for _, group in campaign.samples.groupby("record", sort=False)])
+    return guess_ratio(times, [_fill(t, w) for t, w in zip(times, rates, strict=True)])
 
 
 def _turn_back(time: float, rate: np.ndarray, ratio: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 import dataclasses as dc
 
 import numpy as np
+from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ..measurement.campaign import Campaign
@@ -13,6 +14,7 @@ from .stack import Records, default_noise
 
 SPLINES = 20
 TURN = 5.0  # splines a revolution of a tumbling record: what a torque leaves repeats with the nutation
+LARGE = 1_000_000  # numbers of a spline basis beyond which its zeros are left out
 SHORTEST = 24  # samples without a gap that tell something about the noise
 
 
@@ -69,7 +71,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
             trace = (values[r, c] - solution.channels[r, c])[:n]
             smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
-            trace = trace - smooth @ np.linalg.lstsq(smooth[used], trace[used], rcond=None)[0]
+            trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
             for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
                 if used[run[0]] and (len(run) >= SHORTEST or len(run) == n):
                     traces.append(trace[run])
@@ -95,6 +97,16 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
                                          if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
                                         _quiet_deviation(records, c))
     return found
+
+
+def _fit_splines(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Coefficients of least squares; those of long records by the normal equations, which splines leave banded."""
+    if columns.size < LARGE:
+        return np.linalg.lstsq(columns, values, rcond=None)[0]
+    thin = sparse.csr_matrix(columns)
+    square = (thin.T @ thin).toarray()
+    square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / len(square)
+    return np.linalg.solve(square, thin.T @ values)
 
 
 def _quiet_deviation(records: Records, channel: int) -> tuple[float, int]:
