@@ -1,5 +1,6 @@
 """The contract of an effect on tumbling records, proved by trial (see `contract`)."""
 
+import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
 import jax
@@ -21,10 +22,13 @@ def check_tumble_effect(effect_class: type[AbstractEffect], name: str, reference
                         conditions: Mapping[str, Sequence[float]] | None) -> EffectReport:
     """The clauses of `contract.check_effect` for an effect on tumbling records.
 
-    Conditions have to hold the rates at t = 0 as `x`, `y` and `z` [rad/s]; the orbit rate of the trials is 1e-3 rad/s.
+    Conditions have to hold the rates at t = 0 as `x`, `y` and `z` [rad/s]; the orbit rate of the trials is 1e-3 rad/s
+    where the body has none.
     """
     try:
-        model = RigidBody(orbit_rate=jnp.asarray(1e-3)) if reference is None else reference
+        model = RigidBody() if reference is None else reference
+        if isinstance(model, RigidBody) and not float(model.orbit_rate):
+            model = dc.replace(model, orbit_rate=jnp.asarray(1e-3))
         known = _Known(model)
         found = dict(_CONDITIONS) if conditions is None else conditions
         bench = Bench(effect_class, known, found, turn_over, conditions is None)

@@ -25,6 +25,7 @@ from .records import LackOfFit
 
 THIN = 768  # samples a record on which candidates are screened
 SCREENING_STEPS = 8
+MANY, FEWER = 400_000, 1536  # samples of free-running records beyond which they are thinned, and to how many each
 STRAYED = 3.0  # typical changes that a reference parameter has moved from its guess: fits start from the guess too
 
 
@@ -52,7 +53,7 @@ class Workbench:
     """Fits, scores and judgements on one campaign.
 
     Args:
-        campaign: of impacts or slip records, with samples.
+        campaign: with samples.
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
         given: effects that the model has from the start, with their values; they are fitted with the reference model,
@@ -74,6 +75,9 @@ class Workbench:
         self.family = self.space.family
         self.groups = group_conditions(campaign.records)
         self._stack({})
+        if self.records.lengths.sum() < len(campaign.samples if campaign.samples is not None else ()):
+            self.warnings = (*self.warnings, f"So many samples are thinned evenly to at most {FEWER} a record; `fit` "
+                             "takes all of them.")
         self.noise: dict[str, Noise] = {}
         self.freed: tuple[str, ...] = ()
         self.lost = False
@@ -105,7 +109,10 @@ class Workbench:
 
     def _stack(self, noise: dict[str, Noise]) -> None:
         """All samples, and thinned records on which many candidates are tried."""
-        self.records: Records = stack_records(self.campaign, noise)
+        samples = self.campaign.samples
+        many = self.family.free_running and samples is not None and len(samples) > MANY
+        most = FEWER if many else None
+        self.records: Records = stack_records(self.campaign, noise, most)
         self.problem = Problem(self.space, self.records)
         self.thin: Problem | None = None
         if self.records.lengths.max() > THIN:
