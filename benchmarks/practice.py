@@ -1,4 +1,4 @@
-"""How `discover` and `predict` do on impact campaigns whose answers are known.
+"""How `discover` and `predict` do on campaigns whose answers are known.
 
     python -m benchmarks.practice CAMPAIGNS ANSWERS.json [-o result.json]
 
@@ -20,7 +20,8 @@ import pandas as pd
 from benchmarks.records import describe_machine, print_table, write_result
 
 
-FAMILIES = {"impact": ("normal_force", "time"), "slip": ("tangential_force", "slip")}
+RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
+FAMILIES = {"impact": (("normal_force",), "time"), "slip": (("tangential_force",), "slip"), "tumble": (RATES, "time")}
 
 
 def main(arguments=None):
@@ -55,20 +56,22 @@ def judge(folder, truth):
 
     found = discover(folder)
     main, abscissa = FAMILIES[truth["family"]]
-    noise = read_campaign(folder).channels[main].uncertainty.sd(np.ones(1))[0]
-    true = {**truth["base"], **{f"{e}.{n}": v for e, p in truth["effects"].items() for n, v in p.items()}}
+    noise = read_campaign(folder).channels[main[0]].uncertainty.sd(np.ones(1))[0]
+    true = truth["base"] | name_parameters(truth["effects"])
     last = found.steps[-1].parameters
     settings = []
     for k, one in enumerate(truth["heldout"]):
-        settings.append(pd.DataFrame({"record": f"h{k}", **one["conditions"], abscissa: one["x"]}))
+        chosen = dict(one["conditions"])
+        chosen |= {f"{rate}0": value for rate, value in zip(RATES, chosen.pop("w0", ()), strict=False)}
+        settings.append(pd.DataFrame({"record": f"h{k}", **chosen, abscissa: one["x"]}))
     conditions = pd.concat(settings, ignore_index=True)
-    wanted = np.concatenate([np.ravel(channels(one["y"])) for one in truth["heldout"]])
+    wanted = np.concatenate([channels(one["y"], len(main)) for one in truth["heldout"]])
     with tempfile.TemporaryDirectory() as place:
         save_discovery(found, Path(place) / "grown")
-        grown = predict(Path(place) / "grown", conditions)[main].to_numpy()
+        grown = predict(Path(place) / "grown", conditions)[list(main)].to_numpy()
         fit(folder).save(Path(place) / "reference")
         width = compare_widths(last, fit(folder, effects=list(truth["effects"]))) if inside_catalogue(truth) else None
-        alone = predict(Path(place) / "reference", conditions)[main].to_numpy()
+        alone = predict(Path(place) / "reference", conditions)[list(main)].to_numpy()
     return {
         "campaign": folder.name, "truth": list(truth["effects"]), "verdict": found.verdict,
         "found": list(found.effects), "sentence": found.sentence,
@@ -93,10 +96,21 @@ def compare_widths(found, told):
     return round(float(np.median(ratios)), 3) if ratios else None
 
 
-def channels(y):
-    """Force of a record: the only channel, or the first of several."""
+def name_parameters(effects):
+    """True values by the names of results: components of a vector each by its own."""
+    found = {}
+    for effect, parameters in effects.items():
+        for name, value in parameters.items():
+            parts = {f".{k}": v for k, v in enumerate(value)} if isinstance(value, list) else {"": value}
+            found |= {f"{effect}.{name}{part}": v for part, v in parts.items()}
+    return found
+
+
+def channels(y, count):
+    """The first channels of a record, shape (samples, count), whichever way the file has them."""
     y = np.asarray(y, dtype=float)
-    return y if y.ndim == 1 else (y[0] if y.shape[0] <= 3 else y[:, 0])
+    y = y[:, None] if y.ndim == 1 else (y.T if y.shape[0] <= 3 else y)
+    return y[:, :count]
 
 
 if __name__ == "__main__":

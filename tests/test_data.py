@@ -11,11 +11,13 @@ import pytest
 
 from tests.independent.campaigns import make_campaign, write_campaign_folder
 from tests.independent.impact import simulate
-from tests.independent.make_data import OBLIQUE_PLANS, PLANS, SLIP_PLANS
+from tests.independent.make_data import OBLIQUE_PLANS, PLANS, SLIP_PLANS, TUMBLE_PLANS
 from tests.independent.oblique_campaigns import make_oblique_campaign, write_oblique_folder
 from tests.independent.paper_tables import write_paper
 from tests.independent.slip import follow_strokes, simulate_slip
 from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+from tests.independent.tumbling import simulate_tumbling
+from tests.independent.tumbling_campaigns import ORBIT_RATE, make_tumble_campaign, write_tumble_folder
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -50,7 +52,7 @@ def test_all_packages_are_there():
         "paper/figure-8", *(f"paper/table-{i}" for i in range(1, 7))
     ]  # fmt: skip
     campaigns = [name for name in PACKAGES if not name.startswith("paper/") and name != "nist-strd"]
-    assert campaigns == sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS) == sorted(read_truth())
+    assert campaigns == sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS | TUMBLE_PLANS) == sorted(read_truth())
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -110,11 +112,24 @@ def test_slip_heldout_records_match_simulator(name):
             assert np.abs(follow_strokes(path, strokes)[1] - record["slip"]).max() < 1e-8
 
 
-@pytest.mark.parametrize("name", sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS))
+@pytest.mark.parametrize("name", sorted(TUMBLE_PLANS))
+def test_tumble_heldout_records_match_simulator(name):
+    """Noise-free rates from two starts, to the digits that are written."""
+    truth = read_truth()[name]
+    assert len(truth["heldout"]) == 2
+    for record in truth["heldout"]:
+        start = record["conditions"]["w0"]
+        rates, _ = simulate_tumbling(truth["base"], truth["effects"], start, record["x"], ORBIT_RATE)
+        assert np.abs(rates - record["y"]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS | TUMBLE_PLANS))
 def test_campaign_is_made_again(name, tmp_path):
     """The command makes the shipped campaign: the same text, but for a last digit on another platform."""
     if name in PLANS:
         write_campaign_folder(tmp_path / name, make_campaign(name, **PLANS[name]))
+    elif name in TUMBLE_PLANS:
+        write_tumble_folder(tmp_path / name, make_tumble_campaign(name, **TUMBLE_PLANS[name]))
     elif name in OBLIQUE_PLANS:
         write_oblique_folder(tmp_path / name, make_oblique_campaign(name, **OBLIQUE_PLANS[name]))
     else:

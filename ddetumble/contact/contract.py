@@ -27,6 +27,7 @@ from .clauses import (
 from .effect import STAGE_OF, AbstractEffect, AbstractModel, family_of, parameters_of
 from .law import Ball, ContactLaw
 from .tangential_contract import check_oblique_effect, check_slip_effect
+from .torque_contract import check_tumble_effect
 from .trial import STEPS, Trial, evaluate_path, read_gauge, try_impact
 
 
@@ -45,7 +46,7 @@ def check_effect(
     effect_class: type[AbstractEffect], reference: AbstractModel | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
 ) -> EffectReport:
-    """Prove by trial impacts or strokes that an effect keeps the contract on which fits and discovery rely.
+    """Prove by trial impacts, strokes or tumbling that an effect keeps the contract on which fits and discovery rely.
 
     The clauses: it is complete (one stage, id, law, reference, nothing missing on the model); its parameters have units
     that `pint` reads; its values survive flattening; new values do not compile anew; it is finite at its starts;
@@ -65,8 +66,8 @@ def check_effect(
     """
     name = str(getattr(effect_class, "id", "") or getattr(effect_class, "__name__", effect_class))
     if family_of(effect_class) != "impact":
-        check = check_slip_effect if family_of(effect_class) == "slip" else check_oblique_effect
-        return check(effect_class, name, reference, conditions)
+        checks = {"slip": check_slip_effect, "tumble": check_tumble_effect}
+        return checks.get(family_of(effect_class), check_oblique_effect)(effect_class, name, reference, conditions)
     try:
         bench = _Bench(effect_class, Ball() if reference is None else reference, conditions)
     except Exception as error:

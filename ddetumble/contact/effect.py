@@ -18,7 +18,8 @@ restitution            `AbstractRestitutionEffect` factor on the coefficient of 
 sensor                 `AbstractSensorEffect`      what the force gauge reads [N]
 =====================  ==========================  ==========================================================
 
-An effect that needs a state of its own (gas lost, a relaxing force) is also an `AbstractStatefulEffect`.
+An effect that needs a state of its own (gas lost, a relaxing force) is also an `AbstractStatefulEffect`. Effects on
+slip records are in `contact.sliding`, those on tumbling records (torques) in `contact.torque`.
 """
 
 import abc
@@ -183,8 +184,8 @@ class AbstractEffect(eqx.Module):
         requires: what the reference model must have for the effect to mean anything: any of `gas`, `geometry`,
             `damping`, or the name of a condition such as `sequence`.
         stage: where it acts; the bases of impact effects are told apart by `STAGE_OF`.
-        family: of the records on which it acts: `impact`, `slip` or `oblique` (effects of the first two act on oblique
-            impacts too).
+        family: of the records on which it acts: `impact`, `slip`, `tumble` or `oblique` (effects of the first two act
+            on oblique impacts too).
     """
 
     id: AbstractClassVar[str]
@@ -199,7 +200,7 @@ class AbstractModel(eqx.Module):
     """Base of all reference models.
 
     Attributes:
-        family: of the records that it describes: `impact`, `slip` or `oblique`.
+        family: of the records that it describes: `impact`, `slip`, `oblique` or `tumble`.
         provides: what effects may require.
     """
 
@@ -310,7 +311,7 @@ class AbstractStatefulEffect(AbstractEffect):
 
 
 def family_of(effect: Any) -> str:
-    """Family of records on which an effect (class or instance) acts: `impact`, `slip` or `oblique`."""
+    """Family of records on which an effect (class or instance) acts: `impact`, `slip`, `oblique` or `tumble`."""
     return getattr(effect, "family", "impact")
 
 

@@ -39,7 +39,7 @@ def check_slip_effect(effect_class: type[AbstractEffect], name: str, reference: 
     """The clauses of `contract.check_effect` for an effect on slip records."""
     try:
         found = dict(_CONDITIONS) if conditions is None else conditions
-        bench = _Bench(effect_class, RubberFriction() if reference is None else reference, found, stroke,
+        bench = Bench(effect_class, RubberFriction() if reference is None else reference, found, stroke,
                        conditions is None)
     except Exception as error:
         return EffectReport(name, (Check("complete", False, explain_error(error)),))
@@ -52,13 +52,13 @@ def check_oblique_effect(effect_class: type[AbstractEffect], name: str, referenc
     try:
         model = Striker(Ball(), CoulombFriction()) if reference is None else reference
         found = dict(_OBLIQUE) if conditions is None else conditions
-        bench = _Bench(effect_class, model, found, try_patch, conditions is None)
+        bench = Bench(effect_class, model, found, try_patch, conditions is None)
     except Exception as error:
         return EffectReport(name, (Check("complete", False, explain_error(error)),))
     return bench.report(name)
 
 
-class _Bench:
+class Bench:
     """An effect, a reference model, and a trial of a few records on which the effect is proved."""
 
     def __init__(self, effect_class, reference, conditions, trial, complete):
@@ -133,10 +133,10 @@ class _Bench:
         for values in self.starts:
             where = dict(zip([p.name for p in self.parameters], (float(v) for v in values), strict=True))
             if not np.isfinite(self.run_all(self.build(values), self.conditions)).all():
-                return f"the force is not finite at {where}."
+                return f"what is measured is not finite at {where}."
             if not np.isfinite(self.run_slopes(jnp.asarray(values))).all():
                 return f"a derivative is not finite at {where}."
-        return True, f"forces and derivatives are finite at {len(self.starts)} starts."
+        return True, f"readings and derivatives are finite at {len(self.starts)} starts."
 
     def compare_loop(self):
         """All records at once against one after the other."""
@@ -154,8 +154,8 @@ class _Bench:
                 bare = np.asarray(self.trial(self.reference.extend(()), self.record(k)))
                 if not np.array_equal(extended, bare):
                     where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(self.parameters, values, strict=True))
-                    return f"the force changes by up to {np.abs(extended - bare).max():.3g} N at {where}."
-        return True, "the force is that without it, to the last bit."
+                    return f"what is measured changes by up to {np.abs(extended - bare).max():.3g} [SI] at {where}."
+        return True, "what is measured is that without it, to the last bit."
 
     def find_slope(self, k: int):
         """Derivative of the force by one parameter: at the null, or over the starts."""
@@ -170,10 +170,10 @@ class _Bench:
         for values in points:
             slope = np.asarray(self.run_slopes(jnp.asarray(values)))[..., k]
             if not np.isfinite(slope).all():
-                return f"the derivative of the force is not finite {place}."
+                return f"a derivative is not finite {place}."
             best = max(best, float(np.abs(slope).max()) * one.typical / max(largest, 1e-300))
         if best <= _ALIVE:
             remedy = "nothing reads it" if scanned else "let the law start linearly in its amplitude"
-            return f"the force does not move with it {place}: {remedy}."
+            return f"what is measured does not move with it {place}: {remedy}."
         return True, (f"a typical change ({one.typical:g} {one.unit}".rstrip()
-                      + f") moves the force by {best:.1e} of its largest value {place}.")
+                      + f") moves what is measured by {best:.1e} of its largest value {place}.")

@@ -18,6 +18,7 @@ from .records import LackOfFit
 
 
 LEVEL = 0.01
+DRAWS = 4000  # of the parametric bootstrap
 
 
 def smooth_bases(problem: Problem, end: np.ndarray) -> list[np.ndarray]:
@@ -49,6 +50,12 @@ def measure_smooth(problem: Problem, solution: Solution, bases: list[np.ndarray]
         scale = np.linalg.norm(rows, axis=0)
         rows = rows[:, scale > 1e-9] / scale[scale > 1e-9]
         right = np.concatenate([solution.residual[r], solution.z[r]])
+        if problem.space.family.free_running:  # a tall matrix of many splines: its normal equations do
+            values, vectors = np.linalg.eigh(rows.T @ rows)
+            kept = values > 1e-11 * values[-1]
+            total += float(np.sum((vectors.T @ (rows.T @ right))[kept] ** 2 / values[kept]))
+            degrees += int(kept.sum()) - own
+            continue
         u, s, _ = np.linalg.svd(rows, full_matrices=False)
         u = u[:, s > 1e-7 * s[0]]
         total += float(np.sum((u.T @ right) ** 2))
@@ -73,8 +80,12 @@ def judge_fit(problem: Problem, solution: Solution, bases: list[np.ndarray], noi
     sd = np.sqrt(2.0 / max(degrees, 1.0) + spread**2)
     p = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1.0)) / sd))
     rejected = bool(p < level / 2 or score_p_value < level / 2)
-    text = (f"chi-square of the smooth part of whitened residuals and setting errors over {degrees:.0f} degrees of "
-            f"freedom (noise level known to {spread:.1%}), and the largest efficient score of any effect or probe")
+    within = problem.space.family.free_running
+    how = (f", calibrated within records by a parametric bootstrap of {DRAWS} draws of the whitened noise" if within
+           else "")
+    what = "" if within else " and setting errors"
+    text = (f"chi-square of the smooth part of whitened residuals{what} over {degrees:.0f} degrees of "
+            f"freedom (noise level known to {spread:.1%}), and the largest efficient score of any effect or probe{how}")
     return LackOfFit(ratio, degrees, p, level, rejected, score_p_value, text)
 
 
@@ -169,3 +180,22 @@ def family_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
     largest = max(s.z**2 for s in scores) / widen
     single = stats.chi2.sf(largest, 1)
     return float(-np.expm1(len(scores) * np.log1p(-min(single, 1 - 1e-16))))
+
+
+def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
+    """The same for few long records: chance of so large a score by a parametric bootstrap of the whitened noise.
+
+    Under a complete model the scores are normal with the covariance of their signatures; drawn together they count
+    directions that look alike once. Below what the draws can show Šidák's bound holds.
+    """
+    used = [s for s in scores if s.information > 0]
+    if not used:
+        return 1.0
+    flat = np.stack([s.column.ravel() for s in used])
+    values, vectors = np.linalg.eigh(flat @ flat.T)
+    generator = np.random.default_rng(20261121)
+    drawn = generator.standard_normal((DRAWS, len(used))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    level = np.exp(max(n.log_level_sd for n in noise.values()) * generator.standard_normal(DRAWS))
+    largest = np.max(drawn**2, axis=1) * level
+    above = int(np.sum(largest >= max(s.z**2 for s in used)))
+    return min((above + 1.0) / (DRAWS + 1.0), family_p_value(used, noise)) if above == 0 else above / DRAWS

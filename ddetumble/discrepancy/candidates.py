@@ -74,7 +74,7 @@ def _describe(workbench: Workbench, tried: Tried, scores: list[Score], effect: s
 
 def _heldout(workbench: Workbench, before: Fitted, fitted: Fitted) -> float:
     """Held-out rms error over rms signal, from the whitened held-out loss."""
-    return whitened_share(workbench, before) * float(np.sqrt(fitted.score / max(before.solution.chi2, 1e-300)))
+    return whitened_share(workbench, before) * float(np.sqrt(fitted.forecast.sum() / max(before.solution.chi2, 1e-300)))
 
 
 def _detectable(workbench: Workbench, own: list[Score]) -> dict[str, float]:

@@ -20,6 +20,7 @@ from .places import residual_places
 from .records import Estimate, LackOfFit, Place, Trace
 from .steps import describe_noise, public_estimates
 from .traces import list_channels, make_traces, noise_nrmse, nrmse, nrmse_by_channel
+from .wording import LONG
 from .workbench import Workbench
 
 
@@ -106,7 +107,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     uncertainty.
 
     Args:
-        campaign: of impacts or slip records, with samples, or its folder.
+        campaign: with samples, or its folder.
         model: see `ddetumble.inference.models`.
         refit: False takes a reference model's own values too.
 
@@ -277,7 +278,7 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
                               ("tangential_speed", "m/s along", 1.0), ("normal_load", "N", 1.0),
                               ("internal_pressure", "MPa", 1e-6), ("slip_speed", "m/s", 1.0)):
         if name in campaign.conditions:
-            setting.append(f"{worst[name] * scale:.3g} {unit}")
+            setting.append(f"{worst[name] * scale:.3g} {unit}, ")
     if not lack.rejected:
         p = min(lack.p_value, lack.score_p_value)
         return (f"The model `{model}` leaves {ratio:.2f} times the noise, and nothing but noise as far as this "
@@ -287,9 +288,10 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
         spot = max(where, key=lambda w: w.share)
         known = {"depression": (1e3, "mm"), "slip": (1e3, "mm"), "time": (1e3, "ms")}
         scale, unit = known.get(spot.variable, (1.0, ""))
+        scale, unit = (1.0, "s") if unit == "ms" and spot.range[1] > LONG else (scale, unit)
         phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading", "backward") else ""
         place = (f"; the residuals of {spot.channel} are largest at {spot.variable.replace('_', ' ')} "
                  f"{spot.range[0] * scale:.3g} to {spot.range[1] * scale:.3g} {unit}".rstrip() + phase)
     shown = f"{ratio:.3f}" if abs(ratio - 1.0) < 0.05 else f"{ratio:.3g}"
     return (f"The model `{model}` leaves {shown} times the noise: something is missing. Worst record "
-            f"{worst['record']} ({', '.join(setting)}, {worst['ratio']:.3g} times the noise){place}.")
+            f"{worst['record']} ({''.join(setting)}{worst['ratio']:.3g} times the noise){place}.")

@@ -31,7 +31,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     """Find out which physical effect a campaign shows and the model lacks.
 
     Args:
-        campaign: a campaign of impacts or slip records, with samples, or its folder.
+        campaign: a campaign with samples, or its folder.
         model: reference model, see `ddetumble.inference.models`; one that has effects already is grown further.
         effects: effects of your own, tried beside the catalogue.
         progress: called with a sentence and the share done.

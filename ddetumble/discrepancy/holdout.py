@@ -1,8 +1,14 @@
 """Whole conditions left out: how well a fitted model predicts tests that did not choose it."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..inference.problem import Solution
+from ..inference.stack import Records
+
+
+QUARTER = 0.25  # of a left-out record, from which what it starts from is fitted
 
 
 def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
@@ -13,21 +19,62 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     no prediction.
     """
     columns, residual = solution.projected()
+    loss = np.zeros(len(residual))
+    for out, step in _step_aside(solution, groups, columns, residual):
+        moved = residual[out] + (columns[out] @ step if columns.shape[2] else 0.0)
+        loss[out] = np.sum(moved**2, axis=1)
+    return loss
+
+
+def forecast(records: Records, solution: Solution, groups: np.ndarray) -> np.ndarray:
+    """The same for records that run on from where they start, which `leave_out` fits to all of a record.
+
+    The first quarter of a left-out record gives what it starts from, and the rest is predicted; its loss counts for the
+    whole record.
+    """
+    early, loss = _find_early(records, solution), np.zeros(records.count)
+    for out, step in _step_aside(solution, groups, *solution.projected()):
+        for r in np.flatnonzero(out):
+            loss[r] = _predict_rest(solution, int(r), early[r], step)
+    return loss
+
+
+def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, residual: np.ndarray
+                ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For every condition which records are its own, and the step of the parameters that leaves it out."""
     count = columns.shape[2]
     prior = np.diag(solution.prior_weight**2)
     blocks = np.einsum("grk,grl->gkl", columns, columns)
     sides = np.einsum("grk,gr->gk", columns, residual)
     whole = blocks.sum(axis=0) + prior
-    loss = np.zeros(len(residual))
     for group in np.unique(groups):
         out = groups == group
         left = whole - blocks[out].sum(axis=0)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
         right = sides[out].sum(axis=0)
-        step = scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * right, rcond=1e-12)[0] if count else 0
-        moved = residual[out] + (columns[out] @ step if count else 0.0)
-        loss[out] = np.sum(moved**2, axis=1)
-    return loss
+        yield out, (scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * right, rcond=1e-12)[0] if count
+                    else np.zeros(0))
+
+
+def _find_early(records: Records, solution: Solution) -> np.ndarray:
+    """Which rows of the residual lie in the first quarter of their record, shape (records, rows)."""
+    time = np.asarray(records.stack.time)[: records.count]
+    first, last = time[:, :1], time.max(axis=1, keepdims=True)
+    early = time <= first + QUARTER * (last - first)
+    return np.tile(early, (1, solution.residual.shape[1] // time.shape[1]))
+
+
+def _predict_rest(solution: Solution, record: int, early: np.ndarray, step: np.ndarray) -> float:
+    """Loss of a record past its first quarter, to which its nuisances are fitted, as if of the whole record."""
+    used = np.any(solution.own[record] != 0, axis=1)
+    moved = solution.residual[record] + (solution.shared[record] @ step if solution.shared.shape[2] else 0.0)
+    own = solution.own[record]
+    rows = np.concatenate([own[early], np.eye(own.shape[1])])
+    right = np.concatenate([moved[early], solution.z[record]])
+    scale = np.linalg.norm(rows, axis=0)
+    change = np.linalg.lstsq(rows / scale, -right, rcond=1e-12)[0] / scale
+    rest = (moved + own @ change)[~early & used]
+    return float(np.sum(rest**2)) * max(float(used.sum()), 1.0) / max(rest.size, 1)
 
 
 def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tuple[float, float]:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..contact.effect import parameters_of
+from ..contact.effect import AbstractEffect, parameters_of
+from .adequacy import score_directions
 from .holdout import compare_losses
 from .records import Place
 from .workbench import Fitted, Workbench
@@ -15,7 +16,8 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
         own = [s for s in scores if s.effect == probe.id]
         line = getattr(probe, "line", None)
         if line is not None:
-            frequency = find_line(workbench, base)
+            frequency = (scan_line(workbench, base, probe) if workbench.family.free_running
+                         else find_line(workbench, base))
             if frequency:
                 sizes = {f"{probe.id}.{p.name}": 0.3 * p.typical for p in parameters_of(probe) if p.kind != "shape"}
                 jobs.append((probe.id, {line: float(np.log(frequency)), **sizes}, ()))
@@ -58,6 +60,30 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
         power += np.abs(np.exp(-2j * np.pi * grid[:, None] * t[None, :]) @ x) ** 2 / np.sum(window**2)
     k = int(np.argmax(power))
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
+
+
+def scan_line(workbench: Workbench, fitted: Fitted, probe: type[AbstractEffect], most: int = 160) -> float | None:
+    """Frequency at which a torque that repeats in time would take most of the misfit of tumbling records [Hz].
+
+    The motion turns a line into several, so that every frequency is tried: the efficient scores of all amplitudes
+    together.
+    """
+    problem = workbench.problem if workbench.thin is None else workbench.thin
+    time = np.asarray(problem.records.stack.time)[: problem.records.count]
+    line = probe.line  # pyright: ignore[reportAttributeAccessIssue]
+    names = [f"{probe.id}.{p.name}" for p in parameters_of(probe) if p.kind != "shape"]
+    longest, interval = float(np.max(np.ptp(time, axis=1))), float(np.median(np.diff(time[0, : 64])))
+    grid = np.arange(1.0, min(2.0 * longest * 0.4 / interval, most)) * 0.5 / longest
+    solution = problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, moving=False)
+    wanted = [(probe.id, name, {line: float(np.log(f))}) for f in grid for name in names]
+    scores = score_directions(problem, solution, wanted)
+    power = np.zeros(len(grid))
+    for k in range(len(grid)):
+        own = [s for s in scores[k * len(names): (k + 1) * len(names)] if s.information > 0]
+        columns, z = np.stack([s.column.ravel() for s in own]), np.array([s.z for s in own])
+        power[k] = float(z @ np.linalg.pinv(columns @ columns.T, rcond=1e-6) @ z) if own else 0.0
+    k = int(np.argmax(power))
+    return float(grid[k]) if power[k] > 40.0 else None
 
 
 def _abscissa(workbench: Workbench, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
@@ -107,6 +133,9 @@ def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float) -> Pl
     if variable in workbench.campaign.records:
         values = workbench.campaign.records[variable].to_numpy(dtype=float)
         return Place(channel, variable, (float(values.min()), float(values.max())), "both", share)
+    if variable in workbench.records.channels and workbench.family.free_running:
+        own = solution.channels[:, workbench.records.channels.index(variable)]
+        return Place(channel, variable, (float(own.min()), float(own.max())), "both", share)
     if variable in ("slip", "slip_speed", "normal_force") and variable != workbench.family.state:
         return Place(channel, variable, (0.0, _reach(workbench, fitted, variable)), "both", share)
     high = float((solution.state if variable == workbench.family.state else solution.end).max())

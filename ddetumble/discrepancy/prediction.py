@@ -14,8 +14,10 @@ from ..contact.sliding import RubberFriction
 from ..inference.archive import SavedModel, load_model
 from ..inference.families import find_family
 from ..inference.problem import evaluate
-from ..inference.stack import RECORD_SIZES, Stack, pad_size
+from ..inference.stack import Stack, pad_size
+from ..inference.starts import lay_mesh
 from ..measurement.tables import Table, convert_column, read_table
+from ..measurement.units import si_unit
 from ..sampling.weights import FILE as WEIGHTS
 
 
@@ -32,7 +34,8 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
     Args:
         model: folder that `fit`, `discover` or `weigh` wrote; with weights, predictions are averaged over the rivals.
         conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
-            `slip`, since the stroke began); one row a wanted sample, SI.
+            `slip`, since the stroke began); one row a wanted sample, SI. Of tumbling records the body's true rates at
+            t = 0 are conditions: `angular_velocity_x0`, `angular_velocity_y0`, `angular_velocity_z0`.
 
     Returns:
         `record`, `time` or `slip`, and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from
@@ -58,7 +61,7 @@ def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.Da
     abscissa = "slip" if saved.family == "slip" else "time"
     table, file = (_from_frame(conditions), None) if isinstance(conditions, pd.DataFrame) else (
         read_table(conditions), str(conditions))
-    names = tuple(saved.ranges)
+    names = (*saved.ranges, *family.starts)
     keys, values, notes = _read(table, names, saved, file)
     found_rows = pd.Series(np.arange(len(keys))).groupby(pd.Series(keys), sort=False).indices
     groups = [(str(key), rows) for key, rows in found_rows.items()]
@@ -119,13 +122,16 @@ def _read(table: Table, names: tuple[str, ...], saved: SavedModel, file: str | N
             values[name] = np.ones(len(keys))
             continue
         if name not in table.columns:
-            unit = {"time": "s", "slip": "m"}.get(name) or saved.units.get(name, "1")
+            unit = {"time": "s", "slip": "m"}.get(name) or saved.units.get(name) or si_unit(name)
             raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
                              + ", ".join(table.columns), file=place)
         values[name] = convert_column(table, name)
         _check_sign(name, values[name], place, lines)
     if abscissa == "slip":
         _refuse_reversal(keys, values["slip"], place, lines)
+    if saved.family == "tumble" and np.any(values["time"] < 0):
+        raise InputError("a tumbling record begins at t = 0, with the rates given for it; times cannot be negative",
+                         file=place, column="time", row=lines[int(np.argmax(values["time"] < 0))])
     extra = [name for name in table.columns if name not in (*names, "record", abscissa)]
     if extra:
         notes.append(f"The model does not read {', '.join(extra)}: left out.")
@@ -194,13 +200,13 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
                   settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
     count, longest = len(times), max(len(t) for t in times)
-    rows, samples = pad_size(count, RECORD_SIZES), pad_size(longest, saved.space.family.sizes)
+    rows, samples = pad_size(count, saved.space.family.rows), pad_size(longest, saved.space.family.sizes)
     time = np.zeros((rows, samples))
     for i, t in enumerate(times):
         time[i, :len(t)], time[i, len(t):] = t, t[-1]
     time[count:] = time[0]
     padded = {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
-    if saved.family != "slip":
+    if saved.family not in ("slip", "tumble"):
         padded.setdefault("initial_pressure", np.zeros(rows))
     padded.setdefault("sequence", np.ones(rows))
     nuisances = (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")
@@ -222,13 +228,17 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     base = jnp.asarray(np.broadcast_to(saved.u, (rows, len(saved.u))))
     limits = [jnp.asarray(b) for b in saved.space.bounds()]
     conditions = {n: jnp.asarray(v) for n, v in padded.items()}
+    inputs = {}
+    if saved.family == "tumble":
+        rates = np.stack([padded[name] for name in saved.space.family.starts], axis=1)
+        inputs["mesh"] = jnp.asarray(lay_mesh(list(time), np.sqrt(np.sum(rates**2, axis=1))))
     # A time after separation that is long against the contact would leave the integrator coarse steps there.
     for _ in range(3):
         stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.zeros(shape), jnp.ones(shape), jnp.zeros((*shape, 1)),
-                      conditions, jnp.asarray(deviations), jnp.ones(rows))
+                      conditions, jnp.asarray(deviations), jnp.ones(rows), inputs)
         found = _linearise(saved.space, nuisances, channels, stack, base, jnp.asarray(directions), *limits)
         mean, shared, own, end, failed = (np.asarray(x) for x in found)
-        long = ~failed & (end < 0.3 * span) & (saved.family != "slip")
+        long = ~failed & (end < 0.3 * span) & (saved.family not in ("slip", "tumble"))
         if not long.any():
             break
         span = np.where(long, 2.0 * end, span)

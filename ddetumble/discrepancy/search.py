@@ -135,7 +135,7 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
     keep(workbench.map(one, jobs))
     for effect in effects:
         if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
-            screened[effect] = Fitted((*current.effects, effect), before.solution, before.loss, before.thinned)
+            screened[effect] = dc.replace(before, effects=(*current.effects, effect))
     order = sorted(effects, key=lambda e: (merit(screened[e]), screened[e].solution.chi2))
     refined = refine(workbench, current, screened, before, order)
     rest = [e for e in order if e not in refined]
@@ -153,11 +153,11 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
 
     def one(effect):
         if screened[effect].solution is before.solution:
-            return effect, Fitted((*current.effects, effect), current.solution, current.loss)
+            return effect, dc.replace(current, effects=(*current.effects, effect))
         start = screened[effect].solution.u
         fitted = workbench.fit((*current.effects, effect), [{}], start, screened[effect].solution.z)
         if fitted is None or fitted.solution.chi2 > current.solution.chi2:
-            fitted = Fitted((*current.effects, effect), current.solution, current.loss)
+            fitted = dc.replace(current, effects=(*current.effects, effect))
         return effect, fitted
 
     return dict(workbench.map(one, finalists))
@@ -191,6 +191,9 @@ def helps(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
     if grown.solution is current.solution:
         return False
     gain, error = compare_losses(current.loss, grown.loss, workbench.groups)
+    ahead, doubt = compare_losses(current.forecast, grown.forecast, workbench.groups)
+    if workbench.family.free_running and ahead < -2 * doubt:
+        return False
     by_group = np.array([(current.loss - grown.loss)[workbench.groups == g].sum() for g in np.unique(workbench.groups)])
     return gain > SURE and (gain > 2 * error or float(np.mean(by_group > 0)) >= 0.6 or gain > DECISIVE)
 

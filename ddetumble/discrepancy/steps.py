@@ -1,5 +1,6 @@
 """One model of the loop as a plain record: errors, parameters, correlations, traces."""
 
+import dataclasses as dc
 from collections.abc import Sequence
 from typing import Any
 
@@ -41,7 +42,7 @@ def finish_fit(workbench: Workbench, fitted: Fitted) -> Fitted:
     solution = workbench.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
     if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
         return fitted
-    return Fitted(fitted.effects, solution, fitted.loss)
+    return dc.replace(fitted, solution=solution)
 
 
 def whitened_share(workbench: Workbench, fitted: Fitted) -> float:
@@ -62,7 +63,7 @@ def describe_step(workbench: Workbench, grown: Grown, before: Grown | None) -> S
     traces = make_traces(workbench.campaign, workbench.records, solution, workbench.noise)
     error = nrmse(traces)
     rows = float((np.asarray(workbench.records.stack.weights) > 0).sum())
-    held_out = error * float(np.sqrt(fitted.score / max(solution.chi2, 1e-300)))
+    held_out = error * float(np.sqrt(fitted.forecast.sum() / max(solution.chi2, 1e-300)))
     added = None
     if before is not None:
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])

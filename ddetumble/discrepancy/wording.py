@@ -8,12 +8,17 @@ from .records import UNSEEN, Discovery, Estimate, Place, Step
 
 CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", "depression": "depression",
                  "pressure": "pressure"}
+CHANNEL_WORDS |= {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
+CHANNEL_WORDS |= {f"attitude_{a}": f"attitude component {a}" for a in (*"wxyz", *"0123")}
+LONG = 2.0  # s, from which times are said in seconds
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
          "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0),
-         "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0)}
+         "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0),
+         "angular_speed": ("rad/s", 1.0)} | {f"angular_velocity_{a}": ("rad/s", 1.0) for a in "xyz"}
 NAMES = {"depression": "depression", "time": "time since touch", "depression_rate": "depression rate",
          "initial_pressure": "pressure", "approach_speed": "approach speed", "sequence": "order in the series",
-         "normal_load": "load", "internal_pressure": "pressure", "slip_speed": "slip speed"}
+         "normal_load": "load", "internal_pressure": "pressure", "slip_speed": "slip speed",
+         "angular_speed": "angular speed"} | {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
 
 
 def name_value(name: str, e: Estimate) -> str:
@@ -29,10 +34,14 @@ def name_value(name: str, e: Estimate) -> str:
 def describe_place(place: Place) -> str:
     """One place of a misfit in words."""
     unit, factor = UNITS.get(place.variable, ("", 1.0))
+    name = NAMES.get(place.variable, place.variable)
+    if place.variable == "time" and place.channel.startswith(("angular_velocity", "attitude")):
+        name = "time"
+    if unit == "ms" and place.range[1] > LONG:
+        unit, factor = "s", 1.0
     low, high = (f"{v * factor:.3g}" for v in place.range)
     phase = "" if place.phase == "both" else f" while {place.phase}"
-    text = (f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {NAMES.get(place.variable, place.variable)} "
-            f"{low} to {high} {unit}".rstrip() + phase)
+    text = f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {name} {low} to {high} {unit}".rstrip() + phase
     if place.period is not None:
         text += f", repeating every {place.period * factor:.3g} {unit}"
     return text
@@ -62,6 +71,8 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     given = list(dict.fromkeys(name.split(".")[0] for name in first.parameters if "." in name))
     model += f" with {_join(given)}" if given else ""
     absorbs = ", ".join([*(name.replace("_", " ") for name in first.parameters), "and the settings"])
+    if family.free_running:
+        absorbs = " and ".join([*(name.replace("_", " ") for name in first.parameters), "the initial rates"])
     lack = first.lack_of_fit
     records = f"{found.settings['records']} records"
     misfit = (f"it leaves {_times(first, found.noise_nrmse)} times the noise, more than chance allows "
@@ -94,17 +105,21 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
                     f"({misfit}), and none of its {len(found.candidates)} effects explains it on left-out conditions.")
     if found.verdict in ("improved", "unexplained") and found.where:
         sentence += f" The misfit sits in the {describe_place(found.where[0])}."
+    if family.free_running:
+        sentence = sentence.replace("left-out conditions", "left-out records")
     notes = []
     alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
     if alike:
         sentence += (f" This campaign cannot tell it apart from {_join(alike)}: "
                      f"{family.remedies}.")
     elif found.verdict == "explained":
-        sentence += " No other effect of the catalogue predicts left-out conditions as well."
+        sentence += (" No other effect of the catalogue predicts left-out "
+                     f"{'records' if family.free_running else 'conditions'} as well.")
     unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
     if unseen:
+        they = "they do" if len(unseen) > 1 else "it does"
         notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
-                     "absorbs more than 99.8 % of what they do.")
+                     f"absorbs more than 99.8 % of what {they}.")
     if left_out:
         notes.append(f"Not tried, because the model or the campaign lacks what they need: {_join(list(left_out))}.")
     for channel, noise in found.noise.items():

@@ -3,6 +3,7 @@
 import dataclasses as dc
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.families import find_family, name_family
+from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import Noise
 from ..inference.parameters import to_coordinate
 from ..inference.problem import WORKERS, Problem, Solution
@@ -17,24 +19,29 @@ from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
 from ..measurement.grouping import group_conditions
-from .adequacy import Score, family_p_value, judge_fit, score_directions, smooth_bases
-from .holdout import leave_out
+from .adequacy import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
+from .holdout import forecast, leave_out
 from .records import LackOfFit
 
 
 THIN = 768  # samples a record on which candidates are screened
 SCREENING_STEPS = 8
+MANY, FEWER = 400_000, 1536  # samples of free-running records beyond which they are thinned, and to how many each
 STRAYED = 3.0  # typical changes that a reference parameter has moved from its guess: fits start from the guess too
 
 
 @dc.dataclass
 class Fitted:
-    """A model of the loop: which effects, its fit, its held-out losses."""
+    """A model of the loop: which effects, its fit, its held-out losses by record.
+
+    `forecast` is what the first quarter of a left-out record says of the rest of it, where records run on from where
+    they start; elsewhere the loss itself.
+    """
 
     effects: tuple[str, ...]
     solution: Solution
     loss: np.ndarray
-
+    forecast: np.ndarray
     thinned: bool = False
 
     @property
@@ -47,7 +54,7 @@ class Workbench:
     """Fits, scores and judgements on one campaign.
 
     Args:
-        campaign: of impacts or slip records, with samples.
+        campaign: with samples.
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
         given: effects that the model has from the start, with their values; they are fitted with the reference model,
@@ -69,8 +76,12 @@ class Workbench:
         self.family = self.space.family
         self.groups = group_conditions(campaign.records)
         self._stack({})
+        if self.records.lengths.sum() < len(campaign.samples if campaign.samples is not None else ()):
+            self.warnings = (*self.warnings, f"So many samples are thinned evenly to at most {FEWER} a record; `fit` "
+                             "takes all of them.")
         self.noise: dict[str, Noise] = {}
         self.freed: tuple[str, ...] = ()
+        self.lost = False
 
     def _take(self, given: Sequence[AbstractEffect]) -> None:
         """Start from a model that has effects already."""
@@ -94,11 +105,15 @@ class Workbench:
             self._stack(self.noise)
             solution = self._require(self.problem.solve(self.base, solution.u, solution.z))
         self.bases = smooth_bases(self.problem, solution.end)
-        return Fitted((), solution, leave_out(solution, self.groups))
+        self.lost = is_lost(self.problem, solution)
+        return self._file((), solution)
 
     def _stack(self, noise: dict[str, Noise]) -> None:
         """All samples, and thinned records on which many candidates are tried."""
-        self.records: Records = stack_records(self.campaign, noise)
+        samples = self.campaign.samples
+        many = self.family.free_running and samples is not None and len(samples) > MANY
+        most = FEWER if many else None
+        self.records: Records = stack_records(self.campaign, noise, most)
         self.problem = Problem(self.space, self.records)
         self.thin: Problem | None = None
         if self.records.lengths.max() > THIN:
@@ -107,7 +122,7 @@ class Workbench:
     def _fit_reference(self) -> Solution:
         """From a start guessed from the contact times, else from the defaults."""
         self.guess = guess_start(self.campaign, self.space, self.start, self.base)
-        return self.problem.solve(self.base, self.guess)
+        return solve_growing(self.problem, self.base, self.guess)
 
     def _origins(self, base: np.ndarray) -> list[np.ndarray]:
         """Where a fit with more effects starts: where the poorer model ended, and without what strayed there.
@@ -146,7 +161,7 @@ class Workbench:
         """The same model fitted again from where it was (after the noise has changed)."""
         solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
         self.bases = smooth_bases(self.problem, solution.end)
-        return Fitted(fitted.effects, solution, leave_out(solution, self.groups))
+        return self._file(fitted.effects, solution)
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
             tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False) -> Fitted | None:
@@ -155,20 +170,30 @@ class Workbench:
         freed = [n for n in self.freed if n.split(".")[0] in effects]
         free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
         best = None
-        for origin, start in [(o, s) for o in self._origins(base) for s in starts]:
+        jobs = [(problem.solve, o, s, z) for o in self._origins(base) for s in starts]
+        if self.lost:
+            jobs += [(partial(solve_growing, problem), self.guess, s, None) for s in starts]
+        for solve, origin, start, own in jobs:
             u = origin.copy()
             for name, value in start.items():
                 u[self.space.index[name]] = value
             try:
-                solution = problem.solve(free, u, z, tolerance=1.0 if screening else tolerance,
-                                         max_steps=SCREENING_STEPS if screening else 30)
+                solution = solve(free, u, own, tolerance=1.0 if screening else tolerance,
+                                 max_steps=SCREENING_STEPS if screening else 30)
             except ComputationError:
                 continue
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
                 best = solution
         if best is None:
             return None
-        return Fitted(tuple(effects), best, leave_out(best, self.groups), problem is not self.problem)
+        return self._file(effects, best, problem)
+
+    def _file(self, effects: Sequence[str], solution: Solution, problem: Problem | None = None) -> Fitted:
+        """A fit with its held-out losses."""
+        problem = problem or self.problem
+        loss = leave_out(solution, self.groups)
+        ahead = forecast(problem.records, solution, self.groups) if self.family.free_running else loss
+        return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem)
 
     def map(self, function, items: Sequence) -> list:
         """Apply a function to items on the cores there are."""
@@ -206,7 +231,8 @@ class Workbench:
         """Lack of fit of a model, and the scores of everything outside it."""
         depth = float(fitted.solution.state.max())
         scores = score_directions(self.problem, fitted.solution, self.directions(fitted.effects, depth=depth))
-        p = family_p_value(scores, self.noise)
+        calibrate = bootstrap_p_value if self.family.free_running else family_p_value
+        p = calibrate(scores, self.noise)
         return judge_fit(self.problem, fitted.solution, self.bases, self.noise, p), scores
 
     def whole(self, effect_id: str) -> type[AbstractEffect]:

@@ -15,6 +15,17 @@ from .slip import (
     ViscousFriction,
 )
 from .surface import Adhesion
+from .tumble import (
+    TUMBLE,
+    AxisMisalignment,
+    ConstantTorque,
+    EddyCurrent,
+    GravityGradient,
+    GyroBias,
+    GyroScale,
+    InertiaAsymmetry,
+    InternalDamper,
+)
 from .wall import (
     InflationGrowth,
     MembraneArea,
@@ -30,14 +41,16 @@ IMPACT: tuple[type[AbstractEffect], ...] = (
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
     SensorHighpass, SensorLag, SensorGain,
 )
-CATALOGUES: dict[str, tuple[type[AbstractEffect], ...]] = {"impact": IMPACT, "slip": SLIP, "oblique": OBLIQUE}
+CATALOGUES: dict[str, tuple[type[AbstractEffect], ...]] = {
+    "impact": IMPACT, "slip": SLIP, "oblique": OBLIQUE, "tumble": TUMBLE,
+}  # fmt: skip
 
 
 def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
     """All effects of a family of records, as classes: `.id`, `.law`, `.reference`, `parameters_of(effect)`.
 
     Args:
-        family: `impact`, `slip`, or `oblique` (on whose records the effects of the first two act too).
+        family: `impact`, `slip`, `tumble`, or `oblique` (on whose records the effects of the first two act too).
     """
     if family not in CATALOGUES:
         raise ValueError(f"there is no family {family!r}; there are {', '.join(CATALOGUES)}")
@@ -45,9 +58,10 @@ def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
 
 
 __all__ = [
-    "CATALOGUES", "IMPACT", "OBLIQUE", "SLIP", "AbstractEffect", "Adhesion", "AdhesiveOffset", "AmbientPressure",
-    "ArmServo", "FrictionalHeating", "GasLeak", "InflationGrowth", "LoadExponent", "MembraneArea", "OffCentreReaction",
-    "PolytropicGas", "PressureDependentRestitution", "Presliding", "SensorGain", "SensorHighpass", "SensorLag",
-    "SpeedDependentRestitution", "StressSoftening", "Stribeck", "TangentialCompliance", "ViscoelasticWall",
-    "ViscousDashpot", "ViscousFriction", "WallStiffness", "catalogue", "parameters_of", "stage_of",
+    "CATALOGUES", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "AbstractEffect", "Adhesion", "AdhesiveOffset",
+    "AmbientPressure", "ArmServo", "AxisMisalignment", "ConstantTorque", "EddyCurrent", "FrictionalHeating", "GasLeak",
+    "GravityGradient", "GyroBias", "GyroScale", "InertiaAsymmetry", "InflationGrowth", "InternalDamper", "LoadExponent",
+    "MembraneArea", "OffCentreReaction", "PolytropicGas", "PressureDependentRestitution", "Presliding", "SensorGain",
+    "SensorHighpass", "SensorLag", "SpeedDependentRestitution", "StressSoftening", "Stribeck", "TangentialCompliance",
+    "ViscoelasticWall", "ViscousDashpot", "ViscousFriction", "WallStiffness", "catalogue", "parameters_of", "stage_of",
 ]

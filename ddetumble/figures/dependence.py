@@ -215,7 +215,7 @@ def _label_variable(axes, variable: str, shown: Quantity, view: View):
     if variable == "direction":
         axes.set_xlim(-1.6, 1.6)
         axes.set_xticks([-1, 1], view.phases[::-1])
-    elif variable == view.rate:
+    elif variable == view.rate and view.phases:
         axes.axvline(0, color=FLOOR, lw=0.7, ls=(0, (3, 3)))
         for text, x in zip(view.phases[::-1], (0.02, 0.98), strict=True):
             axes.text(x, 0.02, text, transform=axes.transAxes, ha="left" if x < 0.5 else "right", color=GREY,

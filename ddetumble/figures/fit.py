@@ -68,7 +68,8 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
         title = describe_conditions(trace.conditions, names[:3]) or clean(trace.record, 20)
         upper.set_title(title, fontsize=9.5 if len(title) < 24 else 8.5 if len(title) < 28 else 8.0)
-        upper.set_title(clean(trace.record, 10), loc="right", color=GREY, fontsize=8)
+        if names:
+            upper.set_title(clean(trace.record, 10), loc="right", color=GREY, fontsize=8)
         upper.tick_params(labelbottom=False)
         upper.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
         lower.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))

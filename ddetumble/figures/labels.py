@@ -36,7 +36,9 @@ _QUANTITIES = {
     "slip": ("slip", "mm", 1e3), "direction": ("direction of the stroke", "", 1.0),
     "normal_load": ("load", "N", 1.0), "internal_pressure": ("internal pressure", "MPa", 1e-6),
     "slip_speed": ("slip speed", "m/s", 1.0), "tangential_force": ("friction force", "N", 1.0),
-    "peak_friction_force": ("peak friction force", "N", 1.0),
+    "peak_friction_force": ("peak friction force", "N", 1.0), "angular_speed": ("angular speed", "rad/s", 1.0),
+    **{f"angular_velocity_{a}": (f"angular velocity about {a}", "rad/s", 1.0) for a in "xyz"},
+    **{f"attitude_{a}": (f"attitude, component {a}", "", 1.0) for a in (*"wxyz", *"0123")},
 }  # fmt: skip
 _MAIN = ("initial_pressure", "approach_speed", "tangential_speed", "normal_load", "internal_pressure", "slip_speed")
 _DIGITS = {"normal_load": "#.3g", "slip_speed": ".3g"}  # others by their unit

@@ -67,7 +67,7 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
             axes.tick_params(axis="y", length=0)
             axes.set_yticks(range(len(order)), labels if column == 0 else [""] * len(order), fontsize=7.5)
             axes.set_xticks([0, 0.25, 0.5, 0.75, 1], [view.ends[0], "¼", "½", "¾", view.ends[1]])
-            if view.reach == (0.0, 1.0):  # the names of the ends would stick out
+            if view.reach == (0.0, 1.0) and row == len(channels) - 1:  # the names of the ends would stick out
                 for tick, side in ((0, "left"), (-1, "right")):
                     axes.get_xticklabels()[tick].set_horizontalalignment(side)
             if row == len(channels) - 1:

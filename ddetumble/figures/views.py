@@ -1,6 +1,6 @@
 """How the records of a family are looked at: what lies along them, what a misfit is located in, and the words for it.
 
-Everything in figures and reports that differs between impacts and slip records is here.
+Everything in figures and reports that differs between impacts, slip records and tumbling records is here.
 """
 
 import dataclasses as dc
@@ -17,7 +17,7 @@ class View:
     """How records are drawn and spoken of.
 
     Attributes:
-        force: channel whose residual is the missing force.
+        force: channel whose residual is the missing force; empty where none is.
         along: quantity along a record, the independent variable.
         state: quantity that a misfit is located in, `Trace.state`.
         rate: its rate or direction, `Trace.state_rate`; empty where it says nothing.
@@ -69,23 +69,27 @@ _STROKES = dc.replace(
     _SLIP, along="time", rate="direction", phases=("forward", "backward"), variables=("slip", "direction", "time"),
     apart="strokes forward and backward",
 )  # fmt: skip
+_TUMBLE = View(
+    "", "time", "time", "angular_speed", (), ("time", "angular_speed"), "share of the record", ("start", "end"),
+    (0.0, 1.0), 20, 2, True, "record of the series", "", "inertia ratio",
+)  # fmt: skip
 
 
 def choose_view(traces: Sequence[Trace] = (), family: str = "impact") -> View:
     """The view of some traces; of the family alone where there are none."""
     family = traces[0].family if traces else family
     if family != "slip":
-        return _IMPACT
+        return _TUMBLE if family == "tumble" else _IMPACT
     if any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
         return _STROKES
     return dc.replace(_SLIP, along="time") if traces and traces[0].independent == "time" else _SLIP
 
 
 def find_span(trace: Trace) -> tuple[float, float]:
-    """First and last value of the independent variable that counts: of the contact, or of the whole slip record."""
+    """First and last value of the independent variable that counts: of the contact, elsewhere of the whole record."""
     time = np.asarray(trace.time, float)
     touching = np.flatnonzero(np.nan_to_num(trace.state) > 0)
-    if trace.family == "slip" or touching.size < 2:
+    if trace.family in ("slip", "tumble") or touching.size < 2:
         return float(time[0]), float(time[-1])
     return float(time[max(touching[0] - 1, 0)]), float(time[min(touching[-1] + 1, time.size - 1)])
 

@@ -20,6 +20,7 @@ from ..measurement.units import ROLES
 from .families import find_family, name_family
 from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
+from .starts import guess_body
 
 
 @dc.dataclass(frozen=True)
@@ -193,7 +194,8 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
 
 def fits_campaign(effect: type[AbstractEffect], reference: AbstractModel, campaign: Campaign) -> bool:
     """Whether everything that an effect requires is there: features of the model, or conditions of the campaign."""
-    return all(need in reference.provides or need in campaign.records.columns for need in effect.requires)
+    return all(need in reference.provides or need in campaign.records.columns or campaign.known.get(need) is not None
+               for need in effect.requires)
 
 
 def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
@@ -213,9 +215,12 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
 def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]) -> np.ndarray:
     """Start with a mass guessed from the measured impulses, where it is free: impulse = m v (1 + e), e near 0.7.
 
-    The mass felt along the plate is taken for as large, where it is free too.
+    The mass felt along the plate is taken for as large, where it is free too. Of tumbling records the ratio of the
+    moments is guessed (`starts.guess_ratio`).
     """
     start = start.copy()
+    if campaign.samples is not None and campaign.family == "tumble" and "inertia_ratio" in free:
+        start[space.index["inertia_ratio"]] = np.log(guess_body(campaign))
     if campaign.samples is not None and "effective_mass" in free:
         speeds = campaign.records["approach_speed"].to_numpy(dtype=float)
         masses = []

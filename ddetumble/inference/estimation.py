@@ -17,6 +17,7 @@ from .assembly import Assembly, assemble_space, default_starts, guess_start
 from .bounded import Bounded, solve_bounded
 from .families import find_family, name_family
 from .findings import Fit, summarise_fit
+from .horizon import MOST, is_lost, solve_growing
 from .models import ResolvedModel, resolve_effect, resolve_model
 from .noise import Noise
 from .parameters import ParameterSpace, from_public, to_public
@@ -36,7 +37,7 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         bounds: Mapping[str, tuple[float, float]] | None = None, start: Mapping[str, float] | None = None,
         noise: str | Mapping[str, Noise] | None = None, nuisances: bool = True, progress: Progress | None = None
         ) -> Fit:
-    """Fit a model to a campaign of impacts or slip records.
+    """Fit a model to a campaign.
 
     Args:
         campaign: a campaign, its folder, or a specification `fit.toml` (which then says everything else).
@@ -101,14 +102,17 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
     base = place_values(space, assembly.start, _values_of(resolved))
     base = place_values(space, base, dict(wanted.fixed) | {k: v for k, v in given.items()})
-    if "effective_mass" not in given and not (Path(wanted.model) / "model.json").is_file():
+    if not {"effective_mass", "inertia_ratio"} & set(given) and not (Path(wanted.model) / "model.json").is_file():
         base = guess_start(campaign, space, base, names)
     priors, limits = place_priors(space, names, wanted), place_bounds(space, names, wanted)
 
     report("fitting the reference model", 0.05)
-    problem = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
+    whole = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
+    problem = whole
+    if space.family.free_running and whole.records.lengths.max() > MOST:  # starts are tried on a part of the samples
+        problem = _pose(space, stack_records(campaign, noise, MOST), priors, wanted.nuisances)
     known = [n for n in names if n in assembly.base]
-    first = _require(problem.solve(known, base), problem.records, assembly.warnings)
+    first = _require(solve_growing(problem, known, base), problem.records, assembly.warnings)
     places = [space.index[n] for n in known if n not in given]
     best: Bounded | None = None
     origin = base
@@ -120,11 +124,18 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
         began = u.copy()
         u[places] = first.u[places]
         found = solve_bounded(problem, names, u, first.z, limits, 1e-2)
+        if is_lost(problem, found.solution):
+            near = solve_growing(problem, names, u, tolerance=1e-2)
+            if not near.failed and not near.chi2 > found.solution.chi2:
+                found = solve_bounded(problem, names, near.u, near.z, limits, 1e-2)
         if not found.solution.failed and (best is None or found.solution.chi2 < best.solution.chi2):
             best, origin = found, began
     if best is None:
         raise ComputationError("the model could not be integrated from any start; try other starting values or fix a "
                                "parameter")
+    if problem is not whole:
+        problem = whole
+        best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
     report("measuring the noise", 0.82)
     measured = dict(noise or {}) or measure_noise(campaign, problem.records, best.solution)
     if wanted.noise == "stated":
@@ -273,7 +284,8 @@ def _values_of(resolved: ResolvedModel) -> dict[str, float]:
 
 def _pose(space: ParameterSpace, records: Records, priors: Mapping[str, tuple[float, float]], moving: bool) -> Problem:
     if not moving:
-        still = jnp.zeros_like(records.stack.condition_sd)
+        free = jnp.asarray([name in records.starts for name in records.nuisances])
+        still = jnp.where(free, records.stack.condition_sd, 0.0)
         records = dc.replace(records, stack=eqx.tree_at(lambda s: s.condition_sd, records.stack, still))
     return Problem(space, records, priors)
 

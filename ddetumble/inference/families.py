@@ -13,11 +13,13 @@ from .._errors import InputError
 from ..contact.effect import AbstractEffect
 from ..dynamics.impact import simulate
 from ..dynamics.slide import slide
+from ..dynamics.spinning import START, spin
 from ..dynamics.strike import strike
-from ..effects import IMPACT, OBLIQUE, SLIP
+from ..effects import IMPACT, OBLIQUE, SLIP, TUMBLE
 from ..effects.oblique_probes import OBLIQUE_PROBES
 from ..effects.probes import PROBES
 from ..effects.slip_probes import SLIP_PROBES
+from ..effects.tumble_probes import TUMBLE_PROBES
 from ..measurement.campaign import Campaign
 
 
@@ -52,6 +54,9 @@ class Family:
         state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
         observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
         remedies: what else to measure, in words.
+        rows: to which the number of records is padded.
+        starts: what a record starts from: nuisances without a prior, free in every record.
+        slots: to which the number of free parameters is padded.
     """
 
     name: str
@@ -66,6 +71,19 @@ class Family:
     phases: tuple[str, str]
     observe: Callable[[Any, Mapping[str, Array], Array, Any, tuple[str, ...]], Observation]
     remedies: str
+    rows: tuple[int, ...] = (24, 48, 96, 192, 384, 768)
+    starts: tuple[str, ...] = ()
+    slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48)
+
+    @property
+    def main(self) -> tuple[str, ...]:
+        """Channels without which nothing can be fitted: the first, or as many as a record has starts."""
+        return self.channels[: max(len(self.starts), 1)]
+
+    @property
+    def free_running(self) -> bool:
+        """Whether a record runs on from where it starts, so that a wrong model falls out of step with it."""
+        return bool(self.starts)
 
 
 def observe_contact(run: Callable[..., Any], law: Any, conditions: Mapping[str, Array], time: Array, row: Any,
@@ -88,6 +106,18 @@ def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: An
                        found.failed)
 
 
+def observe_tumble(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
+                   ) -> Observation:
+    """A tumbling record on its own mesh: rates as the gyroscopes read them, attitude."""
+    found = spin(law, conditions, time, row.inputs["mesh"])
+    named = {f"angular_velocity_{a}": found.angular_velocity[:, k] for k, a in enumerate("xyz")}
+    named |= {name: found.attitude[:, k % 4] for k, name in enumerate(ATTITUDES)}
+    speed = jnp.sqrt(jnp.sum(found.body**2, axis=-1) + 1e-300)
+    return Observation(jnp.stack([named[channel] for channel in channels]), time, speed, time[-1], found.failed)
+
+
+RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
+ATTITUDES = ("attitude_w", "attitude_x", "attitude_y", "attitude_z", *(f"attitude_{k}" for k in range(4)))
 IMPACT_SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
 FAMILIES: dict[str, Family] = {
     "impact": Family(
@@ -106,6 +136,11 @@ FAMILIES: dict[str, Family] = {
         (*PROBES, *OBLIQUE_PROBES), "depression", "depression_rate", ("loading", "unloading"),
         partial(observe_contact, strike),
         "measure at other pressures, speeds and angles, or add the slip and depression channels"),
+    "tumble": Family(
+        "tumble", (*RATES, *ATTITUDES), (), (320, 640, 1024, 1536, 2560, 5120, 10240, 20480), ("tumble",), TUMBLE,
+        TUMBLE_PROBES, "time", "angular_speed", ("both", "both"), observe_tumble,
+        "measure longer, from other initial rates, or add the attitude", (4, 8, 16, 24, 48, 96, 192, 384), START,
+        (4, 8, 16, 32, 48)),
 }  # fmt: skip
 
 

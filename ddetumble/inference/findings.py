@@ -65,7 +65,8 @@ class Fit:
         records, samples: how many.
         noise: by channel.
         converged, steps, state: of the optimiser; `state` is a sentence.
-        nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio).
+        nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its
+            `sd` of what tumbling records start from.
         cannot_tell_apart: sentences.
         notes: further sentences.
         settings: command, specification, seed.
@@ -155,8 +156,8 @@ class Fit:
             lines.append(f"[[Correlations]] (unreported correlations are < {LEAST:.3f})")
             wide = max(len(f"{a}, {b}") for _, a, b in pairs)
             lines += [f"    C({f'{a}, {b}':<{wide}}) = {value:+.4f}" for value, a, b in pairs]
-        pulls = sorted(((abs(v["pull"]), r, n, v) for r, own in self.nuisances.items() for n, v in own.items()),
-                       key=lambda p: -p[0])[:3]
+        pulls = sorted(((abs(v["pull"]), r, n, v) for r, own in self.nuisances.items() for n, v in own.items()
+                        if "pull" in v), key=lambda p: -p[0])[:3]
         if pulls:
             lines.append("[[Settings]] (largest shifts, in their stated standard deviations)")
             lines += [f"    {n} of {r}: {v['pull']:+.2f}" for _, r, n, v in pulls]
@@ -327,9 +328,26 @@ def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]
 
 
 def _list_nuisances(problem: Problem, solution: Solution) -> dict[str, dict[str, dict[str, float]]]:
-    """Shift of every record's conditions."""
-    sd = np.asarray(problem.records.stack.condition_sd)
-    return {key: {name: {"shift": float(solution.z[r, k] * sd[r, k]), "sd": float(sd[r, k]),
-                         "pull": float(solution.z[r, k])}
-                  for k, name in enumerate(problem.records.nuisances) if sd[r, k] > 0}
-            for r, key in enumerate(problem.records.keys)}
+    """Shift of every record's conditions, and what the records start from."""
+    records = problem.records
+    sd = np.asarray(records.stack.condition_sd)
+    found = {key: {name: {"shift": float(solution.z[r, k] * sd[r, k]), "sd": float(sd[r, k]),
+                          "pull": float(solution.z[r, k])}
+                   for k, name in enumerate(records.nuisances) if sd[r, k] > 0 and name not in records.starts}
+             for r, key in enumerate(records.keys)}
+    for r, key in enumerate(records.keys):
+        if not records.starts:
+            break
+        spread = np.sqrt(np.diag(_spread_starts(solution, r)))
+        for k, name in enumerate(records.starts):
+            start = float(records.stack.conditions[name][r]) + solution.z[r, k] * sd[r, k]
+            found[key][name] = {"estimate": float(start), "sd": float(spread[k] * sd[r, k])}
+    return found
+
+
+def _spread_starts(solution: Solution, record: int) -> np.ndarray:
+    """Covariance of one record's nuisances, in their deviations: its own, and what the shared parameters add."""
+    own, shared = solution.own[record], solution.shared[record]
+    alone = np.linalg.inv(own.T @ own + np.eye(own.shape[1]))
+    carried = alone @ own.T @ shared / solution.scales
+    return alone + carried @ solution.covariance() @ carried.T

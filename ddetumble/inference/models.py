@@ -16,6 +16,7 @@ from ..contact.effect import AbstractEffect, AbstractModel
 from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw, PowerLaw
 from ..contact.sliding import AdhesionHysteresis, CoulombFriction, FrictionLaw, RubberFriction
+from ..contact.torque import RigidBody, TumbleLaw
 from ..effects import CATALOGUES
 
 
@@ -94,7 +95,12 @@ OBLIQUE_MODELS: dict[str, BuiltinModel] = {
     "power-law": BuiltinModel("a soft body without gas, with a constant coefficient of friction.",
                               lambda: Striker(PowerLaw(), CoulombFriction())),
 }  # fmt: skip
-BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS, "oblique": OBLIQUE_MODELS}
+TUMBLE_MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel("torque-free rotation of a body of revolution, read by perfect gyroscopes (Section 5).",
+                          RigidBody),
+    "rigid-body": BuiltinModel("the same as paper.", RigidBody),
+}  # fmt: skip
+BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS, "oblique": OBLIQUE_MODELS, "tumble": TUMBLE_MODELS}
 
 
 def describe_models() -> str:
@@ -225,7 +231,7 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
                          file=path) from error
     text = " ".join((type(made).__doc__ or "").strip().split("\n\n")[0].split()) or f"{attribute} of {path.name}"
-    if isinstance(made, (ContactLaw, FrictionLaw, StrikeLaw)):
+    if isinstance(made, (ContactLaw, FrictionLaw, StrikeLaw, TumbleLaw)):
         return ResolvedModel(name, made.reference, f"{attribute} of {path.name}", tuple(made.effects))
     return ResolvedModel(name, made, text)
 
@@ -233,4 +239,4 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
 def _is_model(value) -> bool:
     if isinstance(value, type):
         return issubclass(value, AbstractModel) and not inspect.isabstract(value)
-    return isinstance(value, (AbstractModel, ContactLaw, FrictionLaw, StrikeLaw))
+    return isinstance(value, (AbstractModel, ContactLaw, FrictionLaw, StrikeLaw, TumbleLaw))

@@ -25,6 +25,7 @@ from .stack import Records, Stack
 SLOTS = (5, 8, 12, 16, 24, 32, 48)
 WORKERS = 2
 FAILED = 1e4
+LARGE = 60_000  # samples of all records together beyond which free-running ones are computed one after the other
 
 
 class Evaluation(eqx.Module):
@@ -100,8 +101,14 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
                         out_axes=(None, -1, None))(unit)
 
-    axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
-    model, jacobian, (state, rate, end, failed) = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
+    if space.family.free_running and stack.time.size > LARGE:
+        # So many samples at once would fill the memory with what is only on the way.
+        rows = eqx.tree_at(lambda s: s.rtol, stack, jnp.broadcast_to(stack.rtol, stack.present.shape))
+        found = jax.lax.map(lambda x: one(*x), (z, rows, base))
+    else:
+        axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
+        found = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
+    model, jacobian, (state, rate, end, failed) = found
     failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
     columns = _weigh(stack, failed, jnp.concatenate([(model - stack.values)[..., None], jacobian], axis=-1))
     failed = failed & (stack.present > 0)
@@ -258,7 +265,7 @@ class Problem:
         Returns:
             For each of `wanted` an array of shape (records, rows, names).
         """
-        few = SLOTS[0]
+        few = self.space.family.slots[0]
         jobs = [(k, names[first:first + few], u) for k, (names, u) in enumerate(wanted)
                 for first in range(0, len(names), few)]
         with ThreadPoolExecutor(WORKERS) as pool:
@@ -279,7 +286,7 @@ class Problem:
             max_steps: after which the fit counts as not converged.
         """
         stack, count = self.records.stack, self.records.count
-        slots = next(s for s in SLOTS if len(free) <= s)
+        slots = next(s for s in self.space.family.slots if len(free) <= s)
         columns = [self.space.index[name] for name in free]
         directions = np.zeros((slots, len(self.space)))
         scales = self.scales[columns]

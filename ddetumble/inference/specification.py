@@ -132,14 +132,19 @@ def _flatten(content: dict) -> dict:
         table = content.get(section)
         if not isinstance(table, dict):
             continue
-        flat = {}
-        for name, value in table.items():
-            if isinstance(value, dict) and not (section == "priors" and set(value) & {"mean", "sd"}):
-                flat |= {f"{name}.{key}": inner for key, inner in value.items()}
-            else:
-                flat[name] = value
-        content[section] = flat
+        content[section] = _join_names(table, section == "priors")
     return content
+
+
+def _join_names(table: dict, priors: bool) -> dict:
+    """Tables within a table as names with dots, however deep: `constant-torque.torque.0`."""
+    flat = {}
+    for name, value in table.items():
+        if isinstance(value, dict) and not (priors and set(value) & {"mean", "sd"}):
+            flat |= {f"{name}.{key}": inner for key, inner in _join_names(value, priors).items()}
+        else:
+            flat[name] = value
+    return flat
 
 
 def _list_faults(error: pydantic.ValidationError) -> str:

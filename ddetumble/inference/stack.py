@@ -13,11 +13,11 @@ from ..dynamics.impact import RTOL
 from ..measurement.campaign import Campaign
 from .families import find_family, name_family
 from .noise import TAPS, Noise, whitening
+from .starts import list_starts, stack_starts, straighten
 from .strokes import split_strokes
 
 
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
-RECORD_SIZES = (24, 48, 96, 192, 384, 768)
 
 
 class Stack(eqx.Module):
@@ -31,8 +31,9 @@ class Stack(eqx.Module):
         conditions: by name, each shape (records,), SI, as measured.
         condition_sd: standard deviations of the nuisances, shape (records, nuisances): `nuisances` names them.
         present: 1 for records that are there, shape (records,).
-        inputs: further traces that the model reads, by name, each shape (records, samples): `slip` since the stroke
-            began [m] and `direction` of slip records that are time series.
+        inputs: further arrays that the model reads, by name: `slip` since the stroke began [m] and `direction` of slip
+            records that are time series, each shape (records, samples); `mesh` of tumbling records, shape
+            (records, steps + 1) [s].
         rtol: tolerance of the integrator, shape ().
     """
 
@@ -55,12 +56,13 @@ class Records:
     Attributes:
         keys: of the records.
         channels: that are measured.
-        nuisances: conditions with a stated uncertainty, and `time`.
+        nuisances: conditions with a stated uncertainty, what tumbling records start from, and `time`.
         lengths: samples of each record.
         complete: whether no sample is missing, shape (records, channels).
         stack: the arrays.
         family: of the campaign.
         strokes: number of the stroke of every sample, by record; empty for impacts.
+        starts: nuisances without a prior: what tumbling records start from.
     """
 
     keys: tuple[str, ...]
@@ -71,6 +73,7 @@ class Records:
     stack: Stack
     family: str = "impact"
     strokes: tuple[np.ndarray, ...] = ()
+    starts: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -109,7 +112,7 @@ def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]
 
 
 def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, most: int | None = None) -> Records:
-    """Stack the samples of a campaign of impacts or slip records.
+    """Stack the samples of a campaign.
 
     Samples of the force within three deviations of the time origin are left out: it may jump at first touch, and
     whether such a sample lies before or after the jump is not known. Samples of the pressure after the last force
@@ -131,9 +134,10 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     family = find_family(name_family(campaign))
     channels = tuple(c for c in family.channels if c in campaign.channels)
     main, abscissa = family.channels[0], campaign.independent.name if campaign.independent is not None else "time"
-    if main not in channels:
-        raise InputError(f"campaign {campaign.name!r} has no channel {main!r}; it has: "
-                         + ", ".join(campaign.channels))
+    for need in family.main:
+        if need not in channels:
+            raise InputError(f"campaign {campaign.name!r} has no channel {need!r}; it has: "
+                             + ", ".join(campaign.channels))
     for need in family.needs:
         if need not in campaign.records:
             raise InputError(f"campaign {campaign.name!r} has no condition {need!r} in its records")
@@ -145,7 +149,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     uncertainty = None if campaign.independent is None else campaign.independent.uncertainty
     blind = 3.0 * float(np.max(uncertainty.sd(np.ones(1)))) if uncertainty is not None else 0.0
     complete = np.ones((len(keys), len(channels)), dtype=bool)
-    rows, size = pad_size(len(keys), RECORD_SIZES), pad_size(int(lengths.max()), family.sizes)
+    rows, size = pad_size(len(keys), family.rows), pad_size(int(lengths.max()), family.sizes)
     time = np.zeros((rows, size))
     values = np.zeros((rows, len(channels), size))
     weights, taps = np.zeros_like(values), np.zeros((*values.shape, TAPS))
@@ -154,6 +158,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
         raise InputError(f"campaign {campaign.name!r} is a time series without the channel 'slip'; the model needs "
                          "to know how far the rubber has slid")
     path, direction, strokes = np.zeros_like(time), np.ones_like(time), []
+    begun = stack_starts(campaign, [groups[str(k)] for k in keys]) if family.starts else None
     cache: dict = {}
     for r, key in enumerate(keys):
         group, n = groups[str(key)], lengths[r]
@@ -169,11 +174,15 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
                 turning[1:] = np.diff(number) > 0
                 turning[:-1] |= turning[1:]
             strokes.append(number)
-            last = float("inf")
-        else:
+        last = float("inf")
+        if campaign.family == "impact":
             last = _last_contact(t, group[main].to_numpy(dtype=float), default_noise(campaign, main, t))
+        attitude = [channel for channel in channels if channel.startswith("attitude_")]
+        straight = straighten(group[attitude].to_numpy(dtype=float)) if attitude else None
         for c, channel in enumerate(channels):
             x = group[channel].to_numpy(dtype=float)
+            if straight is not None and channel in attitude:
+                x = straight[:, attitude.index(channel)]
             valid = np.isfinite(x)
             complete[r, c] = valid.all()
             values[r, c, :n] = np.where(valid, x, 0.0)
@@ -192,16 +201,22 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
             weights[r, c, :n], taps[r, c, :n] = cache[code]
     time[len(keys):] = time[0]
     nuisances = list_nuisances(campaign)
-    deviations = np.zeros((rows, len(nuisances)))
-    deviations[: len(keys)] = condition_deviations(campaign, campaign.records, nuisances)
-    conditions = {}
+    starts = list_starts(campaign) if family.starts else ()
+    deviations = np.zeros((rows, len(starts) + len(nuisances)))
+    deviations[: len(keys), len(starts):] = condition_deviations(campaign, campaign.records, nuisances)
+    conditions, inputs = {}, {}
     for name in campaign.records.columns:
         column = campaign.records[name].to_numpy(dtype=float)
         conditions[str(name)] = np.concatenate([column, np.full(rows - len(keys), column[0])])
     if campaign.family == "impact":
         conditions.setdefault("initial_pressure", np.zeros(rows))
     conditions.setdefault("sequence", np.ones(rows))
-    inputs = {}
+    if begun is not None:
+        guesses, wide, mesh = begun
+        deviations[: len(keys), : len(starts)] = wide
+        more = rows - len(keys)
+        conditions |= {name: np.concatenate([x, np.full(more, x[0])]) for name, x in guesses.items()}
+        inputs = {"mesh": jnp.asarray(np.concatenate([mesh, np.repeat(mesh[:1], more, axis=0)]))}
     if moving:
         path[len(keys):], direction[len(keys):] = path[0], direction[0]
         inputs = {"slip": jnp.asarray(path), "direction": jnp.asarray(direction)}
@@ -210,8 +225,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
                   {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
                   inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
-    return Records(tuple(str(k) for k in keys), channels, nuisances, lengths, complete, stack, family.name,
-                   tuple(strokes))
+    return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances), lengths, complete, stack, family.name,
+                   tuple(strokes), starts)
 
 
 def _follow(campaign: Campaign, slip: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

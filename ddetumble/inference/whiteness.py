@@ -3,6 +3,7 @@
 import dataclasses as dc
 
 import numpy as np
+from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ..measurement.campaign import Campaign
@@ -12,16 +13,22 @@ from .stack import Records, default_noise
 
 
 SPLINES = 20
+TURN = 5.0  # splines a revolution of a tumbling record: what a torque leaves repeats with the nutation
+LARGE = 1_000_000  # numbers of a spline basis beyond which its zeros are left out
 SHORTEST = 24  # samples without a gap that tell something about the noise
 
 
 def list_spans(records: Records, row: int, end: float) -> list[tuple[float, float, int]]:
     """Stretches of a record over which a missing force is smooth: (after, up to, number of splines).
 
-    Of an impact the contact and what follows; of a slip record each stroke.
+    Of an impact the contact and what follows; of a slip record each stroke; of a tumbling record all of it.
     """
     n = records.lengths[row]
     time = np.asarray(records.stack.time)[row, :n]
+    if records.family == "tumble":
+        fastest = float(np.sqrt(np.sum(np.asarray(records.stack.values)[row, :3] ** 2, axis=0)).max())
+        number = max(SPLINES, int(np.ceil(TURN * fastest * float(np.ptp(time)) / (2.0 * np.pi))))
+        return [(float(time[0]) - 1e-9 * float(np.ptp(time)), float(time[-1]), number)]
     if records.family != "slip":
         return [(0.0, end, SPLINES), (end, float(time[-1]), max(SPLINES // 4, 4))]
     number = records.strokes[row]
@@ -47,7 +54,7 @@ def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> n
 
 def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
-    found, impact = {}, records.family != "slip"
+    found, impact = {}, records.family not in ("slip", "tumble")
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     for c, channel in enumerate(records.channels):
         traces, steps, even = [], [], False
@@ -56,14 +63,15 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
             if not np.allclose(difference, difference[0], rtol=2e-3):
                 continue
             even = True
-            # Where a slip record turns round its force is not known: its strokes are traces of their own.
+            # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
+            # the parts of a tumbling record between its gaps.
             used = np.ones(n, dtype=bool) if impact else np.asarray(records.stack.weights)[r, c, :n] > 0
             if impact and not records.complete[r, c] or used.sum() < SHORTEST:
                 continue
             trace = (values[r, c] - solution.channels[r, c])[:n]
             smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
-            trace = trace - smooth @ np.linalg.lstsq(smooth[used], trace[used], rcond=None)[0]
+            trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
             for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
                 if used[run[0]] and (len(run) >= SHORTEST or len(run) == n):
                     traces.append(trace[run])
@@ -80,15 +88,30 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
         lengths = [high - low for r in same
                    for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if impact else None]]
         lowest = 10.0 / float(np.median(lengths))
+        if records.family == "tumble":
+            spans = [list_spans(records, r, 0.0)[0] for r in same]
+            numbers = [min(number, records.lengths[r] // 4) / (b - a) for r, (a, b, number) in zip(same, spans,
+                                                                                                  strict=True)]
+            lowest = 0.6 * float(np.max(numbers))
         found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
                                          if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
                                         _quiet_deviation(records, c))
     return found
 
 
+def _fit_splines(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Coefficients of least squares; those of long records by the normal equations, which splines leave banded."""
+    if columns.size < LARGE:
+        return np.linalg.lstsq(columns, values, rcond=None)[0]
+    thin = sparse.csr_matrix(columns)
+    square = (thin.T @ thin).toarray()
+    square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / len(square)
+    return np.linalg.solve(square, thin.T @ values)
+
+
 def _quiet_deviation(records: Records, channel: int) -> tuple[float, int]:
     """Standard deviation of the samples before first touch, each record about its own mean, and their number."""
-    if records.family == "slip":
+    if records.family in ("slip", "tumble"):
         return float("nan"), 0
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     squares, count = 0.0, 0

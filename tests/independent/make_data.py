@@ -1,7 +1,7 @@
 """Make everything under ``data/``: ``python -m tests.independent.make_data [FOLDER]`` from the repository's root.
 
 Every campaign has a fixed seed, so the same versions of NumPy and SciPy give the same bytes. What is hidden in which
-campaign stands in PLANS, SLIP_PLANS, OBLIQUE_PLANS and ``truth.json``: do not look before having tried.
+campaign stands in PLANS, SLIP_PLANS, OBLIQUE_PLANS, TUMBLE_PLANS and ``truth.json``: do not look before having tried.
 """
 
 import sys
@@ -12,6 +12,7 @@ from .impact import CHANNELS
 from .oblique_campaigns import make_oblique_campaign, reveal_oblique_campaign, write_oblique_folder
 from .paper_tables import write_paper
 from .slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
+from .tumbling_campaigns import make_tumble_campaign, reveal_tumble_campaign, write_tumble_folder
 
 
 PAPER_PRESSURES = [1.0e6, 1.5e6, 2.0e6, 2.5e6]  # Pa, Figure 8
@@ -172,6 +173,36 @@ OBLIQUE_PLANS = {
     },
 }
 
+TUMBLE_PLANS = {
+    "tumble-a": {
+        "seed": 20260401,
+        "effects": {"constant-torque": {"torque": [4.0e-7, -6.0e-7, 9.0e-8]}},
+        "base": {"inertia_ratio": 0.538},
+    },
+    "tumble-b": {
+        "seed": 20260402,
+        "effects": {"internal-damper": {"c": 6.2e-6, "I_d": 0.041}, "gyro-bias": {"bias": [4.1e-5, -5.3e-5, 3.7e-5]}},
+        "base": {"inertia_ratio": 0.612},
+        "records": 5,
+        "duration": 800.0,
+        "interval": 2.5,
+        "rho": 0.7,
+    },
+    "tumble-c": {
+        "seed": 20260403,
+        "effects": {},
+        "base": {"inertia_ratio": 0.447},
+        "duration": 500.0,
+        "attitude": True,
+        "rho": 0.5,
+    },
+    "tumble-d": {
+        "seed": 20260404,
+        "effects": {"x-sine-torque": {"torque": [4.3e-6, 8.7e-6, -5.8e-6], "period": 53.0}},
+        "base": {"inertia_ratio": 0.571},
+    },
+}
+
 
 def make_data(folder):
     """Write all packages and truth.json under the folder."""
@@ -192,6 +223,11 @@ def make_data(folder):
         campaign = make_oblique_campaign(name, **plan)
         write_oblique_folder(folder / name, campaign)
         truth[name] = reveal_oblique_campaign(campaign)
+        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
+    for name, plan in TUMBLE_PLANS.items():
+        campaign = make_tumble_campaign(name, **plan)
+        write_tumble_folder(folder / name, campaign)
+        truth[name] = reveal_tumble_campaign(campaign)
         print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
     write_json(folder / "truth.json", truth, indent=None)
 

@@ -18,6 +18,7 @@ import numpy as np
 from .campaigns import make_campaign, write_campaign_folder
 from .oblique_study import draw_oblique_case, make_oblique_case
 from .slip_study import draw_slip_case, make_slip_case
+from .tumbling_study import draw_tumble_case, make_tumble_case
 
 
 TYPICAL = {
@@ -65,7 +66,9 @@ def judge_case(case: dict, folder: Path) -> dict:
     """Simulate one case into `folder`, let `discover` judge it blind, and say what came out."""
     from ddetumble.discrepancy.discovery import discover
 
-    if "loads" in case:
+    if "duration" in case:
+        make_tumble_case(case, folder)
+    elif "loads" in case:
         make_slip_case(case, folder)
     elif "slides" in case:
         make_oblique_case(case, folder)
@@ -78,6 +81,7 @@ def judge_case(case: dict, folder: Path) -> dict:
     began = time.perf_counter()
     found = discover(folder)
     truth = {**case["base"], **{f"{e}.{n}": v for e, p in case["effects"].items() for n, v in p.items()}}
+    truth |= {f"{n}.{k}": x for n, v in truth.items() if isinstance(v, list) for k, x in enumerate(v)}
     inside = {name: bool(e.q025 <= truth[name] <= e.q975) for name, e in found.steps[-1].parameters.items()
               if name in truth}
     last = found.steps[-1].lack_of_fit
@@ -115,9 +119,10 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--family", choices=("impact", "slip", "oblique"), default="impact")
+    parser.add_argument("--family", choices=("impact", "slip", "oblique", "tumble"), default="impact")
     options = parser.parse_args()
-    draw = {"impact": draw_case, "slip": draw_slip_case, "oblique": draw_oblique_case}[options.family]
+    draw = {"impact": draw_case, "slip": draw_slip_case, "oblique": draw_oblique_case,
+            "tumble": draw_tumble_case}[options.family]
     options.output.mkdir(parents=True, exist_ok=True)
     rows = []
     for seed in range(options.first, options.first + options.cases):

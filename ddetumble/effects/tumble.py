@@ -1,0 +1,160 @@
+"""Effects on tumbling records: what a torque-free rigid body with perfect gyroscopes leaves out."""
+
+from typing import ClassVar, final
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..contact.effect import AbstractEffect, Scalar, parameter
+from ..contact.torque import (
+    AbstractGyroEffect,
+    AbstractInertiaEffect,
+    AbstractInnerTorque,
+    AbstractTorque,
+    Spin,
+    Vector,
+    cross,
+)
+
+
+@final
+class EddyCurrent(AbstractTorque):
+    r"""Eddy currents in the Earth's field brake the rotation: torque $-k_e \omega$."""
+
+    k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate")
+    id: ClassVar[str] = "eddy-current"
+    law: ClassVar[str] = "torque -k_e omega"
+    reference: ClassVar[str] = "Smith 1962, NASA TN D-1284; Praly et al. 2012, Acta Astronautica 76, 145"
+
+    def torque(self, spin: Spin) -> Vector:
+        """-k_e omega [1/s²]."""
+        return -self.k_e * spin.angular_velocity
+
+
+@final
+class ConstantTorque(AbstractTorque):
+    """A constant torque in the body frame (a leak, a stuck thruster)."""
+
+    torque_0: Scalar = parameter("1/s**2", 0.0, name="torque.0", typical=1e-5, starts=(3e-8,), text="body x component")
+    torque_1: Scalar = parameter("1/s**2", 0.0, name="torque.1", typical=1e-5, starts=(3e-8,), text="body y component")
+    torque_2: Scalar = parameter("1/s**2", 0.0, name="torque.2", typical=1e-5, starts=(3e-8,), text="body z component")
+    id: ClassVar[str] = "constant-torque"
+    law: ClassVar[str] = "constant torque in the body frame"
+    reference: ClassVar[str] = "Longuski 1980, AIAA paper 80-1642"
+
+    def torque(self, spin: Spin) -> Vector:
+        """The constant [1/s²]."""
+        return jnp.stack([self.torque_0, self.torque_1, self.torque_2])
+
+
+@final
+class InertiaAsymmetry(AbstractInertiaEffect):
+    r"""No body of revolution: transverse moments $1 \pm \epsilon$."""
+
+    epsilon: Scalar = parameter("", 0.0, typical=0.01, starts=(0.003,), bounds=(-0.5, 0.5), text="asymmetry")
+    id: ClassVar[str] = "inertia-asymmetry"
+    law: ClassVar[str] = "transverse moments 1 + epsilon, 1 - epsilon"
+    reference: ClassVar[str] = "Landau & Lifshitz, Mechanics, section 37"
+
+    def moments(self) -> Vector:
+        """(epsilon, -epsilon, 0) [-]."""
+        return jnp.stack([self.epsilon, -self.epsilon, jnp.zeros_like(self.epsilon)])
+
+
+@final
+class AxisMisalignment(AbstractGyroEffect):
+    r"""Gyroscopes in a frame turned by `angle` about body y: $R_y(angle)^T \omega$."""
+
+    angle: Scalar = parameter("rad", 0.0, typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), text="about body y")
+    id: ClassVar[str] = "axis-misalignment"
+    law: ClassVar[str] = "components in a frame turned by angle about body y: R_y(angle)^T omega"
+    reference: ClassVar[str] = "IEEE Std 1431-2004, misalignment of a gyroscope"
+    order: ClassVar[int] = 1
+
+    def reading(self, angular_velocity: Array, time: Array) -> Array:
+        """R_y(angle)^T omega [rad/s]."""
+        x, y, z = angular_velocity[..., 0], angular_velocity[..., 1], angular_velocity[..., 2]
+        c, s = jnp.cos(self.angle), jnp.sin(self.angle)
+        return jnp.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+
+
+@final
+class InternalDamper(AbstractInnerTorque):
+    r"""A sphere in a viscous fluid inside (fuel slosh): torque $-c(\omega - \omega_d)$.
+
+    Inside, $I_d (\dot\omega_d + \omega \times \omega_d) = c(\omega - \omega_d)$ in body components, with $\omega_d$
+    starting at the body's rate; the body's moments exclude the sphere.
+    """
+
+    c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling")
+    I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 10.0),
+                            starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one")
+    id: ClassVar[str] = "internal-damper"
+    law: ClassVar[str] = "torque -c (omega - omega_d), I_d (domega_d/dt + omega x omega_d) = c (omega - omega_d)"
+    reference: ClassVar[str] = "Kane & Levinson 1980, J. Guidance and Control 3, 37"
+
+    def torque(self, spin: Spin) -> Vector:
+        """-c (omega - omega_d) [1/s²]."""
+        return -self.c * (spin.angular_velocity - spin.inner)
+
+    def start(self, angular_velocity: Vector) -> Vector:
+        """The body's rate [rad/s]."""
+        return angular_velocity
+
+    def accelerate(self, spin: Spin) -> Vector:
+        """c (omega - omega_d) / I_d - omega x omega_d [rad/s²]."""
+        pull = self.c / self.I_d * (spin.angular_velocity - spin.inner)
+        return pull - cross(spin.angular_velocity, spin.inner)
+
+
+@final
+class GravityGradient(AbstractTorque):
+    r"""Gravity gradient: `scale` times $3 n^2\, \hat o \times I \hat o$, $\hat o$ the local vertical."""
+
+    scale: Scalar = parameter("", 0.0, typical=1.0, sign=1, starts=(0.5,), text="1 is the full torque")
+    id: ClassVar[str] = "gravity-gradient"
+    law: ClassVar[str] = "torque scale 3 n^2 o x I o, o the local vertical, n the orbit rate"
+    reference: ClassVar[str] = "Hughes 1986, Spacecraft Attitude Dynamics, section 8.1"
+    requires: ClassVar[tuple[str, ...]] = ("orbit_rate",)
+
+    def torque(self, spin: Spin) -> Vector:
+        """Scale times 3 n² o x I o [1/s²]."""
+        return self.scale * 3.0 * spin.orbit_rate**2 * cross(spin.vertical, spin.moments * spin.vertical)
+
+
+@final
+class GyroBias(AbstractGyroEffect):
+    """A constant bias of the measured rates, added last."""
+
+    bias_0: Scalar = parameter("rad/s", 0.0, name="bias.0", typical=1e-3, starts=(3e-5,), text="of the x rate")
+    bias_1: Scalar = parameter("rad/s", 0.0, name="bias.1", typical=1e-3, starts=(3e-5,), text="of the y rate")
+    bias_2: Scalar = parameter("rad/s", 0.0, name="bias.2", typical=1e-3, starts=(3e-5,), text="of the z rate")
+    id: ClassVar[str] = "gyro-bias"
+    law: ClassVar[str] = "measured rates gain bias, last"
+    reference: ClassVar[str] = "Farrenkopf 1978, J. Guidance and Control 1, 282"
+    order: ClassVar[int] = 3
+
+    def reading(self, angular_velocity: Array, time: Array) -> Array:
+        """Omega + bias [rad/s]."""
+        return angular_velocity + jnp.stack([self.bias_0, self.bias_1, self.bias_2])
+
+
+@final
+class GyroScale(AbstractGyroEffect):
+    """A wrong scale factor: rates times 1 + g. Torque-free, it is the same as another inertia ratio."""
+
+    g: Scalar = parameter("", 0.0, typical=0.01, starts=(0.003,), bounds=(-0.5, 0.5), text="error of the scale factor")
+    id: ClassVar[str] = "gyro-scale"
+    law: ClassVar[str] = "measured rates times 1 + g, after misalignment, before bias"
+    reference: ClassVar[str] = "IEEE Std 1431-2004, scale factor of a gyroscope"
+    order: ClassVar[int] = 2
+
+    def reading(self, angular_velocity: Array, time: Array) -> Array:
+        """(1 + g) omega [rad/s]."""
+        return (1.0 + self.g) * angular_velocity
+
+
+TUMBLE: tuple[type[AbstractEffect], ...] = (
+    EddyCurrent, ConstantTorque, InertiaAsymmetry, AxisMisalignment, InternalDamper, GravityGradient, GyroBias,
+    GyroScale,
+)

@@ -1,0 +1,86 @@
+"""Fits from afar: records that run on from where they start are fitted to a growing horizon.
+
+A wrong inertia ratio turns the model out of step with the measurement, by many turns at the end of a long record, and
+the sum of squares has a minimum at every turn. Over the first radian there is but one; what is learnt there keeps the
+next horizon, three times as far, in step.
+"""
+
+import dataclasses as dc
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .problem import Problem, Solution
+from .stack import Stack
+
+
+FIRST = 2.5  # rad, of the first horizon
+GROWTH = 3.0
+FEWEST = 8  # samples in it
+MOST = 1024  # samples a record, of those up to a horizon
+LOST = 100.0  # chi-square a sample beyond which a model is out of step, or poor enough to become so
+
+
+def is_lost(problem: Problem, solution: Solution) -> bool:
+    """Whether a fit leaves so much that it may be out of step with its records."""
+    used = float((np.asarray(problem.records.stack.weights)[: problem.records.count] > 0).sum())
+    return problem.space.family.free_running and (bool(solution.failed) or solution.chi2 > LOST * used)
+
+
+def cut_stack(stack: Stack, horizon: np.ndarray) -> Stack:
+    """Records up to a horizon, shape (records,) [s], and of those not more than `MOST` samples, evenly spread."""
+    time, weights = np.asarray(stack.time), np.asarray(stack.weights)
+    size = time.shape[1]
+    near = (time <= horizon[:, None]) & np.any(weights > 0, axis=1)
+    if size > MOST:
+        # Neighbours are left out, so that nothing is predicted from them: what is left counts as white.
+        chosen = np.stack([np.resize(_spread(np.flatnonzero(row)), MOST) for row in near])
+        count = np.array([_spread(np.flatnonzero(row)).size for row in near])
+        near = np.arange(MOST)[None, :] < count[:, None]
+        chosen = np.where(near, chosen, chosen[np.arange(len(chosen)), count - 1][:, None])
+        rows = np.arange(len(time))[:, None]
+        time, weights = time[rows, chosen], np.moveaxis(weights[rows, :, chosen], 2, 1)
+        values = np.moveaxis(np.asarray(stack.values)[rows, :, chosen], 2, 1)
+        taps = np.zeros((*values.shape, stack.taps.shape[-1]))
+    else:
+        values, taps = stack.values, stack.taps
+    mesh = np.asarray(stack.inputs["mesh"])
+    arrays = (np.minimum(time, horizon[:, None]), weights * near[:, None, :], values, taps,
+              mesh * (horizon / mesh[:, -1])[:, None])
+    return eqx.tree_at(lambda s: (s.time, s.weights, s.values, s.taps, s.inputs["mesh"]), stack,
+                       tuple(jnp.asarray(x) for x in arrays))
+
+
+def _spread(places: np.ndarray) -> np.ndarray:
+    """At most `MOST` of some places, evenly spread; the first place where there is none."""
+    if not len(places):
+        return np.zeros(1, dtype=int)
+    return places[np.unique(np.linspace(0, len(places) - 1, min(len(places), MOST)).astype(int))]
+
+
+def solve_growing(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
+                  **options) -> Solution:
+    """Fit as `Problem.solve` does, free-running records over a growing horizon first.
+
+    Args:
+        problem, free, start, z: as there; without `z` every record starts from its first samples.
+        options: of the last fit, over everything.
+    """
+    if not problem.space.family.free_running:
+        return problem.solve(free, start, z, **options)
+    whole, lengths = problem.records.stack, problem.records.lengths
+    times = np.asarray(whole.time)
+    speeds = np.sqrt(sum(np.asarray(whole.values)[:, k] ** 2 for k in range(3))).max(axis=1)
+    end = times.max(axis=1)
+    horizon = np.maximum(FIRST / np.maximum(speeds, 1e-300), times[:, min(FEWEST, lengths.min() - 1)])
+    u, share = np.array(start, dtype=float), z
+    while np.any(horizon < end):
+        part = Problem(problem.space, dc.replace(problem.records, stack=cut_stack(whole, np.minimum(horizon, end))),
+                       problem.priors)
+        found = part.solve(free, u, share, tolerance=1e-2)
+        if not found.failed and np.isfinite(found.chi2):
+            u, share = found.u, found.z
+        horizon = GROWTH * horizon
+    return problem.solve(free, u, share, **options)

@@ -1,0 +1,202 @@
+"""What a tumbling record starts from: rates (and attitude) at t = 0, guessed from its samples, and its mesh.
+
+They are free in every record, without a prior: the guess is only where a fit begins.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._errors import InputError
+from ..dynamics.spinning import START, START_ATTITUDE, count_steps
+from ..measurement.campaign import Campaign
+from .families import ATTITUDES, RATES
+
+
+WINDOW = 1.0  # rad, over which Euler's equations are integrated to guess the ratio of the moments
+FREE = 1e3  # standard deviation of a start over the largest rate: far more than any fit moves it
+MESHES = (64, 96, 128, 160, 192, 256, 320, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
+
+
+def list_starts(campaign: Campaign) -> tuple[str, ...]:
+    """Names of what every record starts from."""
+    return (*START, *START_ATTITUDE) if _list_attitudes(campaign) else START
+
+
+def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
+    """Starts of all records.
+
+    Args:
+        campaign: of tumbling records.
+        groups: samples of each record, tables with `time` and the channels.
+
+    Returns:
+        Guesses by name, each shape (records,); standard deviations, shape (records, starts), so wide that they are no
+        prior; meshes of even times from 0 to the last sample, shape (records, steps + 1) [s].
+
+    Raises:
+        InputError: a rate that is missing throughout, times before 0 or far behind it, attitudes that are none.
+    """
+    attitudes = _list_attitudes(campaign)
+    table = None if campaign.path is None else campaign.path / "samples.csv"
+    times, rates = read_rates(campaign, groups)
+    filled = [_fill(t, w) for t, w in zip(times, rates, strict=True)]
+    ratio = campaign.known.get("inertia_ratio") or guess_ratio(times, filled)
+    begun = np.array([_turn_back(t[0], w[0], ratio) for t, w in zip(times, filled, strict=True)])
+    found = {name: begun[:, k] for k, name in enumerate(START)}
+    if attitudes:
+        vectors = []
+        for key, group, start in zip(campaign.record_keys, groups, begun, strict=True):
+            vectors.append(_guess_attitude(group, attitudes, start, str(key), table))
+        found |= {name: np.array(vectors)[:, k] for k, name in enumerate(START_ATTITUDE)}
+    fastest = [float(np.sqrt(np.sum(w**2, axis=1)).max()) for w in filled]
+    widths = [FREE * max(fastest), FREE]
+    wide = np.stack([np.full(len(times), widths[k >= len(START)]) for k in range(len(found))], axis=1)
+    return found, wide, lay_mesh(times, fastest)
+
+
+def lay_mesh(times: Sequence[np.ndarray], speeds: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Even times to integrate on, from 0 to the last wanted one, as many for all records, shape (records, steps + 1).
+
+    Args:
+        times: of the samples, ascending, by record [s].
+        speeds: largest angular speed of each record [rad/s].
+    """
+    steps = 1
+    for t, speed in zip(times, speeds, strict=True):
+        gaps = np.diff(np.concatenate([[0.0], t]))
+        interval = float(np.median(gaps[gaps > 0])) if np.any(gaps > 0) else 1.0
+        steps = max(steps, count_steps(float(t[-1]), float(speed), interval))
+    steps = next((size for size in MESHES if steps <= size), -(-steps // MESHES[-1]) * MESHES[-1])
+    return np.stack([np.linspace(0.0, max(float(t[-1]), 1e-3), steps + 1) for t in times])
+
+
+def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Times and rates of all records, shapes (samples,) and (samples, 3), missing ones nan.
+
+    Raises:
+        InputError: a rate that is missing throughout, times before 0 or far behind it.
+    """
+    missing = [rate for rate in RATES if rate not in campaign.channels]
+    if missing:
+        raise InputError(f"campaign {campaign.name!r} has no channel {missing[0]!r}; it has: "
+                         + ", ".join(campaign.channels))
+    table = None if campaign.path is None else campaign.path / "samples.csv"
+    times, rates = [], []
+    for key, group in zip(campaign.record_keys, groups, strict=True):
+        time = group["time"].to_numpy(dtype=float)
+        if time[0] < 0:
+            raise InputError(f"record {key!r} begins at {time[0]:g} s; times of a tumbling record count from its start "
+                             "at t = 0, where the rates are free: shift them", file=table, column="time")
+        if time[0] > 0.5 * time[-1]:
+            raise InputError(f"record {key!r} lasts from {time[0]:g} to {time[-1]:g} s; times of a tumbling record "
+                             f"count from its start: subtract {time[0]:g} s", file=table, column="time")
+        values = group[list(RATES)].to_numpy(dtype=float)
+        empty = ~np.isfinite(values).any(axis=0)
+        if empty.any():
+            raise InputError(f"record {key!r} has no value of this rate, and the model needs all three", file=table,
+                             column=RATES[int(np.argmax(empty))])
+        times.append(time)
+        rates.append(values)
+    return times, rates
+
+
+def straighten(values: np.ndarray) -> np.ndarray:
+    """Quaternions without jumps of their sign, beginning with a scalar part that is not negative, shape (samples, 4).
+
+    A missing number leaves its whole sample as it is.
+    """
+    values, last = values.copy(), np.array([1.0, 0.0, 0.0, 0.0])
+    first = True
+    for k, one in enumerate(values):
+        if np.isfinite(one).all():
+            if (one[0] if first else one @ last) < 0:
+                values[k] = -one
+            last, first = values[k], False
+    return values
+
+
+def guess_ratio(times: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> float:
+    r"""Axial over transverse moment by regression of Euler's equations, integrated over about a radian.
+
+    $\Delta\omega_x = (1 - r) \int \omega_y \omega_z dt$ and $\Delta\omega_y = -(1 - r) \int \omega_x \omega_z dt$,
+    by the trapezoidal rule; torques and noise matter little over so short a time.
+
+    Args:
+        times: of the records, each shape (samples,) [s].
+        rates: each shape (samples, 3), no gaps [rad/s].
+
+    Returns:
+        The ratio, within what a body can have; 0.5 where no record nutates.
+    """
+    above = below = 0.0
+    for t, w in zip(times, rates, strict=True):
+        step = float(np.median(np.diff(t)))
+        lag = int(np.clip(WINDOW / max(float(np.sqrt(np.sum(w**2, axis=1)).max()) * step, 1e-300), 1, len(t) // 2))
+        push = np.stack([w[:, 1] * w[:, 2], -w[:, 0] * w[:, 2]], axis=1)
+        area = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (push[1:] + push[:-1]) * np.diff(t)[:, None], axis=0)])
+        change, cause = w[lag:, :2] - w[:-lag, :2], area[lag:] - area[:-lag]
+        above, below = above + float(np.sum(change * cause)), below + float(np.sum(cause**2))
+    ratio = 1.0 - above / below if below > 0 else 0.5
+    return float(np.clip(ratio, 0.02, 1.98)) if np.isfinite(ratio) else 0.5
+
+
+def guess_body(campaign: Campaign) -> float:
+    """Ratio of the moments, guessed from all records of a campaign."""
+    assert campaign.samples is not None
+    times, rates = read_rates(campaign, [group for _, group in campaign.samples.groupby("record", sort=False)])
+    return guess_ratio(times, [_fill(t, w) for t, w in zip(times, rates, strict=True)])
+
+
+def _turn_back(time: float, rate: np.ndarray, ratio: float) -> np.ndarray:
+    """Rates at t = 0 of a body of revolution that has these at a later time."""
+    across = (rate[0] + 1j * rate[1]) * np.exp(1j * (1.0 - ratio) * rate[2] * time)
+    return np.array([across.real, across.imag, rate[2]])
+
+
+def _fill(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Gaps filled along a line."""
+    there = np.isfinite(values)
+    return np.stack([np.interp(time, time[t], v[t]) for v, t in zip(values.T, there.T, strict=True)], axis=1)
+
+
+def _list_attitudes(campaign: Campaign) -> tuple[str, ...]:
+    """The four channels of the attitude; none where it is not measured.
+
+    Raises:
+        InputError: some of the four are missing.
+    """
+    for names in (ATTITUDES[:4], ATTITUDES[4:]):
+        there = [name for name in names if name in campaign.channels]
+        if len(there) == 4:
+            return names
+        if there:
+            missing = next(name for name in names if name not in there)
+            raise InputError(f"campaign {campaign.name!r} has the channel {there[0]!r} and not {missing!r}; an "
+                             "attitude is a unit quaternion of four numbers, scalar first", column=missing,
+                             file=None if campaign.path is None else campaign.path / "datapackage.json")
+    return ()
+
+
+def _guess_attitude(group: Any, names: tuple[str, ...], rate: np.ndarray, key: str, table: Any) -> np.ndarray:
+    """Rotation vector of the attitude at t = 0 [rad]."""
+    values = group[list(names)].to_numpy(dtype=float)
+    there = np.isfinite(values).all(axis=1)
+    if not there.any():
+        raise InputError(f"record {key!r} has no attitude; leave it out, or the channels", file=table, column=names[0])
+    size = np.sqrt(np.sum(values[there] ** 2, axis=1))
+    if np.abs(size - 1.0).max() > 0.1:
+        bad = size[np.argmax(np.abs(size - 1.0))]
+        raise InputError(f"record {key!r} has an attitude of length {bad:.3g}; unit quaternions, scalar first, are "
+                         "needed", file=table, column=names[0])
+    k = int(np.argmax(there))
+    q = straighten(values)[k] / size[0]
+    half = -0.5 * rate * float(group["time"].to_numpy(dtype=float)[k])
+    angle = float(np.sqrt(half @ half))
+    p = np.concatenate([[np.cos(angle)], np.sinc(angle / np.pi) * half])
+    w = q[0] * p[0] - q[1:] @ p[1:]
+    v = q[0] * p[1:] + p[0] * q[1:] + np.cross(q[1:], p[1:])
+    w, v = (w, v) if w >= 0 else (-w, -v)
+    sine = float(np.sqrt(v @ v))
+    return 2.0 * v * (np.arctan2(sine, w) / sine if sine > 1e-12 else 1.0)

@@ -1,0 +1,111 @@
+"""An independent simulator of tumbling records: NumPy and SciPy, nothing of the package.
+
+Euler's equations in a form of its own: angular momentum and attitude matrix in the inertial frame, not rates and
+quaternion in the body frame. Moments and torques are per unit transverse inertia. At t = 0 the body frame coincides
+with an inertial frame whose x axis is the local vertical and whose z axis is the orbit normal.
+"""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+
+RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
+ATTITUDES = ("attitude_w", "attitude_x", "attitude_y", "attitude_z")
+
+
+def find_moments(base, effects):
+    """Three moments of the body, over the transverse one."""
+    epsilon = effects.get("inertia-asymmetry", {}).get("epsilon", 0.0)
+    return np.array([1.0 + epsilon, 1.0 - epsilon, base["inertia_ratio"]])
+
+
+def sum_torques(effects, time, rates, matrix, moments, orbit_rate):
+    """Torque on the body without that of the inner sphere, body components; `matrix` turns body into inertial ones."""
+    total = np.zeros(3)
+    for name, p in effects.items():
+        if name == "eddy-current":
+            total -= p["k_e"] * rates
+        elif name == "constant-torque":
+            total += np.asarray(p["torque"])
+        elif name == "gravity-gradient":
+            up = matrix.T @ np.array([np.cos(orbit_rate * time), np.sin(orbit_rate * time), 0.0])
+            total += 3.0 * p["scale"] * orbit_rate**2 * np.cross(up, moments * up)
+        elif name == "x-quadratic-drag":
+            total -= p["k"] * np.linalg.norm(rates) * rates
+        elif name == "x-thruster":
+            total += np.asarray(p["torque"]) * np.sign(np.sin(2.0 * np.pi * time / p["period"]))
+        elif name == "x-sine-torque":
+            total += np.asarray(p["torque"]) * np.sin(2.0 * np.pi * time / p["period"])
+        elif name == "x-growing-torque":
+            total += np.asarray(p["slope"]) * time
+        elif name == "x-solar-torque":  # fixed in the inertial frame
+            total += matrix.T @ np.asarray(p["torque"])
+    return total
+
+
+def simulate_tumbling(base, effects, rates, times, orbit_rate=0.00106, tolerance=1e-12):
+    """Return what the gyroscopes read, shape (samples, 3) [rad/s], and the attitude, shape (samples, 4).
+
+    base: inertia_ratio. effects: by id, with parameters. rates: true, at t = 0 [rad/s]. times: ascending from 0 [s].
+    """
+    moments = find_moments(base, effects)
+    damper = effects.get("internal-damper", {"c": 0.0, "I_d": 1.0})
+    times = np.asarray(times, dtype=float)
+    start = np.asarray(rates, dtype=float)
+
+    def differ(time, state):
+        matrix, momentum, inner = state[:9].reshape(3, 3), state[9:12], state[12:]
+        body = (matrix.T @ momentum) / moments
+        drag = damper["c"] * (matrix @ body - inner)  # inertial components: what the sphere gains, the body loses
+        torque = matrix @ sum_torques(effects, time, body, matrix, moments, orbit_rate) - drag
+        skew = np.array([[0.0, -body[2], body[1]], [body[2], 0.0, -body[0]], [-body[1], body[0], 0.0]])
+        return np.concatenate([(matrix @ skew).ravel(), torque, drag / damper["I_d"]])
+
+    first = np.concatenate([np.eye(3).ravel(), moments * start, start])
+    scale = np.concatenate([np.ones(9), np.full(6, np.linalg.norm(start))])
+    jumps = []
+    if "x-thruster" in effects:  # the torque jumps there
+        half = 0.5 * effects["x-thruster"]["period"]
+        jumps = list(np.arange(half, times[-1], half))
+    edges = [0.0, *jumps, max(float(times[-1]), 1e-9)]
+    states, state = np.zeros((times.size, 15)), first
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        here = (times >= a) & (times <= b)
+        inside = (a + 1e-9, b - 1e-9) if jumps else (a, b)  # the torque is that of this side of a jump
+        found = solve_ivp(lambda t, y, low, high: differ(min(max(t, low), high), y), (a, b), state, "DOP853",
+                          t_eval=np.unique(np.append(times[here], b)), rtol=tolerance, atol=tolerance * scale,
+                          args=inside)  # fmt: skip
+        states[here] = found.y.T[: here.sum()]
+        state = found.y[:, -1]
+    matrices = states[:, :9].reshape(-1, 3, 3)
+    body = np.einsum("tij,ti->tj", matrices, states[:, 9:12]) / moments
+    if "x-flexible-panel" in effects:
+        body = body + ring(effects["x-flexible-panel"], times, body)
+    return read_gyroscopes(effects, times, body), take_quaternions(matrices)
+
+
+def ring(panel, times, body):
+    """A panel that rings after release, turning the body about its x axis."""
+    omega, damping = panel["omega"], panel["zeta"] * panel["omega"]
+    wave = panel["ratio"] * np.linalg.norm(body[0]) * np.exp(-damping * times) * np.sin(omega * times)
+    return wave[:, None] * np.array([1.0, 0.0, 0.0])
+
+
+def read_gyroscopes(effects, times, body):
+    """Misalignment, scale and bias, in that order."""
+    angle = effects.get("axis-misalignment", {}).get("angle", 0.0)
+    turned = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
+    seen = body @ turned  # R_y(angle)^T on every row
+    seen = seen * (1.0 + effects.get("gyro-scale", {}).get("g", 0.0))
+    seen = seen + np.asarray(effects.get("gyro-bias", {}).get("bias", [0.0, 0.0, 0.0]))
+    if "x-bias-walk" in effects:
+        seen = seen + np.outer(times, effects["x-bias-walk"]["slope"])
+    return seen
+
+
+def take_quaternions(matrices):
+    """Unit quaternions of rotation matrices, scalar first and not negative."""
+    from scipy.spatial.transform import Rotation
+
+    found = Rotation.from_matrix(matrices).as_quat()[:, [3, 0, 1, 2]]
+    return np.where(found[:, :1] < 0, -found, found)

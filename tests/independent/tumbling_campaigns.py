@@ -1,0 +1,126 @@
+"""Synthetic tumbling campaigns: bodies let go at some rates, what their gyroscopes wrote down, and the folder."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from .campaigns import write_json, write_table
+from .noise import draw_noise
+from .tumbling import ATTITUDES, RATES, simulate_tumbling
+
+
+NOISE = 2e-5  # rad/s, one standard deviation of a rate
+ATTITUDE_NOISE = 5e-4  # of a component of the quaternion
+ORBIT_RATE = 0.00106  # rad/s
+TITLE = "Synthetic tumble campaign with an undisclosed physical effect, or none"
+HELDOUT = ([0.05, 0.04, 0.11], [0.1, -0.02, 0.05])  # rad/s, at t = 0
+
+
+def draw_rates(generator, count):
+    """True rates at t = 0 of some records, shape (count, 3) [rad/s]: across 0.03 to 0.09, axial 0.03 to 0.1."""
+    across, phase = generator.uniform(0.03, 0.09, count), generator.uniform(0.0, 2.0 * np.pi, count)
+    axial = generator.uniform(0.03, 0.1, count) * generator.choice([-1.0, 1.0], count)
+    return np.stack([across * np.cos(phase), across * np.sin(phase), axial], axis=1)
+
+
+def make_tumble_campaign(name, seed, effects, base, records=4, *, duration=600.0, interval=2.0, noise=NOISE, rho=0.0,
+                         white_share=0.0, attitude=False, title=TITLE):
+    """Return a campaign of `records` bodies let go at random rates and watched for `duration` s, every `interval`.
+
+    Noise is that of `draw_noise`, each channel its own. With `attitude` the quaternion is measured too. All draws come
+    from one PCG64 generator seeded with `seed`, in a fixed order.
+    """
+    generator = np.random.Generator(np.random.PCG64(seed))
+    starts = draw_rates(generator, records)
+    times = np.round(np.arange(round(duration / interval) + 1) * interval, 9)
+    tests = []
+    for k, start in enumerate(starts, start=1):
+        rates, quaternions = simulate_tumbling(base, effects, start, times, ORBIT_RATE)
+        read = rates + np.stack([draw_noise(generator, times.size, noise, rho, white_share) for _ in RATES], axis=1)
+        turned = quaternions + ATTITUDE_NOISE * generator.standard_normal(quaternions.shape) if attitude else None
+        tests.append({"record": f"r{k:02d}", "start": start, "rates": read, "attitude": turned})
+    return {"name": name, "title": title, "seed": seed, "effects": effects, "base": base, "noise": noise, "rho": rho,
+            "white_share": white_share, "records": tests, "times": times, "attitude": attitude}
+
+
+def describe_tumble_campaign(campaign):
+    """Return the campaign's Data Package descriptor."""
+    samples = [{"name": "record", "type": "string"}, {"name": "time", "type": "number", "unit": "s"}]
+    samples += [{"name": rate, "type": "number", "unit": "rad/s", "uncertainty": f"{campaign['noise']:g} rad/s"}
+                for rate in RATES]  # fmt: skip
+    if campaign["attitude"]:
+        samples += [{"name": one, "type": "number", "unit": "1", "uncertainty": f"{ATTITUDE_NOISE:g}"}
+                    for one in ATTITUDES]  # fmt: skip
+    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
+    schemas = {
+        "records": {"fields": [{"name": "record", "type": "string"}], "primaryKey": "record"},
+        "samples": {"fields": samples, "foreignKeys": [key]},
+    }
+    return {
+        "name": campaign["name"],
+        "title": campaign["title"],
+        "licenses": [{"name": "CC0-1.0"}],
+        "sources": [{"title": "The project's own simulator, python -m tests.independent.make_data"}],
+        "family": "tumble",
+        "known": {"inertia_ratio": None, "orbit_rate": f"{ORBIT_RATE:g} rad/s"},
+        "resources": [
+            {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema} for name, schema in schemas.items()
+        ],
+    }
+
+
+def write_tumble_folder(folder, campaign):
+    """Write datapackage.json, records.csv and samples.csv; rates to 1e-7 rad/s, attitudes to 1e-6."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = describe_tumble_campaign(campaign)
+    write_json(folder / "datapackage.json", descriptor)
+    headers = [[field["name"] for field in table["schema"]["fields"]] for table in descriptor["resources"]]
+    samples = []
+    for row in campaign["records"]:
+        for k, time in enumerate(campaign["times"]):
+            cells = [f"{np.round(x, 7) + 0.0:.7f}" for x in row["rates"][k]]
+            if campaign["attitude"]:
+                cells += [f"{np.round(x, 6) + 0.0:.6f}" for x in row["attitude"][k]]
+            samples.append([row["record"], f"{time:.6g}", *cells])
+    write_table(folder / "records.csv", headers[0], [[row["record"]] for row in campaign["records"]])
+    write_table(folder / "samples.csv", headers[1], samples)
+
+
+def roll_freely(ratio, start, times):
+    """Rates of a body of revolution without torque, in closed form, shape (samples, 3) [rad/s]."""
+    across = (start[0] + 1j * start[1]) * np.exp(-1j * (1.0 - ratio) * start[2] * times)
+    return np.stack([across.real, across.imag, np.full(times.size, start[2])], axis=1)
+
+
+def measure_tumble_misfit(base, effects, starts, times, noise=NOISE):
+    """Return the rms over noise that the reference model leaves on noise-free rates after a refit.
+
+    Least squares over inertia_ratio (shared) and each record's rates at t = 0.
+    """
+    truth = np.stack([simulate_tumbling(base, effects, start, times, ORBIT_RATE, 1e-11)[0] for start in starts])
+
+    def leave(unknown):
+        model = [roll_freely(unknown[0], own, times) for own in unknown[1:].reshape(-1, 3)]
+        return ((np.stack(model) - truth) / noise).ravel()
+
+    first = np.concatenate([[base["inertia_ratio"]], np.ravel(starts)])
+    found = least_squares(leave, first, x_scale="jac", xtol=1e-12, ftol=1e-10)
+    return float(np.sqrt(np.mean(found.fun**2)))
+
+
+def reveal_tumble_campaign(campaign):
+    """Return what is hidden in a campaign, with noise-free rates (rad/s) from initial rates that it does not hold."""
+    base, effects, times = campaign["base"], campaign["effects"], campaign["times"]
+    starts = np.stack([row["start"] for row in campaign["records"]])
+    strength = [round(measure_tumble_misfit(base, {name: values}, starts, times, campaign["noise"]), 2)
+                for name, values in effects.items()] or [0.0]  # fmt: skip
+    coarse = times[:: max(1, times.size // 300)]
+    heldout = []
+    for start in HELDOUT:
+        rates, _ = simulate_tumbling(base, effects, start, coarse, ORBIT_RATE)
+        heldout.append({"conditions": {"w0": list(start)}, "x": [round(float(t), 9) for t in coarse],
+                        "y": [[round(float(w), 9) + 0.0 for w in row] for row in rates]})
+    same = ("effects", "base", "seed", "rho", "white_share")
+    return {"family": "tumble"} | {name: campaign[name] for name in same} | {"strength": strength, "heldout": heldout}

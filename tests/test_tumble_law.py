@@ -1,0 +1,161 @@
+"""Tumbling records: the law, its effects against closed forms and the independent simulator, the contract."""
+
+import textwrap
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ddetumble import check_effect, coast, resolve_model, tumble
+from ddetumble.contact import torque
+from ddetumble.dynamics.rotation import rotate
+from ddetumble.effects import TUMBLE, catalogue
+from ddetumble.effects.tumble_probes import TUMBLE_PROBES
+from tests.helpers_tumble import RATES, make_law, move
+from tests.independent.tumbling import simulate_tumbling
+from tests.independent.tumbling_study import TYPICAL, scale_effect
+
+
+TIMES = np.arange(0.0, 601.0, 2.0)
+
+
+def test_catalogue():
+    """The eight effects by name, their stages, and the two names of the reference model."""
+    assert [e.id for e in catalogue("tumble")] == [
+        "eddy-current", "constant-torque", "inertia-asymmetry", "axis-misalignment", "internal-damper",
+        "gravity-gradient", "gyro-bias", "gyro-scale",
+    ]  # fmt: skip
+    assert {e.stage for e in TUMBLE} == {"inertia", "torque", "gyroscope"}
+    assert type(resolve_model("paper", "tumble").reference) is type(resolve_model("rigid-body", "tumble").reference)
+
+
+@pytest.mark.parametrize("effect", [*TUMBLE, *TUMBLE_PROBES], ids=lambda effect: effect.id)
+def test_contract(effect):
+    """Every effect and probe: absent at its null, alive, compiled = eager."""
+    report = check_effect(effect)
+    assert report.ok, str(report)
+
+
+def test_torque_of_ones_own():
+    """The example in the documentation keeps the contract, and moves the axial rate as its integral says."""
+    text = torque.__doc__ or ""
+    source = textwrap.dedent(text[text.index("    class Jet"): text.index("`check_effect(Jet)`")])
+    assert len(source.strip().splitlines()) <= 10
+    scope = {"__name__": "jet"}
+    exec("from typing import ClassVar\nimport jax.numpy as jnp\nfrom ddetumble.contact.torque import *\n"
+         "from ddetumble.contact.effect import Scalar, parameter\n" + source, scope)
+    assert check_effect(scope["Jet"]).ok
+    law = torque.RigidBody(inertia_ratio=jnp.asarray(0.5)).extend((scope["Jet"](push=1e-6, tau=100.0),))
+    gained = 2.0 * 1e-6 * 100.0 * (1.0 - np.exp(-TIMES / 100.0))
+    assert np.abs(move(law, TIMES).angular_velocity[:, 2] - RATES[2] - gained).max() < 1e-12
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 1.7])
+def test_nulls_leave_torque_free_motion(ratio):
+    """With every effect at its null: the closed form, rates and attitude."""
+    found = move(make_law(ratio, {}), TIMES)
+    free = coast([1.0, 1.0, ratio], [1.0, 0.0, 0.0, 0.0], RATES, TIMES)
+    assert np.abs(found.angular_velocity - free.angular_velocity).max() < 2e-8
+    assert np.abs(found.attitude - free.attitude).max() < 1e-6 and not found.failed
+
+
+def test_eddy_currents_on_a_sphere():
+    """All rates decay as exp(-k t); on any body of revolution the axial rate as exp(-k t / r)."""
+    decay = np.exp(-1e-3 * TIMES)[:, None]
+    found = move(make_law(1.0, {"eddy-current": {"k_e": 1e-3}}), TIMES)
+    assert np.abs(found.angular_velocity - decay * RATES).max() < 1e-10
+    found = move(make_law(0.4, {"eddy-current": {"k_e": 1e-3}}), TIMES)
+    assert np.abs(found.angular_velocity[:, 2] - decay[:, 0] ** 2.5 * RATES[2]).max() < 1e-9
+
+
+def test_constant_torque_on_a_sphere():
+    """All rates grow linearly."""
+    push = np.array([2e-6, -3e-6, 1e-6])
+    found = move(make_law(1.0, {"constant-torque": {"torque": push}}), TIMES)
+    assert np.abs(found.angular_velocity - (RATES + TIMES[:, None] * push)).max() < 1e-12
+
+
+def test_inertia_asymmetry_is_another_body():
+    """Moments 1 + epsilon, 1 - epsilon, r: the closed form of three different moments."""
+    found = move(make_law(0.6, {"inertia-asymmetry": {"epsilon": 0.05}}), TIMES)
+    free = coast([1.05, 0.95, 0.6], [1.0, 0.0, 0.0, 0.0], RATES, TIMES)
+    assert np.abs(found.angular_velocity - free.angular_velocity).max() < 2e-8
+
+
+def test_gyroscopes():
+    """Misalignment, then scale, then bias; the motion itself and the attitude stay."""
+    angle, g, bias = 0.3, 0.02, np.array([1e-3, -2e-3, 3e-3])
+    effects = {"axis-misalignment": {"angle": angle}, "gyro-scale": {"g": g}, "gyro-bias": {"bias": bias}}
+    found, free = move(make_law(0.5, effects), TIMES), move(make_law(0.5, {}), TIMES)
+    turned = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    assert np.abs(found.angular_velocity - ((1 + g) * free.body @ turned + bias)).max() < 1e-14
+    assert np.array_equal(found.body, free.body) and np.array_equal(found.attitude, free.attitude)
+
+
+def test_scale_is_another_ratio_without_torque():
+    """Rates times 1 + g of a body with ratio r are those of one with 1 - (1 - r)/(1 + g)."""
+    g, ratio = 0.03, 0.5
+    scaled = move(make_law(ratio, {"gyro-scale": {"g": g}}), TIMES)
+    other = move(make_law(1 - (1 - ratio) / (1 + g), {}), TIMES, [(1 + g) * w for w in RATES])
+    assert np.abs(scaled.angular_velocity - other.angular_velocity).max() < 1e-8
+
+
+def test_damper_keeps_the_momentum():
+    """Body and sphere together keep their angular momentum in the inertial frame, while energy falls."""
+    coupling, inner, ratio = 2e-3, 0.2, 0.6
+    found = move(make_law(ratio, {"internal-damper": {"c": coupling, "I_d": inner}}), TIMES)
+    total = found.body * jnp.array([1.0, 1.0, ratio]) + inner * found.inner[:, 0]
+    inertial = rotate(found.attitude, total)
+    assert np.abs(inertial - inertial[0]).max() < 1e-7
+    energy = np.sum(found.body**2 * np.array([1.0, 1.0, ratio]), 1) + inner * np.sum(found.inner[:, 0] ** 2, 1)
+    assert np.all(np.diff(energy) < 0) and energy[-1] < 0.995 * energy[0]
+    assert np.array_equal(found.inner[0, 0], found.body[0])
+
+
+def test_gravity_gradient_librates():
+    """Pitch librates about the vertical at n sqrt(3 (I_y - I_x)/I_z)."""
+    orbit, epsilon, ratio, kick = 0.01, -0.1, 0.5, 1e-6
+    law = make_law(ratio, {"gravity-gradient": {"scale": 1.0}, "inertia-asymmetry": {"epsilon": epsilon}}, orbit)
+    found = move(law, TIMES, [0.0, 0.0, orbit + kick])
+    frequency = orbit * np.sqrt(3.0 * -2.0 * epsilon / ratio)
+    assert np.abs(found.angular_velocity[:, 2] - orbit - kick * np.cos(frequency * TIMES)).max() < 1e-3 * kick
+
+
+@pytest.mark.parametrize("name", [*TYPICAL, "gyro-scale", "all, thirtyfold"])
+def test_independent_simulator(name):
+    """Rates and attitude of every effect, and of all together, thirty times as large."""
+    effects = {name: TYPICAL.get(name, {"g": 0.02})}
+    if name.startswith("all"):
+        effects = {key: scale_effect(value, 30.0) for key, value in TYPICAL.items()}
+    rates, attitude = simulate_tumbling({"inertia_ratio": 0.46}, effects, RATES, TIMES)
+    found = move(make_law(0.46, effects), TIMES)
+    assert np.abs(found.angular_velocity - rates).max() < 3e-8
+    side = np.sign(np.sum(np.asarray(found.attitude) * attitude, axis=1))[:, None]
+    assert np.abs(found.attitude * side - attitude).max() < 1e-6
+
+
+def test_adaptive_integration_agrees():
+    """The general integrator with the same torque."""
+    found = move(make_law(0.46, {"eddy-current": {"k_e": 1e-4}}), TIMES)
+    other = tumble([1, 1, 0.46], [1, 0, 0, 0], RATES, TIMES, lambda t, q, w: -1e-4 * w)
+    assert np.abs(found.angular_velocity - other.angular_velocity).max() < 1e-8
+
+
+@pytest.mark.slow
+def test_gradients():
+    """Forward, reverse and difference quotients of a reading, by every parameter that torques and inertia have."""
+    times = TIMES[:101]
+
+    def read(x):
+        law = make_law(x[0], {"eddy-current": {"k_e": x[1]}, "internal-damper": {"c": x[2], "I_d": x[3]},
+                              "gravity-gradient": {"scale": x[4]}, "inertia-asymmetry": {"epsilon": x[5]},
+                              "axis-misalignment": {"angle": x[6]}})
+        return jnp.sum(jnp.sin(40.0 * move(law, times).angular_velocity[50]))
+
+    x = jnp.array([0.5, 1e-4, 2e-4, 0.1, 3.0, 0.02, 0.1])
+    forward, reverse = jax.jacfwd(read)(x), jax.grad(read)(x)
+    assert np.allclose(forward, reverse, rtol=1e-9, atol=1e-12)
+    h = 1e-5 * np.asarray(x)
+    differences = [(read(x + d) - read(x - d)) / (2 * np.abs(d).max()) for d in np.diag(h)]
+    assert np.allclose(forward, np.array(differences), rtol=2e-6, atol=1e-9)
