@@ -33,8 +33,8 @@ def compare(emcee, nuts) -> list[dict]:
 
 def describe(found, emcee, nuts, rows) -> str:
     """README of the folder."""
-    lines = [f"# a...e at {LOAD:g} N", "", "Made by `python -m docs.slip_posterior -o fits/slip-coefficients`: a curve of "
-             "Eq. 10 with noise, e free.", "",
+    lines = [f"# a...e at {LOAD:g} N", "", "Made by `python -m docs.slip_posterior -o fits/slip-coefficients`: a curve "
+             "of Eq. 10 with noise, e free.", "",
              "| | optimistix | its interval by profile | emcee: mean, sd | 95 % of its draws | NUTS: mean, sd |",
              "| --- | --- | --- | --- | --- | --- |"]
     for name, p in emcee.parameters.items():
@@ -62,8 +62,8 @@ def main() -> None:
     given = parser.parse_args()
     curve = make_curve(LOAD, np.random.default_rng(SEED))
     found = fit_slip_curve(curve.slip, curve.coefficient, curve.load, curve.sd, free_e=True)
-    emcee = sample(found, seed=SEED, effective=4000, most=40_000, block=500)
-    nuts = sample(found, seed=SEED, sampler="nuts", effective=4000, burn=1000, block=500, most=20_000)
+    emcee = sample(found, seed=SEED, effective=3000, most=60_000, block=500)
+    nuts = sample(found, seed=SEED, sampler="nuts", effective=3000, burn=1000, block=500, most=20_000)
     emcee.save(given.output)
     rows = compare(emcee, nuts)
     (given.output / "corner.png").write_bytes(render_png(draw_corner(emcee)))

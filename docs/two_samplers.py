@@ -13,14 +13,14 @@ from docs.slip_posterior import compare
 
 
 ROOT = Path(__file__).resolve().parent.parent
-FITS = ("restitution-mass", "friction-constants", "impact-b")
+FITS = ("restitution-mass", "friction-constants")
 
 
 def study(name: str) -> dict:
     """Both samplers on one specified fit."""
     file = ROOT / "fits" / name / "fit.toml"
-    emcee = sample(file, effective=4000)
-    nuts = sample(file, sampler="nuts", effective=3000, burn=200, block=250)
+    emcee = sample(file, effective=3000)
+    nuts = sample(file, sampler="nuts", effective=2000, burn=200, block=250)
     return {"fit": name, "records": len(emcee.target.parts), "emcee": emcee.to_dict(), "nuts": nuts.to_dict(),
             "compared": compare(emcee, nuts)}
 

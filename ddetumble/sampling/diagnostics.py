@@ -1,9 +1,10 @@
 r"""Whether chains are long enough: autocorrelation time, effective size and R-hat of independent ensembles.
 
-Walkers of one ensemble move by each other's places, so that they are no independent chains: the autocorrelation time
-$\tau$ is that of emcee, of the function averaged over the walkers of an ensemble (Goodman and Weare 2010), the
-effective size is steps times walkers over $\tau$ summed over the ensembles, and R-hat (split, rank-normalised; Vehtari
-et al. 2021) compares the ensembles, which are independent.
+Walkers of one ensemble move by each other's places, so that they are no independent chains, and an ensemble can widen
+and narrow as a whole. The effective size is therefore that of the mean over the walkers $m_t$ (Goodman and Weare 2010),
+$n \operatorname{Var}(x) / (\tau_m \operatorname{Var}(m_t))$ over n steps, with the autocorrelation time $\tau_m$ of
+$m_t$, for x and for its distance from the median (which tells of the tails), the smaller one. R-hat (split,
+rank-normalised; Vehtari et al. 2021) compares the ensembles, which are independent.
 """
 
 import dataclasses as dc
@@ -23,7 +24,7 @@ class Convergence:
 
     Attributes:
         steps: of each ensemble.
-        times: autocorrelation time in steps, longest over the ensembles, shape (free,).
+        times: steps of one walker worth one draw, longest over the ensembles, shape (free,).
         sizes: effective size of each parameter, shape (free,).
         rhats: R-hat of each parameter between the ensembles, shape (free,).
         effective, rhat: worst of them.
@@ -42,12 +43,27 @@ class Convergence:
 
 
 def measure_times(x: np.ndarray) -> np.ndarray:
-    """Autocorrelation time by emcee of one ensemble, shape (steps, walkers, free) to (free,); at least 1."""
+    """Steps of one walker that are worth one independent draw, in one ensemble; at least 1.
+
+    Args:
+        x: shape (steps, walkers, free).
+
+    Returns:
+        Shape (free,).
+    """
     if x.shape[0] < 8:
         return np.full(x.shape[2], np.inf)
+    found = [_measure(x), _measure(np.abs(x - np.median(x, axis=(0, 1))))]
+    return np.maximum(np.max(found, axis=0), 1.0)
+
+
+def _measure(x: np.ndarray) -> np.ndarray:
+    means = x.mean(axis=1, keepdims=True)
+    spread, own = x.var(axis=(0, 1)), means.var(axis=(0, 1))
     with np.errstate(all="ignore"):
-        found = emcee.autocorr.integrated_time(x, tol=0, quiet=True)
-    return np.maximum(np.where(np.isfinite(found), found, np.inf), 1.0)
+        times = np.ravel(emcee.autocorr.integrated_time(means, tol=0, quiet=True))
+        found = np.maximum(times, 1.0) * own / spread * x.shape[1]
+    return np.where(np.isfinite(found), found, np.inf)
 
 
 def compare_ensembles(x: np.ndarray) -> np.ndarray:

@@ -29,8 +29,8 @@ from .target import AbstractTarget, CampaignTarget
 
 
 REACH = 6.0  # standard deviations within which a limit counts
-ACCEPT = 0.85
-DEEPEST = 7  # doublings of a trajectory
+ACCEPT = {True: 0.85, False: 0.97}  # wanted of moves: of campaigns, nearly Gaussian; of curves, which need not be
+DEEPEST = 8  # doublings of a trajectory
 
 
 class Walls(NamedTuple):
@@ -173,7 +173,9 @@ def run_nuts(target: AbstractTarget, settings: Settings, folder: Path | None = N
 
 def _run(kernel_of, target: AbstractTarget, settings: Settings, chain: ChainFolder | None, progress) -> Posterior:
     joint, size, potential = _pose(target)
-    kernel = kernel_of(potential_fn=potential, target_accept_prob=ACCEPT, max_tree_depth=DEEPEST)
+    plain = isinstance(target, CampaignTarget)  # and whitened by its fit; others learn their mass matrix
+    kernel = kernel_of(potential_fn=potential, target_accept_prob=ACCEPT[plain], max_tree_depth=DEEPEST,
+                       dense_mass=not plain)
     keys = jax.random.split(jax.random.PRNGKey(settings.seed), settings.ensembles + 1)
     starts = 0.5 * jax.random.normal(keys[-1], (settings.ensembles, size))
     states = [kernel.init(keys[k], settings.burn, starts[k], (), {}) for k in range(settings.ensembles)]

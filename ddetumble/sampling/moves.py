@@ -8,7 +8,8 @@ from .target import AbstractTarget
 
 
 TAIL = 5.0  # degrees of freedom of the proposal
-WIDER = 1.1  # than the Gaussian it is made from
+WIDER = (1.1, 2.5)  # than the Gaussian it is made from, of its two parts
+PARTS = (0.85, 0.15)  # of these two: the wide one keeps the tails within reach
 OTHERS = (0.6, 0.2, 0.2)  # of differential evolution, snooker and stretch moves among those that are not independent
 FEW, MANY = 0.5, 0.9  # share of independent moves; many where the proposal is close to the posterior
 CLOSE = 1.0  # standard deviation of the logarithm of posterior over proposal, below which it is
@@ -16,7 +17,7 @@ TRIES = 100
 
 
 class Proposal:
-    """Multivariate t within the limits, by which emcee's Metropolis-Hastings move draws new places for all walkers.
+    """Two multivariate t about one mean within the limits, from which all walkers draw new places.
 
     Args:
         mean: shape (free,).
@@ -30,12 +31,15 @@ class Proposal:
         self.mean, self.covariance, self.low, self.high = mean, covariance, low, high
         scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlation = covariance / np.outer(scale, scale) + 1e-10 * np.eye(len(scale))
-        self.factor = WIDER * scale[:, None] * np.linalg.cholesky(correlation)
+        self.factor = scale[:, None] * np.linalg.cholesky(correlation)
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Up to a constant, shape (points, free) to (points,)."""
         y = np.linalg.solve(self.factor, (x - self.mean).T)
-        return -0.5 * (TAIL + len(self.mean)) * np.log1p(np.sum(y**2, axis=0) / TAIL)
+        square, free = np.sum(y**2, axis=0), len(self.mean)
+        parts = [np.log(share) - free * np.log(wide) - 0.5 * (TAIL + free) * np.log1p(square / (TAIL * wide**2))
+                 for share, wide in zip(PARTS, WIDER, strict=True)]
+        return np.logaddexp(*parts)
 
     def draw(self, count: int, rng) -> np.ndarray:
         """Points within the limits, shape (count, free); as good as a few tries make it."""
@@ -51,7 +55,8 @@ class Proposal:
         normal = rng.standard_normal((count, len(self.mean)))
         # A gamma variate by its inverse: every call uses as many random numbers, whichever machine.
         stretch = np.sqrt(special.gammaincinv(TAIL / 2, rng.random_sample(count)) * 2.0 / TAIL)
-        return self.mean + (normal @ self.factor.T) / stretch[:, None]
+        wide = np.where(rng.random_sample(count) < PARTS[0], *WIDER)
+        return self.mean + (normal @ self.factor.T) * (wide / stretch)[:, None]
 
     def __call__(self, coordinates: np.ndarray, rng) -> tuple[np.ndarray, np.ndarray]:
         """New places and the logarithm of the ratio of the proposal's densities there and here."""
