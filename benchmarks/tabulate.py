@@ -5,6 +5,7 @@
 """
 
 import json
+import statistics
 import sys
 from pathlib import Path
 
@@ -48,6 +49,28 @@ def write_tables(results):
         rows = [(one["campaign"], *(f"{one[key]['median_s']:.2f}" for key in ("help", "first", "second")))
                 for one in started]
         parts.append(write_table(("campaign", "`--help` [s]", "first `discover` [s]", "second [s]"), rows))
+    sampled = [one for one in results if one["benchmark"] == "sample"]
+    if sampled:
+        rows = [(one["campaign"], one["effect"], one["records"], one["free"], f"{one['ours_per_second']:.0f}",
+                 f"`{one['peer_file']}`", f"{one['peer']['per_second']:.2f}", f"{one['peer']['ratio']:.0f}",
+                 f"{1e3 * time_density(one['ours']):.1f}", f"{1e3 * time_density([one['peer']]):.1f}",
+                 f"{one['disagreement']:.1g}", f"{one['machine']['load_at_start']:.1f}") for one in sampled]
+        header = ("campaign", "effect", "records", "parameters", "ours: independent draws a second", "peer", "its",
+                  "ratio", "ours: ms a density", "its", "densities differ by", "load")
+        parts.append(write_table(header, rows))
+    tumbled = [one for one in results if one["benchmark"] == "tumble"]
+    if tumbled:
+        names = {"many": f"{tumbled[0]['count']} trajectories of 600 s", "one": "one trajectory",
+                 "gradient": "a gradient"}
+        rows = []
+        for one in tumbled:
+            for task, text in names.items():
+                seconds = [one[which][task]["median_s"] for which in ("ours", "heyoka", "scipy")]
+                rows.append((text, *(f"{x:.3g}" for x in seconds), *(f"{x / seconds[0]:.3g}" for x in seconds[1:])))
+            errors = (f"{one[which]['error']:.1g}" for which in ("ours", "heyoka", "scipy"))
+            rows.append(("error of the worst of 64", *errors, "", ""))
+        parts.append(write_table(("", "ours [s]", "heyoka [s]", "SciPy DOP853 [s]", "heyoka over ours",
+                                  "SciPy over ours"), rows))
     machines = list(dict.fromkeys(say_machine(one["machine"]) for one in results))
     parts += [f"Measured on: {machine}." for machine in machines]
     return "\n\n".join(parts) or "No results yet."
@@ -62,6 +85,11 @@ def compare_row(one):
             (f"{peer['median_s']:.1f}" if peer['median_s'] >= 10 else f"{peer['median_s']:.2f}") if peer else "–",
             f"{one['ratio']:.1f}" if peer else "–", f"{one['machine']['load_at_start'] or 0:.1f}", found,
             peer["ranking"][0] if peer else "–")  # fmt: skip
+
+
+def time_density(runs):
+    """Seconds that one density takes, the middle of several runs."""
+    return statistics.median(one["seconds"] / one["evaluations"] for one in runs)
 
 
 def say_machine(machine):

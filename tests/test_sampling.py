@@ -220,7 +220,20 @@ def test_autocorrelation_time_of_a_known_process():
     x = np.zeros((20_000, 8, 1))
     for t in range(1, len(x)):
         x[t] = 0.8 * x[t - 1] + rng.standard_normal((8, 1))
-    assert measure_times(x)[0] == pytest.approx(9.0, rel=0.08)
+    assert measure_times(x)[0] == pytest.approx(9.0, rel=0.15)
+
+
+def test_walkers_that_move_together_are_one():
+    """A slow motion that all walkers share, and one of their common spread: more walkers are no more draws."""
+    rng = np.random.default_rng(5)
+    slow = np.zeros((20_000, 1, 1))
+    for t in range(1, len(slow)):
+        slow[t] = 0.9 * slow[t - 1] + rng.standard_normal((1, 1))
+    together = slow + 1e-3 * rng.standard_normal((len(slow), 16, 1))
+    assert measure_times(together)[0] == pytest.approx(16 * 19.0, rel=0.25)
+    widening = np.exp(0.3 * slow) * rng.standard_normal((len(slow), 16, 1))
+    apart = rng.standard_normal((len(slow), 16, 1))
+    assert measure_times(widening)[0] > 20 * measure_times(apart)[0]
 
 
 def test_ensembles_that_differ_are_seen():
