@@ -187,10 +187,10 @@ def test_readme_links():
 @pytest.mark.slow
 def test_readme_python_runs(tmp_path):
     """The Python of README runs as it stands."""
-    block, oblique, own = read_blocks(ROOT / "README.md", "python")
+    *blocks, own = read_blocks(ROOT / "README.md", "python")
     assert own in (ROOT / "docs" / "end_stop.py").read_text(encoding="utf-8")  # which test_discover.py runs
     script = tmp_path / "readme.py"
-    script.write_text(block + oblique, encoding="utf-8")
+    script.write_text("".join(blocks), encoding="utf-8")
     (tmp_path / "data").symlink_to(ROOT / "data", target_is_directory=True)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
