@@ -339,7 +339,8 @@ def describe(result: Mapping[str, Any], command: str) -> str:
             lines.append(f"| {case} | {n} | {found['runs']} | {'yes' if found['uniform'][n] else 'NO'} | "
                          + " | ".join(f"{100 * c[str(level)]:.1f} %" for level in LEVELS) + " |")
     lines += ["", *(f"- *{case}*: {found['text']}; nuisances sampled rather than integrated analytically in "
-                    f"{found['nuisances_sampled']} runs{found.get('remark', '')}." for case, found in result["ranks"].items()), "",
+                    f"{found['nuisances_sampled']} runs{found.get('remark', '')}."
+                    for case, found in result["ranks"].items()), "",
               "![ranks](ranks.png)", ""]
     return "\n".join(lines)
 
