@@ -49,8 +49,7 @@ def describe(found, emcee, nuts, rows) -> str:
               f"- Their means differ by at most {worst:.1f} Monte Carlo errors; deviations: "
               + ", ".join(f"{r['name']} {r['ratio']:.3f} ± {r['ratio_error']:.3f}" for r in rows) + ".",
               "- Open: deviations that differ by more than their errors mean that the two samplers do not see the same "
-              "tail, of large b and small c; the profile's ends agree with NUTS. Until that is understood, take NUTS or "
-              "the profile for a...e.",
+              "tail, of large b and small c; the profile's ends agree with NUTS.",
               "- At other loads the same curve leaves c and d without an end (below 10 N and at 20 to 24 N), and "
               "`sample` refuses; at 15 N the profile has ends, but the draws follow a valley to d = 0, and neither "
               "sampler comes to an end: it says so.", "",
