@@ -29,10 +29,10 @@ from ddetumble.inference.findings import Fit, summarise_fit
 from ddetumble.inference.models import resolve_effect, resolve_model
 from ddetumble.inference.parameters import ParameterSpace, to_public
 from ddetumble.inference.problem import Problem
-from ddetumble.inference.stack import default_noise, stack_records
+from ddetumble.inference.stack import default_noise, stack_records, trim_records
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.target import pose_fit, trim_records
+from ddetumble.sampling.target import pose_fit
 from tests.independent.campaigns import make_campaign
 from tests.independent.slip_campaigns import make_slip_campaign
 

@@ -22,6 +22,7 @@ from ddetumble.sampling.scores import fit_without, score_conditions, smooth_weig
 from ddetumble.sampling.target import draw_inside, pose_fit
 from ddetumble.sampling.weighing import draw_about, read_rivals, read_weights, weigh
 from ddetumble.sampling.weights import compare_rivals, stack_weights
+from tests.test_tumble import make_long
 
 
 SD = 0.3
@@ -340,3 +341,21 @@ def test_report_of_a_posterior(fits, tmp_path):
     assert "http" not in html.split("<body", 1)[1].replace("http-equiv", "")
     for name in ("corner", "trace", "ranks", "predictive", "left-out"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_checks_of_tumbling_records():
+    """Sparse records, whose mesh is longer than they are, keep it whole; free starts count on neither side."""
+    interval = 10.0
+    found = fit(make_long(4, 600.0, interval, 0.3))
+    mesh, samples = found.problem.records.stack.inputs["mesh"].shape[1], int(600 / interval) + 1
+    target = pose_fit(found)
+    trimmed = target.records.stack.inputs["mesh"]
+    assert mesh > 64 > samples and trimmed.shape == (4, mesh)
+    assert float(trimmed.max()) == 600.0
+    checks = check_posterior(target, draw_inside(target, np.random.default_rng(0), 48))
+    assert not checks.rejected
+    # Three channels and no nuisance with a prior: chi-square over 3 n degrees is 1 within a few of its deviations.
+    ratio = np.mean([one.chi_square for one in checks.records])
+    assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / (4 * 3 * samples))
+    assert all(one.samples == 3 * samples for one in checks.records)

@@ -2,6 +2,7 @@
 
 import json
 
+import emcee
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,7 @@ from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
 from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
 from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.moves import Proposal
+from ddetumble.sampling.moves import Proposal, mix_moves
 from ddetumble.sampling.target import draw_inside
 from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
 
@@ -185,15 +186,35 @@ def test_two_separate_hills_are_both_visited():
     assert found.converged and abs(np.mean(found.x > 1.5) - 0.5) < 0.06
 
 
-def test_the_proposal_draws_what_its_density_says():
-    """Importance weights of its draws give the moments of another distribution."""
+@pytest.mark.parametrize("even", [False, True])
+def test_the_proposal_draws_what_its_density_says(even):
+    """Importance weights of its draws, random or evenly spread, give the moments of another distribution."""
     made = Proposal(np.array([0.2, -0.1]), np.array([[1.0, 0.6], [0.6, 1.0]]), np.full(2, -np.inf), np.full(2, np.inf))
-    x = made.draw(200_000, np.random.RandomState(1))
+    x = made.spread(2**17, 1) if even else made.draw(200_000, np.random.RandomState(1))
     logs = stats.multivariate_normal([0.5, 0.0], [[0.8, 0.1], [0.1, 0.5]]).logpdf(x) - made.log_density(x)
     w = np.exp(logs - logs.max())
     w /= w.sum()
     np.testing.assert_allclose(w @ x, [0.5, 0.0], atol=0.02)
     np.testing.assert_allclose(w @ x[:, 0] ** 2 - 0.25, 0.8, atol=0.03)
+
+
+@pytest.mark.parametrize("which", range(3))
+def test_every_move_leaves_the_density_as_it_is(which):
+    """In five dimensions, where a wrong power of the jump's length in a move's weight changes every variance."""
+    size, walkers, free = 5, 200, np.full(5, np.inf)
+    sd = np.geomspace(1.0, 3.0, size)
+    move, _ = mix_moves(Proposal(np.zeros(size), 1.5 * np.diag(sd**2), -free, free))[which]
+    chain = emcee.EnsembleSampler(walkers, size, lambda x: -0.5 * np.sum((x / sd) ** 2, axis=1), moves=move,
+                                  vectorize=True)
+    chain._random = random = np.random.RandomState(3)
+    chain.run_mcmc(sd * random.standard_normal((walkers, size)), 1500, skip_initial_state_check=True)
+    assert np.mean((chain.get_chain(discard=200) / sd) ** 2) == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_moves_are_all_tested():
+    """The test above counts them."""
+    free = np.full(5, np.inf)
+    assert len(mix_moves(Proposal(np.zeros(5), np.eye(5), -free, free))) == 3
 
 
 def test_samplers_agree_on_a_campaign(posterior, target):

@@ -18,6 +18,7 @@ from .strokes import split_strokes
 
 
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
+GRAIN = 64  # trimmed records keep a multiple of so many samples
 
 
 class Stack(eqx.Module):
@@ -227,6 +228,18 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
                   inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
     return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances), lengths, complete, stack, family.name,
                    tuple(strokes), starts)
+
+
+def trim_records(records: Records) -> Records:
+    """Without padding: as many rows as there are records, and samples to a multiple of a few."""
+    old, rows, padded = records.stack, records.count, records.stack.time.shape[1]
+    size = min(-(-int(records.lengths.max()) // GRAIN) * GRAIN, padded)
+    # A mesh has steps, not samples.
+    inputs = {k: v[:rows] if k == "mesh" else v[:rows, :size] for k, v in old.inputs.items()}
+    stack = Stack(old.time[:rows, :size], old.span[:rows], old.values[:rows, :, :size], old.weights[:rows, :, :size],
+                  old.taps[:rows, :, :size], {k: v[:rows] for k, v in old.conditions.items()},
+                  old.condition_sd[:rows], old.present[:rows], inputs, old.rtol)
+    return dc.replace(records, stack=stack)
 
 
 def _follow(campaign: Campaign, slip: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -186,7 +186,9 @@ def check_posterior(target: CampaignTarget, x: np.ndarray, seed: int = 0,
     level = np.array([one.log_level_sd for one in noise])
     residual = residual * np.exp(-0.5 * level * rng.standard_normal((draws, channels)))[:, None, :, None]
     valid = weights > 0
-    moved = np.asarray(stack.condition_sd) > 0
+    # What a tumbling record starts from has no prior worth the name: it is fitted, and counts on neither side.
+    settled = np.array([name not in target.records.starts for name in target.records.nuisances])
+    moved = (np.asarray(stack.condition_sd) > 0) & settled
     size = valid.sum(axis=(1, 2))
     degrees = size + moved.sum(axis=1)
     square = np.sum(residual**2 * valid, axis=(2, 3)) + np.sum(np.where(moved, z, 0.0) ** 2, axis=2)

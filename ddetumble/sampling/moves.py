@@ -2,7 +2,7 @@
 
 import emcee
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from .target import AbstractTarget
 
@@ -52,10 +52,25 @@ class Proposal:
         return found
 
     def _draw(self, count: int, rng) -> np.ndarray:
-        normal = rng.standard_normal((count, len(self.mean)))
+        return self.place(rng.standard_normal((count, len(self.mean))), rng.random_sample(count),
+                          rng.random_sample(count))
+
+    def spread(self, count: int, seed: int) -> np.ndarray:
+        """Points spread more evenly than draws (scrambled Sobol), without those beyond the limits, shape (some, free).
+
+        As those are left out, the density of what remains is `log_density`, up to a constant that all proposals of one
+        target share.
+        """
+        u = stats.qmc.Sobol(len(self.mean) + 2, rng=np.random.default_rng(seed)).random(count)
+        u = np.clip(u, 1e-9, 1 - 1e-9)
+        x = self.place(stats.norm.ppf(u[:, :-2]), u[:, -2], u[:, -1])
+        return x[np.all((x >= self.low) & (x <= self.high), axis=1)]
+
+    def place(self, normal: np.ndarray, tail: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """Points of the density from standard normal numbers, shape (points, free), and two uniform ones each."""
         # A gamma variate by its inverse: every call uses as many random numbers, whichever machine.
-        stretch = np.sqrt(special.gammaincinv(TAIL / 2, rng.random_sample(count)) * 2.0 / TAIL)
-        wide = np.where(rng.random_sample(count) < PARTS[0], *WIDER)
+        stretch = np.sqrt(special.gammaincinv(TAIL / 2, tail) * 2.0 / TAIL)
+        wide = np.where(part < PARTS[0], *WIDER)
         return self.mean + (normal @ self.factor.T) * (wide / stretch)[:, None]
 
     def __call__(self, coordinates: np.ndarray, rng) -> tuple[np.ndarray, np.ndarray]:

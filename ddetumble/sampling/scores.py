@@ -19,14 +19,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import optimize, special, stats
+from scipy import optimize
 
 from .._errors import ComputationError
 from ..inference.bounded import solve_bounded
 from ..inference.problem import Problem
 from ..measurement.grouping import group_conditions, name_conditions
 from .curves import CurveTarget
-from .moves import TAIL, Proposal
+from .moves import Proposal
 from .target import AbstractTarget, CampaignTarget, cap_covariance, know_fit
 
 
@@ -203,7 +203,7 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.
     halves, best = [found, whole], None
     for _ in range(2):
         proposals = [Proposal(*one, target.low, target.high) for one in halves]
-        x = np.concatenate([_spread(one, spare_draws(target, REFITTED) // 2, random) for one in proposals])
+        x = np.concatenate([one.spread(spare_draws(target, REFITTED) // 2, random.randint(2**31)) for one in proposals])
         if not len(x):
             return best
         densities = [one.log_density(x) - np.sum(np.log(np.diag(one.factor))) for one in proposals]
@@ -224,19 +224,6 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.
             break
         halves = [describe_draws(x, w, one[1]) for w, one in zip((smooth, posterior), halves, strict=True)]
     return best
-
-
-def _spread(proposal: Proposal, count: int, random) -> np.ndarray:
-    """Points of a multivariate t, evenly spread (scrambled Sobol), without those beyond the limits, shape (some, free).
-
-    As those are left out, the density of what remains is the t's own, up to a constant that all proposals share.
-    """
-    size = len(proposal.mean)
-    u = stats.qmc.Sobol(size + 1, rng=np.random.default_rng(random.randint(2**31))).random(count)
-    u = np.clip(u, 1e-9, 1 - 1e-9)
-    stretch = np.sqrt(special.gammaincinv(TAIL / 2, u[:, -1]) * 2.0 / TAIL)
-    x = proposal.mean + (stats.norm.ppf(u[:, :-1]) @ proposal.factor.T) / stretch[:, None]
-    return x[np.all((x >= proposal.low) & (x <= proposal.high), axis=1)]
 
 
 def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from ..inference.findings import Fit
 from ..inference.identifiability import Knowledge, analyse_columns
 from ..inference.parameters import ParameterSpace, to_public
 from ..inference.problem import WORKERS, Problem, Solution
-from ..inference.stack import Records, Stack
+from ..inference.stack import Records, trim_records
 from .marginal import Integral, Plan, draw_nodes, integrate_nuisances
 
 
@@ -25,7 +25,6 @@ POINTS = 16  # of the importance sampling of a record's nuisances
 TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged
 CURVED = 0.05  # standard deviation, over these, of what the linear integral is off by: beyond it nuisances are sampled
 FROZEN = ("base", "centre", "own", "slope", "nodes")
-GRAIN = 64  # samples are padded to a multiple of it
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -206,18 +205,6 @@ def _slim(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...]) -> Par
     """The same reference model with those effects only that are in the model or not at their null."""
     moved = {s.owner for k, s in enumerate(space.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
     return ParameterSpace(space.reference, [e for e in space.effects if e.id in effects or e.id in moved])
-
-
-def trim_records(records: Records) -> Records:
-    """Without padding: as many rows as there are records, and samples to a multiple of a few."""
-    rows = records.count
-    size = min(-(-int(records.lengths.max()) // GRAIN) * GRAIN, records.stack.time.shape[1])
-    old = records.stack
-    stack = Stack(old.time[:rows, :size], old.span[:rows], old.values[:rows, :, :size], old.weights[:rows, :, :size],
-                  old.taps[:rows, :, :size], {k: v[:rows] for k, v in old.conditions.items()},
-                  old.condition_sd[:rows], old.present[:rows], {k: v[:rows, :size] for k, v in old.inputs.items()},
-                  old.rtol)
-    return dc.replace(records, stack=stack)
 
 
 def _plan(space: ParameterSpace, records: Records, fit: Fit, at, names) -> Plan:
