@@ -277,7 +277,7 @@ def main(arguments):
     if testing:
         command = [python, "-m", "pytest", "-n", str(count_workers()), "--dist", "loadfile"] + arguments[1:]
         return subprocess.call(command, env=environment(folder), cwd=ROOT)
-    return subprocess.call([python, "-m", "ddetumble.cli"] + arguments, env=environment(folder))
+    return subprocess.call([python, "-m", "ddetumble"] + arguments, env=environment(folder))
 
 
 if __name__ == "__main__":

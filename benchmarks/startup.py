@@ -60,7 +60,7 @@ def run(command, cache=None):
     if cache is not None:
         environment["JAX_COMPILATION_CACHE_DIR"] = cache
     began = time.perf_counter()
-    done = subprocess.run([sys.executable, "-m", "ddetumble.cli", *command], env=environment, capture_output=True,
+    done = subprocess.run([sys.executable, "-m", "ddetumble", *command], env=environment, capture_output=True,
                           text=True)  # fmt: skip
     seconds = time.perf_counter() - began
     if done.returncode:

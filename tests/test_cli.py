@@ -23,7 +23,7 @@ COMMANDS = sorted(typer.main.get_command(app).commands)  # pyright: ignore
 
 def call(*arguments, **options):
     """Run the command in a process of its own; returns the finished process, its output as text."""
-    command = [sys.executable, "-m", "ddetumble.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "ddetumble", *map(str, arguments)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, **options)
 
 
@@ -102,7 +102,7 @@ def test_process():
 
 def test_closed_pipe():
     """A reader that leaves early is no reason to complain."""
-    command = [sys.executable, "-m", "ddetumble.cli", "--help"]
+    command = [sys.executable, "-m", "ddetumble", "--help"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout and process.stderr
         process.stdout.close()
