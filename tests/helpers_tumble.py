@@ -3,13 +3,18 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 
 from ddetumble.contact.effect import parameters_of
 from ddetumble.contact.torque import RigidBody
 from ddetumble.dynamics.spinning import START, count_steps, spin
 from ddetumble.effects import TUMBLE
+from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
+from tests.independent.tumbling import RATES as CHANNELS
+from tests.independent.tumbling_campaigns import draw_rates, roll_freely
 
 
+NOISE = 2e-5  # rad/s, of long records
 RATES = [0.05, 0.04, 0.11]
 RUN = jax.jit(spin)
 
@@ -33,3 +38,18 @@ def move(law, times, rates=RATES):
     steps = count_steps(times[-1], float(np.linalg.norm(rates)), float(np.median(np.diff(times))))
     start = {name: jnp.asarray(float(w)) for name, w in zip(START, rates, strict=True)}
     return RUN(law, start, jnp.asarray(times), jnp.linspace(0.0, times[-1], steps + 1))
+
+
+def make_long(records, duration, interval, ratio=0.55):
+    """A campaign of torque-free records in memory, from the closed form."""
+    generator = np.random.default_rng(7)
+    times = np.arange(round(duration / interval) + 1) * interval
+    frames = []
+    for k, start in enumerate(draw_rates(generator, records)):
+        rates = roll_freely(ratio, start, times) + NOISE * generator.standard_normal((times.size, 3))
+        frames.append(pd.DataFrame({"record": f"r{k}", "time": times, **dict(zip(CHANNELS, rates.T, strict=True))}))
+    keys = pd.Index([f"r{k}" for k in range(records)], name="record")
+    return Campaign(name="long", title="", family="tumble", path=None, known={"inertia_ratio": None},
+                    records=pd.DataFrame(index=keys), conditions={}, independent=Column("time", "s"),
+                    channels={rate: Column(rate, "rad/s", Uncertainty(NOISE)) for rate in CHANNELS},
+                    samples=pd.concat(frames, ignore_index=True))

@@ -22,7 +22,7 @@ from ddetumble.sampling.scores import fit_without, score_conditions, smooth_weig
 from ddetumble.sampling.target import draw_inside, pose_fit
 from ddetumble.sampling.weighing import draw_about, read_rivals, read_weights, weigh
 from ddetumble.sampling.weights import compare_rivals, stack_weights
-from tests.test_tumble import make_long
+from tests.helpers_tumble import make_long
 
 
 SD = 0.3

@@ -10,13 +10,13 @@ from ddetumble import InputError, compare, discover, find_data, fit, predict, re
 from ddetumble.cli.application import main
 from ddetumble.inference.starts import guess_body, straighten
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
+from tests.helpers_tumble import NOISE, make_long
 from tests.independent.tumbling import RATES, simulate_tumbling
-from tests.independent.tumbling_campaigns import draw_rates, make_tumble_campaign, roll_freely, write_tumble_folder
+from tests.independent.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
 
 
 NAMES = ("tumble-a", "tumble-b", "tumble-c", "tumble-d")
 TRUTH = json.loads((find_data() / "truth.json").read_text(encoding="utf-8"))
-NOISE = 2e-5  # rad/s
 
 
 def name_truth(truth):
@@ -114,21 +114,6 @@ def test_command_line(tmp_path, capsys):
     compared = compare(tmp_path / "short")
     assert compared.lack_of_fit.rejected and "something is missing" in compared.sentence
     capsys.readouterr()
-
-
-def make_long(records, duration, interval, ratio=0.55):
-    """A campaign of torque-free records in memory, from the closed form."""
-    generator = np.random.default_rng(7)
-    times = np.arange(round(duration / interval) + 1) * interval
-    frames = []
-    for k, start in enumerate(draw_rates(generator, records)):
-        rates = roll_freely(ratio, start, times) + NOISE * generator.standard_normal((times.size, 3))
-        frames.append(pd.DataFrame({"record": f"r{k}", "time": times, **dict(zip(RATES, rates.T, strict=True))}))
-    keys = pd.Index([f"r{k}" for k in range(records)], name="record")
-    return Campaign(name="long", title="", family="tumble", path=None, known={"inertia_ratio": None},
-                    records=pd.DataFrame(index=keys), conditions={}, independent=Column("time", "s"),
-                    channels={rate: Column(rate, "rad/s", Uncertainty(NOISE)) for rate in RATES},
-                    samples=pd.concat(frames, ignore_index=True))
 
 
 @pytest.mark.slow

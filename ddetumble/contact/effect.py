@@ -127,8 +127,8 @@ def parameter(
     if coordinate not in ("linear", "log", "logit", "inverse"):
         raise ValueError(f"`parameter(coordinate=...)` must be linear, log, logit or inverse; got {coordinate!r}.")
     meta = dict(unit=unit, default=float(default), name=name, kind=kind, typical=float(typical), sign=sign,
-                bounds=bounds or (-float("inf"), float("inf")), starts=tuple(starts), coordinate=coordinate,
-                free=free, singular=singular, text=text)
+                bounds=bounds or (-float("inf"), float("inf")), starts=tuple(float(x) for x in starts),
+                coordinate=coordinate, free=free, singular=singular, text=text)
     return eqx.field(converter=scalar, default=float(default), metadata={"parameter": meta})
 
 

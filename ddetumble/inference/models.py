@@ -7,7 +7,7 @@ import inspect
 import math
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .._errors import InputError
@@ -154,16 +154,37 @@ def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
                      "wrote, or FILE.py:NAME")
 
 
-def resolve_effect(name: str) -> type[AbstractEffect]:
+def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
+    """All effects that a user's file holds, in its order.
+
+    Raises:
+        InputError: The file cannot be read or run, holds none, or one whose id the catalogue has, or two of one id.
+    """
+    module = _run_file(Path(path))
+    found = [one for one in module.__dict__.values() if isinstance(one, type) and issubclass(one, AbstractEffect)
+             and one.__module__ == module.__name__ and not one.__name__.startswith(("_", "Abstract"))]
+    if not found:
+        raise InputError("the file holds no effect: no class made from one of ddetumble's effect classes", file=path)
+    taken = {effect.id for effects in CATALOGUES.values() for effect in effects}
+    for one in found:
+        if one.id in taken:
+            raise InputError(f"the class {one.__name__} has the id {one.id!r}, which the catalogue has or another "
+                             "class of the file; give it one of its own", file=path)
+        taken.add(one.id)
+    return tuple(found)
+
+
+def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[AbstractEffect]:
     """The effect that a name stands for.
 
     Args:
-        name: an id of the catalogue, or `FILE.py:NAME` for a class of the user's own.
+        name: an id of the catalogue or of `own`, or `FILE.py:NAME` for a class of the user's own.
+        own: effects beside the catalogue, as `list_effects` gives them.
 
     Raises:
         InputError: There is no such effect, file or name, or it is no effect.
     """
-    known = {effect.id: effect for effects in CATALOGUES.values() for effect in effects}
+    known = {effect.id: effect for effects in (*CATALOGUES.values(), own) for effect in effects}
     if name in known:
         return known[name]
     path, colon, attribute = str(name).rpartition(":")

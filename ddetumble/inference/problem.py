@@ -101,16 +101,20 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
                         out_axes=(None, -1, None))(unit)
 
+    def weighed(z_rows, rows, base_rows, run):
+        model, jacobian, (state, rate, end, failed) = run(z_rows, rows, base_rows)
+        failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
+        columns = jnp.concatenate([(model - rows.values)[..., None], jacobian], axis=-1)
+        return model, _weigh(rows, failed, columns), state, rate, end, failed
+
     if space.family.free_running and stack.time.size > LARGE:
         # So many samples at once would fill the memory with what is only on the way.
         rows = eqx.tree_at(lambda s: s.rtol, stack, jnp.broadcast_to(stack.rtol, stack.present.shape))
-        found = jax.lax.map(lambda x: one(*x), (z, rows, base))
+        each = jax.lax.map(lambda x: weighed(*jax.tree.map(lambda a: a[None], x), jax.vmap(one)), (z, rows, base))
+        model, columns, state, rate, end, failed = jax.tree.map(lambda a: a[:, 0], each)
     else:
         axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
-        found = jax.vmap(one, in_axes=(0, axes, 0))(z, stack, base)
-    model, jacobian, (state, rate, end, failed) = found
-    failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
-    columns = _weigh(stack, failed, jnp.concatenate([(model - stack.values)[..., None], jacobian], axis=-1))
+        model, columns, state, rate, end, failed = weighed(z, stack, base, jax.vmap(one, in_axes=(0, axes, 0)))
     failed = failed & (stack.present > 0)
     residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
     return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate,

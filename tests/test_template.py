@@ -1,0 +1,70 @@
+"""Templates of effects: every stage's keeps the contract, and what is written is whole and never in anyone's way."""
+
+import subprocess
+import sys
+
+import pytest
+
+from ddetumble import InputError, check_effect
+from ddetumble.effects.template import STAGES, write_template
+from ddetumble.inference.models import list_effects, resolve_effect
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_stage_keeps_the_contract(stage, tmp_path):
+    """What the template says, unchanged, is an effect."""
+    source, _ = write_template("own-law", stage, tmp_path)
+    effect = resolve_effect(f"{source}:OwnLaw")
+    check_effect(effect).require()
+    assert effect.id == "own-law" and effect.family == STAGES[stage].family
+
+
+@pytest.mark.slow
+def test_the_written_test_runs(tmp_path):
+    """By pytest, beside the effect."""
+    source, test = write_template("rim-stop", folder=tmp_path)
+    run = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(test)]
+    assert subprocess.run(run, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+    source.write_text(source.read_text(encoding="utf-8").replace("self.k * ", "1.0 + self.k * "), encoding="utf-8")
+    spoilt = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert spoilt.returncode == 1 and "absent at its null" in spoilt.stdout
+
+
+@pytest.mark.parametrize("name, stage, words", [
+    ("Rim", "elastic", "lower-case"), ("../rim", "elastic", "lower-case"),
+    ("wall-stiffness", "elastic", "catalogue has"), ("rim", "elastics", "no stage"),
+    ("class", "elastic", "word of Python"),
+])  # fmt: skip
+def test_bad_names(name, stage, words, tmp_path):
+    """One sentence, and nothing written."""
+    with pytest.raises(InputError, match=words):
+        write_template(name, stage, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_overwritten(tmp_path):
+    """Not even where only the test is there."""
+    (tmp_path / "test_rim.py").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match="there already"):
+        write_template("rim", folder=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["test_rim.py"]
+
+
+def test_effects_of_a_file(tmp_path):
+    """All of them, by id; a name of two is refused."""
+    source, _ = write_template("rim-stop", folder=tmp_path)
+    other, _ = write_template("soft-pad", "contact", folder=tmp_path)
+    both = tmp_path / "both.py"
+    both.write_text(source.read_text(encoding="utf-8") + other.read_text(encoding="utf-8").partition("\n")[2],
+                    encoding="utf-8")
+    assert [effect.id for effect in list_effects(both)] == ["rim-stop", "soft-pad"]
+    assert resolve_effect("soft-pad", list_effects(both)).law == "F gains k w"
+    (tmp_path / "empty.py").write_text("k = 1.0\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no effect"):
+        list_effects(tmp_path / "empty.py")
+    with pytest.raises(InputError, match="cannot be read"):
+        list_effects(tmp_path / "missing.py")
+    both.write_text(source.read_text(encoding="utf-8").replace('"rim-stop"', '"gas-leak"'), encoding="utf-8")
+    with pytest.raises(InputError, match="catalogue has"):
+        list_effects(both)
