@@ -123,6 +123,7 @@ def _write_effect(name: str, kind: str, at: Stage) -> str:
     unit = f'"{at.unit}"'
     order = "    order: ClassVar[int] = 9  # after those of the catalogue\n" if at.order else ""
     signs = {"AbstractComplianceEffect": ", sign=1, singular=True", "AbstractRestitutionEffect": ", sign=1"}
+    more = signs.get(at.base, "")
     return f'''"""{name}: say here what it is. Fields that the law may read: help(ddetumble.contact.{at.home})."""
 
 from typing import ClassVar
@@ -134,7 +135,7 @@ from ddetumble.contact.{at.home} import {at.base}
 class {kind}({at.base}):
     """{at.law}."""
 
-    k: float = parameter({unit}, 0.0, typical={abs(at.typical):g}{signs.get(at.base, "")}, starts=({at.typical:g},), text="its size")
+    k: float = parameter({unit}, 0.0, typical={abs(at.typical):g}{more}, starts=({at.typical:g},), text="its size")
     id: ClassVar[str] = "{name}"
     law: ClassVar[str] = "{at.law}"
     reference: ClassVar[str] = "own; say where the law comes from"
