@@ -19,13 +19,14 @@ from .peaks import PeakProgram, simulate_impacts
 from .rows import compare_rows, describe_estimates
 from .shipped import find_data
 from .slipping import list_friction_points
+from .tumbling_pages import write_tumbling
 
 
 RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
 
 
 def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
-    """Compare the paper's normal force and friction with the toolkit and write the page with its figures.
+    """Compare the paper's forces and free rotation with the toolkit and write the page with its figures.
 
     Args:
         folder: where to write; made where it is not there.
@@ -54,8 +55,10 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     misses = next(point.values for point in points if point.number == 8)
     points = sorted([*points, *list_friction_points(friction)], key=lambda point: point.number)
     pages, numbers = write_friction(slipped, friction, misses)
+    tumbling, motion = write_tumbling()
     sections = [_write_points(points, rows, judged, masses, draw_friction_points(friction)),
-                _write_figure(judged["Figure 8"], masses), *_write_table(judged["Table 3"], rows["printed"]), *pages]
+                _write_figure(judged["Figure 8"], masses), *_write_table(judged["Table 3"], rows["printed"]), *pages,
+                tumbling]
     found = {"improved": "no single effect of the catalogue does what a curve without physics does",
              "unexplained": "no effect of the catalogue helps",
              "explained": f"{' and '.join(judged['Table 3'].effects)} explains what is missing"}
@@ -64,21 +67,23 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
                 f"One free mass puts our model within {_worst(judged['Figure 8']):.1f} % of Figure 8's four peaks; on "
                 f"Table 3 {found.get(judged['Table 3'].verdict, 'nothing can be shown to be missing')}. On Table 4 a "
                 f"constant coefficient, {mean:.3f} ± {spread:.3f}, does as well as the corrected law, whose slip term "
-                f"diverges at every load of the table.")
+                f"diverges at every load of the table. In free rotation the printed cylinder keeps its nutation angle, "
+                f"which the paper has changing.")
     for point in points:
         echo(f"{point.number:2d}  {point.sentence}")
     everything = {**judged, "Table 4": slipped}
     for name, one in everything.items():
         echo(f"{name}: {one.verdict}. {one.sentence}")
     echo(numbers["band"]["sentence"])
+    echo(motion["sentence"])
     facts = [(name, one.verdict.replace("-", " "), f"{len(one.peaks)} {'forces' if one is slipped else 'peaks'}")
              for name, one in everything.items()]
-    page = write_page("The paper beside the toolkit: normal force and friction", sentence, sections, folder,
+    page = write_page("The paper beside the toolkit: normal force, friction, free rotation", sentence, sections, folder,
                       "report.html", facts=facts)
     result = {"contradictions": [{"row": p.number, "title": p.title, "printed": p.printed, "found": p.found,
                                   "used": p.used, "sentence": p.sentence, "values": dict(p.values)} for p in points],
               "figure-8": judged["Figure 8"].to_dict(), "table-3": judged["Table 3"].to_dict(),
-              "table-4": {**slipped.to_dict(), **numbers}}
+              "table-4": {**slipped.to_dict(), **numbers}, "free_rotation": motion}
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (Path(folder) / "paper.json").write_text(text, encoding="utf-8")
     echo(f"The page: {page}")
