@@ -21,6 +21,8 @@ import pandas as pd
 from scipy import stats
 
 from ddetumble.contact.effect import parameters_of
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures.style import AFTER, BEFORE, GREY, dress, new_figure, render_png, styled
 from ddetumble.inference.assembly import assemble_space, default_starts
 from ddetumble.inference.bounded import solve_bounded
@@ -33,8 +35,6 @@ from ddetumble.inference.stack import default_noise, stack_records, trim_records
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.sampling.ensemble import Settings, run_ensembles
 from ddetumble.sampling.target import pose_fit
-from tests.independent.campaigns import make_campaign
-from tests.independent.slip_campaigns import make_slip_campaign
 
 
 LEVELS = (0.5, 0.9, 0.95)

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from ddetumble.discrepancy.records import Candidate, Discovery, Estimate, LackOfFit, Place, Step, Trace
-from tests.independent.impact import simulate
-from tests.independent.slip import follow_strokes, simulate_slip
+from ddetumble.exam.simulators.impact import simulate
+from ddetumble.exam.simulators.slip import follow_strokes, simulate_slip
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"

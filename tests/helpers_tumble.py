@@ -9,9 +9,9 @@ from ddetumble.contact.effect import parameters_of
 from ddetumble.contact.torque import RigidBody
 from ddetumble.dynamics.spinning import START, count_steps, spin
 from ddetumble.effects import TUMBLE
+from ddetumble.exam.simulators.tumbling import RATES as CHANNELS
+from ddetumble.exam.simulators.tumbling_campaigns import draw_rates, roll_freely
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
-from tests.independent.tumbling import RATES as CHANNELS
-from tests.independent.tumbling_campaigns import draw_rates, roll_freely
 
 
 NOISE = 2e-5  # rad/s, of long records

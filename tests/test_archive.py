@@ -8,13 +8,13 @@ import pytest
 from ddetumble._errors import InputError
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.archive import load_model, save_model
 from ddetumble.inference.models import resolve_effect, resolve_model
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Solution
 from ddetumble.measurement import read_campaign
-from tests.independent.campaigns import make_campaign, write_campaign_folder
 
 
 USER = '''"""An effect of the user."""

@@ -13,6 +13,7 @@ from ddetumble.discrepancy.comparison import bin_residuals, compare
 from ddetumble.discrepancy.records import Trace
 from ddetumble.discrepancy.traces import noise_nrmse, nrmse, nrmse_by_channel
 from ddetumble.effects.wall import WallStiffness
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.archive import save_model
 from ddetumble.inference.families import FAMILIES
 from ddetumble.inference.models import is_fitted, resolve_model
@@ -20,7 +21,6 @@ from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
-from tests.independent.campaigns import make_campaign, write_campaign_folder
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

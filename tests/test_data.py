@@ -9,15 +9,15 @@ import numpy as np
 import pint
 import pytest
 
-from tests.independent.campaigns import make_campaign, write_campaign_folder
-from tests.independent.impact import simulate
+from ddetumble.exam.simulators.impact import simulate
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.oblique_campaigns import make_oblique_campaign, write_oblique_folder
+from ddetumble.exam.simulators.slip import follow_strokes, simulate_slip
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.tumbling import simulate_tumbling
+from ddetumble.exam.simulators.tumbling_campaigns import ORBIT_RATE, make_tumble_campaign, write_tumble_folder
 from tests.independent.make_data import OBLIQUE_PLANS, PLANS, SLIP_PLANS, TUMBLE_PLANS
-from tests.independent.oblique_campaigns import make_oblique_campaign, write_oblique_folder
 from tests.independent.paper_tables import write_paper
-from tests.independent.slip import follow_strokes, simulate_slip
-from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
-from tests.independent.tumbling import simulate_tumbling
-from tests.independent.tumbling_campaigns import ORBIT_RATE, make_tumble_campaign, write_tumble_folder
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"

@@ -7,8 +7,8 @@ import pytest
 from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.discrepancy.discovery import discover
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.measurement.package import read_campaign
-from tests.independent.campaigns import make_campaign, write_campaign_folder
 
 
 BASE = {"effective_mass": 1.37, "restitution": 0.73}

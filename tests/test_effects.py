@@ -9,8 +9,8 @@ from ddetumble.contact.effect import parameters_of
 from ddetumble.contact.law import Ball, ContactLaw
 from ddetumble.dynamics.impact import simulate
 from ddetumble.effects import IMPACT, catalogue
+from ddetumble.exam.simulators import impact as independent
 from ddetumble.inference.parameters import ParameterSpace, to_coordinate
-from tests.independent import impact as independent
 
 
 SPACE = ParameterSpace(Ball(), IMPACT)

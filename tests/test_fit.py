@@ -10,11 +10,11 @@ from scipy import stats
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.bounded import truncate_normal
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.specification import read_specification
 from ddetumble.measurement import read_campaign
-from tests.independent.campaigns import make_campaign, write_campaign_folder
 
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -20,8 +20,8 @@ from ddetumble.contact.friction import (
 from ddetumble.effects import catalogue
 from ddetumble.effects.slip import FrictionalHeating, Presliding
 from ddetumble.effects.slip_probes import SLIP_PROBES
+from ddetumble.exam.simulators.slip import simulate_slip
 from ddetumble.inference.strokes import split_strokes
-from tests.independent.slip import simulate_slip
 
 
 SLIP = catalogue("slip")

@@ -9,11 +9,11 @@ from ddetumble._errors import InputError
 from ddetumble.cli import main
 from ddetumble.discrepancy.identification import identify
 from ddetumble.discrepancy.smoothing import find_separation, smooth_samples
+from ddetumble.exam.simulators.impact import simulate
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference.noise import Noise
 from ddetumble.measurement.package import read_campaign
-from tests.independent.campaigns import make_campaign, write_campaign_folder
-from tests.independent.impact import simulate
-from tests.independent.noise import draw_noise
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

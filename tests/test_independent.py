@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import beta
 
-from tests.independent.campaigns import make_campaign, write_campaign_folder
-from tests.independent.impact import (
+from ddetumble.exam.simulators.impact import (
     Impact,
     integrate_contact,
     measure_disc,
@@ -15,8 +14,9 @@ from tests.independent.impact import (
     simulate,
     solve_damping,
 )
-from tests.independent.noise import draw_noise
-from tests.independent.slip import (
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.noise import draw_noise
+from ddetumble.exam.simulators.slip import (
     Rub,
     accumulate_work,
     find_coefficients,
@@ -24,13 +24,13 @@ from tests.independent.slip import (
     measure_slip_coefficient,
     simulate_slip,
 )
-from tests.independent.slip_campaigns import (
+from ddetumble.exam.simulators.slip_campaigns import (
     SLIP_UNCERTAINTIES,
     make_slip_campaign,
     measure_slip_misfit,
     write_slip_folder,
 )
-from tests.independent.strength import measure_misfit, scale_amplitude
+from ddetumble.exam.simulators.strength import measure_misfit, scale_amplitude
 
 
 BASE = {"effective_mass": 1.4, "restitution": 0.72}

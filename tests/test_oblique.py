@@ -42,10 +42,10 @@ from ddetumble.effects.slip import (
     ViscousFriction,
 )
 from ddetumble.effects.wall import ViscoelasticWall, ViscousDashpot, WallStiffness
+from ddetumble.exam.simulators.oblique import CHANNELS, integrate_strike, simulate_strike
 from ddetumble.inference.assembly import adapt_reference, assemble_space
 from ddetumble.inference.families import name_family
 from ddetumble.inference.models import resolve_model
-from tests.independent.oblique import CHANNELS, integrate_strike, simulate_strike
 
 
 EFFECTS = (TangentialCompliance, OffCentreReaction, Stribeck, ViscousFriction, LoadExponent, Presliding,

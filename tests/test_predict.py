@@ -11,13 +11,13 @@ from ddetumble.cli import main
 from ddetumble.contact.law import Ball
 from ddetumble.discrepancy.prediction import predict
 from ddetumble.effects.wall import StressSoftening, WallStiffness
+from ddetumble.exam.simulators.impact import simulate
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.archive import load_model, save_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
-from tests.independent.campaigns import make_campaign, write_campaign_folder
-from tests.independent.impact import simulate
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

@@ -29,6 +29,7 @@ LAYERS = (
     {"discrepancy"},
     {"planning"},
     {"report", "figures", "paper", "demo"},
+    {"exam"},
     {"cli"},
 )
 HEAVY = {"jax", "jaxlib", "equinox", "diffrax", "numpy", "scipy", "pandas", "pint", "pydantic", "matplotlib", "rich"}
@@ -117,6 +118,16 @@ def test_measurement_stands_alone():
     for path in (PACKAGE / "measurement").glob("*.py"):
         for module in list_imports(path):
             assert module.split(".")[0] not in wrong[0] and name_layer(module) not in wrong[1], f"{path.name}: {module}"
+
+
+def test_second_simulator_stands_alone():
+    """The exam's simulators share nothing with the package: each imports its neighbours, NumPy, SciPy and Python."""
+    folder = PACKAGE / "exam" / "simulators"
+    allowed = {"numpy", "scipy", *sys.stdlib_module_names}
+    for path in folder.glob("*.py"):
+        for module in list_imports(path):
+            beside = module.startswith("ddetumble.exam.simulators.")
+            assert beside or module.split(".")[0] in allowed, f"{path.name}: {module}"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())

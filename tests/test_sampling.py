@@ -13,13 +13,13 @@ from scipy.special import logsumexp
 from ddetumble import fit, pose_curve, pose_fit, sample
 from ddetumble._errors import InputError
 from ddetumble.cli import main
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
 from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
 from ddetumble.sampling.ensemble import Settings, run_ensembles
 from ddetumble.sampling.moves import Proposal, mix_moves
 from ddetumble.sampling.target import draw_inside
-from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
 
 
 BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}

@@ -9,7 +9,7 @@ import pytest
 
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign, write_campaign
 from ddetumble.cli.application import main
-from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 
 
 BASE = {"adhesion_constant": 0.92, "loss_factor": 0.17, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
@@ -54,7 +54,7 @@ def test_verdict(case):
 
 def test_prediction_at_other_conditions(case, tmp_path):
     """The grown model predicts noise-free records at conditions that no record had, to half of the noise."""
-    from tests.independent.slip import simulate_slip
+    from ddetumble.exam.simulators.slip import simulate_slip
 
     effects, _, found = case
     found.save(tmp_path)

@@ -8,11 +8,11 @@ import pytest
 
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign
 from ddetumble.cli.application import main
+from ddetumble.exam.simulators.tumbling import RATES, simulate_tumbling
+from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
 from ddetumble.inference.starts import guess_body, straighten
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from tests.helpers_tumble import NOISE, make_long
-from tests.independent.tumbling import RATES, simulate_tumbling
-from tests.independent.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
 
 
 NAMES = ("tumble-a", "tumble-b", "tumble-c", "tumble-d")

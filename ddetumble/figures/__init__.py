@@ -5,6 +5,7 @@ from .estimates import draw_parameters
 from .fit import draw_fit, draw_peaks
 from .ledger import draw_ledger
 from .posterior import draw_corner, draw_ranks, draw_traces
+from .power import draw_power
 from .predictive import draw_left_out, draw_predictive
 from .ranking import draw_ranking
 from .residuals import draw_record_errors, draw_residual_map
@@ -20,6 +21,7 @@ __all__ = [
     "draw_missing_force",
     "draw_parameters",
     "draw_peaks",
+    "draw_power",
     "draw_predictive",
     "draw_ranking",
     "draw_ranks",

@@ -1,5 +1,4 @@
-"""A second simulator of the project's measurements, in NumPy and SciPy alone.
+"""What made the files in ``data/``: the paper's tables, and campaigns of the second simulator.
 
-It shares no line with the package under test, so that agreement between the two means something. It
-also makes the synthetic campaigns in ``data/`` (``python -m tests.independent.make_data``).
+``python -m tests.independent.make_data`` writes them; the simulator itself is `ddetumble.exam.simulators`.
 """

@@ -7,14 +7,25 @@ campaign stands in PLANS, SLIP_PLANS, OBLIQUE_PLANS, TUMBLE_PLANS and ``truth.js
 import sys
 from pathlib import Path
 
-from .campaigns import make_campaign, reveal_campaign, write_campaign_folder, write_json
-from .impact import CHANNELS
-from .oblique_campaigns import make_oblique_campaign, reveal_oblique_campaign, write_oblique_folder
+from ddetumble.exam.simulators.impact import CHANNELS
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, reveal_campaign, write_campaign_folder
+from ddetumble.exam.simulators.oblique_campaigns import (
+    make_oblique_campaign,
+    reveal_oblique_campaign,
+    write_oblique_folder,
+)
+from ddetumble.exam.simulators.packages import write_json
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.tumbling_campaigns import (
+    make_tumble_campaign,
+    reveal_tumble_campaign,
+    write_tumble_folder,
+)
+
 from .paper_tables import write_paper
-from .slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
-from .tumbling_campaigns import make_tumble_campaign, reveal_tumble_campaign, write_tumble_folder
 
 
+SOURCE = "The project's own simulator, python -m tests.independent.make_data"
 PAPER_PRESSURES = [1.0e6, 1.5e6, 2.0e6, 2.5e6]  # Pa, Figure 8
 
 PLANS = {
@@ -204,31 +215,25 @@ TUMBLE_PLANS = {
 }
 
 
+FAMILIES = (
+    (PLANS, make_campaign, write_campaign_folder, reveal_campaign),
+    (SLIP_PLANS, make_slip_campaign, write_slip_folder, reveal_slip_campaign),
+    (OBLIQUE_PLANS, make_oblique_campaign, write_oblique_folder, reveal_oblique_campaign),
+    (TUMBLE_PLANS, make_tumble_campaign, write_tumble_folder, reveal_tumble_campaign),
+)
+
+
 def make_data(folder):
     """Write all packages and truth.json under the folder."""
     folder = Path(folder)
     write_paper(folder / "paper")
     truth = {}
-    for name, plan in PLANS.items():
-        campaign = make_campaign(name, **plan)
-        write_campaign_folder(folder / name, campaign)
-        truth[name] = reveal_campaign(campaign)
-        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
-    for name, plan in SLIP_PLANS.items():
-        campaign = make_slip_campaign(name, **plan)
-        write_slip_folder(folder / name, campaign)
-        truth[name] = reveal_slip_campaign(campaign)
-        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
-    for name, plan in OBLIQUE_PLANS.items():
-        campaign = make_oblique_campaign(name, **plan)
-        write_oblique_folder(folder / name, campaign)
-        truth[name] = reveal_oblique_campaign(campaign)
-        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
-    for name, plan in TUMBLE_PLANS.items():
-        campaign = make_tumble_campaign(name, **plan)
-        write_tumble_folder(folder / name, campaign)
-        truth[name] = reveal_tumble_campaign(campaign)
-        print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
+    for plans, make, write, reveal in FAMILIES:
+        for name, plan in plans.items():
+            campaign = make(name, **plan)
+            write(folder / name, campaign, SOURCE)
+            truth[name] = reveal(campaign)
+            print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
     write_json(folder / "truth.json", truth, indent=None)
 
 

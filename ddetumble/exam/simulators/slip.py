@@ -17,6 +17,7 @@ Heat W = int |f| ds runs over the whole path, all strokes together.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -140,7 +141,7 @@ def accumulate_work(rub, path, strokes=None, rtol=1e-11):
 
     for k in range(index.max() + 1 if index.size else 0):
         here = index == k
-        end = since[here].max() if k == index.max() else strokes[k]
+        end = since[here].max() if strokes is None or k == index.max() else strokes[k]
         if end == 0.0:  # nothing but the start
             continue
         solution = solve_ivp(
@@ -162,5 +163,5 @@ def simulate_slip(base, effects, conditions, path, strokes=None, rtol=1e-11):
     rub = Rub(base, effects, conditions)
     path = np.asarray(path, dtype=float)
     _, _, since, direction = follow_strokes(path, strokes)
-    work = accumulate_work(rub, path, strokes, rtol) if rub.effects["frictional-heating"]["kappa"] else 0.0
+    work: Any = accumulate_work(rub, path, strokes, rtol) if rub.effects["frictional-heating"]["kappa"] else 0.0
     return (direction * rub.measure_force(since, work))[:, None]

@@ -1,12 +1,12 @@
 """Synthetic slip campaigns: a plan of tests, what was really done, what was written down, and the folder."""
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from .campaigns import write_json, write_table
 from .noise import draw_noise
+from .packages import SOURCE, describe_number, describe_package, format_cells, write_package
 from .slip import follow_strokes, measure_rubber_parts, measure_slip_coefficient, simulate_slip
 
 
@@ -47,6 +47,14 @@ def place_path(length, interval, strokes=None):
     return np.round(np.arange(turns.size) * interval, 12), turns
 
 
+def order_slip_tests(generator, loads, pressures, speeds, repeats=1):
+    """Return the nominal conditions of every test in the random order in which they are done."""
+    plan = [(f, p, v) for f in loads for p in pressures for v in speeds] * repeats
+    names = ("normal_load", "internal_pressure", "slip_speed", "sequence")
+    order = generator.permutation(len(plan))
+    return [dict(zip(names, (*plan[k], j), strict=True)) for j, k in enumerate(order, start=1)]
+
+
 def make_slip_campaign(
     name, seed, effects, base, loads, pressures, speeds, repeats=1, *, length=12e-3, interval=1e-4, noise=SLIP_NOISE,
     rho=0.0, white_share=0.0, setting_scatter=0.0, uncertainties=None, strokes=None, numbered=False, title=TITLE,
@@ -62,12 +70,10 @@ def make_slip_campaign(
     """
     stated = SLIP_UNCERTAINTIES | (uncertainties or {})
     generator = np.random.Generator(np.random.PCG64(seed))
-    plan = [(f, p, v) for f in loads for p in pressures for v in speeds] * repeats
+    tests = order_slip_tests(generator, loads, pressures, speeds, repeats)
     path, turns = place_path(length, interval, strokes)
     records = []
-    for sequence, k in enumerate(generator.permutation(len(plan)), start=1):
-        names = ("normal_load", "internal_pressure", "slip_speed")
-        true = dict(zip(names, plan[k], strict=True), sequence=sequence)
+    for sequence, true in enumerate(tests, start=1):
         written, draw = dict(true), generator.standard_normal(4)
         for i, condition in enumerate(("normal_load", "internal_pressure")):
             true[condition] *= 1.0 + setting_scatter * draw[i]
@@ -75,7 +81,7 @@ def make_slip_campaign(
         force = simulate_slip(base, effects, true, path, strokes)[:, 0]
         force = np.where(turns, np.nan, force + draw_noise(generator, path.size, noise, rho, white_share))
         records.append({"record": f"r{sequence:02d}", "true": true, "written": written, "force": force})
-    last = {"sequence": len(plan) + 1} if numbered else {}  # held-out tests come after the series
+    last = {"sequence": len(tests) + 1} if numbered else {}  # held-out tests come after the series
     return {
         "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "uncertainties": stated,
         "noise": noise, "rho": rho, "white_share": white_share, "setting_scatter": setting_scatter,
@@ -84,49 +90,27 @@ def make_slip_campaign(
     }  # fmt: skip
 
 
-def describe_slip_campaign(campaign):
+def describe_slip_campaign(campaign, source=SOURCE):
     """Return the campaign's Data Package descriptor."""
     relative = {name: f"{100 * value:g} %" for name, value in campaign["uncertainties"].items()}
     records = [
-        {"name": "record", "type": "string"},
-        {"name": "normal_load", "type": "number", "unit": "N", "uncertainty": relative["normal_load"]},
-        {"name": "internal_pressure", "type": "number", "unit": "MPa", "uncertainty": relative["internal_pressure"]},
-        {"name": "slip_speed", "type": "number", "unit": "m/s"},
+        describe_number("normal_load", "N", relative["normal_load"]),
+        describe_number("internal_pressure", "MPa", relative["internal_pressure"]),
+        describe_number("slip_speed", "m/s"),
     ]
     if campaign["numbered"]:
-        records.insert(1, {"name": "sequence", "type": "integer"})
+        records.insert(0, {"name": "sequence", "type": "integer"})
     samples = [
-        {"name": "record", "type": "string"},
-        {"name": "slip", "type": "number", "unit": "mm"},
-        {"name": "tangential_force", "type": "number", "unit": "N", "uncertainty": f"{campaign['noise']:g} N"},
+        describe_number("slip", "mm"),
+        describe_number("tangential_force", "N", f"{campaign['noise']:g} N"),
     ]
     if campaign["strokes"] is not None:
-        samples.insert(1, {"name": "time", "type": "number", "unit": "s"})
-    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
-    schemas = {
-        "records": {"fields": records, "primaryKey": "record"},
-        "samples": {"fields": samples, "foreignKeys": [key]},
-    }
-    return {
-        "name": campaign["name"],
-        "title": campaign["title"],
-        "licenses": [{"name": "CC0-1.0"}],
-        "sources": [{"title": "The project's own simulator, python -m tests.independent.make_data"}],
-        "family": "slip",
-        "known": KNOWN,
-        "resources": [
-            {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema} for name, schema in schemas.items()
-        ],
-    }
+        samples.insert(0, describe_number("time", "s"))
+    return describe_package(campaign["name"], campaign["title"], "slip", KNOWN, records, samples, source)
 
 
-def write_slip_folder(folder, campaign):
-    """Write datapackage.json, records.csv and samples.csv; values are rounded as the columns' format says."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor = describe_slip_campaign(campaign)
-    write_json(folder / "datapackage.json", descriptor)
-    headers = [[field["name"] for field in table["schema"]["fields"]] for table in descriptor["resources"]]
+def write_slip_folder(folder, campaign, source=SOURCE):
+    """Write the campaign's Data Package; values are rounded as the columns' format says."""
     _, slip, _, _ = follow_strokes(campaign["path"], campaign["strokes"])
     tests, samples = [], []
     for row in campaign["records"]:
@@ -134,12 +118,11 @@ def write_slip_folder(folder, campaign):
         number = [written["sequence"]] if campaign["numbered"] else []
         load, pressure, speed = written["normal_load"], written["internal_pressure"] / 1e6, written["slip_speed"]
         tests.append([row["record"], *number, f"{load:.4f}", f"{pressure:.5f}", f"{speed:.4f}"])
-        for distance, at, force in zip(campaign["path"], slip, row["force"], strict=True):
+        readings = format_cells(row["force"], 3)
+        for distance, at, reading in zip(campaign["path"], slip, readings, strict=True):
             clock = [] if campaign["strokes"] is None else [f"{distance / speed:.6g}"]
-            reading = "" if np.isnan(force) else f"{np.round(force, 3) + 0.0:.3f}"  # no minus zero
             samples.append([row["record"], *clock, f"{np.round(1e3 * at, 6) + 0.0:g}", reading])
-    write_table(folder / "records.csv", headers[0], tests)
-    write_table(folder / "samples.csv", headers[1], samples)
+    write_package(folder, describe_slip_campaign(campaign, source), tests, samples)
 
 
 def measure_slip_misfit(base, effects, conditions, path, noise, uncertainties, strokes=None, turns=None):
@@ -178,8 +161,9 @@ def measure_slip_misfit(base, effects, conditions, path, noise, uncertainties, s
 
     start = np.zeros(3 + 2 * count)
     start[:3] = base["loss_factor"] * base["adhesion_constant"], base["loss_factor"], base.get("slip_scale", 1.0)
+    slopes: Any = differ
     found = least_squares(
-        lambda u: np.concatenate([leave(u).ravel(), u[3:]]), start, differ, x_scale="jac", xtol=1e-8, ftol=1e-10
+        lambda u: np.concatenate([leave(u).ravel(), u[3:]]), start, slopes, x_scale="jac", xtol=1e-8, ftol=1e-10
     )  # fmt: skip
     return float(np.sqrt(np.mean(leave(found.x) ** 2)))
 

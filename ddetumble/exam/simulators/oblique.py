@@ -12,12 +12,13 @@ work. SI units throughout. Nothing of the package under test is imported.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from .impact import NULLS, Impact, complete_effects, integrate_contact, measure_disc, simulate
+from .impact import NULLS, TIGHT, Impact, complete_effects, integrate_contact, measure_disc, simulate
 from .slip import REFERENCE_LOAD, SLIP_NULLS, measure_rubber_parts
 
 
@@ -110,6 +111,14 @@ def carry_force(slider, angle, step, state, here):
     return force, sliding, brake
 
 
+def find_gap(angle, slider, spring, step, state, here):
+    """Return the deflection of the patch's spring (m) by its law, less that by the motion from `spring` on."""
+    _, _, along, rolling = state
+    force, sliding, brake = carry_force(slider, angle, step, state, here)
+    after = along + step * (here[-1] - force) / slider.mass - rolling - step * (force - brake) / slider.rolling
+    return slider.compliance * force - spring - step * (after - sliding)
+
+
 def step_slider(slider, times, contact, push):
     """Return rows (v, y, slip, work, f) at the times (s), by the backward Euler method."""
     speed, rolling, spring, slip, path, work = slider.speed, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -122,16 +131,11 @@ def step_slider(slider, times, contact, push):
     for before, time, (load, pressure, most) in zip(times[:-1], times[1:], contact[1:], strict=True):
         h = time - before
         arguments = (h, (path, work, speed, rolling), (time, load, pressure, most, push))
-
-        def gap(angle, arguments=arguments, h=h, start=(spring, speed, rolling)):
-            """Deflection of the spring by its law, less that by the motion."""
-            found, sliding, brake = carry_force(slider, angle, *arguments)
-            after = start[1] + h * (push - found) / slider.mass - start[2] - h * (found - brake) / slider.rolling
-            return slider.compliance * found - start[0] - h * (after - sliding)
-
         fastest = abs(spring) / h + abs(speed) + abs(rolling) + h * most / slider.rolling
         reach = math.asinh(fastest / slider.creep) + 1.0
-        angle = brentq(gap, -reach, reach, xtol=1e-13, rtol=1e-14)
+        angle: Any = brentq(
+            find_gap, -reach, reach, args=(slider, spring, *arguments), xtol=1e-13, rtol=TIGHT
+        )  # fmt: skip
         force, sliding, brake = carry_force(slider, angle, *arguments)
         speed += h * (push - force) / slider.mass
         rolling += h * (force - brake) / slider.rolling
@@ -162,10 +166,10 @@ def integrate_strike(base, effects, conditions, times, steps=400):
     return columns, {"speed": speed, "rolling": rolling, "work": work, "separation": end}
 
 
-def simulate_strike(base, effects, conditions, times, channels=CHANNELS):
-    """Return the noise-free record, an array (len(times), len(channels)); see `Slider` and `impact.simulate`."""
+def simulate_strike(base, effects, conditions, times, channels=CHANNELS, steps=400):
+    """Return the noise-free record, an array (len(times), len(channels)); see `Slider`, `integrate_strike`."""
     times = np.asarray(times, dtype=float)
-    tangential, _ = integrate_strike(base, effects, conditions, times)
+    tangential, _ = integrate_strike(base, effects, conditions, times, steps)
     normal = {k: v for k, v in effects.items() if k in NULLS}
     wanted = [c for c in channels if c not in tangential]
     along = dict(zip(wanted, simulate(base, normal, conditions, times, wanted).T, strict=True)) if wanted else {}

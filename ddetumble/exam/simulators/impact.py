@@ -14,6 +14,7 @@ The order of the stages, which matters as soon as two effects meet:
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -25,6 +26,7 @@ ELASTIC_MODULUS = 7.8e6  # Pa, Table 2
 ADHESION_RATE = 5e-3  # m/s, rate over which adhesion switches on while unloading
 REFERENCE_SPEED = 0.4  # m/s, of `speed-dependent-restitution`
 REFERENCE_PRESSURE = 1e6  # Pa, of `pressure-dependent-restitution` and `x-pressure-power`
+TIGHT: Any = 1e-14  # relative tolerance of roots
 CHANNELS = ("normal_force", "depression", "pressure")
 
 NULLS = {
@@ -86,7 +88,7 @@ def solve_damping(restitution, approach_speed):
         return (kappa * (1.0 + e) - math.log1p(kappa) - u) / kappa**2
 
     small = 1.5 * (1.0 - e**2) / (1.0 + e**3)  # leading order of the root
-    u = brentq(unbalance, -math.log1p(-min(0.2 * small * e, 0.1)), 1.0 / e + 2.0, xtol=1e-15, rtol=1e-14)
+    u: Any = brentq(unbalance, -math.log1p(-min(0.2 * small * e, 0.1)), 1.0 / e + 2.0, xtol=1e-15, rtol=TIGHT)
     return -math.expm1(-u) / e / approach_speed
 
 
@@ -201,10 +203,11 @@ class Impact:
         return 4.0 * (1.5 * self.mass * self.speed**2 / (1.94 * self.pressure)) ** (1.0 / 3.0) / self.speed
 
 
-def integrate_contact(impact, end, rtol=1e-11, atol=1e-13):
+def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
     """Return (dense solution, separation time or None) of one contact from first touch to separation or `end`.
 
-    delta(0) = 0, w(0) = v1, everything else zero; separation is the return of delta to zero.
+    delta(0) = 0, w(0) = v1, everything else zero; separation is the return of delta to zero. A step is at most the
+    guessed contact time over `parts`.
     """
 
     def separate(_, state):
@@ -214,7 +217,7 @@ def integrate_contact(impact, end, rtol=1e-11, atol=1e-13):
     scale = np.array([1.0, 1.0, 1e3, 1e3, 1e3])
     solution = solve_ivp(
         impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0], method="DOP853", dense_output=True,
-        events=separate, rtol=rtol, atol=atol * scale, max_step=impact.guess_contact_time() / 60.0,
+        events=separate, rtol=rtol, atol=atol * scale, max_step=impact.guess_contact_time() / parts,
     )  # fmt: skip
     if not solution.success:
         raise RuntimeError(solution.message)
@@ -231,18 +234,18 @@ def release_gauge(impact, state, times, rtol=1e-11):
     return np.array([impact.sense(0.0, *pair)[2] for pair in tail.y.T])
 
 
-def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=1e-11):
+def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=1e-11, parts=60):
     """Return the noise-free record, an array (len(times), len(channels)).
 
     base, conditions: see `Impact`; effects: catalogue id -> {symbol: value}; times: s, increasing, first touch
-    at 0; channels out of normal_force (N), depression (m), pressure (Pa).
+    at 0; channels out of normal_force (N), depression (m), pressure (Pa); parts: see `integrate_contact`.
     """
     impact = Impact(base, effects, conditions)
     times = np.asarray(times, dtype=float)
     columns = {"normal_force": np.zeros(times.size), "depression": np.zeros(times.size)}
     columns["pressure"] = np.full(times.size, impact.pressure)
     if times.size and times[-1] > 0.0:
-        solution, separation = integrate_contact(impact, times[-1], rtol)
+        solution, separation = integrate_contact(impact, times[-1], rtol, parts=parts)
         touching = times > 0.0
         if separation is not None:
             gone = np.flatnonzero(times >= separation)
@@ -253,11 +256,10 @@ def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=
                 columns["normal_force"][gone] = release_gauge(
                     impact, solution(separation)[3:], times[gone] - separation, rtol
                 )
-        for i in np.flatnonzero(touching):
-            t = times[i]
-            depression, rate, branch, leaked, lagged = solution(t)
-            force = impact.ring(t, impact.find_contact_force(t, depression, rate, branch))
+        at = np.flatnonzero(touching)
+        for i, (depression, rate, branch, leaked, lagged) in zip(at, solution(times[at]).T, strict=True):
+            force = impact.ring(times[i], impact.find_contact_force(times[i], depression, rate, branch))
             columns["normal_force"][i] = impact.sense(force, leaked, lagged)[2]
             columns["depression"][i] = depression
-            columns["pressure"][i] = impact.find_gas_pressure(t, max(depression, 0.0))
+            columns["pressure"][i] = impact.find_gas_pressure(times[i], max(depression, 0.0))
     return np.column_stack([columns[name] for name in channels])

@@ -1,12 +1,11 @@
 """Synthetic campaigns of oblique impacts: a plan of tests, what was really done, what was written down, the folder."""
 
-from pathlib import Path
-
 import numpy as np
 
-from .campaigns import TITLE, write_json, write_table
+from .impact_campaigns import TITLE
 from .noise import draw_noise
 from .oblique import CREEP, ROLLING, simulate_strike
+from .packages import SOURCE, describe_number, describe_package, format_cells, write_package
 from .strength import place_times
 
 
@@ -29,13 +28,15 @@ def choose_oblique_heldout(pressures, speeds, slides):
 
 def make_oblique_campaign(
     name, seed, effects, base, pressures, speeds, slides, repeats=1, *, channels=("normal_force", "tangential_force"),
-    interval=2.5e-4, before=2e-3, length=1.45, noise=None, rho=0.0, setting_scatter=0.0, title=TITLE,
+    interval=2.5e-4, before=2e-3, length=1.45, noise=None, rho=0.0, white_share=0.0, setting_scatter=0.0, steps=400,
+    title=TITLE,
 ):  # fmt: skip
     """Return a campaign: every pressure (Pa) with every approach and tangential speed (m/s), in random order.
 
-    As `campaigns.make_campaign`: a test's true condition is nominal x (1 + setting_scatter x N(0, 1)), what is written
-    down is the true one x (1 + uncertainty x N(0, 1)), written times lag the true ones by a shift, noise is AR(1) with
-    coefficient rho. All draws come from one PCG64 generator seeded with `seed`, in a fixed order.
+    As `impact_campaigns.make_campaign`: a test's true condition is nominal x (1 + setting_scatter x N(0, 1)), what is
+    written down is the true one x (1 + uncertainty x N(0, 1)), written times lag the true ones by a shift, noise is
+    AR(1) with coefficient rho, of which `white_share` of the variance is white instead; steps: see
+    `oblique.integrate_strike`. All draws come from one PCG64 generator seeded with `seed`, in a fixed order.
     """
     deviations = NOISE | (noise or {})
     generator = np.random.Generator(np.random.PCG64(seed))
@@ -48,9 +49,9 @@ def make_oblique_campaign(
         written = {c: x * (1.0 + UNCERTAINTIES[c] * draw[3 + i]) for i, (c, x) in enumerate(true.items())}
         shift = UNCERTAINTIES["time"] * draw[6]
         times = place_times(base, nominal, interval, before, length)
-        values = simulate_strike(base, effects, true, times - shift, channels)
+        values = simulate_strike(base, effects, true, times - shift, channels, steps)
         for j, channel in enumerate(channels):
-            values[:, j] += draw_noise(generator, times.size, deviations[channel], rho, 0.0)
+            values[:, j] += draw_noise(generator, times.size, deviations[channel], rho, white_share)
         records.append({"record": f"r{number:02d}", "true": true, "written": written, "times": times,
                         "values": values})  # fmt: skip
     return {
@@ -61,57 +62,32 @@ def make_oblique_campaign(
     }  # fmt: skip
 
 
-def describe_oblique_campaign(campaign):
+def describe_oblique_campaign(campaign, source=SOURCE):
     """Return the campaign's Data Package descriptor."""
     base, channels = campaign["base"], []
     for channel in campaign["channels"]:
         unit, size = UNITS[channel]
-        sd = f"{campaign['noise'][channel] / size:g} {unit}"
-        channels.append({"name": channel, "type": "number", "unit": unit, "uncertainty": sd})
-    records = [{"name": "record", "type": "string"}]
-    for name, unit in zip(CONDITIONS, ("MPa", "m/s", "m/s"), strict=True):
-        sd = f"{100 * UNCERTAINTIES[name]:g} %"
-        records.append({"name": name, "type": "number", "unit": unit, "uncertainty": sd})
-    time = {"name": "time", "type": "number", "unit": "s", "uncertainty": f"{UNCERTAINTIES['time'] * 1e3:g} ms"}
-    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
-    schemas = {
-        "records": {"fields": records, "primaryKey": "record"},
-        "samples": {"fields": [{"name": "record", "type": "string"}, time, *channels], "foreignKeys": [key]},
-    }
+        channels.append(describe_number(channel, unit, f"{campaign['noise'][channel] / size:g} {unit}"))
+    records = [describe_number(name, unit, f"{100 * UNCERTAINTIES[name]:g} %")
+               for name, unit in zip(CONDITIONS, ("MPa", "m/s", "m/s"), strict=True)]  # fmt: skip
+    time = describe_number("time", "s", f"{UNCERTAINTIES['time'] * 1e3:g} ms")
     known = {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None, "tangential_mass": None,
              "rolling_mass": f"{base.get('rolling_mass', ROLLING):g} kg",
              "creep_speed": f"{base.get('creep_speed', CREEP):g} m/s", "adhesion_constant": None,
              "loss_factor": base["loss_factor"]}  # fmt: skip
-    return {
-        "name": campaign["name"],
-        "title": campaign["title"],
-        "licenses": [{"name": "CC0-1.0"}],
-        "sources": [{"title": "The project's own simulator, python -m tests.independent.make_data"}],
-        "family": "impact",
-        "known": known,
-        "resources": [
-            {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema} for name, schema in schemas.items()
-        ],
-    }
+    return describe_package(campaign["name"], campaign["title"], "impact", known, records, [time, *channels], source)
 
 
-def write_oblique_folder(folder, campaign):
-    """Write datapackage.json, records.csv and samples.csv; values are rounded as the columns' format says."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor = describe_oblique_campaign(campaign)
-    write_json(folder / "datapackage.json", descriptor)
-    headers = [[field["name"] for field in table["schema"]["fields"]] for table in descriptor["resources"]]
+def write_oblique_folder(folder, campaign, source=SOURCE):
+    """Write the campaign's Data Package; values are rounded as the columns' format says."""
     tests, samples = [], []
     sizes = np.array([UNITS[channel][1] for channel in campaign["channels"]])
     for row in campaign["records"]:
         pressure, speed, slide = (row["written"][name] for name in CONDITIONS)
         tests.append([row["record"], f"{pressure / 1e6:.5f}", f"{speed:.5f}", f"{slide:.5f}"])
-        rounded = np.round(row["values"] / sizes, 3) + 0.0  # no minus zero
-        for time, values in zip(row["times"], rounded, strict=True):
-            samples.append([row["record"], f"{time + 0.0:g}", *(f"{value:.3f}" for value in values)])
-    write_table(folder / "records.csv", headers[0], tests)
-    write_table(folder / "samples.csv", headers[1], samples)
+        for time, values in zip(row["times"], row["values"] / sizes, strict=True):
+            samples.append([row["record"], f"{time + 0.0:g}", *format_cells(values, 3)])
+    write_package(folder, describe_oblique_campaign(campaign, source), tests, samples)
 
 
 def reveal_oblique_campaign(campaign):

@@ -1,12 +1,10 @@
 """Synthetic tumbling campaigns: bodies let go at some rates, what their gyroscopes wrote down, and the folder."""
 
-from pathlib import Path
-
 import numpy as np
 from scipy.optimize import least_squares
 
-from .campaigns import write_json, write_table
 from .noise import draw_noise
+from .packages import SOURCE, describe_number, describe_package, format_cells, write_package
 from .tumbling import ATTITUDES, RATES, simulate_tumbling
 
 
@@ -44,48 +42,27 @@ def make_tumble_campaign(name, seed, effects, base, records=4, *, duration=600.0
             "white_share": white_share, "records": tests, "times": times, "attitude": attitude}
 
 
-def describe_tumble_campaign(campaign):
+def describe_tumble_campaign(campaign, source=SOURCE):
     """Return the campaign's Data Package descriptor."""
-    samples = [{"name": "record", "type": "string"}, {"name": "time", "type": "number", "unit": "s"}]
-    samples += [{"name": rate, "type": "number", "unit": "rad/s", "uncertainty": f"{campaign['noise']:g} rad/s"}
-                for rate in RATES]  # fmt: skip
+    samples = [describe_number("time", "s")]
+    samples += [describe_number(rate, "rad/s", f"{campaign['noise']:g} rad/s") for rate in RATES]
     if campaign["attitude"]:
-        samples += [{"name": one, "type": "number", "unit": "1", "uncertainty": f"{ATTITUDE_NOISE:g}"}
-                    for one in ATTITUDES]  # fmt: skip
-    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
-    schemas = {
-        "records": {"fields": [{"name": "record", "type": "string"}], "primaryKey": "record"},
-        "samples": {"fields": samples, "foreignKeys": [key]},
-    }
-    return {
-        "name": campaign["name"],
-        "title": campaign["title"],
-        "licenses": [{"name": "CC0-1.0"}],
-        "sources": [{"title": "The project's own simulator, python -m tests.independent.make_data"}],
-        "family": "tumble",
-        "known": {"inertia_ratio": None, "orbit_rate": f"{ORBIT_RATE:g} rad/s"},
-        "resources": [
-            {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema} for name, schema in schemas.items()
-        ],
-    }
+        samples += [describe_number(one, "1", f"{ATTITUDE_NOISE:g}") for one in ATTITUDES]
+    known = {"inertia_ratio": None, "orbit_rate": f"{ORBIT_RATE:g} rad/s"}
+    return describe_package(campaign["name"], campaign["title"], "tumble", known, [], samples, source)
 
 
-def write_tumble_folder(folder, campaign):
-    """Write datapackage.json, records.csv and samples.csv; rates to 1e-7 rad/s, attitudes to 1e-6."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    descriptor = describe_tumble_campaign(campaign)
-    write_json(folder / "datapackage.json", descriptor)
-    headers = [[field["name"] for field in table["schema"]["fields"]] for table in descriptor["resources"]]
+def write_tumble_folder(folder, campaign, source=SOURCE):
+    """Write the campaign's Data Package; rates to 1e-7 rad/s, attitudes to 1e-6."""
     samples = []
     for row in campaign["records"]:
         for k, time in enumerate(campaign["times"]):
-            cells = [f"{np.round(x, 7) + 0.0:.7f}" for x in row["rates"][k]]
+            cells = format_cells(row["rates"][k], 7)
             if campaign["attitude"]:
-                cells += [f"{np.round(x, 6) + 0.0:.6f}" for x in row["attitude"][k]]
+                cells += format_cells(row["attitude"][k], 6)
             samples.append([row["record"], f"{time:.6g}", *cells])
-    write_table(folder / "records.csv", headers[0], [[row["record"]] for row in campaign["records"]])
-    write_table(folder / "samples.csv", headers[1], samples)
+    records = [[row["record"]] for row in campaign["records"]]
+    write_package(folder, describe_tumble_campaign(campaign, source), records, samples)
 
 
 def roll_freely(ratio, start, times):

@@ -1,13 +1,10 @@
 """Synthetic impact campaigns: a plan of tests, what was really done, what was written down, and the folder."""
 
-import csv
-import json
-from pathlib import Path
-
 import numpy as np
 
 from .impact import simulate
 from .noise import draw_noise
+from .packages import SOURCE, describe_number, describe_package, format_cells, write_package
 from .strength import measure_misfit, place_times
 
 
@@ -33,6 +30,14 @@ def choose_heldout(pressures, speeds, sequence):
     return [dict(zip(names, (float(f"{a:.6g}"), float(f"{b:.6g}"), sequence), strict=True)) for a, b in pairs]
 
 
+def order_tests(generator, pressures, speeds, repeats):
+    """Return the nominal conditions of every test in the random order in which they are done."""
+    plan = [(p, v) for p in pressures for v in speeds] * repeats
+    names = ("initial_pressure", "approach_speed", "sequence")
+    order = generator.permutation(len(plan))
+    return [dict(zip(names, (*plan[k], j), strict=True)) for j, k in enumerate(order, start=1)]
+
+
 def make_campaign(
     name, seed, effects, base, pressures, speeds, repeats=2, *, channels=("normal_force",), interval=2.5e-4,
     before=2e-3, length=1.45, uncertainties=None, setting_scatter=0.0, noise=None, rho=0.0, white_share=0.0,
@@ -49,11 +54,9 @@ def make_campaign(
     stated = UNCERTAINTIES | (uncertainties or {})
     deviations = NOISE | (noise or {})
     generator = np.random.Generator(np.random.PCG64(seed))
-    plan = [(p, v) for p in pressures for v in speeds] * repeats
-    order = generator.permutation(len(plan))
+    tests = order_tests(generator, pressures, speeds, repeats)
     records, samples = [], []
-    for sequence, k in enumerate(order, start=1):
-        nominal = {"initial_pressure": plan[k][0], "approach_speed": plan[k][1], "sequence": sequence}
+    for sequence, nominal in enumerate(tests, start=1):
         draw = generator.standard_normal(5)
         true, written = dict(nominal), dict(nominal)
         for i, condition in enumerate(("initial_pressure", "approach_speed")):
@@ -71,73 +74,38 @@ def make_campaign(
         "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "channels": tuple(channels),
         "uncertainties": stated, "noise": {c: deviations[c] for c in channels}, "rho": rho, "white_share": white_share,
         "setting_scatter": setting_scatter, "records": records, "samples": samples, "interval": interval,
-        "before": before, "length": length, "heldout": choose_heldout(pressures, speeds, len(plan) + 1),
+        "before": before, "length": length, "heldout": choose_heldout(pressures, speeds, len(tests) + 1),
     }  # fmt: skip
 
 
-def describe_campaign(campaign):
+def describe_campaign(campaign, source=SOURCE):
     """Return the campaign's Data Package descriptor."""
     stated, channels = campaign["uncertainties"], []
     for channel in campaign["channels"]:
         unit, size = UNITS[channel]
-        uncertainty = f"{campaign['noise'][channel] / size:g} {unit}"
-        channels.append({"name": channel, "type": "number", "unit": unit, "uncertainty": uncertainty})
-    relative = {name: f"{100 * stated[name]:g} %" for name in ("initial_pressure", "approach_speed")}
+        channels.append(describe_number(channel, unit, f"{campaign['noise'][channel] / size:g} {unit}"))
     records = [
-        {"name": "record", "type": "string"},
         {"name": "sequence", "type": "integer"},
-        {"name": "initial_pressure", "type": "number", "unit": "MPa", "uncertainty": relative["initial_pressure"]},
-        {"name": "approach_speed", "type": "number", "unit": "m/s", "uncertainty": relative["approach_speed"]},
-    ]
-    time = {"name": "time", "type": "number", "unit": "s", "uncertainty": f"{stated['time'] * 1e3:g} ms"}
-    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
-    samples = {"fields": [{"name": "record", "type": "string"}, time, *channels], "foreignKeys": [key]}
-    schemas = {"records": {"fields": records, "primaryKey": "record"}, "samples": samples}
-    return {
-        "name": campaign["name"],
-        "title": campaign["title"],
-        "licenses": [{"name": "CC0-1.0"}],
-        "sources": [{"title": "The project's own simulator, python -m tests.independent.make_data"}],
-        "family": "impact",
-        "known": {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None},
-        "resources": [
-            {"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema} for name, schema in schemas.items()
-        ],
-    }
+        *(describe_number(name, unit, f"{100 * stated[name]:g} %")
+          for name, unit in (("initial_pressure", "MPa"), ("approach_speed", "m/s"))),
+    ]  # fmt: skip
+    time = describe_number("time", "s", f"{stated['time'] * 1e3:g} ms")
+    known = {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None}
+    return describe_package(campaign["name"], campaign["title"], "impact", known, records, [time, *channels], source)
 
 
-def write_table(path, header, rows):
-    """Write one CSV file with Unix line ends."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
-
-
-def write_json(path, content, indent=2):
-    """Write one JSON file with a final line end."""
-    text = json.dumps(content, indent=indent, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-def write_campaign_folder(folder, campaign):
-    """Write datapackage.json, records.csv and samples.csv; values are rounded as the columns' format says."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / "datapackage.json", describe_campaign(campaign))
-    rows = []
+def write_campaign_folder(folder, campaign, source=SOURCE):
+    """Write the campaign's Data Package; values are rounded as the columns' format says."""
+    records, samples = [], []
     for row in campaign["records"]:
         pressure, speed = row["written"]["initial_pressure"] / 1e6, row["written"]["approach_speed"]
-        rows.append([row["record"], row["written"]["sequence"], f"{pressure:.5f}", f"{speed:.5f}"])
-    write_table(folder / "records.csv", ["record", "sequence", "initial_pressure", "approach_speed"], rows)
+        records.append([row["record"], row["written"]["sequence"], f"{pressure:.5f}", f"{speed:.5f}"])
     digits = 3 if campaign["channels"] == ("normal_force",) else 5
     sizes = np.array([UNITS[channel][1] for channel in campaign["channels"]])
-    rows = []
     for trace in campaign["samples"]:
-        rounded = np.round(trace["values"] / sizes, digits) + 0.0  # no minus zero
-        for time, values in zip(trace["times"], rounded, strict=True):
-            rows.append([trace["record"], f"{time + 0.0:g}", *(f"{value:.{digits}f}" for value in values)])
-    write_table(folder / "samples.csv", ["record", "time", *campaign["channels"]], rows)
+        for time, values in zip(trace["times"], trace["values"] / sizes, strict=True):
+            samples.append([trace["record"], f"{time + 0.0:g}", *format_cells(values, digits)])
+    write_package(folder, describe_campaign(campaign, source), records, samples)
 
 
 def measure_strength(campaign):

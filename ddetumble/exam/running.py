@@ -1,0 +1,121 @@
+"""Many cases at once: in a pool of processes or on a Dask cluster; a worker that dies loses nothing."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import connection
+from typing import Any
+
+from .._errors import ComputationError, InputError
+
+
+PATIENCE = 3  # pools that may break one after another without a single case done
+RETRIES = 2  # of a case that failed on a cluster's worker
+FLAG = "--xla_cpu_multi_thread_eigen=false"
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_all(work: Callable[[int], Any], jobs: Sequence[int], workers: int | None = None, scheduler: str | None = None
+            ) -> Iterator[tuple[int, Any]]:
+    """Do every job once and yield (job, result) as they are done, in any order.
+
+    Args:
+        work: a function that other processes can import (or a `functools.partial` of one).
+        jobs: what to call it with.
+        workers: processes; as many as there are cores if not given, none but this one for 1.
+        scheduler: address of a Dask scheduler, whose workers do the jobs instead.
+
+    Raises:
+        InputError: no scheduler answers there, or dask.distributed is not installed.
+        ComputationError: workers keep dying.
+    """
+    if not jobs:
+        return iter(())
+    if scheduler is not None:
+        return _run_on_cluster(work, jobs, scheduler)
+    workers = workers or count_cores()
+    if workers == 1:
+        return ((job, work(job)) for job in jobs)
+    return _run_in_pool(work, jobs, workers)
+
+
+def _run_in_pool(work: Callable[[int], Any], jobs: Sequence[int], workers: int) -> Iterator[tuple[int, Any]]:
+    """On processes of this machine; where one is killed, what was in hand is done again by a new pool."""
+    waiting, broken = list(jobs), 0
+    while waiting:
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(min(workers, len(waiting)), mp_context=context, initializer=_settle)
+        try:
+            futures = {pool.submit(work, job): job for job in waiting}
+            for future in as_completed(futures):
+                result = future.result()
+                waiting.remove(futures[future])
+                broken = 0
+                yield futures[future], result
+        except BrokenProcessPool:
+            broken += 1
+            if broken == PATIENCE:
+                raise ComputationError(f"worker processes died {PATIENCE} times without finishing a case (is there "
+                                       "memory enough? try fewer --workers); the same command goes on") from None
+        except BaseException:  # stopped by the user, or by whoever reads the results
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _settle() -> None:
+    """Make a worker quiet: few threads, no traceback when the user stops the command, no life after its parent."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    flags = os.environ.get("XLA_FLAGS", "")
+    if FLAG not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} {FLAG}".strip()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    """Leave as soon as the parent has."""
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: str) -> Iterator[tuple[int, Any]]:
+    """On a Dask cluster, which hands a dead worker's jobs to others."""
+    try:
+        from distributed import Client
+        from distributed import as_completed as as_done
+    except ImportError:
+        raise InputError("a cluster needs dask.distributed: pip install 'ddetumble[cluster]'", column="--scheduler"
+                         ) from None
+    try:
+        client = Client(scheduler, timeout=20, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"no Dask scheduler answers at {scheduler!r} ({reason})", column="--scheduler") from None
+    with client:
+        futures = client.map(work, list(jobs), pure=False, retries=RETRIES)
+        names = {future.key: job for future, job in zip(futures, jobs, strict=True)}
+        for future in as_done(futures):
+            if future.status == "error":
+                raise ComputationError(f"case {names[future.key]} cannot be done on the cluster "
+                                       f"({_tell(future.exception())}); the same command goes on")
+            yield names[future.key], future.result()
+
+
+def _tell(error: Any) -> str:
+    """A cluster's exception in a few words."""
+    if isinstance(error, ModuleNotFoundError):
+        return f"its workers do not have {error.name}; install ddetumble there"
+    return f"{type(error).__name__}: {error}"[:300]
