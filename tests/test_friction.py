@@ -143,6 +143,24 @@ def test_contract_is_broken_by_a_wrong_effect():
     assert broken == {"absent at its null", "k alive"}
 
 
+def test_contract_says_what_a_model_lacks():
+    """Eq. 8's part is the model's to provide: no record's condition stands in for it."""
+    from ddetumble.contact.sliding import AbstractFriction
+
+    class Bare(AbstractFriction):
+        provides = ()
+
+        def rubber(self, slide):
+            return jnp.asarray(0.3)
+
+        def slipping(self, slide):
+            return jnp.zeros(())
+
+    (effect,) = [effect for effect in SLIP if effect.id == "presliding"]
+    gap = check_effect(effect, Bare()).failures[0]
+    assert gap.name == "complete" and "requires 'rubber', which Bare" in gap.sentence
+
+
 def test_gradients_agree():
     """Forward = reverse = differences, in all parameters at once, heating among them."""
     slip = np.linspace(0.0, 0.012, 41)

@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ddetumble import InputError
 from ddetumble.contact.law import Ball, ContactLaw, PowerLaw
+from ddetumble.contact.sliding import CoulombFriction
 from ddetumble.dynamics.impact import simulate
 from ddetumble.effects import IMPACT, ArmServo, SensorGain, SensorLag, StressSoftening, ViscoelasticWall, WallStiffness
 from ddetumble.inference.parameters import ParameterSpace
@@ -267,3 +269,39 @@ def test_force_from_motion_is_that_of_the_law(law, limit):
         assert jnp.abs(direct.normal_force - read.normal_force).max() < limit * direct.normal_force.max()
         assert direct.separation == read.separation
         np.testing.assert_array_equal(direct.depression, read.depression)
+
+
+GOOD = {"initial_pressure": 1.2e6, "approach_speed": 0.4}
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ({"approach_speed": None}, "simulate needs the condition 'approach_speed'"),
+    ({"initial_pressure": None}, "simulate needs the condition 'initial_pressure'"),
+    ({"approach_speed": 0.0}, "approach_speed must be positive; it is 0"),
+    ({"approach_speed": "0.3 m/s"}, "approach_speed must be a number in SI units"),
+    ({"initial_pressure": float("nan")}, "initial_pressure is nan"),
+    ({"approach_speed": np.array([0.1, 0.2])}, "batch impacts by jax.vmap"),
+])  # fmt: skip
+def test_simulate_refuses_conditions(change, message):
+    """What is missing or no use is named, before anything is compiled."""
+    conditions = {k: v for k, v in (GOOD | change).items() if v is not None}
+    with pytest.raises(InputError, match=message):
+        simulate(ContactLaw(Ball()), conditions, TIMES)
+
+
+def test_simulate_takes_plain_numbers_and_refuses_the_rest():
+    """Floats, lists and a reference model alone do; times, laws and masses that do not are named."""
+    times = list(TIMES[::20])
+    found = simulate(Ball(), GOOD, times)
+    wrapped = strike(ContactLaw(Ball()), collect(1.2e6, 0.4), jnp.asarray(times))
+    np.testing.assert_allclose(found.normal_force, wrapped.normal_force, rtol=1e-9, atol=1e-9)
+    for wrong, message in ((0.01, "one-dimensional"), ([], "one time at least"), ([0.0, np.nan], "time number 2")):
+        with pytest.raises(InputError, match=message):
+            simulate(Ball(), GOOD, wrong)
+    with pytest.raises(InputError, match="needs a ContactLaw"):
+        simulate(CoulombFriction(), GOOD, times)
+    with pytest.raises(InputError, match="effective_mass must be positive; it is -1"):
+        simulate(Ball(effective_mass=-1.0), GOOD, times)
+    free = PowerLaw(exponent=1.5)  # without gas no pressure is needed
+    assert "gas" not in free.provides
+    assert is_finite(simulate(free, {"approach_speed": 0.4}, times))

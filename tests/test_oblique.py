@@ -27,11 +27,12 @@ from ddetumble import strike as run_strike
 from ddetumble.contact.effect import parameter, parameters_of
 from ddetumble.contact.gripping import AbstractComplianceEffect, share_friction, solve_slider
 from ddetumble.contact.law import ContactLaw, PowerLaw
-from ddetumble.contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFriction
+from ddetumble.contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFriction, Slide
 from ddetumble.dynamics.impact import follow, read_motion
 from ddetumble.dynamics.strike import _COURSE, grip
 from ddetumble.effects import OBLIQUE
 from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
+from ddetumble.effects.oblique_probes import LoadProbe, PathProbe, SequenceProbe, SpeedProbe, TimeProbe
 from ddetumble.effects.rig import ArmServo
 from ddetumble.effects.slip import (
     AdhesiveOffset,
@@ -315,6 +316,15 @@ def test_independent_simulator_closes_its_own_books():
     columns, end = integrate_strike(BASE, {"tangential-compliance": {"compliance": 3e-5}}, conditions, times)
     work = np.trapezoid(columns["tangential_force"] * np.gradient(columns["slip"], times), times)
     np.testing.assert_allclose(work, end["work"], rtol=1e-3)
+
+
+def test_friction_probes_by_hand():
+    """Each probe's factor at a slide whose variables are known."""
+    slide = Slide(*(jnp.asarray(x) for x in (5e-3, 0.1, 20.0, 1e6, 0.0, 8e-3, 1.0)), {"sequence": jnp.asarray(6.0)})
+    shares = {PathProbe: 0.5, LoadProbe: 0.4, SpeedProbe: 0.5, TimeProbe: 0.4, SequenceProbe: 0.5}
+    for probe, share in shares.items():
+        assert probe(h=jnp.asarray(0.2)).factor(slide) == pytest.approx(1.0 + 0.2 * share, rel=1e-14)
+        assert probe().factor(slide) == 1.0 and (probe.reference, probe.channel) == ("probe", "tangential_force")
 
 
 GOOD = {"initial_pressure": 1.2e6, "approach_speed": 0.4, "tangential_speed": 0.15}

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ddetumble import coast, measure_nutation, tumble
-from ddetumble.dynamics.rotation import measure_turn
+from ddetumble._rotation import measure_turn
 from ddetumble.paper.free_tumbling import (
     UNTURNED,
     follow_stage,

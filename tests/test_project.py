@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "ddetumble"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
-    {"_errors", "_settings", "_numerics"},
+    {"_errors", "_settings", "_numerics", "_rotation"},
     {"contact"},
     {"effects"},
     {"dynamics"},
@@ -114,7 +114,7 @@ def test_layers(path):
 
 def test_measurement_stands_alone():
     """Campaigns are read without JAX and without any model."""
-    wrong = {"jax", "equinox", "diffrax"}, {"contact", "effects", "dynamics", "_numerics"}
+    wrong = {"jax", "equinox", "diffrax"}, {"contact", "effects", "dynamics", "_numerics", "_rotation"}
     for path in (PACKAGE / "measurement").glob("*.py"):
         for module in list_imports(path):
             assert module.split(".")[0] not in wrong[0] and name_layer(module) not in wrong[1], f"{path.name}: {module}"

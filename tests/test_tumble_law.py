@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ddetumble import check_effect, coast, resolve_model, tumble
+from ddetumble._rotation import rotate
 from ddetumble.contact import torque
-from ddetumble.dynamics.rotation import rotate
 from ddetumble.effects import TUMBLE, catalogue
 from ddetumble.effects.tumble_probes import TUMBLE_PROBES
 from ddetumble.exam.simulators.tumbling import simulate_tumbling

@@ -34,10 +34,7 @@ from ddetumble import (
     trace_point,
     tumble,
 )
-from ddetumble.dynamics.bodies import integrate_mesh, shift_inertia
-from ddetumble.dynamics.elliptic import first_kind, jacobi
-from ddetumble.dynamics.free_motion import coast_symmetric
-from ddetumble.dynamics.rotation import (
+from ddetumble._rotation import (
     conjugate,
     from_matrix,
     from_rotation_vector,
@@ -49,6 +46,9 @@ from ddetumble.dynamics.rotation import (
     to_rotation_vector,
     turn,
 )
+from ddetumble.dynamics.bodies import integrate_mesh, shift_inertia
+from ddetumble.dynamics.elliptic import first_kind, jacobi
+from ddetumble.dynamics.free_motion import coast_symmetric
 
 
 START = np.array([0.5, -0.1, 0.7, 0.3]) / np.linalg.norm([0.5, -0.1, 0.7, 0.3])

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .examination import MODEL
-from .places import locate_campaign, prepare_file, prepare_folder, write_table
+from .options import EFFECT, MODEL, SOURCE, folder_option, read_source
+from .places import prepare_file, write_table
 from .progress import show_progress
 
 
@@ -32,43 +32,22 @@ def register(app: typer.Typer) -> None:
 
 
 def fit_parameters(
-    source: Annotated[
-        str, typer.Argument(metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")
-    ],
+    source: Annotated[str, SOURCE],
     model: Annotated[str | None, MODEL] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder for result and model; a specification's own."),
-    ] = None,
+    effect: Annotated[list[str] | None, EFFECT] = None,
+    output: Annotated[Path | None, folder_option("Folder for result and model; a specification's own.")] = None,
 ):
     """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
     if none is named.
     """
-    specified = source.endswith(".toml")
-    if specified and (model or effect):
-        raise InputError("the specification says which model and effects; leave out --model and --effect", file=source)
-    path = Path(source) if specified else locate_campaign(source)
-    name = path.resolve().parent.name if specified else path.resolve().name
-    from ..measurement.package import read_campaign
-
-    if specified and not path.is_file():
-        raise InputError("there is no such file", file=path)
-    measured = path if specified else read_campaign(path)
-    folder = prepare_folder(output or (path.parent if specified else Path(f"{name}-fit")))
+    read = read_source(source, model, effect, output, "fit")
     from ..inference.estimation import fit
 
-    with show_progress(f"fitting {name}") as report:
-        if specified:
-            result = fit(measured, progress=report)
-        else:
-            result = fit(measured, model=model or "paper", effects=tuple(effect or ()), progress=report)
-        result.save(folder)
+    with show_progress(f"fitting {read.name}") as report:
+        result = fit(read.measured, **read.chosen, progress=report)
+        result.save(read.folder)
     typer.echo(result.text())
-    typer.echo(f"Written to {folder}")
+    typer.echo(f"Written to {read.folder}")
 
 
 def predict_records(

@@ -5,18 +5,9 @@ from typing import Annotated
 
 import typer
 
+from .options import CAMPAIGN, MODEL, folder_option
 from .places import locate_campaign, prepare_file, prepare_folder, write_table
 from .progress import show_progress
-
-
-CAMPAIGN = typer.Argument(metavar="CAMPAIGN", help="Folder of a campaign, or the name of a shipped one.")
-MODEL = typer.Option(
-    "-m",
-    "--model",
-    metavar="MODEL",
-    help="paper, paper-printed, matunaga, power-law (friction: paper, paper-printed, coulomb), a folder that fit or "
-    "discover wrote, or FILE.py:NAME.",
-)
 
 
 def register(app: typer.Typer) -> None:
@@ -42,9 +33,7 @@ def register(app: typer.Typer) -> None:
 def compare_model(
     campaign: Annotated[str, CAMPAIGN],
     model: Annotated[str, MODEL] = "paper",
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Also write compare.json and figures here.")
-    ] = None,
+    output: Annotated[Path | None, folder_option("Also write compare.json and figures here.")] = None,
 ):
     """Hold a model against measurements: error by channel, record and condition, against the noise."""
     path = locate_campaign(campaign)
@@ -118,8 +107,7 @@ def identify_force(
 def discover_effects(
     campaign: Annotated[str, CAMPAIGN],
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder for result.json, report.html and the grown model."),
+        Path | None, folder_option("Folder for result.json, report.html and the grown model.")
     ] = None,
     model: Annotated[str, MODEL] = "paper",
     effect: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .examination import MODEL
+from .options import EFFECT, MODEL, SOURCE, folder_option, read_source
 from .places import list_shipped, locate_campaign, prepare_folder
 from .progress import show_progress
 
@@ -30,18 +30,10 @@ def register(app: typer.Typer) -> None:
 
 
 def sample_posterior(
-    source: Annotated[
-        str, typer.Argument(metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")
-    ],
+    source: Annotated[str, SOURCE],
     model: Annotated[str | None, MODEL] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder for draws and report; a specification's own."),
-    ] = None,
+    effect: Annotated[list[str] | None, EFFECT] = None,
+    output: Annotated[Path | None, folder_option("Folder for draws and report; a specification's own.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="NUTS in place of emcee; needs the extra `nuts`.")] = False,
     effective: Annotated[
         int | None, typer.Option(metavar="N", help="Independent draws wanted of every parameter [2000].")
@@ -62,30 +54,19 @@ def sample_posterior(
     """Draw from the posterior: parameters with their uncertainty where it is no Gaussian. What stopped it, the same
     command goes on.
     """
-    specified = source.endswith(".toml")
-    if specified and (model or effect):
-        raise InputError("the specification says which model and effects; leave out --model and --effect", file=source)
-    path = Path(source) if specified else locate_campaign(source)
-    if specified and not path.is_file():
-        raise InputError("there is no such file", file=path)
-    name = path.resolve().parent.name if specified else path.resolve().name
-    from ..measurement.package import read_campaign
-
-    measured = path if specified else read_campaign(path)
-    folder = prepare_folder(output or (path.parent if specified else Path(f"{name}-posterior")))
+    read = read_source(source, model, effect, output, "posterior")
     from ..sampling.sampling import sample
 
-    with show_progress(f"sampling {name}") as report:
-        more = {} if specified else {"model": model or "paper", "effects": tuple(effect or ())}
-        found = sample(measured, **more, sampler="nuts" if nuts else None, folder=folder, progress=report,
-                       walkers=walkers, ensembles=ensembles, burn=burn, block=checkpoint, effective=effective,
-                       most=steps, seed=seed)
+    with show_progress(f"sampling {read.name}") as report:
+        found = sample(read.measured, **read.chosen, sampler="nuts" if nuts else None, folder=read.folder,
+                       progress=report, walkers=walkers, ensembles=ensembles, burn=burn, block=checkpoint,
+                       effective=effective, most=steps, seed=seed)
         found = found.examine(lambda text, share: report(text, share))
         report("writing the report", 0.95)
         from ..report import write_posterior
 
-        found.save(folder)
-        page = write_posterior(found, folder)
+        found.save(read.folder)
+        page = write_posterior(found, read.folder)
     typer.echo(found.text())
     typer.echo(f"Report: {page}")
 
@@ -104,8 +85,8 @@ def weigh_models(
         str | None, typer.Option(metavar="CAMPAIGN", help="The campaign that discover looked at.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for weights.json and every rival's "
-                                  "fit; that of discover itself, if not given.")
+        Path | None,
+        folder_option("Folder for weights.json and every rival's fit; that of discover itself, if not given."),
     ] = None,
 ):
     """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages

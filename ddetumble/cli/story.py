@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from .options import folder_option
 from .places import prepare_folder
 from .progress import show_progress
 
@@ -24,9 +25,7 @@ def register(app: typer.Typer) -> None:
 
 
 def tell_story(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the report and its figures.")
-    ] = Path("ddetumble-demo"),
+    output: Annotated[Path, folder_option("Folder for the report and its figures.")] = Path("ddetumble-demo"),
 ):
     """The whole story on shipped data: the paper's tables, then a campaign with a hidden effect; writes the report."""
     folder = prepare_folder(output)
@@ -36,9 +35,7 @@ def tell_story(
 
 
 def examine_paper(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures and tables.")
-    ] = Path("ddetumble-paper"),
+    output: Annotated[Path, folder_option("Folder for the figures and tables.")] = Path("ddetumble-paper"),
 ):
     """The paper beside the toolkit: each contradiction with its two numbers, each table and figure that the printed
     data allow, and what they do not allow.

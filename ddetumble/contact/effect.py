@@ -25,7 +25,7 @@ slip records are in `contact.sliding`, those on tumbling records (torques) in `c
 import abc
 import dataclasses as dc
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -321,6 +321,11 @@ STAGE_OF: tuple[tuple[type, str], ...] = (
     (AbstractSurfaceForce, "surface"), (AbstractDriveEffect, "drive"), (AbstractRestitutionEffect, "restitution"),
     (AbstractSensorEffect, "sensor"),
 )
+
+
+def pick_effects(effects: Sequence[AbstractEffect], kind: type) -> list[Any]:
+    """Those of one kind, in their order."""
+    return [effect for effect in effects if isinstance(effect, kind)]
 
 
 def stage_of(effect: Any) -> str:

@@ -28,6 +28,7 @@ from .effect import (
     Contact,
     Scalar,
     parameter,
+    pick_effects,
 )
 from .gas import gas_pressure
 from .geometry import contact_radius, racetrack_volume, sphere_volume, truncated_sphere_radius
@@ -213,12 +214,9 @@ class ContactLaw(eqx.Module):
     reference: AbstractReference
     effects: tuple[AbstractEffect, ...] = ()
 
-    def _of(self, kind: type) -> list:
-        return [effect for effect in self.effects if isinstance(effect, kind)]
-
     def stateful(self) -> list:
         """The effects with a state of their own, in the order of the state vector."""
-        return self._of(AbstractStatefulEffect)
+        return pick_effects(self.effects, AbstractStatefulEffect)
 
     def start(self, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
         """Outer diameter [m] and damping c_n [s/m] of a record, which do not change during contact."""
@@ -226,9 +224,9 @@ class ContactLaw(eqx.Module):
         speed = conditions["approach_speed"]
         first = Contact(zero, zero, speed, zero, zero + 1.0, self.reference.diameter(), zero, zero,
                         conditions.get("initial_pressure", zero), speed, conditions, zero)
-        growth = sum((effect.growth(first) for effect in self._of(AbstractSizeEffect)), zero)
+        growth = sum((effect.growth(first) for effect in pick_effects(self.effects, AbstractSizeEffect)), zero)
         restitution = self.reference.rebound()
-        for effect in self._of(AbstractRestitutionEffect):
+        for effect in pick_effects(self.effects, AbstractRestitutionEffect):
             restitution = restitution * effect.factor(first)
         return self.reference.diameter() * (1.0 + growth), self.reference.damping(restitution, speed)
 
@@ -246,19 +244,20 @@ class ContactLaw(eqx.Module):
 
         def increment(radius):
             at = eqx.tree_at(lambda c: c.contact_radius, bare, radius)
-            return sum((effect.contact_radius(own(at, effect)) for effect in self._of(AbstractGeometryEffect)), zero)
+            found = pick_effects(self.effects, AbstractGeometryEffect)
+            return sum((effect.contact_radius(own(at, effect)) for effect in found), zero)
 
         radius, ratio = self.reference.shape(depth, diameter, increment)
         shaped = eqx.tree_at(lambda c: (c.contact_radius, c.volume_ratio), bare, (radius, ratio))
         one = jnp.ones_like(zero)
         gas = gas_pressure(pressure, ratio, one, one)
-        for effect in self._of(AbstractGasEffect):
+        for effect in pick_effects(self.effects, AbstractGasEffect):
             gas = gas * effect.pressure_factor(own(shaped, effect))
         filled = eqx.tree_at(lambda c: c.pressure, shaped, gas)
         elastic = self.reference.elastic(filled)
-        for effect in self._of(AbstractElasticEffect):
+        for effect in pick_effects(self.effects, AbstractElasticEffect):
             elastic = elastic + effect.force(own(filled, effect))
-        for effect in self._of(AbstractStiffnessEffect):
+        for effect in pick_effects(self.effects, AbstractStiffnessEffect):
             elastic = elastic * effect.factor(own(filled, effect))
         return eqx.tree_at(lambda c: c.elastic_force, filled, elastic)
 
@@ -268,16 +267,17 @@ class ContactLaw(eqx.Module):
             return self._own(contact, effect, states)
 
         normal = contact.elastic_force * (1.0 + damping * contact.depression_rate)
-        for effect in self._of(AbstractContactForce):
+        for effect in pick_effects(self.effects, AbstractContactForce):
             normal = normal + effect.force(own(effect))
         normal = positive_part(normal)
-        for effect in self._of(AbstractSurfaceForce):
+        for effect in pick_effects(self.effects, AbstractSurfaceForce):
             normal = normal + effect.force(own(effect))
         return Forces(contact.elastic_force, normal, self.drive(contact, states), contact.pressure)
 
     def drive(self, contact: Contact, states: Array) -> Scalar:
         """Force of the arm towards the plate at one instant [N]."""
-        return sum((effect.force(self._own(contact, effect, states)) for effect in self._of(AbstractDriveEffect)),
+        found = pick_effects(self.effects, AbstractDriveEffect)
+        return sum((effect.force(self._own(contact, effect, states)) for effect in found),
                    jnp.zeros_like(contact.depression))
 
     def _own(self, contact: Contact, effect: AbstractEffect, states: Array) -> Contact:
@@ -293,10 +293,10 @@ class ContactLaw(eqx.Module):
 
     def has_sensor(self) -> bool:
         """Whether any effect acts on the sensor."""
-        return bool(self._of(AbstractSensorEffect))
+        return bool(pick_effects(self.effects, AbstractSensorEffect))
 
     def reading(self, force: Signal) -> Signal:
         """What the force gauge reads."""
-        for effect in sorted(self._of(AbstractSensorEffect), key=lambda e: type(e).order):
+        for effect in sorted(pick_effects(self.effects, AbstractSensorEffect), key=lambda e: type(e).order):
             force = effect.reading(force)
         return force

@@ -13,14 +13,14 @@ friction               `AbstractFrictionForce`     increment of the friction for
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
 from equinox import AbstractClassVar
 from jaxtyping import Array
 
-from .effect import AbstractEffect, AbstractModel, Scalar, parameter
+from .effect import AbstractEffect, AbstractModel, Scalar, parameter, pick_effects
 from .friction import composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
 
 
@@ -176,17 +176,14 @@ class FrictionLaw(eqx.Module):
     reference: AbstractFriction
     effects: tuple[AbstractEffect, ...] = ()
 
-    def _of(self, kind: type) -> list[Any]:
-        return [effect for effect in self.effects if isinstance(effect, kind)]
-
     def force(self, slide: Slide) -> Scalar:
         """Friction force against the motion [N] (Eq. 11 with the effects)."""
         rubber = self.reference.rubber(slide)
-        for effect in self._of(AbstractRubberEffect):
+        for effect in pick_effects(self.effects, AbstractRubberEffect):
             rubber = rubber * effect.factor(slide)
         force = (rubber + self.reference.slipping(slide)) * slide.normal_load
-        for effect in self._of(AbstractLoadEffect):
+        for effect in pick_effects(self.effects, AbstractLoadEffect):
             force = force * effect.factor(slide)
-        for effect in self._of(AbstractFrictionForce):
+        for effect in pick_effects(self.effects, AbstractFrictionForce):
             force = force + effect.force(slide)
         return force

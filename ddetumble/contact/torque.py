@@ -36,7 +36,7 @@ import jax.numpy as jnp
 from equinox import AbstractClassVar
 from jaxtyping import Array, Float
 
-from .effect import AbstractEffect, AbstractModel, Scalar, parameter
+from .effect import AbstractEffect, AbstractModel, Scalar, parameter, pick_effects
 
 
 Vector = Float[Array, "3"]
@@ -144,18 +144,15 @@ class TumbleLaw(eqx.Module):
     reference: RigidBody
     effects: tuple[AbstractEffect, ...] = ()
 
-    def _of(self, kind: type) -> list[Any]:
-        return [effect for effect in self.effects if isinstance(effect, kind)]
-
     @property
     def inner(self) -> list[Any]:
         """Effects with a body of their own, in the order of their states."""
-        return self._of(AbstractInnerTorque)
+        return pick_effects(self.effects, AbstractInnerTorque)
 
     def moments(self) -> Vector:
         """Principal moments over the transverse one [-]."""
         moments = self.reference.moments()
-        for effect in self._of(AbstractInertiaEffect):
+        for effect in pick_effects(self.effects, AbstractInertiaEffect):
             moments = moments + effect.moments()
         return moments
 
@@ -172,7 +169,7 @@ class TumbleLaw(eqx.Module):
         omega, moments = spin.angular_velocity, spin.moments
         total = -cross(omega, moments * omega)
         own = []
-        for effect in self._of(AbstractTorque):
+        for effect in pick_effects(self.effects, AbstractTorque):
             seen = spin
             if isinstance(effect, AbstractInnerTorque):
                 seen = eqx.tree_at(lambda s: s.inner, spin, inner[len(own)])
@@ -186,7 +183,7 @@ class TumbleLaw(eqx.Module):
 
     def read(self, angular_velocity: Array, time: Array) -> Array:
         """What the gyroscopes read for rates over time, shapes (samples, 3), (samples,) [rad/s], [s]."""
-        for effect in sorted(self._of(AbstractGyroEffect), key=lambda e: e.order):
+        for effect in sorted(pick_effects(self.effects, AbstractGyroEffect), key=lambda e: e.order):
             angular_velocity = effect.reading(angular_velocity, time)
         return angular_velocity
 

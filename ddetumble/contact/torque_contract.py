@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .clauses import Check, EffectReport, explain_error
+from .bench import prove, set_up
+from .clauses import EffectReport
 from .effect import AbstractEffect, AbstractModel
-from .tangential_contract import Bench
+from .tangential_contract import CourseProof
 from .torque import RigidBody, Spin, TumbleLaw
 
 
@@ -25,16 +26,13 @@ def check_tumble_effect(effect_class: type[AbstractEffect], name: str, reference
     Conditions have to hold the rates at t = 0 as `x`, `y` and `z` [rad/s]; the orbit rate of the trials is 1e-3 rad/s
     where the body has none.
     """
-    try:
+    def make():
         model = RigidBody() if reference is None else reference
         if isinstance(model, RigidBody) and not float(model.orbit_rate):
             model = dc.replace(model, orbit_rate=jnp.asarray(1e-3))
-        known = _Known(model)
-        found = dict(_CONDITIONS) if conditions is None else conditions
-        bench = Bench(effect_class, known, found, turn_over, conditions is None)
-    except Exception as error:
-        return EffectReport(name, (Check("complete", False, explain_error(error)),))
-    return bench.report(name)
+        return CourseProof(set_up(effect_class, _Known(model), _CONDITIONS, conditions), turn_over)
+
+    return prove(name, make)
 
 
 class _Known:

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_divide, safe_sqrt
+from .._rotation import conjugate, from_matrix, multiply
 from .rigid import measure_momentum, to_tensor
-from .rotation import conjugate, from_matrix, multiply
 
 
 _CYCLE = np.array([0.5, 0.5, 0.5, 0.5])  # takes Y_L to z, Z_L to x, X_L to y

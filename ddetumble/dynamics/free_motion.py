@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._rotation import conjugate, from_matrix, from_rotation_vector, multiply, normalise
 from .elliptic import SMALLEST, first_kind, integrate_pulses, jacobi, quarter_period
 from .rigid import Tumble, read_start
-from .rotation import conjugate, from_matrix, from_rotation_vector, multiply, normalise
 
 
 EQUAL = 1e-8  # relative difference below which two moments count as equal in derivatives by the inertia tensor

@@ -11,10 +11,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
+from .._errors import InputError
 from .._numerics import safe_divide, stop
 from ..contact.effect import Scalar
-from ..contact.law import ContactLaw
+from ..contact.law import AbstractReference, ContactLaw
 from ..contact.signal import Signal
+from .entry import read_conditions, read_times, refuse_values
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
@@ -144,7 +146,7 @@ def measure_error(error: Array) -> Array:
 
 
 def simulate(
-    law: ContactLaw, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
+    law: ContactLaw | AbstractReference, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
     adjoint: dfx.AbstractAdjoint | None = None, rtol: float = RTOL, atol: float = ATOL, max_steps: int = MAX_STEPS,
     from_motion: bool = False,
 ) -> Impact:
@@ -154,7 +156,7 @@ def simulate(
     implicit-function theorem.
 
     Args:
-        law: the contact law.
+        law: the contact law, or a reference model such as `Ball()` alone.
         conditions: `approach_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law reads, scalars.
         times: wanted times since first touch, ascending, shape (times,) [s]; may start before 0.
         span: how long to integrate at most [s] (default: to the last wanted time).
@@ -167,7 +169,18 @@ def simulate(
 
     Returns:
         An `Impact`; look at `failed` under `vmap`.
+
+    Raises:
+        InputError: The law is none of impacts, a condition is missing, or a known value is no use.
     """
+    law = law.extend(()) if isinstance(law, AbstractReference) else law
+    if not isinstance(law, ContactLaw):
+        raise InputError("simulate needs a ContactLaw(ball, effects), or a reference model such as Ball(); it is given "
+                         f"a {type(law).__name__}")
+    needs = ("approach_speed", *(("initial_pressure",) if "gas" in law.reference.provides else ()))
+    conditions, times = read_conditions(conditions, needs, "simulate"), read_times(times, "simulate")
+    refuse_values({"approach_speed": conditions["approach_speed"], "effective_mass": law.reference.inertia()},
+                  "simulate")
     last = stop(jnp.max(times) if span is None else span)
     motion = follow(law, conditions, jnp.where(last > 0, last, 1.0), adjoint, rtol, atol, max_steps)
     return read_motion(law, conditions, times, motion, from_motion)[0]

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
 from .._numerics import is_known
-from .rotation import rotate
+from .._rotation import rotate
 
 
 class Tumble(eqx.Module):

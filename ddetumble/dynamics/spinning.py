@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._rotation import from_rotation_vector, normalise, rotate_back, turn
 from ..contact.torque import Spin, TumbleLaw
-from .rotation import from_rotation_vector, normalise, rotate_back, turn
 
 
 STEP = 0.8  # rad, by which a body turns at most in one step of the mesh

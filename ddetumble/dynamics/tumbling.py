@@ -10,8 +10,8 @@ from jaxtyping import Array
 
 from .._errors import ComputationError, InputError
 from .._numerics import is_known, stop
+from .._rotation import normalise, turn
 from .rigid import Tumble, accelerate, read_start
-from .rotation import normalise, turn
 
 
 RTOL, ATOL = 1e-14, 1e-14

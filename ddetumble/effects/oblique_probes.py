@@ -1,5 +1,6 @@
 """Probes for oblique impacts: what a missing friction depends on (see `probes`)."""
 
+from abc import abstractmethod
 from typing import ClassVar, final
 
 import jax.numpy as jnp
@@ -10,36 +11,46 @@ from ..contact.gripping import AbstractReactionEffect, Patch
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, Slide
 
 
+class AbstractFrictionProbe(AbstractLoadEffect):
+    r"""Friction times $1 + h\,x$, with $x$ a variable of the slide in units of what is usual for it."""
+
+    h: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,))
+    reference: ClassVar[str] = "probe"
+    channel: ClassVar[str] = "tangential_force"
+
+    @abstractmethod
+    def measure(self, slide: Slide) -> Scalar:
+        """The variable x [-]."""
+
+    def factor(self, slide: Slide) -> Scalar:
+        """1 + h x."""
+        return 1.0 + self.h * self.measure(slide)
+
+
 @final
-class PathProbe(AbstractLoadEffect):
+class PathProbe(AbstractFrictionProbe):
     """Friction that changes steadily with the distance slid."""
 
-    h: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,))
     id: ClassVar[str] = "probe-friction-slip"
     law: ClassVar[str] = "mu F_n times 1 + h s / 10 mm"
-    reference: ClassVar[str] = "probe"
     variable: ClassVar[str] = "slip"
-    channel: ClassVar[str] = "tangential_force"
 
-    def factor(self, slide: Slide) -> Scalar:
-        """1 + h s / 10 mm."""
-        return 1.0 + self.h * slide.slip / 0.01
+    def measure(self, slide: Slide) -> Scalar:
+        """s / 10 mm."""
+        return slide.slip / 0.01
 
 
 @final
-class LoadProbe(AbstractLoadEffect):
+class LoadProbe(AbstractFrictionProbe):
     """Friction that is not proportional to the load."""
 
-    h: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,))
     id: ClassVar[str] = "probe-friction-load"
     law: ClassVar[str] = "mu F_n times 1 + h F_n / 50 N"
-    reference: ClassVar[str] = "probe"
     variable: ClassVar[str] = "normal_force"
-    channel: ClassVar[str] = "tangential_force"
 
-    def factor(self, slide: Slide) -> Scalar:
-        """1 + h F_n / 50 N."""
-        return 1.0 + self.h * slide.normal_load / 50.0
+    def measure(self, slide: Slide) -> Scalar:
+        """F_n / 50 N."""
+        return slide.normal_load / 50.0
 
 
 @final
@@ -61,52 +72,43 @@ class PressureProbe(AbstractLoadEffect):
 
 
 @final
-class SpeedProbe(AbstractLoadEffect):
+class SpeedProbe(AbstractFrictionProbe):
     """Friction that depends on the slip speed."""
 
-    h: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,))
     id: ClassVar[str] = "probe-friction-speed"
     law: ClassVar[str] = "mu F_n times 1 + h u / 0.2 m/s"
-    reference: ClassVar[str] = "probe"
     variable: ClassVar[str] = "slip_speed"
-    channel: ClassVar[str] = "tangential_force"
 
-    def factor(self, slide: Slide) -> Scalar:
-        """1 + h u / 0.2 m/s."""
-        return 1.0 + self.h * slide.slip_speed / 0.2
+    def measure(self, slide: Slide) -> Scalar:
+        """u / 0.2 m/s."""
+        return slide.slip_speed / 0.2
 
 
 @final
-class TimeProbe(AbstractLoadEffect):
+class TimeProbe(AbstractFrictionProbe):
     """Friction that changes with the time in contact."""
 
-    h: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,))
     id: ClassVar[str] = "probe-friction-time"
     law: ClassVar[str] = "mu F_n times 1 + h t / 20 ms"
-    reference: ClassVar[str] = "probe"
     variable: ClassVar[str] = "time"
-    channel: ClassVar[str] = "tangential_force"
 
-    def factor(self, slide: Slide) -> Scalar:
-        """1 + h t / 20 ms."""
-        return 1.0 + self.h * slide.time / 0.02
+    def measure(self, slide: Slide) -> Scalar:
+        """t / 20 ms."""
+        return slide.time / 0.02
 
 
 @final
-class SequenceProbe(AbstractLoadEffect):
+class SequenceProbe(AbstractFrictionProbe):
     """Friction that changes steadily over the series."""
 
-    s: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,))
     id: ClassVar[str] = "probe-friction-sequence"
-    law: ClassVar[str] = "mu F_n times 1 + s (j - 1) / 10"
-    reference: ClassVar[str] = "probe"
+    law: ClassVar[str] = "mu F_n times 1 + h (j - 1) / 10"
     requires: ClassVar[tuple[str, ...]] = ("sequence",)
     variable: ClassVar[str] = "sequence"
-    channel: ClassVar[str] = "tangential_force"
 
-    def factor(self, slide: Slide) -> Scalar:
-        """1 + s (j - 1) / 10."""
-        return 1.0 + self.s * (slide.conditions["sequence"] - 1.0) / 10.0
+    def measure(self, slide: Slide) -> Scalar:
+        """(j - 1) / 10."""
+        return (slide.conditions["sequence"] - 1.0) / 10.0
 
 
 @final

@@ -5,6 +5,7 @@ from typing import ClassVar, final
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._rotation import rotate_back
 from ..contact.effect import AbstractEffect, Scalar, parameter
 from ..contact.torque import AbstractGyroEffect, AbstractTorque, Spin, Vector
 
@@ -89,10 +90,7 @@ class InertialProbe(AbstractTorque):
 
     def torque(self, spin: Spin) -> Vector:
         """The constant, turned into body components [1/s²]."""
-        w, u = spin.attitude[0], -spin.attitude[1:]
-        push = jnp.stack([self.x, self.y, self.z])
-        twice = 2.0 * jnp.cross(u, push)
-        return push + w * twice + jnp.cross(u, twice)
+        return rotate_back(spin.attitude, jnp.stack([self.x, self.y, self.z]))
 
 
 @final

@@ -21,7 +21,7 @@ from .horizon import MOST, is_lost, solve_growing
 from .models import ResolvedModel, resolve_effect, resolve_model
 from .noise import Noise
 from .parameters import ParameterSpace, from_public, to_public
-from .problem import SLOTS, Problem, Solution
+from .problem import Problem, Solution
 from .specification import Specification, read_specification
 from .stack import Records, stack_records
 from .whiteness import differs_from_stated, measure_noise
@@ -185,8 +185,8 @@ def choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], want
                                  column=section)
     if not names:
         raise InputError("nothing is left to fit: every parameter is known or fixed; free one", column="free")
-    if len(names) > SLOTS[-1]:
-        raise InputError(f"{len(names)} free parameters are too many; at most {SLOTS[-1]}", column="free")
+    if len(names) > space.family.slots[-1]:
+        raise InputError(f"{len(names)} free parameters are too many; at most {space.family.slots[-1]}", column="free")
     return [s.name for s in space.slots if s.name in names]
 
 

@@ -22,7 +22,6 @@ from .parameters import ParameterSpace
 from .stack import Records, Stack
 
 
-SLOTS = (5, 8, 12, 16, 24, 32, 48)
 WORKERS = 2
 FAILED = 1e4
 LARGE = 60_000  # samples of all records together beyond which free-running ones are computed one after the other

@@ -6,9 +6,11 @@ They are free in every record, without a prior: the guess is only where a fit be
 from collections.abc import Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._errors import InputError
+from .._rotation import from_rotation_vector, multiply, to_rotation_vector
 from ..dynamics.spinning import START, START_ATTITUDE, count_steps
 from ..measurement.campaign import Campaign
 from .families import ATTITUDES, RATES
@@ -191,12 +193,5 @@ def _guess_attitude(group: Any, names: tuple[str, ...], rate: np.ndarray, key: s
         raise InputError(f"record {key!r} has an attitude of length {bad:.3g}; unit quaternions, scalar first, are "
                          "needed", file=table, column=names[0])
     k = int(np.argmax(there))
-    q = straighten(values)[k] / size[0]
-    half = -0.5 * rate * float(group["time"].to_numpy(dtype=float)[k])
-    angle = float(np.sqrt(half @ half))
-    p = np.concatenate([[np.cos(angle)], np.sinc(angle / np.pi) * half])
-    w = q[0] * p[0] - q[1:] @ p[1:]
-    v = q[0] * p[1:] + p[0] * q[1:] + np.cross(q[1:], p[1:])
-    w, v = (w, v) if w >= 0 else (-w, -v)
-    sine = float(np.sqrt(v @ v))
-    return 2.0 * v * (np.arctan2(sine, w) / sine if sine > 1e-12 else 1.0)
+    back = from_rotation_vector(jnp.asarray(-rate * float(group["time"].to_numpy(dtype=float)[k])))
+    return np.asarray(to_rotation_vector(multiply(jnp.asarray(values[k] / size[0]), back)))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from .._errors import InputError
-from .conditions import name_condition
+from .conditions import name_condition, read_unit
 from .headings import MAIN, expand_role, guess_role, read_pairs
 from .layout import RawFile, split_heading
 from .units import Unit, check_unit, si_unit
@@ -169,10 +169,4 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     if text is None:
         problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
         raise InputError(problem, file=raw.table.file, column=column)
-    try:
-        return check_unit(text, role)
-    except InputError as error:
-        problem = error.problem
-        if "gauge" in problem:
-            problem = f"{text!r} is a gauge pressure; give --unit {name}=bar --gauge and --ambient '101.3 kPa'"
-        raise InputError(f"{problem} (--unit {name}=… sets another)", file=raw.table.file, column=column) from None
+    return read_unit(text, role, raw.table.file, column, name, f" (--unit {name}=… sets another)")

@@ -117,7 +117,7 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
             problem = f"the column has no unit; write it into the heading like '{column} [{near}]', or give --unit "
             raise InputError(problem + f"{name}={near}", file=table.file, column=column)
         quantity = "time" if name in extra else name
-        checked = _checked(unit, quantity, table.file, column)
+        checked = read_unit(unit, quantity, table.file, column)
         values = checked.convert(convert_column(table, column, decimal=raw.decimal))
         found = {key: float(values[row]) for key, row in rows.items()}
         places = {key: (table.file, column, int(table.lines[row])) for key, row in rows.items()}
@@ -153,7 +153,7 @@ def read_names(conditions: Conditions, pattern: str, records: dict[str, str], un
         if unit is None:
             problem = f"--name-pattern does not say the unit of {name}: write {{{name}:MPa}} or the like"
             raise InputError(problem)
-        fields.append((name, _checked(unit, name, "--name-pattern", name)))
+        fields.append((name, read_unit(unit, name, "--name-pattern", name)))
         expression += r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)" + re.escape(after)
     values = {name: {} for name, _ in fields}
     for key, file in records.items():
@@ -201,14 +201,26 @@ def _unit_after(text: str, name: str) -> str | None:
     return None
 
 
-def _checked(unit: str, name: str, file: str, column: str) -> Unit:
+def read_unit(text: str, role: str, file: str, column: str, name: str = "", more: str = "") -> Unit:
+    """A stated unit.
+
+    Args:
+        text: the unit as stated.
+        role: the quantity that it has to measure.
+        file, column: where it stands.
+        name: of the quantity in `--unit` (default: the role's own).
+        more: what a message ends with.
+
+    Raises:
+        InputError: It does not measure that quantity; of a gauge pressure the message says which options settle it.
+    """
     try:
-        return check_unit(unit, name)
+        return check_unit(text, role)
     except InputError as error:
         problem = error.problem
         if "gauge" in problem:
-            problem = f"{unit!r} is a gauge pressure; give --unit {name}=bar --gauge and --ambient '101.3 kPa'"
-        raise InputError(problem, file=file, column=column) from None
+            problem = f"{text!r} is a gauge pressure; give --unit {name or role}=bar --gauge and --ambient '101.3 kPa'"
+        raise InputError(problem + more, file=file, column=column) from None
 
 
 def _option(option: str, given, name: str) -> float:

@@ -9,12 +9,12 @@ import dataclasses as dc
 import jax.numpy as jnp
 import numpy as np
 
+from .._rotation import measure_turn
 from ..dynamics.angles import measure_motion, measure_precession
 from ..dynamics.bodies import Cylinder
 from ..dynamics.elliptic import quarter_period
 from ..dynamics.free_motion import coast
 from ..dynamics.rigid import Tumble, trace_point
-from ..dynamics.rotation import measure_turn
 from ..dynamics.tumbling import tumble
 from .shipped import find_data
 

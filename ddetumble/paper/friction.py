@@ -13,6 +13,7 @@ from .fits import fit_linear
 from .rivals import estimate_noise, judge_rivals, make_row
 from .rows import Noise, PairedDifference, PeakRow, compare_rows, decide_verdict, judge_gain, tabulate
 from .sliding_peaks import ForceFit, FrictionProgram
+from .words import tidy
 
 
 LEVEL = 0.05
@@ -78,26 +79,22 @@ class FrictionJudgement:
         return {
             "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
             "effects": list(self.effects),
-            "steps": [{"added": " + ".join(row.effects) or None, "chi2_reduced": _plain(row.chi2_reduced),
+            "steps": [{"added": " + ".join(row.effects) or None, "chi2_reduced": tidy(row.chi2_reduced),
                        "nrmse": row.nrmse, "heldout_nrmse": row.heldout} for row in self.steps],
-            "noise_nrmse": _plain(float(np.sqrt(np.mean(self.noise.share**2)))),
-            "parameters": {name: {k: _plain(v) for k, v in value.items()} for name, value in final.estimates.items()},
-            "lack_of_fit": {"statistic": _plain(final.chi2_reduced), "p_value": _plain(final.p_value),
+            "noise_nrmse": tidy(float(np.sqrt(np.mean(self.noise.share**2)))),
+            "parameters": {name: {k: tidy(v) for k, v in value.items()} for name, value in final.estimates.items()},
+            "lack_of_fit": {"statistic": tidy(final.chi2_reduced), "p_value": tidy(final.p_value),
                             "level": self.level, "text": self.noise.text},
             "friction_over_load": {"mean": self.ratio[0], "deviation": self.ratio[1]},
-            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": _plain(r.nrmse),
-                      "worst": _plain(float(np.max(np.abs(r.fitted / self.peaks - 1.0)))),
-                      "heldout_nrmse": _plain(r.heldout), "heldout_worst": _plain(r.worst), "physical": r.physical,
-                      "estimates": {n: {k: _plain(v) for k, v in e.items()} for n, e in r.estimates.items()},
+            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": tidy(r.nrmse),
+                      "worst": tidy(float(np.max(np.abs(r.fitted / self.peaks - 1.0)))),
+                      "heldout_nrmse": tidy(r.heldout), "heldout_worst": tidy(r.worst), "physical": r.physical,
+                      "estimates": {n: {k: tidy(v) for k, v in e.items()} for n, e in r.estimates.items()},
                       "remark": r.remark} for r in self.rows],
             "paired_differences": [dc.asdict(p) for p in self.pairs],
-            "separation": [_plain(v) for v in self.separation], "cannot_be_seen": dict(self.left_out),
+            "separation": [tidy(v) for v in self.separation], "cannot_be_seen": dict(self.left_out),
             "notes": list(self.notes), "sentence": self.sentence,
         }  # fmt: skip
-
-
-def _plain(value):
-    return value if not isinstance(value, (float, np.floating)) or np.isfinite(value) else None
 
 
 def judge_friction(

@@ -14,6 +14,7 @@ from .friction import RELEASED, SCALED, FrictionJudgement
 from .friction_sentences import describe_best
 from .shipped import find_data
 from .slipping import CORRECTED, UNCORRECTED, err_scaled
+from .words import sign
 
 
 SHOWN = 2.05e6  # Pa, Figure 11
@@ -139,7 +140,7 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
                  f"standard errors. Grey: eleven numbers cannot tell the two apart. Off the scale: {SCALED}, "
                  f"{100 * far.difference:.1f} ± {100 * far.standard_error:.1f} points behind.", against),
                 ("table-4-pressure", "Friction over load against pressure: Eq. 8 can only rise (left), and fits best "
-                 f"with tan δ below 0 (right: {_signed(released.estimates['loss_factor']['estimate'])} ± "
+                 f"with tan δ below 0 (right: {sign(released.estimates['loss_factor']['estimate'], 3)} ± "
                  f"{released.estimates['loss_factor']['sd']:.3f}), where it is not physical.",
                  figures.draw_coefficient(judged)),
                 ("table-4-scale", "Largest error of Eq. 8 with one scale fitted to Table 4, over the constant that is "
@@ -176,7 +177,3 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
         "scale_of_stated_error": at, "figure_11": {"load": load, "friction": friction},
     }
     return sections, numbers
-
-
-def _signed(value: float) -> str:
-    return f"{value:.3f}".replace("-", "−")

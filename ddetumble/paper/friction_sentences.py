@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..contact.friction import DIVERGES_ABOVE
+from .words import join, say_share, sign
 
 
 def describe_friction(judged, assumed: Sequence[str]) -> tuple[str, tuple[str, ...]]:
@@ -18,7 +19,7 @@ def describe_friction(judged, assumed: Sequence[str]) -> tuple[str, tuple[str, .
     given = [{"normal_load": "loads", "internal_pressure": "pressures", "slip_speed": "slip speeds"}.get(name, name)
              for name in assumed]
     if given:
-        notes.append(f"The {_join(given)} of these rows are assumed, not printed; every statement here stands on them.")
+        notes.append(f"The {join(given)} of these rows are assumed, not printed; every statement here stands on them.")
     if judged.separation:
         notes.append("No slip belongs to these forces, so the slip term of Eqs. 9 and 10 is left out of our model: "
                      "Eq. 8 alone is judged" + _describe_loads(judged.loads) + ".")
@@ -37,16 +38,16 @@ def describe_best(judged) -> str:
     gaps = {pair.first: pair for pair in judged.pairs}
     better = [name for name, gap in gaps.items() if gap.difference < -2 * gap.standard_error]
     worse = [name for name, gap in gaps.items() if gap.difference > 2 * gap.standard_error]
-    start = f"A constant coefficient misses left-out forces by {_percent(plain.heldout)} (rms)"
+    start = f"A constant coefficient misses left-out forces by {say_share(plain.heldout)} (rms)"
     if best is plain:
         text = f"{start}, and nothing misses them by less."
     else:
         gap = gaps[best.label]
-        text = (f"{start}; the least is {_percent(best.heldout)} ({best.label}), a difference of "
+        text = (f"{start}; the least is {say_share(best.heldout)} ({best.label}), a difference of "
                 f"{-100 * gap.difference:.2f} ± {100 * gap.standard_error:.2f} points of mean error.")
-    told = (f" Beyond two standard errors only {_join(better)} {'does' if len(better) == 1 else 'do'} better." if better
+    told = (f" Beyond two standard errors only {join(better)} {'does' if len(better) == 1 else 'do'} better." if better
             else " No model does better than the constant beyond two standard errors.")
-    return text + told + (f" Worse beyond that: {_join(worse)}." if worse else "")
+    return text + told + (f" Worse beyond that: {join(worse)}." if worse else "")
 
 
 def _describe_loads(loads: np.ndarray) -> str:
@@ -68,12 +69,12 @@ def _describe_weights(judged) -> list[str]:
         return ["Without a spread of pressures K and tan δ cannot be told apart: only their product is seen."]
     found = [f"At the toolkit's values of K and tan δ the derivatives of the forces by their logarithms have singular "
              f"values {large:.2f} and {small:.3f}: estimates of the two are correlated by "
-             f"{_signed(correlation, 2)}, and only the spread of pressures tells them apart at all."]
+             f"{sign(correlation, 2)}, and only the spread of pressures tells them apart at all."]
     free = next((row for row in judged.rows if row.label == RELEASED), None)
     if "loss_factor" not in judged.reference.estimates and free is not None:
         value = free.estimates["loss_factor"]
         found.append(
-            f"Left free in sign, tan δ comes out as {_signed(value['estimate'], 3)} ± {value['sd']:.3f}: friction "
+            f"Left free in sign, tan δ comes out as {sign(value['estimate'], 3)} ± {value['sd']:.3f}: friction "
             f"over load does not grow with pressure as the hysteresis of Eq. 8 must. Within its limits tan δ goes to 0 "
             f"and K without limit; what remains of Eq. 8 is their product, which is a constant coefficient.")
     return found
@@ -81,11 +82,12 @@ def _describe_weights(judged) -> list[str]:
 
 def _write_sentence(judged) -> str:
     start = (f"With each record left out in turn, {'Eq. 8' if judged.separation else 'our model'} misses the friction "
-             f"forces by {_percent(judged.reference.heldout)} (rms), a constant coefficient by "
-             f"{_percent(judged.constant.heldout)}, a low polynomial in load by {_percent(judged.polynomial.heldout)}")
+             f"forces by {say_share(judged.reference.heldout)} (rms), a constant coefficient by "
+             f"{say_share(judged.constant.heldout)}, a low polynomial in load by "
+             f"{say_share(judged.polynomial.heldout)}")
     printed = [row for row in judged.rows if row.kind == "printed"]
     if printed:
-        start += f", the printed column by {_percent(printed[0].heldout)}"
+        start += f", the printed column by {say_share(printed[0].heldout)}"
     mean, spread = judged.ratio
     tail = f" Friction over load is {mean:.3f} ± {spread:.3f}."
     if judged.verdict == "undecided":
@@ -98,16 +100,4 @@ def _write_sentence(judged) -> str:
                 f"chance.{tail}")
     effect = judged.effects[-1]
     rest = "no lack of fit is left" if judged.verdict == "explained" else "something is still missing"
-    return f"{start}; {effect} brings our model to {_percent(judged.steps[-1].heldout)}, and {rest}.{tail}"
-
-
-def _join(parts: Sequence[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
-def _signed(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}".replace("-", "−")
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"
+    return f"{start}; {effect} brings our model to {say_share(judged.steps[-1].heldout)}, and {rest}.{tail}"

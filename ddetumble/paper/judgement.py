@@ -14,6 +14,7 @@ from .friction import FrictionJudgement, judge_friction
 from .peaks import WINDOW, PeakProgram
 from .rivals import estimate_noise, judge_rivals
 from .rows import Noise, PairedDifference, PeakRow, compare_rows, decide_verdict, tabulate
+from .words import tidy
 
 
 LEVEL = 0.05
@@ -77,7 +78,7 @@ class PeakJudgement:
         steps = []
         for before, row in zip((None, *self.steps[:-1]), self.steps, strict=True):
             added = [effect for effect in row.effects if before is None or effect not in before.effects]
-            steps.append({"added": " + ".join(added) or None, "chi2_reduced": _plain(row.chi2_reduced),
+            steps.append({"added": " + ".join(added) or None, "chi2_reduced": tidy(row.chi2_reduced),
                           "nrmse": row.nrmse, "heldout_nrmse": row.heldout,
                           "alternatives": [] if before is None else [
                               {"effect": c["effect"]} for c in self.candidates
@@ -87,12 +88,12 @@ class PeakJudgement:
             "effects": list(self.effects), "steps": steps,
             "noise_nrmse": float(np.sqrt(np.mean(self.noise.share**2))),
             "candidates": [dict(c) for c in self.candidates], "where": [dict(w) for w in self.where],
-            "parameters": {name: {k: _plain(v) for k, v in value.items()} for name, value in final.estimates.items()},
-            "lack_of_fit": {"statistic": _plain(final.chi2_reduced), "p_value": _plain(final.p_value),
+            "parameters": {name: {k: tidy(v) for k, v in value.items()} for name, value in final.estimates.items()},
+            "lack_of_fit": {"statistic": tidy(final.chi2_reduced), "p_value": tidy(final.p_value),
                             "level": self.level, "text": self.noise.text},
-            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": _plain(r.nrmse),
-                      "heldout_nrmse": _plain(r.heldout), "heldout_worst": _plain(r.worst),
-                      "heldout_nrmse_with_gas": _plain(r.heldout_gas), "physical": r.physical, "remark": r.remark}
+            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": tidy(r.nrmse),
+                      "heldout_nrmse": tidy(r.heldout), "heldout_worst": tidy(r.worst),
+                      "heldout_nrmse_with_gas": tidy(r.heldout_gas), "physical": r.physical, "remark": r.remark}
                      for r in self.rows],
             "paired_differences": [dc.asdict(p) for p in self.pairs],
             "fixed": dict(self.fixed), "cannot_be_seen": dict(self.left_out), "notes": list(self.notes),
@@ -101,10 +102,6 @@ class PeakJudgement:
 
     def _kin(self, added: Sequence[str]) -> set[str]:
         return {other for c in self.candidates if c["effect"] in added for other in c["indistinguishable_from"]}
-
-
-def _plain(value):
-    return value if not isinstance(value, (float, np.floating)) or np.isfinite(value) else None
 
 
 def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .rows import PeakRow, compare_rows
+from .words import say_share
 
 
 def describe_verdict(judged, assumed: Sequence[str], repeats: np.ndarray | None) -> tuple[str, tuple[str, ...]]:
@@ -28,7 +29,7 @@ def describe_verdict(judged, assumed: Sequence[str], repeats: np.ndarray | None)
             first = read[0].fitted[np.argmin(judged.pressures)]
             notes.append(f"Read as gauge pressures (the atmosphere added), that row gets {first:.1f} N in vacuum "
                          f"and the "
-                         f"left-out error of our model is {_percent(read[0].heldout)}: not enough either.")
+                         f"left-out error of our model is {say_share(read[0].heldout)}: not enough either.")
     if "initial_pressure" in assumed:
         notes.append("The pressures of these rows are assumed, not printed; every statement here stands on them.")
     if repeats is not None and np.all(repeats > 1):
@@ -44,11 +45,11 @@ def describe_verdict(judged, assumed: Sequence[str], repeats: np.ndarray | None)
 def _write_sentence(judged) -> str:
     base, last, low = judged.reference, judged.steps[-1], judged.polynomial
     start = (f"With each record left out in turn, the {judged.model} model misses the peaks by "
-             f"{_percent(base.heldout)} "
-             f"(rms), a low polynomial in pressure by {_percent(low.heldout)}")
+             f"{say_share(base.heldout)} "
+             f"(rms), a low polynomial in pressure by {say_share(low.heldout)}")
     printed = next((row for row in judged.rows if row.kind == "printed"), None)
     if printed is not None:
-        start += f", the printed theory times one factor by {_percent(printed.heldout)}"
+        start += f", the printed theory times one factor by {say_share(printed.heldout)}"
     if judged.verdict == "undecided":
         return (f"{start}: {len(judged.peaks)} peaks are too few to show or to rule out any effect of the "
                 f"catalogue. Whole force records would do.")
@@ -63,9 +64,9 @@ def _write_sentence(judged) -> str:
     twins = [twin for twin in twins if twin in {e for row in judged.rows if row.physical for e in row.effects}]
     told = f" (these peaks cannot tell it from {', '.join(twins)})" if twins else ""
     if judged.verdict == "explained":
-        return f"{start}; {effects}{told} brings our model to {_percent(last.heldout)}, and no lack of fit is left."
+        return f"{start}; {effects}{told} brings our model to {say_share(last.heldout)}, and no lack of fit is left."
     gap = compare_rows(last, low, judged.peaks)
-    return (f"{start}. {effects.capitalize()}{told} brings our model to {_percent(last.heldout)}, still "
+    return (f"{start}. {effects.capitalize()}{told} brings our model to {say_share(last.heldout)}, still "
             f"{100 * gap.difference:.1f} ± {100 * gap.standard_error:.1f} points behind the polynomial: "
             "no single effect of the catalogue, in its physical range, does what a curve without physics does. "
             "Force over "
@@ -91,7 +92,7 @@ def _describe_pairs(judged) -> list[str]:
     if not pairs:
         return []
     level = [row for row in pairs if _level_with(row, judged)]
-    told = [f"{' with '.join(row.effects)} ({_percent(row.heldout)}{'; ' + row.remark if row.remark else ''})"
+    told = [f"{' with '.join(row.effects)} ({say_share(row.heldout)}{'; ' + row.remark if row.remark else ''})"
             for row in level[:4]]
     if not told:
         return [f"Of the {len(pairs)} pairs of effects that fit best, none holds out as well as the polynomial."]
@@ -106,7 +107,3 @@ def _level_with(row: PeakRow, judged) -> bool:
     gap = compare_rows(row, judged.polynomial, judged.peaks)
     return np.isfinite(row.heldout) and row.heldout < 2 * judged.polynomial.heldout and (
         gap.difference < gap.standard_error)
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"

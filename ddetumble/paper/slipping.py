@@ -15,6 +15,7 @@ from ..contact.friction import (
 )
 from ..contact.sliding import RubberFriction
 from .contradictions import Contradiction
+from .words import sign
 
 
 SLIPS = tuple(1e-3 * s for s in (0.0, *np.geomspace(1e-3, 5.0, 75)))  # m, slips at which Eq. 11 is tried
@@ -88,10 +89,10 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
     stated = table["printed_error"]
     return [
         Contradiction(
-            5, "friction without slip (Eqs. 9 and 10)", f"e(F_n) = 2.69 …: {_signed(still[0.0])} F_n at no load",
+            5, "friction without slip (Eqs. 9 and 10)", f"e(F_n) = 2.69 …: {sign(still[0.0], 2)} F_n at no load",
             f"negative below {rest:.1f} N and above {CHANGES_SIGN_AT:.1f} N, not 0", "e = 1: the curve starts at 0",
-            f"With the printed e(F_n) friction without any slip is a(1 − e)F_n: {_signed(still[0.0])} F_n at no load, "
-            f"negative below {rest:.1f} N and again above {CHANGES_SIGN_AT:.1f} N ({_signed(still[loads.max()])} F_n "
+            f"With the printed e(F_n) friction without any slip is a(1 − e)F_n: {sign(still[0.0], 2)} F_n at no load, "
+            f"negative below {rest:.1f} N and again above {CHANGES_SIGN_AT:.1f} N ({sign(still[loads.max()], 2)} F_n "
             f"at {loads.max():.1f} N). With e = 1 the same a, b, c and d give a curve that rises from 0 by "
             f"{min(steep.values()):.3f} to {max(steep.values()):.3f} per mm below {rest:.0f} N.",
             {"rest_load": rest, "no_load": still[0.0], "largest_load": still[loads.max()],
@@ -103,7 +104,7 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
             f"From {DIVERGES_ABOVE:.2f} N on the curve of Eqs. 9 and 10 grows without limit (b + |d| > 0), and from "
             f"{CHANGES_SIGN_AT:.1f} N on a(F_n) is negative. The loads of Table 3 are {loads.min():.1f} to "
             f"{loads.max():.1f} N: {outside} of {len(loads)} diverge, {negative} have a negative a, and at 1 mm of "
-            f"slip the slip term would be {_signed(term.max())} to {_signed(term.min())}. If all rows share a slip, "
+            f"slip the slip term would be {sign(term.max(), 2)} to {sign(term.min(), 2)}. If all rows share a slip, "
             f"Eq. 11 comes closest to Table 4's corrected column at {1e3 * SLIPS[best]:.3f} mm, so at none "
             f"({100 * errors[best]:.1f} % rms; {100 * tenth:.0f} % at 0.1 mm; {100 * given:.0f} % at best with the "
             f"printed e): Eq. 10 cannot be what made that column.",
@@ -138,7 +139,3 @@ def _initial_slope(load: float) -> float:
     """Slope of the slip term at no slip with e = 1, a (c d - b) [1/mm]."""
     a, b, c, d, _ = slip_coefficients(jnp.asarray(load))
     return float(a * (c * d - b))
-
-
-def _signed(value: float) -> str:
-    return f"{value:.2f}".replace("-", "−")

@@ -23,13 +23,12 @@ def draw_stage(courses: Mapping[str, Course], momentum: np.ndarray, shown: float
     _draw_frames(figure.add_subplot(grid[:, 0], projection="3d"), momentum)
     panels = [dress(figure.add_subplot(grid[row, 1])) for row in range(3)]
     for (label, course), colour, line in zip(courses.items(), (AFTER, BEFORE), ("-", "--"), strict=True):
-        time = np.asarray(course.motion.time)
-        part = time <= shown
+        time, part = _begin(course, shown)
         precession, nutation, spin = course.angles[part].T
-        panels[0].plot(time[part], np.degrees(nutation), line, color=colour, lw=1.8, label=label)
+        panels[0].plot(time, np.degrees(nutation), line, color=colour, lw=1.8, label=label)
         for angle in (precession, spin):
-            panels[1].plot(time[part], angle / (2.0 * np.pi), line, color=colour, lw=1.8)
-        panels[2].plot(time[part], np.degrees(course.precession_rate[part]), line, color=colour, lw=1.8)
+            panels[1].plot(time, angle / (2.0 * np.pi), line, color=colour, lw=1.8)
+        panels[2].plot(time, np.degrees(course.precession_rate[part]), line, color=colour, lw=1.8)
     named = ("nutation [°]", "angles [turns]", "precession\nrate [°/s]")
     for axes, name in zip(panels, named, strict=True):
         axes.set_ylabel(name)
@@ -68,9 +67,8 @@ def draw_path(courses: Mapping[str, Course], momentum: np.ndarray, shown: float)
     _set_space(space, (-1.0, 1.4), (-1.7, 0.7), (-0.4, 2.0))
     for axes, column, name in zip(panels, range(3), "XYZ", strict=True):
         for course, colour, line in ((round_one, AFTER, "-"), (other, BEFORE, "--")):
-            time = np.asarray(course.motion.time)
-            part = time <= shown
-            axes.plot(time[part], course.path[part, column], line, color=colour, lw=1.6)
+            time, part = _begin(course, shown)
+            axes.plot(time, course.path[part, column], line, color=colour, lw=1.6)
         axes.set_ylabel(f"{name} of A [m]")
         axes.set_xlim(0, shown)
         axes.tick_params(labelbottom=column == 2)
@@ -91,10 +89,9 @@ def draw_changes(round_ones: Mapping[str, Course], uneven: Mapping[str, Course],
     left, right = (dress(axes) for axes in figure.subplots(1, 2))
     for axes, courses, value in ((left, round_ones, "tilt"), (right, uneven, "nutation")):
         for (label, course), colour in zip(courses.items(), (GREY, AFTER, BEFORE), strict=True):
-            time = np.asarray(course.motion.time)
-            part = time <= shown
+            time, part = _begin(course, shown)
             angle = course.tilt if value == "tilt" else course.angles[:, 1]
-            axes.plot(time[part], np.degrees(angle[part]), color=colour, lw=1.6, label=label)
+            axes.plot(time, np.degrees(angle[part]), color=colour, lw=1.6, label=label)
         axes.set_xlim(0, shown)
         axes.set_xlabel("time [s]")
     left.set_ylabel("angle to the base frame's Z [°]")
@@ -105,6 +102,13 @@ def draw_changes(round_ones: Mapping[str, Course], uneven: Mapping[str, Course],
     right.set_ylim(36, 46)
     right.set_title("unequal transverse moments")
     return figure
+
+
+def _begin(course: Course, shown: float) -> tuple[np.ndarray, slice]:
+    """Times up to `shown` [s], and where they stand."""
+    time = np.asarray(course.motion.time)
+    part = slice(int(np.searchsorted(time, shown, side="right")))
+    return time[part], part
 
 
 def _draw_frames(axes, momentum: np.ndarray):

@@ -6,7 +6,7 @@ All functions work along the last axis and broadcast over the others.
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._numerics import safe_sqrt
+from ._numerics import safe_sqrt
 
 
 def normalise(quaternion: Array) -> Array:

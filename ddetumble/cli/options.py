@@ -1,0 +1,71 @@
+"""Arguments and options that several commands share, and what `fit` and `sample` read by them."""
+
+import dataclasses as dc
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from .._errors import InputError
+from .places import locate_campaign, prepare_folder
+
+
+CAMPAIGN = typer.Argument(metavar="CAMPAIGN", help="Folder of a campaign, or the name of a shipped one.")
+SOURCE = typer.Argument(metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")
+MODEL = typer.Option(
+    "-m",
+    "--model",
+    metavar="MODEL",
+    help="paper, paper-printed, matunaga, power-law (friction: paper, paper-printed, coulomb), a folder that fit or "
+    "discover wrote, or FILE.py:NAME.",
+)
+EFFECT = typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated.")
+
+
+def folder_option(text: str) -> Any:
+    """The option `-o DIR` with this help."""
+    return typer.Option("-o", "--output", metavar="DIR", help=text)
+
+
+@dc.dataclass(frozen=True)
+class Source:
+    """What a fit or a posterior is made of.
+
+    Attributes:
+        name: of the campaign, or of the folder of the specification.
+        measured: the campaign, or the path of the specification.
+        chosen: `model` and `effects`; empty where the specification says them.
+        folder: for the results, made ready.
+    """
+
+    name: str
+    measured: Any
+    chosen: dict[str, Any]
+    folder: Path
+
+
+def read_source(text: str, model: str | None, effect: list[str] | None, output: Path | None, ending: str) -> Source:
+    """Read a campaign or find a specification, and make the folder for the results.
+
+    Args:
+        text: of the argument `SOURCE`.
+        model, effect, output: the options, None where they are not given; the paper's model then, and the folder of
+            the specification, or one named after the campaign.
+        ending: of that name.
+
+    Raises:
+        InputError: there is nothing to read, or a model or effects are given beside a specification.
+    """
+    if not text.endswith(".toml"):
+        from ..measurement.package import read_campaign
+
+        path = locate_campaign(text)
+        name, measured = path.resolve().name, read_campaign(path)
+        chosen = {"model": model or "paper", "effects": tuple(effect or ())}
+        return Source(name, measured, chosen, prepare_folder(output or Path(f"{name}-{ending}")))
+    if model or effect:
+        raise InputError("the specification says which model and effects; leave out --model and --effect", file=text)
+    path = Path(text)
+    if not path.is_file():
+        raise InputError("there is no such file", file=path)
+    return Source(path.resolve().parent.name, path, {}, prepare_folder(output or path.parent))
