@@ -109,7 +109,12 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
     if space.family.free_running and stack.time.size > LARGE:
         # So many samples at once would fill the memory with what is only on the way.
         rows = eqx.tree_at(lambda s: s.rtol, stack, jnp.broadcast_to(stack.rtol, stack.present.shape))
-        each = jax.lax.map(lambda x: weighed(*jax.tree.map(lambda a: a[None], x), jax.vmap(one)), (z, rows, base))
+
+        def alone(x):
+            own, row, start = jax.tree.map(lambda a: a[None], x)
+            return weighed(own, row, start, jax.vmap(one))
+
+        each = jax.lax.map(alone, (z, rows, base))
         model, columns, state, rate, end, failed = jax.tree.map(lambda a: a[:, 0], each)
     else:
         axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
