@@ -6,8 +6,9 @@ import sys
 import pytest
 
 from ddetumble import InputError, check_effect
+from ddetumble.cli import main
 from ddetumble.effects.template import STAGES, write_template
-from ddetumble.inference.models import list_effects, resolve_effect
+from ddetumble.inference.models import list_effects, resolve_effect, resolve_model
 
 
 @pytest.mark.slow
@@ -68,3 +69,31 @@ def test_effects_of_a_file(tmp_path):
     both.write_text(source.read_text(encoding="utf-8").replace('"rim-stop"', '"gas-leak"'), encoding="utf-8")
     with pytest.raises(InputError, match="catalogue has"):
         list_effects(both)
+
+
+def test_commands_know_own_effects(tmp_path, capsys):
+    """--new writes it, --effects-from brings it in by its id, and says what is missing."""
+    place = tmp_path / "mine"
+    assert main(["effects", "--new", "rim-stop", "-o", str(place)]) == 0
+    assert f"--effects-from {place / 'rim_stop.py'}" in capsys.readouterr().out
+    assert main(["effects", "--effects-from", str(place / "rim_stop.py")]) == 0
+    assert capsys.readouterr().out.startswith("rim_stop.py:\n  rim-stop")
+    assert main(["effects", "rim-stop", "--effects-from", str(place / "rim_stop.py")]) == 0
+    assert "stage      elastic" in capsys.readouterr().out
+    assert main(["effects", "--new", "rim-stop", "-o", str(place)]) == 2
+    assert "there already" in capsys.readouterr().err
+    assert main(["fit", "impact-f", "--effects-from", str(place / "rim_stop.py")]) == 2
+    assert "say with --effect" in capsys.readouterr().err
+    assert main(["discover", "impact-f", "--effects-from", str(place / "none.py")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_fit_with_an_own_effect(tmp_path, capsys):
+    """By its id; the result can be read again."""
+    source, _ = write_template("soft-pad", "contact", tmp_path)
+    folder = tmp_path / "fit"
+    words = ["fit", "data/impact-a", "--effects-from", str(source), "--effect", "soft-pad", "-o", str(folder)]
+    assert main(words) == 0
+    assert "soft-pad.k" in capsys.readouterr().out
+    assert resolve_model(str(folder)).effects[0].id == "soft-pad"

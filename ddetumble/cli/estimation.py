@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import EFFECT, MODEL, SOURCE, folder_option, read_source
-from .places import prepare_file, write_table
+from .options import EFFECT, MODEL, OWN, SOURCE, folder_option, read_source
+from .places import prepare_file, prepare_folder, write_table
 from .progress import show_progress
 
 
@@ -27,7 +27,8 @@ def register(app: typer.Typer) -> None:
     app.command(
         "effects",
         short_help="The catalogue of effects that a model may be missing.",
-        epilog="\b\nExamples:\n  ddetumble effects\n  ddetumble effects wall-stiffness",
+        epilog="\b\nExamples:\n  ddetumble effects\n  ddetumble effects wall-stiffness\n"
+        "  ddetumble effects --new rim-stop --stage elastic -o mine",
     )(show_effects)
 
 
@@ -35,12 +36,13 @@ def fit_parameters(
     source: Annotated[str, SOURCE],
     model: Annotated[str | None, MODEL] = None,
     effect: Annotated[list[str] | None, EFFECT] = None,
+    effects_from: Annotated[Path | None, OWN] = None,
     output: Annotated[Path | None, folder_option("Folder for result and model; a specification's own.")] = None,
 ):
     """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
     if none is named.
     """
-    read = read_source(source, model, effect, output, "fit")
+    read = read_source(source, model, effect, output, "fit", effects_from)
     from ..inference.estimation import fit
 
     with show_progress(f"fitting {read.name}") as report:
@@ -84,21 +86,42 @@ def show_effects(
         str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
     ] = None,
     family: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Family of records: impact, slip or oblique; all if not given.")
+        str | None,
+        typer.Option(metavar="NAME", help="Family of records: impact, slip, oblique or tumble; all if not given."),
     ] = None,
+    effects_from: Annotated[Path | None, OWN] = None,
+    new: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Write an effect of your own to begin with, and its test.")
+    ] = None,
+    stage: Annotated[
+        str, typer.Option(metavar="STAGE", help="Where a new one acts; a wrong name lists them all.")
+    ] = "elastic",
+    output: Annotated[Path, folder_option("Folder for a new one.")] = Path(),
 ):
-    """The catalogue of effects that a model may be missing: law, parameters, units, null, reference."""
+    """The catalogue of effects that a model may be missing: law, parameters, units, null, reference. `--new` writes one
+    of your own.
+    """
+    if new is not None:
+        from ..effects.template import write_template
+
+        source, test = write_template(new, stage, prepare_folder(output))
+        typer.echo(f"Written: {source}, which works as it is, to be given your law, and {test}, its contract test.\n"
+                   f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
+        return
     from ..effects import CATALOGUES, catalogue, parameters_of, stage_of
+    from ..inference.models import list_effects
 
     try:
         families = {name: catalogue(name) for name in ([family] if family else CATALOGUES)}
     except ValueError as error:
         raise InputError(str(error)) from None
+    if effects_from is not None:
+        families = {effects_from.name: list_effects(effects_from), **families}
     effects = {entry.id: entry for found in families.values() for entry in found}
     if effect is None:
         width = max(map(len, effects))
         for name, found in families.items():
-            typer.echo(f"{name} records:")
+            typer.echo(f"{name}:" if name.endswith(".py") else f"{name} records:")
             for entry in found:
                 typer.echo(f"  {entry.id:{width}}  {entry.law}")
             if name == "oblique":

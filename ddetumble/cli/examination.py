@@ -115,6 +115,9 @@ def discover_effects(
         typer.Option("-e", "--effect", metavar="FILE.py:NAME",
                      help="Try this effect of your own beside the catalogue; may be repeated."),
     ] = None,
+    effects_from: Annotated[
+        Path | None, typer.Option("--effects-from", metavar="FILE.py", help="Try all effects of this file of yours.")
+    ] = None,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
     missing or nothing helps.
@@ -128,10 +131,11 @@ def discover_effects(
         _judge_peaks(measured, model, folder)
         return
     from ..discrepancy.discovery import discover
-    from ..inference.models import resolve_effect
+    from ..inference.models import list_effects, resolve_effect
     from ..report import describe, write_report
 
-    own = [resolve_effect(name) for name in effect or ()]
+    held = list_effects(effects_from) if effects_from is not None else ()
+    own = list(dict.fromkeys([*(resolve_effect(name, held) for name in effect or ()), *held]))
     with show_progress(f"looking at {measured.name}") as report:
         for one in own:
             _prove_contract(one, model, measured.family)

@@ -1,6 +1,7 @@
 """Arguments and options that several commands share, and what `fit` and `sample` read by them."""
 
 import dataclasses as dc
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,11 @@ MODEL = typer.Option(
     help="paper, paper-printed, matunaga, power-law (friction: paper, paper-printed, coulomb), a folder that fit or "
     "discover wrote, or FILE.py:NAME.",
 )
-EFFECT = typer.Option("-e", "--effect", metavar="ID", help="Add this effect of the catalogue; may be repeated.")
+EFFECT = typer.Option(
+    "-e", "--effect", metavar="ID",
+    help="Add this effect of the catalogue, or of --effects-from; may be repeated.",
+)
+OWN = typer.Option("--effects-from", metavar="FILE.py", help="A file of yours with effects, known by their ids then.")
 
 
 def folder_option(text: str) -> Any:
@@ -44,7 +49,22 @@ class Source:
     folder: Path
 
 
-def read_source(text: str, model: str | None, effect: list[str] | None, output: Path | None, ending: str) -> Source:
+def name_own(names: Sequence[str], path: Path | None) -> list[str]:
+    """Names of effects, those of the user's file as `FILE.py:NAME`.
+
+    Raises:
+        InputError: The file cannot be read or run, or holds no effect.
+    """
+    if path is None:
+        return list(names)
+    from ..inference.models import list_effects
+
+    own = {one.id: f"{path}:{one.__name__}" for one in list_effects(path)}
+    return [own.get(name, name) for name in names]
+
+
+def read_source(text: str, model: str | None, effect: list[str] | None, output: Path | None, ending: str,
+                own: Path | None = None) -> Source:
     """Read a campaign or find a specification, and make the folder for the results.
 
     Args:
@@ -52,19 +72,27 @@ def read_source(text: str, model: str | None, effect: list[str] | None, output: 
         model, effect, output: the options, None where they are not given; the paper's model then, and the folder of
             the specification, or one named after the campaign.
         ending: of that name.
+        own: the user's file of effects.
 
     Raises:
-        InputError: there is nothing to read, or a model or effects are given beside a specification.
+        InputError: there is nothing to read, a model or effects are given beside a specification, or a file of effects
+            without saying which of them to add.
     """
     if not text.endswith(".toml"):
         from ..measurement.package import read_campaign
 
+        if own is not None and not effect:
+            from ..inference.models import list_effects
+
+            ids = ", ".join(one.id for one in list_effects(own))
+            raise InputError(f"say with --effect which of its effects to add: {ids}", file=own)
         path = locate_campaign(text)
         name, measured = path.resolve().name, read_campaign(path)
-        chosen = {"model": model or "paper", "effects": tuple(effect or ())}
+        chosen = {"model": model or "paper", "effects": tuple(name_own(effect or (), own))}
         return Source(name, measured, chosen, prepare_folder(output or Path(f"{name}-{ending}")))
-    if model or effect:
-        raise InputError("the specification says which model and effects; leave out --model and --effect", file=text)
+    if model or effect or own:
+        raise InputError("the specification says which model and effects; leave out --model, --effect and "
+                         "--effects-from", file=text)
     path = Path(text)
     if not path.is_file():
         raise InputError("there is no such file", file=path)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import EFFECT, MODEL, SOURCE, folder_option, read_source
+from .options import EFFECT, MODEL, OWN, SOURCE, folder_option, name_own, read_source
 from .places import list_shipped, locate_campaign, prepare_folder
 from .progress import show_progress
 
@@ -33,6 +33,7 @@ def sample_posterior(
     source: Annotated[str, SOURCE],
     model: Annotated[str | None, MODEL] = None,
     effect: Annotated[list[str] | None, EFFECT] = None,
+    effects_from: Annotated[Path | None, OWN] = None,
     output: Annotated[Path | None, folder_option("Folder for draws and report; a specification's own.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="NUTS in place of emcee; needs the extra `nuts`.")] = False,
     effective: Annotated[
@@ -54,7 +55,7 @@ def sample_posterior(
     """Draw from the posterior: parameters with their uncertainty where it is no Gaussian. What stopped it, the same
     command goes on.
     """
-    read = read_source(source, model, effect, output, "posterior")
+    read = read_source(source, model, effect, output, "posterior", effects_from)
     from ..sampling.sampling import sample
 
     with show_progress(f"sampling {read.name}") as report:
@@ -81,6 +82,7 @@ def weigh_models(
         typer.Option("-e", "--effect", metavar="ID[,ID...]",
                      help="One rival: its effects with commas between them, or `none` for the reference model alone."),
     ] = None,
+    effects_from: Annotated[Path | None, OWN] = None,
     campaign: Annotated[
         str | None, typer.Option(metavar="CAMPAIGN", help="The campaign that discover looked at.")
     ] = None,
@@ -94,8 +96,9 @@ def weigh_models(
     """
     path = Path(source) if (Path(source) / "result.json").is_file() else locate_campaign(source)
     found = (path / "result.json").is_file()
-    if found and (effect or model):
-        raise InputError("the folder says which models are rivals; leave out --effect and --model", file=source)
+    if found and (effect or model or effects_from):
+        raise InputError("the folder says which models are rivals; leave out --effect, --effects-from and --model",
+                         file=source)
     if not found and campaign is not None:
         raise InputError("--campaign goes with a folder that discover wrote", file=source)
     if not found and len(effect or ()) < 2:
@@ -111,7 +114,8 @@ def weigh_models(
         if found:
             result = weigh(path, campaign=measured, progress=report)
         else:
-            result = weigh(measured, list(effect or ()), model or "paper", progress=report)
+            rivals = [",".join(name_own(one.split(","), effects_from)) for one in effect or ()]
+            result = weigh(measured, rivals, model or "paper", progress=report)
         result.save(folder)
     typer.echo(result.text())
     typer.echo(f"Written to {folder}")
