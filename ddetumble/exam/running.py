@@ -15,6 +15,7 @@ from .._errors import ComputationError, InputError
 
 PATIENCE = 3  # pools that may break one after another without a single case done
 RETRIES = 2  # of a case that failed on a cluster's worker
+TIMEOUT = 20  # s, for a scheduler to answer
 FLAG = "--xla_cpu_multi_thread_eigen=false"
 
 
@@ -100,7 +101,7 @@ def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: 
         raise InputError("a cluster needs dask.distributed: pip install 'ddetumble[cluster]'", column="--scheduler"
                          ) from None
     try:
-        client = Client(scheduler, timeout=20, set_as_default=False)
+        client = Client(scheduler, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"no Dask scheduler answers at {scheduler!r} ({reason})", column="--scheduler") from None

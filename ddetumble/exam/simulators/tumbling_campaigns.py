@@ -71,12 +71,12 @@ def roll_freely(ratio, start, times):
     return np.stack([across.real, across.imag, np.full(times.size, start[2])], axis=1)
 
 
-def measure_tumble_misfit(base, effects, starts, times, noise=NOISE):
+def measure_tumble_misfit(base, effects, starts, times, noise=NOISE, tolerance=1e-11):
     """Return the rms over noise that the reference model leaves on noise-free rates after a refit.
 
-    Least squares over inertia_ratio (shared) and each record's rates at t = 0.
+    Least squares over inertia_ratio (shared) and each record's rates at t = 0. tolerance: of the integrator, relative.
     """
-    truth = np.stack([simulate_tumbling(base, effects, start, times, ORBIT_RATE, 1e-11)[0] for start in starts])
+    truth = np.stack([simulate_tumbling(base, effects, start, times, ORBIT_RATE, tolerance)[0] for start in starts])
 
     def leave(unknown):
         model = [roll_freely(unknown[0], own, times) for own in unknown[1:].reshape(-1, 3)]
