@@ -108,7 +108,7 @@ def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: 
     with client:
         futures = client.map(work, list(jobs), pure=False, retries=RETRIES)
         names = {future.key: job for future, job in zip(futures, jobs, strict=True)}
-        for future in as_done(futures):
+        for future in as_done(futures, loop=client.loop):
             if future.status == "error":
                 raise ComputationError(f"case {names[future.key]} cannot be done on the cluster "
                                        f"({_tell(future.exception())}); the same command goes on")
