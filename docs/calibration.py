@@ -3,7 +3,7 @@
     python -m docs.calibration -o fits/calibration [--campaigns 4000] [--runs 500] [--workers 2]
     python -m docs.calibration -o fits/calibration --only slip    emcee's part in one case anew
 
-Campaigns come from the independent simulators in `tests/independent`, each with settings that scatter and noise of its
+Campaigns come from the simulators in `ddetumble/exam/simulators`, each with settings that scatter and noise of its
 own. Writes `result.json`, two figures and `README.md`.
 """
 
