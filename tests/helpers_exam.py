@@ -14,7 +14,7 @@ def make_row(index, kind="nothing", verdict="nothing-missing", effects=(), found
         "asked": dict.fromkeys(effects, strength), "strengths": dict.fromkeys(effects, strength),
         "found": list(found), "sets": sets, "noise": {"rho": 0.0, "white_share": 0.0}, "fault": None,
         "intervals": {"mass": [1.0, 1.1, 0.9, 1.3]}, "heldout_over_noise": 0.25, "error": None,
-        "seconds": {"drawing": 1.0, "answering": 2.0}, "setting": {}, "seed": 1,
+        "seconds": {"drawing": 1.0, "answering": 2.0}, "processor_seconds": 4.0, "setting": {}, "seed": 1,
     } | more  # fmt: skip
 
 

@@ -256,7 +256,8 @@ def test_scores_add_up():
     }  # fmt: skip
     assert marks["cases"] == 16 and marks["failed"] == 1 and marks["set_size"] == pytest.approx((1 + 2 + 3 + 1 + 1) / 5)
     assert marks["heldout_over_noise"] == {"median": 0.25, "q90": 0.25, "largest": 0.25}
-    assert marks["seconds"]["median"] == 3.0 and marks["widths"]["mass"]["width"] == pytest.approx(0.4)
+    assert marks["seconds"]["median"] == 3.0
+    assert marks["processor_seconds"]["largest"] == 4.0 and marks["widths"]["mass"]["width"] == pytest.approx(0.4)
     assert sum(b["seen"].total for b in marks["power"]) == 7 and marks["power"][0]["seen"].count == 0
     assert marks["by_effect"]["a"]["cases"] == 7 and marks["right"]["two"].count == 2
 

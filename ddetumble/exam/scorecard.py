@@ -98,7 +98,8 @@ def list_sizes(marks: Mapping[str, Any]) -> Table:
     if marks["set_size"] is not None:
         rows.append(("size of the confusion set of single effects, mean", marks["set_size"], "", ""))
     for text, key in (("held-out error over noise (noise-free tests elsewhere)", "heldout_over_noise"),
-                      ("seconds a case", "seconds"), ("seconds of discover", "seconds_answering")):
+                      ("seconds a case", "seconds"), ("seconds of discover", "seconds_answering"),
+                      ("seconds a case of processor time", "processor_seconds")):
         one = marks[key]
         if one is not None:
             rows.append((text, one["median"], one["q90"], one["largest"]))

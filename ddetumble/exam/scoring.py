@@ -144,6 +144,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         "widths": measure_widths(inside),
         "heldout_over_noise": summarise(errors),
         "seconds": summarise([sum(r["seconds"].values()) for r in rows]),
+        "processor_seconds": summarise([r.get("processor_seconds") for r in rows]),
         "seconds_answering": summarise([r["seconds"].get("answering") for r in rows]),
         "power": measure_power(singles), "by_effect": split_effects([*singles, *outside]),
     }  # fmt: skip

@@ -22,7 +22,7 @@ def sit(exam: Exam, index: int, keep: Path | None = None) -> dict[str, Any]:
     Returns:
         Plain numbers, text and lists. What fails in a case is told in its `error`, and the exam goes on.
     """
-    began = time.perf_counter()
+    began, spent = time.perf_counter(), time.process_time()
     case = draw_case(exam, index)
     row = describe_case(case)
     with tempfile.TemporaryDirectory(prefix="ddetumble-exam-") as draft:
@@ -36,6 +36,7 @@ def sit(exam: Exam, index: int, keep: Path | None = None) -> dict[str, Any]:
         except Exception as error:  # whatever it is, it is this case's failure and no reason to lose the others
             row |= {"verdict": "failed", "error": f"{type(error).__name__}: {error}"[:600]}
         row["seconds"]["answering"] = round(time.perf_counter() - began, 2)
+        row["processor_seconds"] = round(time.process_time() - spent, 2)
     if keep is not None:
         from ..inference.files import write_json
 
