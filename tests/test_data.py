@@ -10,13 +10,10 @@ import pint
 import pytest
 
 from ddetumble.exam.simulators.impact import simulate
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.exam.simulators.oblique_campaigns import make_oblique_campaign, write_oblique_folder
 from ddetumble.exam.simulators.slip import follow_strokes, simulate_slip
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.exam.simulators.tumbling import simulate_tumbling
-from ddetumble.exam.simulators.tumbling_campaigns import ORBIT_RATE, make_tumble_campaign, write_tumble_folder
-from tests.independent.make_data import OBLIQUE_PLANS, PLANS, SLIP_PLANS, TUMBLE_PLANS
+from ddetumble.exam.simulators.tumbling_campaigns import ORBIT_RATE
+from tests.independent.make_data import FAMILIES, OBLIQUE_PLANS, PLANS, SLIP_PLANS, SOURCE, TUMBLE_PLANS
 from tests.independent.paper_tables import write_paper
 
 
@@ -126,14 +123,8 @@ def test_tumble_heldout_records_match_simulator(name):
 @pytest.mark.parametrize("name", sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS | TUMBLE_PLANS))
 def test_campaign_is_made_again(name, tmp_path):
     """The command makes the shipped campaign: the same text, but for a last digit on another platform."""
-    if name in PLANS:
-        write_campaign_folder(tmp_path / name, make_campaign(name, **PLANS[name]))
-    elif name in TUMBLE_PLANS:
-        write_tumble_folder(tmp_path / name, make_tumble_campaign(name, **TUMBLE_PLANS[name]))
-    elif name in OBLIQUE_PLANS:
-        write_oblique_folder(tmp_path / name, make_oblique_campaign(name, **OBLIQUE_PLANS[name]))
-    else:
-        write_slip_folder(tmp_path / name, make_slip_campaign(name, **SLIP_PLANS[name]))
+    plans, make, write, _ = next(family for family in FAMILIES if name in family[0])
+    write(tmp_path / name, make(name, **plans[name]), SOURCE)
     for path in sorted((tmp_path / name).iterdir()):
         made, kept = path.read_text(encoding="utf-8"), (DATA / name / path.name).read_text(encoding="utf-8")
         if made == kept:
