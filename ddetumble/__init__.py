@@ -60,6 +60,7 @@ _HOMES = {
     "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
     "weigh": "sampling.weighing",
     "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
+    "Exam": "exam.drawing", "examine": "exam.examination", "write_scorecard": "exam.scorecard",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
 
@@ -117,6 +118,9 @@ if TYPE_CHECKING:
     from .dynamics.strike import strike as strike
     from .dynamics.tumbling import tumble as tumble
     from .effects import catalogue as catalogue
+    from .exam.drawing import Exam as Exam
+    from .exam.examination import examine as examine
+    from .exam.scorecard import write_scorecard as write_scorecard
     from .inference.curves import SlipRecord as SlipRecord
     from .inference.curves import fit_rubber as fit_rubber
     from .inference.curves import fit_slip_curve as fit_slip_curve

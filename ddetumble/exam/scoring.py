@@ -129,6 +129,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     return {
         "cases": len(rows), "failed": sum(r["verdict"] == "failed" for r in rows),
         "right": {kind: count_share(map(is_right, pick(rows, kind))) for kind in ("nothing", "one", "two", "outside")},
+        "right_by_fault": split_share(rows, name_fault, is_right),
         "false_alarms": count_share(map(is_alarm, nulls)),
         "false_alarms_by_noise": split_share(nulls, name_noise, is_alarm),
         "false_alarms_by_fault": split_share(nulls, name_fault, is_alarm),

@@ -27,10 +27,10 @@ def sit(exam: Exam, index: int, keep: Path | None = None) -> dict[str, Any]:
     row = describe_case(case)
     with tempfile.TemporaryDirectory(prefix="ddetumble-exam-") as draft:
         folder = keep or Path(draft)
-        row["fault_details"] = write_case(exam, case, folder / "campaign")
         row["seconds"] = {"drawing": round(time.perf_counter() - began, 2)}
         began = time.perf_counter()
         try:
+            row["fault_details"] = write_case(exam, case, folder / "campaign")
             row |= answer(exam, case, folder)
             row["error"] = None
         except Exception as error:  # whatever it is, it is this case's failure and no reason to lose the others
@@ -66,7 +66,7 @@ def answer(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
         "intervals": hold_to_truth(estimates, name_truth(case.setting["base"], case.effects)),
         "heldout_over_noise": predict_elsewhere(exam, case, folder / "discovery"),
         "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
-        "records": int(found.settings["records"]), "notes": list(found.notes),
+        "records": int(found.settings["records"]),
     }  # fmt: skip
 
 
