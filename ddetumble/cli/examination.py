@@ -118,6 +118,9 @@ def discover_effects(
     effects_from: Annotated[
         Path | None, typer.Option("--effects-from", metavar="FILE.py", help="Try all effects of this file of yours.")
     ] = None,
+    keep_all: Annotated[
+        bool, typer.Option("--keep-all", help="Leave out no record and no sample: faults of the data are only reported.")
+    ] = False,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
     missing or nothing helps.
@@ -139,7 +142,7 @@ def discover_effects(
     with show_progress(f"looking at {measured.name}") as report:
         for one in own:
             _prove_contract(one, model, measured.family)
-        result = discover(measured, model=model, effects=own, progress=report)
+        result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
         report("writing the report", 0.95)
         result.save(folder)
         page = write_report(result, folder)

@@ -12,12 +12,13 @@ from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .adequacy import LEVEL
 from .candidates import could_have_shown, describe_candidates
+from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .places import fit_probes, locate
 from .records import Discovery, Place
-from .search import MOST, SURE, Grown, free_shapes, grow, merit, prune, try_effects
+from .search import MOST, SURE, Grown, Tried, free_shapes, grow, merit, prune, try_effects
 from .steps import describe_noise, describe_step, noise_over_signal
-from .wording import explain
-from .workbench import Workbench
+from .wording import explain, mention_faults
+from .workbench import Fitted, Workbench
 
 
 PLAIN = 1e-6  # lack of fit so sure that an effect which removes it is no imitation
@@ -27,13 +28,14 @@ Progress = Callable[[str, float], None]
 
 
 def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
-             progress: Progress | None = None) -> Discovery:
+             keep_all: bool = False, progress: Progress | None = None) -> Discovery:
     """Find out which physical effect a campaign shows and the model lacks.
 
     Args:
         campaign: a campaign with samples, or its folder.
         model: reference model, see `ddetumble.inference.models`; one that has effects already is grown further.
         effects: effects of your own, tried beside the catalogue.
+        keep_all: leave out no record and no sample: faults of the data are reported, and nothing is done about them.
         progress: called with a sentence and the share done.
 
     Returns:
@@ -51,9 +53,29 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     resolved = resolve_model(model, name_family(campaign))
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
-    report("fitting the reference model", 0.02)
-    workbench = Workbench(campaign, resolved.reference, effects, resolved.effects)
-    reference = workbench.begin()
+    state = begin_cleaning(campaign, keep_all)
+    for turn in range(ROUNDS):
+        report("fitting the reference model", 0.02)
+        workbench = Workbench(state.campaign, resolved.reference, effects, resolved.effects, state.zeros)
+        reference = workbench.begin()
+        state, changed = clean_records(state, workbench, reference)
+        if changed and turn < ROUNDS - 1:
+            continue
+        grown, tried, visible = _search(workbench, reference, report)
+        if grown[-1].fitted is not reference and turn < ROUNDS - 1:
+            report("looking for records at fault", 0.86)
+            state, changed = clean_records(state, workbench, grown[-1].fitted)
+            if changed:
+                continue
+        break
+    verdict, where, grown = _decide(workbench, grown, visible)
+    report("writing it down", 0.92)
+    found = _assemble(workbench, resolved.name, grown, tried, verdict, where, began)
+    return mention_faults(found, state.faults)
+
+
+def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[list[Grown], Tried, bool]:
+    """The steps of the loop, every first addition, and whether the campaign could have shown an effect."""
     report("looking for what is missing", 0.15)
     lack, scores = workbench.judge(reference)
     grown = [Grown(reference, lack, scores)]
@@ -73,9 +95,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         grown.append(more)
         if workbench.measure_again(more.fitted):
             grown = [_again(workbench, g) for g in grown]
-    verdict, where, grown = _decide(workbench, grown, could_have_shown(workbench, scores))
-    report("writing it down", 0.92)
-    return _assemble(workbench, resolved.name, grown, tried, verdict, where, began)
+    return grown, tried, could_have_shown(workbench, scores)
 
 
 def _again(workbench: Workbench, grown: Grown) -> Grown:

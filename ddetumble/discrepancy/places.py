@@ -51,7 +51,8 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
         return None
     power = np.zeros(len(grid))
     for r, n in enumerate(workbench.records.lengths):
-        inside = (over[r] > 0) & (over[r] < last[r])
+        used = np.asarray(workbench.records.stack.weights)[r, 0, :n] > 0
+        inside = (over[r] > 0) & (over[r] < last[r]) & used
         t, x = over[r][inside], (sign[r] * (values[r, 0] - solution.channels[r, 0])[:n])[inside]
         if len(t) < 12:
             continue

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..measurement.faults import Fault
+
 
 UNSEEN = 0.002  # below this share of its own signature, a campaign cannot see an effect
 
@@ -159,6 +161,7 @@ class Discovery:
         noise: by channel: `stated_sd`, `sd`, `correlation`, `white_share`, `text`.
         sentence: plain words: what is missing, how sure, what to measure next.
         notes: further sentences (what was assumed, what could not be seen).
+        faults: of the data, and what was done about them.
         settings: level, versions, timings.
         model_state: the fitted model itself, for saving and predicting; not part of the record.
     """
@@ -178,6 +181,7 @@ class Discovery:
     sentence: str
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = dc.field(default_factory=dict)
+    faults: tuple[Fault, ...] = ()
     model_state: Any = dc.field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
@@ -228,6 +232,6 @@ class Discovery:
             "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
             "correlations": [list(c) for c in last.correlations],
             "lack_of_fit": dc.asdict(first), "noise": {k: dict(v) for k, v in self.noise.items()},
-            "notes": list(self.notes), "sha256": self.sha256, "settings": dict(self.settings),
+            "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults], "sha256": self.sha256, "settings": dict(self.settings),
         })
 

@@ -1,8 +1,12 @@
 """What was found, in plain words."""
 
+import dataclasses as dc
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..inference.families import Family
+from ..measurement.faults import Fault
 from .records import UNSEEN, Discovery, Estimate, Place, Step
 
 
@@ -127,3 +131,18 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     if any(not s.converged for s in found.steps):
         notes.append("The optimiser did not converge at one of the steps: take its numbers with care.")
     return sentence, tuple(notes)
+
+
+def mention_faults(found: Discovery, faults: Sequence[Fault]) -> Discovery:
+    """The same with the faults of its data: in the sentence what bears on the verdict, in the notes all of it."""
+    if not faults:
+        return found
+    sentence, out = found.sentence, sorted({key for f in faults if f.left_out for key in f.records})
+    if out:
+        sentence += (f" Left out as faulty: {'record' if len(out) == 1 else 'records'} {_join(out)}; see the faults of "
+                     "the data.")
+    for fault in faults:
+        if fault.kind == "doubtful" and found.verdict != "nothing-missing":
+            sentence += (f" All of this rests on record {fault.records[0]}: without it nothing is missing, and I cannot "
+                         "tell it from a fault; repeat it.")
+    return dc.replace(found, sentence=sentence, faults=tuple(faults), notes=(*map(str, faults), *found.notes))

@@ -1,7 +1,7 @@
 """One campaign with one compiled model of everything: reference, catalogue and probes."""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -59,11 +59,13 @@ class Workbench:
         extra: effects of the user, beside the catalogue.
         given: effects that the model has from the start, with their values; they are fitted with the reference model,
             and are no candidates.
+        zeros: by channel the records whose zero moves (see `stack_records`).
     """
 
     def __init__(self, campaign: Campaign, reference: AbstractModel,
-                 extra: Sequence[type[AbstractEffect]] = (), given: Sequence[AbstractEffect] = ()):
-        self.campaign = campaign
+                 extra: Sequence[type[AbstractEffect]] = (), given: Sequence[AbstractEffect] = (),
+                 zeros: Mapping[str, Collection[str]] | None = None):
+        self.campaign, self.zeros = campaign, zeros
         known = (*find_family(name_family(campaign)).catalogue, *extra)
         extra = (*extra, *(type(e) for e in given if type(e) not in known))
         found = assemble_space(campaign, reference, extra)
@@ -113,11 +115,11 @@ class Workbench:
         samples = self.campaign.samples
         many = self.family.free_running and samples is not None and len(samples) > MANY
         most = FEWER if many else None
-        self.records: Records = stack_records(self.campaign, noise, most)
+        self.records: Records = stack_records(self.campaign, noise, most, self.zeros)
         self.problem = Problem(self.space, self.records)
         self.thin: Problem | None = None
         if self.records.lengths.max() > THIN:
-            self.thin = Problem(self.space, stack_records(self.campaign, noise, THIN))
+            self.thin = Problem(self.space, stack_records(self.campaign, noise, THIN, self.zeros))
 
     def _fit_reference(self) -> Solution:
         """From a start guessed from the contact times, else from the defaults."""

@@ -227,7 +227,8 @@ def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, fr
         for key, speed in list(zip(campaign.record_keys, speeds, strict=True))[:64]:
             trace = campaign.trace(key)
             t = trace["time"].to_numpy(dtype=float)
-            force = np.nan_to_num(trace["normal_force"].to_numpy(dtype=float))
+            force = trace["normal_force"].to_numpy(dtype=float)
+            t, force = t[np.isfinite(force)], force[np.isfinite(force)]
             masses.append(np.trapezoid(force * (t > 0), t) / (1.7 * speed))
         mass = float(np.median(masses))
         if np.isfinite(mass) and mass > 0:

@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 
 
 TAPS = 8
+PAIRS = 6  # samples apart, at most
 
 
 @dc.dataclass(frozen=True)
@@ -100,6 +101,49 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
             value += 0.5 * ((x[0] - np.log(expected)) / 0.01) ** 2
         return value
 
+    return _choose(loss, raw, expected, interval, stated_sd)
+
+
+def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None) -> Noise:
+    """The same where samples are missing or unevenly taken: likelihood of the differences of near samples.
+
+    Differences over a few intervals hardly feel what is slow, such as a missing force.
+
+    Args:
+        traces: times [s] and residuals [SI] of each record's samples.
+        interval: for which the correlation is given [s].
+        stated_sd: standard deviation that the campaign states, or None.
+    """
+    lags, squares = [], []
+    for time, x in traces:
+        for k in range(1, PAIRS + 1):
+            lag = time[k:] - time[:-k]
+            near = lag < 2.0 * PAIRS * interval
+            lags.append(lag[near])
+            squares.append((x[k:] - x[:-k])[near] ** 2)
+    lag, square = np.concatenate(lags), np.concatenate(squares)
+    if len(lag) < 24 * PAIRS:
+        sd = stated_sd if stated_sd is not None else float(np.sqrt(np.mean(square) / 2.0))
+        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2,
+                     "too few samples to measure its correlation: taken as white")
+    weight = 0.5 / PAIRS  # every sample is in so many pairs
+
+    def loss(x, coloured=True, mixed=False):
+        rho = 1 / (1 + np.exp(-x[1])) if coloured else 0.0
+        white = 1 / (1 + np.exp(-x[2])) if mixed else 0.0
+        together = (1 - white) * rho ** (lag / interval) if coloured else 0.0
+        spread = 2.0 * np.exp(2.0 * x[0]) * (1.0 - together)
+        value = weight * np.sum(np.log(spread) + square / spread)
+        if stated_sd is not None:
+            value += 0.5 * ((x[0] - np.log(stated_sd)) / 0.01) ** 2
+        return value
+
+    found = _choose(loss, float(np.sqrt(np.mean(square) / 2.0)), stated_sd, interval, stated_sd)
+    return dc.replace(found, text=found.text + "; from pairs of samples, as some are missing or unevenly taken")
+
+
+def _choose(loss, raw: float, expected: float | None, interval: float, stated_sd: float | None) -> Noise:
+    """White, autoregressive, or both: what the likelihood wants, each parameter worth 4."""
     start = np.log(raw if expected is None else expected)
     plain = minimize(loss, [np.log(raw)], args=(False,), method="Nelder-Mead", options=dict(xatol=1e-4, fatol=1e-3))
     best, kind = (plain.fun, plain.x, "white"), "white"

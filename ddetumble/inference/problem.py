@@ -19,7 +19,7 @@ from jaxtyping import Array
 from .._errors import ComputationError
 from .arrow import ArrowMarquardt, profile_own
 from .parameters import ParameterSpace
-from .stack import Records, Stack
+from .stack import DRIFT, ZERO, Records, Stack
 
 
 WORKERS = 2
@@ -74,14 +74,22 @@ def _record(space, names, channels, theta, z, row, base, directions, low, high):
     z = jnp.where(outside, 0.0, z)
     law = space.build(u)
     conditions = dict(row.conditions)
-    time = row.time
+    time, zeros = row.time, []
     for k, name in enumerate(names):
         if name == "time":
             time = time - z[k] * row.condition_sd[k]
+        elif name.startswith((f"{ZERO}:", f"{DRIFT}:")):
+            zeros.append((name, z[k] * row.condition_sd[k]))
         else:
             conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
     found = space.family.observe(law, conditions, time, row, channels)
-    return found.channels, (found.state, found.state_rate, found.end, found.failed | outside)
+    model = found.channels
+    for name, size in zeros:
+        kind, channel = name.split(":")
+        late = row.time - row.time[0]
+        shape = jnp.ones_like(late) if kind == ZERO else late / late[-1]
+        model = model.at[channels.index(channel)].add(size * shape)
+    return model, (found.state, found.state_rate, found.end, found.failed | outside)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))

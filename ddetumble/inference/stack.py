@@ -1,7 +1,7 @@
 """Records of a campaign stacked into arrays of a few standard sizes, so that compiled programs are shared."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,6 +19,10 @@ from .strokes import split_strokes
 
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
 GRAIN = 64  # trimmed records keep a multiple of so many samples
+
+
+ZERO, DRIFT = "zero", "drift"  # nuisances `zero:CHANNEL` and `drift:CHANNEL`: offset at the first sample, and what more
+FREE_ZERO = 300.0  # deviations of the noise that they may take: no prior
 
 
 class Stack(eqx.Module):
@@ -57,7 +61,7 @@ class Records:
     Attributes:
         keys: of the records.
         channels: that are measured.
-        nuisances: conditions with a stated uncertainty, what tumbling records start from, and `time`.
+        nuisances: what tumbling records start from, conditions with a stated uncertainty, `time`, and zeros that move.
         lengths: samples of each record.
         complete: whether no sample is missing, shape (records, channels).
         stack: the arrays.
@@ -112,7 +116,8 @@ def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]
     return np.stack(columns, axis=1)
 
 
-def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, most: int | None = None) -> Records:
+def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, most: int | None = None,
+                  zeros: Mapping[str, Collection[str]] | None = None) -> Records:
     """Stack the samples of a campaign.
 
     Samples of the force within three deviations of the time origin are left out: it may jump at first touch, and
@@ -125,6 +130,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
         campaign: with samples.
         noise: by channel; white at the stated deviation where not given.
         most: thin every record evenly to at most so many samples.
+        zeros: by channel the records whose zero moves: an offset and a slope are nuisances of theirs.
 
     Raises:
         InputError: no samples, no channel that the model predicts, a condition missing without which nothing can be
@@ -203,8 +209,15 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     time[len(keys):] = time[0]
     nuisances = list_nuisances(campaign)
     starts = list_starts(campaign) if family.starts else ()
-    deviations = np.zeros((rows, len(starts) + len(nuisances)))
-    deviations[: len(keys), len(starts):] = condition_deviations(campaign, campaign.records, nuisances)
+    moved = tuple(f"{kind}:{channel}" for channel in zeros or () for kind in (ZERO, DRIFT))
+    deviations = np.zeros((rows, len(starts) + len(nuisances) + len(moved)))
+    stated = slice(len(starts), len(starts) + len(nuisances))
+    deviations[: len(keys), stated] = condition_deviations(campaign, campaign.records, nuisances)
+    for channel, own in (zeros or {}).items():
+        wide = FREE_ZERO * default_noise(campaign, channel, time[0, : lengths[0]]).sd
+        for k in range(stated.stop, deviations.shape[1]):
+            if moved[k - stated.stop].endswith(f":{channel}"):
+                deviations[: len(keys), k] = np.where([str(key) in own for key in keys], wide, 0.0)
     conditions, inputs = {}, {}
     for name in campaign.records.columns:
         column = campaign.records[name].to_numpy(dtype=float)
@@ -226,7 +239,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
                   {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
                   inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
-    return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances), lengths, complete, stack, family.name,
+    return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances, *moved), lengths, complete, stack, family.name,
                    tuple(strokes), starts)
 
 

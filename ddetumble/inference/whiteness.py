@@ -57,29 +57,35 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
     found, impact = {}, records.family not in ("slip", "tumble")
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     for c, channel in enumerate(records.channels):
-        traces, steps, even = [], [], False
+        traces, steps, pairs = [], [], []
         for r, n in enumerate(records.lengths):
             difference = np.diff(time[r, :n])
-            if not np.allclose(difference, difference[0], rtol=2e-3):
-                continue
-            even = True
             # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
             # the parts of a tumbling record between its gaps.
             used = np.ones(n, dtype=bool) if impact else np.asarray(records.stack.weights)[r, c, :n] > 0
-            if impact and not records.complete[r, c] or used.sum() < SHORTEST:
+            if impact and not records.complete[r, c]:
+                used = np.asarray(records.stack.weights)[r, c, :n] > 0
+            if used.sum() < SHORTEST:
                 continue
             trace = (values[r, c] - solution.channels[r, c])[:n]
             smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
             trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
+            pairs.append((time[r, :n][used], trace[used], float(np.median(difference))))
+            if not np.allclose(difference, difference[0], rtol=2e-3):
+                continue
             for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
                 if used[run[0]] and (len(run) >= SHORTEST or len(run) == n):
                     traces.append(trace[run])
                     steps.append(difference[0])
         stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
+        if sum(map(len, traces)) < 0.5 * sum(len(pair[0]) for pair in pairs):
+            found[channel] = estimate_from_pairs([pair[:2] for pair in pairs], float(np.median([p[2] for p in pairs])),
+                                                 stated.stated_sd)
+            continue
         if not traces:
-            why = "samples are missing in every record" if even else "uneven sampling"
-            found[channel] = dc.replace(stated, log_level_sd=0.1, text=f"{why}: taken as white, of the stated size")
+            found[channel] = dc.replace(stated, log_level_sd=0.1,
+                                        text="too few samples: taken as white, of the stated size")
             continue
         # Strokes at two speeds have two sampling intervals: one of them, not the mean.
         interval = float(np.median(steps) if impact else np.sort(steps)[len(steps) // 2])

@@ -88,6 +88,8 @@ def build_sections(discovery: Discovery) -> list[Section]:
         if len(discovery.steps) > 1:
             models[say_model(discovery)] = discovery.steps[-1].traces
         sections.append(_show_steps(discovery))
+        if discovery.faults:
+            sections.append(_show_faults(discovery))
         if any(models.values()):
             sections.append(show_fits(models))
             sections.append(show_failures(models, discovery.noise, discovery.where))
@@ -278,6 +280,19 @@ def _show_parameters(discovery: Discovery) -> Section:
         caption += " Where those of the two models lie apart, the missing physics had pulled the parameter away."
     picture = Picture("parameters", caption, figures.draw_parameters(steps), f"Intervals of {len(rows)} parameters.")
     return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
+
+
+def _show_faults(discovery: Discovery) -> Section:
+    """What is wrong with the data themselves, and what was done about it."""
+    rows = [
+        (fault.kind, clean(", ".join(fault.records) if len(fault.records) <= 6 else f"{len(fault.records)} records", 120),
+         clean(fault.channel) or "–", clean(fault.seen, 600), clean(fault.done, 300), clean(fault.remedy, 200))
+        for fault in discovery.faults
+    ]  # fmt: skip
+    header = ("fault", "records", "channel", "what is seen", "what was done", "what to do")
+    text = ("A record is called faulty where all others disagree with it although there are tests on all sides of it, or "
+            "a repeat; at an extreme of the conditions it may be physics, and stays. --keep-all leaves nothing out.")
+    return Section("Faults of the data", [text], tables=[Table(header, rows)])
 
 
 def _show_judgement(discovery: Discovery) -> Section:

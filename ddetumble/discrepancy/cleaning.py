@@ -1,0 +1,86 @@
+"""A campaign without its faults: what is found is left out, or fitted along with it, and said."""
+
+import dataclasses as dc
+from collections.abc import Mapping
+
+from ..measurement.campaign import Campaign
+from ..measurement.faults import Fault, screen_samples
+from .adequacy import LEVEL, bootstrap_p_value, family_p_value, score_directions
+from .misfits import mask_records
+from .suspects import Suspect, find_suspects, tell_fault
+from .workbench import Fitted, Workbench
+from .zeros import find_moving_zeros, tell_zero
+
+
+ROUNDS = 4  # of leaving out and beginning again, at most
+
+
+@dc.dataclass(frozen=True)
+class Cleaned:
+    """A campaign as it is fitted.
+
+    Attributes:
+        campaign: faulty samples missing, faulty records left out.
+        faults: what was found so far.
+        zeros: by channel the records whose zero is fitted along with them.
+        keep_all: whether nothing is to be left out: faults are only reported.
+    """
+
+    campaign: Campaign
+    faults: tuple[Fault, ...] = ()
+    zeros: Mapping[str, tuple[str, ...]] = dc.field(default_factory=dict)
+    keep_all: bool = False
+
+
+def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
+    """Look at the samples themselves, before any model."""
+    cleaned, faults = screen_samples(campaign)
+    if keep_all:
+        return Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
+                                       for f in faults), keep_all=True)
+    return Cleaned(cleaned, faults)
+
+
+def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted) -> tuple[Cleaned, bool]:
+    """Look for records at fault under a model.
+
+    Args:
+        state: so far.
+        workbench, fitted: a model fitted to `state.campaign`.
+
+    Returns:
+        What is known now, and whether the campaign has changed, so that everything has to be fitted again.
+    """
+    suspects = find_suspects(workbench, fitted)
+    sure = [s for s in suspects if s.sure]
+    zero = None if sure else find_moving_zeros(workbench, fitted.solution)
+    doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(workbench, s)]
+    new = [tell_fault(workbench, s, state.keep_all) for s in (*sure, *doubtful)]
+    new += [tell_zero(workbench, zero, state.keep_all)] if zero else []
+    known = {(f.kind == "doubtful", f.records, f.channel) for f in state.faults}
+    faults = (*state.faults, *(f for f in new if (f.kind == "doubtful", f.records, f.channel) not in known))
+    if state.keep_all or not (sure or zero):
+        return dc.replace(state, faults=faults), False
+    zeros = {channel: set(keys) for channel, keys in state.zeros.items()}
+    gone = {s.key for s in sure if s.diagnosis.kind != "zero"}
+    for s in sure:
+        if s.diagnosis.kind == "zero":
+            zeros.setdefault(s.diagnosis.channel, set()).add(s.key)
+    if zero:
+        zeros[zero.channel] = set(workbench.records.keys)
+    kept = [key for key in state.campaign.record_keys if key not in gone]
+    # What was in doubt only beside the culprits is looked at again without them.
+    faults = tuple(f for f in faults if f.kind != "doubtful")
+    return Cleaned(state.campaign.select(kept), faults, {c: tuple(k for k in kept if k in own)
+                                                         for c, own in zeros.items()}), True
+
+
+def _stands_alone(workbench: Workbench, suspect: Suspect) -> bool:
+    """Whether nothing that the catalogue holds shows in the records beside it either."""
+    problem = mask_records(workbench.problem, {suspect.aside.record})
+    solution = problem.solve(suspect.aside.solution.names, suspect.aside.solution.u, suspect.aside.solution.z,
+                             tolerance=1e-2)
+    depth = float(solution.state.max())
+    scores = score_directions(problem, solution, workbench.directions((), depth=depth))
+    calibrate = bootstrap_p_value if workbench.family.free_running else family_p_value
+    return calibrate(scores, workbench.noise) >= LEVEL / 2

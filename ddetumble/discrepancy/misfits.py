@@ -1,0 +1,152 @@
+"""How far one record is from what all others say: fits without it, and its misfit under them."""
+
+import dataclasses as dc
+from collections.abc import Collection
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+
+from ..inference.noise import whiten
+from ..inference.problem import Problem, Solution
+from ..inference.stack import Stack
+from .workbench import Workbench
+
+
+@dc.dataclass(frozen=True)
+class Misfit:
+    """Smooth part of a record's misfit: its sum of squares over `degrees`, and the chance of so much."""
+
+    total: float
+    degrees: int
+    p_value: float
+
+    @property
+    def excess(self) -> float:
+        """Mean square above the noise, in units of its variance."""
+        return self.total / max(self.degrees, 1) - 1.0
+
+
+@dc.dataclass(frozen=True)
+class Aside:
+    """A fit of the others, and the record held against it.
+
+    Attributes:
+        record: place of the record.
+        solution: of the others, with all records' nuisances fitted to it.
+        stated: the same with the record's own nuisances as they are stated.
+        spread: of the free parameters over their scales, as the others leave it: covariance, shape (free, free).
+        own: misfit of the record; `others`: those of the records that were fitted, by place; `rest`: of these together.
+    """
+
+    record: int
+    solution: Solution
+    stated: Solution
+    spread: np.ndarray
+    own: Misfit
+    others: dict[int, Misfit]
+    rest: Misfit
+
+
+def measure_record(workbench: Workbench, problem: Problem, solution: Solution, record: int,
+                   spread: np.ndarray | None = None, columns: np.ndarray | None = None) -> Misfit:
+    """Smooth misfit of one record, its nuisances at their best.
+
+    Args:
+        workbench: for the splines.
+        problem: with the record's samples.
+        solution: at whose point residual and derivatives are.
+        record: place of the record.
+        spread: covariance of the free parameters over their scales: they may move by so much.
+        columns: further whitened columns that may move freely, shape (rows, columns).
+    """
+    own, shared = solution.own[record], solution.shared[record]
+    free = np.zeros((len(own), 0)) if columns is None else columns
+    parts = [own, free]
+    prior = [np.eye(own.shape[1]), np.zeros((free.shape[1], free.shape[1]))]
+    right = [solution.residual[record], solution.z[record], np.zeros(free.shape[1])]
+    if spread is not None and shared.shape[1]:
+        values, vectors = np.linalg.eigh(spread)
+        parts.append(shared @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+        prior.append(np.eye(shared.shape[1]))
+        right.append(np.zeros(shared.shape[1]))
+    below = np.zeros((sum(len(p) for p in prior), sum(p.shape[1] for p in prior)))
+    row = column = 0
+    for p in prior:
+        below[row:row + p.shape[0], column:column + p.shape[1]] = p
+        row, column = row + p.shape[0], column + p.shape[1]
+    moving = np.concatenate([np.concatenate(parts, axis=1), below])
+    basis = np.concatenate([workbench.bases[record], np.zeros((len(below), workbench.bases[record].shape[1]))])
+    side = np.concatenate(right)
+    q = _span(moving)
+    side = side - q @ (q.T @ side)
+    u = _span(basis - q @ (q.T @ basis))
+    total, degrees = float(np.sum((u.T @ side) ** 2)), u.shape[1]
+    return judge(workbench, total, degrees)
+
+
+def judge(workbench: Workbench, total: float, degrees: int) -> Misfit:
+    """Chance of a sum of squares, the noise level being known as far as it is."""
+    spread = max(n.log_level_sd for n in workbench.noise.values())
+    sd = np.sqrt(2.0 / max(degrees, 1) + spread**2)
+    ratio = max(total / max(degrees, 1), 1e-300)
+    normal = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1)) / sd))
+    return Misfit(total, degrees, max(normal, float(stats.chi2.sf(total / (1.0 + 2.0 * spread), max(degrees, 1)))))
+
+
+def set_aside(workbench: Workbench, solution: Solution, record: int, out: Collection[int] = ()) -> Aside:
+    """Fit all records but one (and those already `out`), and hold it against them."""
+    gone = {record, *out}
+    masked = mask_records(workbench.problem, gone)
+    names = solution.names
+    rest = masked.solve(names, solution.u, solution.z, tolerance=1e-2)
+    spread = rest.covariance() / np.outer(rest.scales, rest.scales)
+    at = settle(workbench.problem, names, rest.u, rest.z)
+    plain = at.z.copy()
+    plain[record, len(workbench.records.starts):] = 0.0
+    stated = workbench.problem.solve(names, rest.u, plain, moving=False)
+    own = measure_record(workbench, workbench.problem, at, record, spread)
+    others = {r: measure_record(workbench, workbench.problem, at, r)
+              for r in range(workbench.records.count) if r not in gone}
+    degrees = sum(m.degrees for m in others.values()) - len(names)
+    return Aside(record, dc.replace(at, converged=rest.converged), stated, spread, own, others,
+                 judge(workbench, sum(m.total for m in others.values()), degrees))
+
+
+def settle(problem: Problem, names: tuple[str, ...], u: np.ndarray, z: np.ndarray) -> Solution:
+    """Nuisances fitted with all parameters held, and the derivatives there."""
+    still = problem.solve((), u, z, tolerance=1e-2)
+    return problem.solve(names, u, still.z, moving=False)
+
+
+def mask_records(problem: Problem, gone: Collection[int]) -> Problem:
+    """The same records, some without weight: programs are shared."""
+    weights = np.asarray(problem.records.stack.weights).copy()
+    weights[list(gone)] = 0.0
+    return replace_stack(problem, eqx.tree_at(lambda s: s.weights, problem.records.stack, jnp.asarray(weights)))
+
+
+def replace_stack(problem: Problem, stack: Stack) -> Problem:
+    """The same problem with other numbers."""
+    return Problem(problem.space, dc.replace(problem.records, stack=stack), problem.priors)
+
+
+def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndarray) -> np.ndarray:
+    """Columns over the samples of one channel as rows of the record's residual, shape (rows, columns)."""
+    stack, n = problem.records.stack, problem.records.lengths[record]
+    weights, taps = np.asarray(stack.weights)[record], np.asarray(stack.taps)[record]
+    found = np.zeros((weights.shape[0], weights.shape[1], columns.shape[1]))
+    found[channel, :n] = whiten(weights[channel, :n], taps[channel, :n], columns)
+    return found.reshape(-1, columns.shape[1])
+
+
+def _span(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of what columns span, shape (rows, rank); by their normal equations, which are small."""
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, size > 1e-9] / size[size > 1e-9]
+    if not columns.shape[1]:
+        return np.zeros((len(columns), 0))
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = values > 1e-11 * values[-1]
+    return columns @ (vectors[:, kept] / np.sqrt(values[kept]))

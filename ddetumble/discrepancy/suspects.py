@@ -1,0 +1,157 @@
+"""Records that are at fault, rather than the model: one that all others disagree with.
+
+Physics is a smooth trend over the conditions, or shows at an extreme of them, and in repeats alike. A record is at fault
+where the others, fitted without it, leave it far more misfit than any of themselves has, although there are records on
+all sides of it, or a repeat. At an extreme of the conditions it stays, with a warning, unless what is wrong with it is
+plain: a known ratio of units makes it fit.
+"""
+
+import dataclasses as dc
+from collections.abc import Collection
+
+import numpy as np
+
+from ..measurement.faults import Fault
+from .diagnosis import Diagnosis, diagnose
+from .misfits import Aside, measure_record, set_aside
+from .workbench import Fitted, Workbench
+
+
+SURE = 1e-5  # chance of a record's misfit, for all records together, below which it is no chance
+ADEQUATE = 0.01
+FACTOR = 3.0  # misfit of a faulty record over that of any other, where the model lacks something too
+FAR = 100.0  # the same where no condition can switch an effect on
+CLEAR = 4.0  # mean square over noise variance of a record that is said to be at fault
+MOST = 4  # one record in so many, at most
+SAME = 0.03  # share by which values of neighbours may differ and count as the same
+CANDIDATES = 3
+
+
+@dc.dataclass(frozen=True)
+class Suspect:
+    """A record that disagrees with all others.
+
+    Attributes:
+        key: of the record.
+        sure: whether it is at fault beyond doubt.
+        diagnosis: what would make it fit.
+        aside: the fit of the others.
+        enclosed: whether there are records on all sides of it, or a repeat.
+    """
+
+    key: str
+    sure: bool
+    diagnosis: Diagnosis
+    aside: Aside
+    enclosed: bool
+
+
+def find_suspects(workbench: Workbench, fitted: Fitted, most: int | None = None) -> list[Suspect]:
+    """Records at fault under a model, worst first; at most one in four, and one that is in doubt at the end."""
+    count = workbench.records.count
+    most = max(1, count // MOST) if most is None else most
+    found, out = [], set()
+    while len(found) < most and count - len(out) > 3:
+        suspect = _find_worst(workbench, fitted, out)
+        if suspect is None:
+            break
+        found.append(suspect)
+        if not suspect.sure:
+            break
+        out.add(suspect.aside.record)
+    return found
+
+
+def _find_worst(workbench: Workbench, fitted: Fitted, out: set[int]) -> Suspect | None:
+    """The record that the others disagree with most, if any is beyond chance."""
+    solution = fitted.solution if not out else set_aside(workbench, fitted.solution, next(iter(out)), out).solution
+    kept = [r for r in range(workbench.records.count) if r not in out]
+    misfit = {r: measure_record(workbench, workbench.problem, solution, r) for r in kept}
+    order = sorted(kept, key=lambda r: misfit[r].degrees - misfit[r].total)
+    order = order if len(kept) <= 6 else order[:CANDIDATES]
+    if misfit[order[0]].p_value * len(kept) > SURE:
+        return None
+    asides = [set_aside(workbench, solution, r, out) for r in order]
+    # Without the culprit the others agree best.
+    aside = min(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
+    return _judge(workbench, aside, len(kept))
+
+
+def _judge(workbench: Workbench, aside: Aside, count: int) -> Suspect | None:
+    """Whether a record is at fault."""
+    others = max(max(m.excess for m in aside.others.values()), 0.0)
+    fine = aside.rest.p_value > ADEQUATE
+    if aside.own.p_value * count > SURE or aside.own.excess < CLEAR - 1.0:
+        return None
+    enclosed = is_enclosed(workbench, aside)
+    worse = fine or aside.own.excess > FACTOR * max(others, 1.0)
+    if not worse:
+        return None
+    far = workbench.family.free_running and aside.own.excess > FAR * max(others, 1.0)
+    diagnosis = diagnose(workbench, aside)
+    sure = enclosed or far or diagnosis.kind == "unit"
+    if not sure and not fine:
+        return None
+    return Suspect(workbench.records.keys[aside.record], sure, diagnosis, aside, enclosed)
+
+
+def is_enclosed(workbench: Workbench, aside: Aside) -> bool:
+    """Whether a record lies among the others: a repeat of it, or records on both sides in all that physics may feel."""
+    r, kept = aside.record, list(aside.others)
+    records, names = workbench.campaign.records, [str(c) for c in workbench.campaign.records.columns]
+    if "sequence" in names:
+        order = records["sequence"].to_numpy(dtype=float)
+        if order[r] <= order[kept].min():
+            return False  # what softens does so most from the first test to the second
+        names.remove("sequence")
+    if names and any(workbench.groups[k] == workbench.groups[r] for k in kept):
+        return True
+    solution, count = aside.solution, workbench.records.count
+    features = [records[name].to_numpy(dtype=float) for name in names]
+    features += [np.abs(solution.state).max(axis=1), np.abs(solution.state_rate).max(axis=1)]
+    if workbench.family.free_running:
+        across = np.sqrt(np.mean(np.sum(solution.channels[:, :2] ** 2, axis=1), axis=-1))
+        features = [np.abs(solution.state_rate).max(axis=1), across]
+    else:
+        features += [np.abs(solution.channels[:, c]).max(axis=1) for c in range(solution.channels.shape[1])]
+        features.append(np.asarray(solution.end))
+    for x in features:
+        x = x[:count]
+        slack = SAME * abs(x[r])
+        if x[r] > x[kept].max() + slack or x[r] < x[kept].min() - slack:
+            return False
+        if x[r] >= x[kept].max() - slack and not np.any(np.abs(x[kept] - x[r]) <= slack):
+            return False
+    return True
+
+
+def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
+    """A suspect in words.
+
+    Args:
+        workbench: on which it was found.
+        suspect: what was found.
+        keep: whether every record is to be kept.
+    """
+    own, others = suspect.aside.own, suspect.aside.others
+    most = max(m.excess for m in others.values()) + 1.0
+    size = np.sqrt(max(own.excess + 1.0, 0.0))
+    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {size:.2g} times its noise, "
+            f"and none of themselves more than {np.sqrt(most):.2g}.")
+    text, remedy = suspect.diagnosis.text, suspect.diagnosis.remedy
+    kind, channel = suspect.diagnosis.kind, suspect.diagnosis.channel
+    if not suspect.sure:
+        return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept: no record lies beyond "
+                     "it and none repeats it, so that I cannot tell a fault from an effect that shows only there.",
+                     "Repeat it.")
+    if kind == "zero":
+        done = "Its zero and drift are fitted with it."
+    else:
+        done = "It is left out."
+    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept, as asked." if keep else done,
+                 remedy, left_out=kind != "zero" and not keep)
+
+
+def list_sure(suspects: Collection[Suspect]) -> list[Suspect]:
+    """Those at fault beyond doubt."""
+    return [s for s in suspects if s.sure]

@@ -1,0 +1,137 @@
+"""Zeros that move in every record: an offset and a slope of each record's own, which no physics explains.
+
+What is the same in all records, or follows their conditions, may be physics (a bias of the gyroscopes, an adhesive
+force) and is left to the catalogue. A zero that is off by another amount in every record is a fault of the gauge.
+"""
+
+import dataclasses as dc
+
+import numpy as np
+from scipy import stats
+
+from ..inference.arrow import profile_own
+from ..inference.problem import Solution
+from ..inference.stack import DRIFT
+from ..measurement.faults import Fault
+from .misfits import whiten_columns
+from .workbench import Workbench
+
+
+SHARE = 0.6  # of the misfit that moving zeros have to remove
+COMMON = 4.0  # standard errors of the mean over records beyond which a zero is the same in all
+TREND = 0.5  # share of the zeros' scatter that conditions may explain
+FEWEST = 4  # records
+BEFORE = 3  # samples before first touch that tell a zero
+CHANCE = 1e-4
+
+
+@dc.dataclass(frozen=True)
+class MovingZero:
+    """A channel whose zero moves: largest offset and drift over its records, SI, and the share of the misfit."""
+
+    channel: str
+    offset: float
+    drift: float
+    share: float
+
+
+def find_moving_zeros(workbench: Workbench, solution: Solution) -> MovingZero | None:
+    """The channel whose zeros, free in every record, remove most of a model's misfit; None where none does."""
+    records, best = workbench.records, None
+    if records.count < FEWEST:
+        return None
+    for c, channel in enumerate(records.channels):
+        if f"{DRIFT}:{channel}" in records.nuisances or channel.startswith("attitude_"):
+            continue
+        if workbench.campaign.family == "impact" and not _moves_before_touch(workbench, c):
+            continue
+        found = _free_zeros(workbench, solution, c, channel)
+        if found is not None and (best is None or found.share > best.share):
+            best = found
+    return best
+
+
+def tell_zero(workbench: Workbench, zero: MovingZero, keep: bool) -> Fault:
+    """A moving zero in words."""
+    unit = workbench.campaign.channels[zero.channel].unit
+    seen = (f"The zero of {zero.channel} is another in every record: off by up to {zero.offset:.2g} {unit} at the start, "
+            f"and drifting by up to {zero.drift:.2g} {unit} more until the end.")
+    done = "Nothing is done about it, as asked." if keep else "Zero and drift of each record are fitted with it."
+    return Fault("zero", workbench.records.keys, zero.channel, seen, done,
+                 "Let the gauge warm up, and take its zero before each test.")
+
+
+def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) -> MovingZero | None:
+    """Fit zero and drift of every record along with everything else, to first order."""
+    records, count = workbench.records, workbench.records.count
+    own = solution.own.shape[2]
+    extra = np.zeros((count, solution.residual.shape[1] + own, 2))
+    for r, n in enumerate(records.lengths):
+        t = np.asarray(records.stack.time)[r, :n]
+        ramp = (t - t[0]) / (t[-1] - t[0])
+        extra[r, :-own or None] = whiten_columns(workbench.problem, r, c, np.stack([np.ones(n), ramp], axis=1))
+    prior = np.broadcast_to(np.eye(own), (count, own, own))
+    rows = np.concatenate([solution.own, prior], axis=1)
+    shared = np.concatenate([solution.shared, np.zeros((count, own, solution.shared.shape[2]))], axis=1)
+    right = np.concatenate([solution.residual, solution.z], axis=1)
+    both = np.concatenate([rows, extra], axis=2)
+    size = np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-300)
+    columns, side = profile_own(shared, both / size, right)
+    step = np.zeros(0)
+    if shared.shape[2]:
+        step = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), -side.ravel(), rcond=1e-10)[0]
+        side = side + columns @ step
+    used = float((np.asarray(records.stack.weights) > 0).sum()) - solution.shared.shape[2]
+    before = float(np.sum(right**2))
+    gain, excess = before - float(np.sum(side**2)), before - used
+    if excess <= 0 or stats.chi2.sf(gain, 2 * count) > CHANCE or gain < SHARE * excess:
+        return None
+    moved = right + (shared @ step if shared.shape[2] else 0.0)
+    found, error = np.zeros((count, 2)), np.zeros((count, 2))
+    for r in range(count):
+        a = both[r] / size[r]
+        inverse = np.linalg.pinv(a.T @ a, rcond=1e-12)
+        found[r] = (inverse @ (a.T @ -moved[r]))[-2:] / size[r, 0, -2:]
+        error[r] = np.sqrt(np.maximum(np.diag(inverse)[-2:], 0.0)) / size[r, 0, -2:]
+    if np.mean(np.any(np.abs(found) > 4.0 * error, axis=1)) < 0.5:
+        return None  # a few records: they are looked at one by one
+    for k in range(2):
+        x = found[:, k]
+        scatter = float(np.std(x, ddof=1))
+        if abs(x.mean()) > COMMON * max(scatter, float(np.median(error[:, k]))) / np.sqrt(count):
+            return None
+        if scatter > 4.0 * np.median(error[:, k]) and _explained(workbench, x) > TREND:
+            return None
+    return MovingZero(channel, float(np.abs(found[:, 0]).max()), float(np.abs(found[:, 1]).max()),
+                      min(gain / excess, 1.0))
+
+
+def _explained(workbench: Workbench, x: np.ndarray) -> float:
+    """Share of the scatter that a plane over the conditions explains, adjusted for its freedom."""
+    table = [workbench.campaign.records[c].to_numpy(dtype=float) for c in workbench.campaign.records.columns
+             if c != "sequence"]
+    columns = np.stack([np.ones(len(x)), *(v for v in table if np.ptp(v) > 0)], axis=1)
+    if len(x) <= columns.shape[1] + 2:
+        return 0.0
+    left = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
+    return 1.0 - np.sum(left**2) / (len(x) - columns.shape[1]) / np.var(x, ddof=1)
+
+
+def _moves_before_touch(workbench: Workbench, c: int) -> bool:
+    """Whether a channel of impacts is off before first touch, where nothing acts yet, beyond chance in all records."""
+    records, channel = workbench.records, workbench.records.channels[c]
+    if channel == "pressure":
+        return False
+    noise = workbench.noise[channel]
+    time, values = np.asarray(records.stack.time), np.asarray(records.stack.values)
+    weights, total, count = np.asarray(records.stack.weights), 0.0, 0
+    origin = np.asarray(records.stack.condition_sd)[:, records.nuisances.index("time")]
+    for r, n in enumerate(records.lengths):
+        calm = (time[r, :n] < -3.0 * origin[r]) & (weights[r, c, :n] > 0)
+        if calm.sum() < BEFORE:
+            continue
+        t, x = time[r, :n][calm], values[r, c, :n][calm]
+        covariance = noise.covariance(t[:, None] - t[None, :])
+        total += float(np.sum(x)) ** 2 / float(np.sum(covariance))
+        count += 1
+    return count >= FEWEST and bool(stats.chi2.sf(total, count) < CHANCE)

@@ -1,0 +1,339 @@
+"""Faults of the samples themselves, found without any model: clipped, held, spiked, copied, missing, unevenly taken.
+
+Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance of
+about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
+readings. A spike stands outside of its neighbours' range and off the cubic through them. Nothing here knows physics: a
+jump, a kink and a peak are none of these.
+"""
+
+import dataclasses as dc
+
+import numpy as np
+
+from .campaign import Campaign
+from .grouping import group_conditions
+
+
+CHANCE = 1e-4  # expected number, by chance, of what is called a fault
+SPIKE = 7.0  # deviations off the neighbours
+NEAR = 3.0  # deviations below a limit where a reading may have been cut
+UNEVEN = 0.02  # share of the interval by which intervals may differ
+COPIED = 0.9  # share of equal readings of a copied record
+
+
+@dc.dataclass(frozen=True)
+class Fault:
+    """One fault of the data, in words.
+
+    Attributes:
+        kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `copied`, `unit`, `setting`, `clock`, `zero`, `gain`,
+            `outlier` or `doubtful`.
+        records: keys of the records that have it.
+        channel: or condition that has it; empty where it is the record as a whole.
+        seen: what is seen, a sentence.
+        done: what was done about it, a sentence.
+        remedy: what to do, a sentence.
+        left_out: whether the records as a whole are left out.
+    """
+
+    kind: str
+    records: tuple[str, ...]
+    channel: str
+    seen: str
+    done: str
+    remedy: str
+    left_out: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.seen} {self.done} {self.remedy}"
+
+
+def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
+    """Find what is wrong with the samples of a campaign, and leave it out.
+
+    Args:
+        campaign: as read.
+
+    Returns:
+        The campaign with faulty samples missing and copied records left out, and what was found. Samples that are
+        missing, or unevenly taken, are reported and stay as they are.
+    """
+    if campaign.samples is None or campaign.independent is None:
+        return campaign, ()
+    samples, abscissa, found = campaign.samples.copy(), campaign.independent.name, []
+    rows = {str(key): part for key, part in samples.groupby("record", sort=False).indices.items()}
+    time = {key: samples[abscissa].to_numpy(dtype=float)[part] for key, part in rows.items()}
+    turns = _list_turns(campaign, samples, rows)
+    for channel in list_screened(campaign):
+        values = samples[channel].to_numpy(dtype=float).copy()
+        parts = {key: values[part] for key, part in rows.items()}
+        found += _report_missing(channel, parts, turns)
+        uncertainty = campaign.channels[channel].uncertainty
+        if uncertainty is None:
+            continue
+        sd = float(uncertainty.sd(np.nanmedian(np.abs(values))))
+        if not sd > 0:
+            continue
+        masks = {"clipped": {}, "held": {}, "spike": {}}
+        limits: dict[str, list[float]] = {}
+        chance, tolerance = _measure_equality(parts, sd)
+        for key, x in parts.items():
+            clipped, held, limit = find_runs(x, sd, chance, len(values), tolerance)
+            limits[key] = limit
+            masks["clipped"][key], masks["held"][key] = clipped, held
+            parts[key] = np.where(clipped | held, np.nan, x)
+        level = max(sd, _measure_roughness(time, parts))
+        for key, x in parts.items():
+            own = _measure_roughness(time, {key: x})  # of a record in another unit
+            masks["spike"][key] = find_spikes(time[key], x, max(level, own))
+            parts[key] = np.where(masks["spike"][key], np.nan, x)
+        unit = campaign.channels[channel].unit
+        found += _report_samples(channel, unit, masks, limits)
+        for key, part in rows.items():
+            values[part] = parts[key]
+        samples[channel] = values
+    found += _report_uneven(abscissa, campaign.independent.unit, time, campaign.family, turns)
+    cleaned = dc.replace(campaign, samples=samples)
+    copied = find_copies(campaign)
+    if copied:
+        out = {key for one in copied for key in one.records if one.left_out}
+        cleaned = cleaned.select([key for key in cleaned.record_keys if key not in out])
+    return cleaned, (*found, *copied)
+
+
+def list_screened(campaign: Campaign) -> list[str]:
+    """Channels whose readings carry noise of their own: all but the path of slip records and attitudes."""
+    return [c for c in campaign.channels if not c.startswith("attitude_") and not (
+        campaign.family == "slip" and c == "slip")]
+
+
+def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float
+              ) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Readings at a limit, and readings that stand still.
+
+    Args:
+        x: readings of one record, shape (samples,), NaN where missing.
+        sd: standard deviation of the noise.
+        chance: that two neighbours are equal.
+        count: readings of all records, for how often chance may do it.
+        tolerance: below which a difference is none.
+
+    Returns:
+        Which samples are clipped (with those around them that may be), which are held, both of shape (samples,); the
+        limits.
+    """
+    clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
+    there = np.flatnonzero(np.isfinite(x))
+    y = x[there]
+    if len(y) < 5 or np.ptp(y) <= tolerance:
+        return clipped, held, limits
+    breaks = np.flatnonzero(np.abs(np.diff(y)) > tolerance) + 1
+    middle = _median_filter(y)
+    for run in np.split(np.arange(len(y)), breaks):
+        k, value = len(run), y[run[0]]
+        if k < 3 or count * chance ** (k - 1) > CHANCE:
+            continue
+        for side in (1.0, -1.0):
+            if side * value >= np.max(side * y) - tolerance:
+                at = np.abs(y - value) <= tolerance
+                near = at | (side * middle > side * value - NEAR * sd)
+                clipped[there[_components(near, at)]] = True
+                if value not in limits:
+                    limits.append(float(value))
+                break
+        else:
+            if value == 0.0 and _is_calm(y, run, sd):
+                continue  # a file that holds zeros where nothing acts
+            held[there[run]] = True
+    return clipped, held & ~clipped, limits
+
+
+def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
+    """Single readings that stand off their neighbours, shape (samples,).
+
+    Off the cubic through two neighbours on either side, and outside the range of these, by 7 deviations each.
+    """
+    found = np.zeros(len(x), dtype=bool)
+    there = np.flatnonzero(np.isfinite(x))
+    if len(there) < 9:
+        return found
+    off, y = _leave_cubic(time[there], x[there]), x[there]
+    around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
+    middle = y[2:-2]
+    outside = np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle)
+    bad = (np.abs(off) > SPIKE * sd) & (outside > SPIKE * sd)
+    # What stands off beside a larger one stands off because of it.
+    size = np.where(bad, np.abs(off), 0.0)
+    beside = np.pad(size, 2)
+    bad &= size >= np.max([beside[k:k + len(size)] for k in (0, 1, 3, 4)], axis=0)
+    found[there[2:-2][bad]] = True
+    if found.mean() > 0.05:  # so many are no accidents
+        found[:] = False
+    return found
+
+
+def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
+    """Records whose samples are another's: noise does not repeat itself."""
+    assert campaign.samples is not None
+    groups = dict(zip(campaign.record_keys, group_conditions(campaign.records), strict=True))
+    alike: dict[tuple, list[str]] = {}
+    channels = list_screened(campaign)
+    for key, part in campaign.samples.groupby("record", sort=False):
+        x = part[channels].to_numpy(dtype=float)
+        x = x[np.isfinite(x).all(axis=1)]
+        if len(x) < 20 or np.mean(np.any(np.diff(x, axis=0) != 0, axis=1)) < COPIED:
+            continue
+        alike.setdefault(tuple(np.round(x[2:14].ravel(), 12)), []).append(str(key))
+    found = []
+    for keys in alike.values():
+        if len(keys) < 2:
+            continue
+        same = len({groups[key] for key in keys}) == 1 or not len(campaign.records.columns)
+        out = tuple(keys[1:] if same else keys)
+        done = f"{keys[0]} is kept, {_join(out)} left out." if same else (
+            "Which is the original cannot be told, and all of them are left out.")
+        found.append(Fault("copied", out, "", f"Records {_join(keys)} hold the same samples, noise included.", done,
+                           "Export them again.", left_out=True))
+    return tuple(found)
+
+
+def _list_turns(campaign: Campaign, samples, rows) -> dict[str, np.ndarray]:
+    """Samples at which a slip record turns round, where its force is not known and may well be empty."""
+    if campaign.family != "slip" or "slip" not in campaign.channels:
+        return {}
+    found = {}
+    for key, part in rows.items():
+        step = np.sign(np.diff(samples["slip"].to_numpy(dtype=float)[part]))
+        turn = np.zeros(len(part), dtype=bool)
+        turn[1:-1] = step[1:] * step[:-1] <= 0
+        found[key] = turn
+    return found
+
+
+def _measure_equality(parts: dict[str, np.ndarray], sd: float) -> tuple[float, float]:
+    """Chance that two neighbours are equal, and the difference that counts as none."""
+    values = np.concatenate(list(parts.values()))
+    values = values[np.isfinite(values)]
+    tolerance = 1e-9 * float(np.max(np.abs(values), initial=0.0))
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > tolerance]
+    resolution = float(np.min(steps)) if len(steps) else 0.0
+    shares = []
+    for x in parts.values():
+        x = x[np.isfinite(x)]
+        if len(x) < 5:
+            continue
+        inner = (x[1:] < x.max() - tolerance) & (x[1:] > x.min() + tolerance) & (x[1:] != 0.0)
+        if inner.sum() > 4:
+            shares.append(float(np.mean(np.abs(np.diff(x))[inner] <= tolerance)))
+    usual = float(np.quantile(shares, 0.25)) if shares else 0.0
+    return min(max(resolution / (2.0 * np.sqrt(np.pi) * sd), usual, 1e-9), 0.99), tolerance
+
+
+def _measure_roughness(time: dict[str, np.ndarray], parts: dict[str, np.ndarray]) -> float:
+    """Deviation of the noise as samples stand off the cubic through their neighbours, robustly over all records."""
+    off = []
+    for key, x in parts.items():
+        there = np.isfinite(x)
+        if there.sum() > 8:
+            off.append(_leave_cubic(time[key][there], x[there]))
+    return float(np.median(np.abs(np.concatenate(off)))) / 0.6745 if off else 0.0
+
+
+def _leave_cubic(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Each sample but two at either end less the cubic through its four neighbours, in deviations of one sample."""
+    at = np.stack([time[k:len(time) - 4 + k] for k in (0, 1, 3, 4)])
+    y = np.stack([x[k:len(x) - 4 + k] for k in (0, 1, 3, 4)])
+    t = time[2:-2]
+    weights = np.ones_like(at)
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[i] *= (t - at[j]) / (at[i] - at[j])
+    return (x[2:-2] - np.sum(weights * y, axis=0)) / np.sqrt(1.0 + np.sum(weights**2, axis=0))
+
+
+def _median_filter(y: np.ndarray) -> np.ndarray:
+    """Median of five neighbours, shape (samples,)."""
+    wide = np.pad(y, 2, mode="edge")
+    return np.median(np.stack([wide[k:k + len(y)] for k in range(5)]), axis=0)
+
+
+def _components(near: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """The stretches of `near` that hold a seed."""
+    found = np.zeros(len(near), dtype=bool)
+    for run in np.split(np.arange(len(near)), np.flatnonzero(np.diff(near)) + 1):
+        if near[run[0]] and seeds[run].any():
+            found[run] = True
+    return found
+
+
+def _is_calm(y: np.ndarray, run: np.ndarray, sd: float) -> bool:
+    """Whether the readings on both sides of a run of zeros are near zero too."""
+    before, after = y[max(run[0] - 1, 0)], y[min(run[-1] + 1, len(y) - 1)]
+    return max(abs(before), abs(after)) < 6.0 * sd
+
+
+def _report_missing(channel: str, parts: dict[str, np.ndarray], turns: dict[str, np.ndarray]) -> list[Fault]:
+    lost = {key: int(np.sum(~np.isfinite(x) & ~turns.get(key, np.zeros(len(x), dtype=bool))))
+            for key, x in parts.items()}
+    keys = tuple(key for key, n in lost.items() if n)
+    if not keys:
+        return []
+    share = sum(lost.values()) / max(sum(len(x) for x in parts.values()), 1)
+    return [Fault("missing", keys, channel, f"{share:.2g} of all samples of {channel} are missing, in "
+                  f"{_count(keys)}.".replace(f"{share:.2g} of", f"{100 * share:.2g} % of"),
+                  "The fit does without them; nothing is filled in.", "Nothing to do, unless they should be there.")]
+
+
+def _report_samples(channel: str, unit: str, masks, limits) -> list[Fault]:
+    found = []
+    for kind, by_record in masks.items():
+        keys = tuple(key for key, mask in by_record.items() if mask.any())
+        number = sum(int(mask.sum()) for mask in by_record.values())
+        if not keys:
+            continue
+        them = f"{number} samples are left out" if number > 1 else "It is left out"
+        if kind == "clipped":
+            at = sorted({f"{value:.4g}" for key in keys for value in limits[key]})
+            where = f"at {_join(at)} {unit}" if len(at) <= 3 else "each at its largest or smallest reading"
+            found.append(Fault(kind, keys, channel, f"{channel} is cut off {where} in {_count(keys)}: equal readings "
+                               "follow one another there, and none lies beyond.",
+                               f"{them}: those at the limit, and those beside them that may have been cut.",
+                               "Choose a wider range of the gauge or the amplifier."))
+        elif kind == "held":
+            found.append(Fault(kind, keys, channel, f"{channel} stands still for a while in {_count(keys)}, which noise "
+                               "does not allow.", f"{them}.", "Look at the gauge, its cable and the logger."))
+        else:
+            seen = f"{number} single samples of {channel} in {_count(keys)} stand" if number > 1 else (
+                f"A single sample of {channel} in record {keys[0]} stands")
+            found.append(Fault(kind, keys, channel, f"{seen} more than {SPIKE:g} deviations off the neighbours.",
+                               f"{them}.", "Look for interference or a loose contact."))
+    return found
+
+
+def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray], family: str, turns) -> list[Fault]:
+    keys, low, high = [], np.inf, 0.0
+    for key, t in time.items():
+        steps = np.diff(t)
+        usual = float(np.median(steps))
+        if np.mean(np.abs(steps / usual - 1.0) > UNEVEN) > 0.02:
+            keys.append(key)
+            low, high = min(low, float(steps.min())), max(high, float(steps.max()))
+    if not keys:
+        return []
+    factor, shown = (1e3, {"s": "ms", "m": "mm"}[unit]) if unit in ("s", "m") and high < 1.0 else (1.0, unit)
+    return [Fault("uneven", tuple(keys), abscissa, f"The sampling of {_count(keys)} is uneven: {factor * low:.3g} to "
+                  f"{factor * high:.3g} {shown} from one to the next.",
+                  "Every sample is taken where it stands, and the noise's correlation from pairs of samples.",
+                  "Nothing to do, unless samples should be there.")]
+
+
+def _count(keys) -> str:
+    return f"record {keys[0]}" if len(keys) == 1 else (
+        f"records {_join(keys)}" if len(keys) <= 4 else f"{len(keys)} records ({keys[0]} among them)")
+
+
+def _join(words) -> str:
+    words = list(words)
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
