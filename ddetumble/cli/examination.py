@@ -119,7 +119,7 @@ def discover_effects(
         Path | None, typer.Option("--effects-from", metavar="FILE.py", help="Try all effects of this file of yours.")
     ] = None,
     keep_all: Annotated[
-        bool, typer.Option("--keep-all", help="Leave out no record and no sample: faults of the data are only reported.")
+        bool, typer.Option("--keep-all", help="Leave out no record and no sample: faults are only reported."),
     ] = False,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is

@@ -41,19 +41,20 @@ def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
     return Cleaned(cleaned, faults)
 
 
-def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted) -> tuple[Cleaned, bool]:
+def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: bool) -> tuple[Cleaned, bool]:
     """Look for records at fault under a model.
 
     Args:
         state: so far.
         workbench, fitted: a model fitted to `state.campaign`.
+        final: whether it is what the search ended with, rather than the reference model.
 
     Returns:
         What is known now, and whether the campaign has changed, so that everything has to be fitted again.
     """
     suspects = find_suspects(workbench, fitted)
     sure = [s for s in suspects if s.sure]
-    zero = None if sure else find_moving_zeros(workbench, fitted.solution)
+    zero = None if sure else find_moving_zeros(workbench, fitted.solution, final)
     doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(workbench, s)]
     new = [tell_fault(workbench, s, state.keep_all) for s in (*sure, *doubtful)]
     new += [tell_zero(workbench, zero, state.keep_all)] if zero else []

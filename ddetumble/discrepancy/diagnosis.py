@@ -182,8 +182,8 @@ def _try_columns(workbench: Workbench, aside: Aside) -> Diagnosis | None:
     right = np.concatenate([aside.stated.residual[r], aside.stated.z[r]])
     move = np.linalg.lstsq(rows, -right, rcond=None)[0][: columns.shape[1]]
     if kind == "zero":
-        return Diagnosis("zero", channel, f"It fits with a zero of its {channel} that is off by {move[0]:.3g} {unit} at "
-                         f"the start and {move[0] + move[1]:.3g} {unit} at the end.",
+        return Diagnosis("zero", channel, f"It fits with a zero of its {channel} that is off by {move[0]:.3g} {unit} "
+                         f"at the start and {move[0] + move[1]:.3g} {unit} at the end.",
                          "Let the gauge warm up, and take its zero before each test.")
     return Diagnosis("gain", channel, f"It fits if its {channel} reads {1.0 + move[0]:.4g} times what it is.",
                      "Look at range and calibration of the gauge in that test, and repeat it.")

@@ -58,13 +58,13 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         report("fitting the reference model", 0.02)
         workbench = Workbench(state.campaign, resolved.reference, effects, resolved.effects, state.zeros)
         reference = workbench.begin()
-        state, changed = clean_records(state, workbench, reference)
+        state, changed = clean_records(state, workbench, reference, False)
         if changed and turn < ROUNDS - 1:
             continue
         grown, tried, visible = _search(workbench, reference, report)
-        if grown[-1].fitted is not reference and turn < ROUNDS - 1:
+        if grown[0].lack.rejected and turn < ROUNDS - 1:
             report("looking for records at fault", 0.86)
-            state, changed = clean_records(state, workbench, grown[-1].fitted)
+            state, changed = clean_records(state, workbench, grown[-1].fitted, True)
             if changed:
                 continue
         break

@@ -232,6 +232,7 @@ class Discovery:
             "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
             "correlations": [list(c) for c in last.correlations],
             "lack_of_fit": dc.asdict(first), "noise": {k: dict(v) for k, v in self.noise.items()},
-            "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults], "sha256": self.sha256, "settings": dict(self.settings),
+            "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
+            "sha256": self.sha256, "settings": dict(self.settings),
         })
 

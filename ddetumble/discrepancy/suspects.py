@@ -1,7 +1,7 @@
 """Records that are at fault, rather than the model: one that all others disagree with.
 
-Physics is a smooth trend over the conditions, or shows at an extreme of them, and in repeats alike. A record is at fault
-where the others, fitted without it, leave it far more misfit than any of themselves has, although there are records on
+Physics is a smooth trend over the conditions, or shows at an extreme of them, and in repeats alike. A record is at
+fault where the others, fitted without it, leave it far more misfit than any of themselves has, although there are records on
 all sides of it, or a repeat. At an extreme of the conditions it stays, with a warning, unless what is wrong with it is
 plain: a known ratio of units makes it fit.
 """
@@ -136,13 +136,13 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
     own, others = suspect.aside.own, suspect.aside.others
     most = max(m.excess for m in others.values()) + 1.0
     size = np.sqrt(max(own.excess + 1.0, 0.0))
-    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {size:.2g} times its noise, "
-            f"and none of themselves more than {np.sqrt(most):.2g}.")
+    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {size:.2g} times its "
+            f"noise, and none of themselves more than {np.sqrt(most):.2g}.")
     text, remedy = suspect.diagnosis.text, suspect.diagnosis.remedy
     kind, channel = suspect.diagnosis.kind, suspect.diagnosis.channel
     if not suspect.sure:
-        return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept: no record lies beyond "
-                     "it and none repeats it, so that I cannot tell a fault from an effect that shows only there.",
+        return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept: no record lies "
+                     "beyond it and none repeats it, so that I cannot tell a fault from an effect that shows only there.",
                      "Repeat it.")
     if kind == "zero":
         done = "Its zero and drift are fitted with it."

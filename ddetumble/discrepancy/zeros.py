@@ -17,7 +17,8 @@ from .misfits import whiten_columns
 from .workbench import Workbench
 
 
-SHARE = 0.6  # of the misfit that moving zeros have to remove
+SHARE = 0.6  # of the misfit that moving zeros have to remove, where they are seen before first touch
+ALL = 0.9  # the same where nothing but the fit says so
 COMMON = 4.0  # standard errors of the mean over records beyond which a zero is the same in all
 TREND = 0.5  # share of the zeros' scatter that conditions may explain
 FEWEST = 4  # records
@@ -35,10 +36,17 @@ class MovingZero:
     share: float
 
 
-def find_moving_zeros(workbench: Workbench, solution: Solution) -> MovingZero | None:
-    """The channel whose zeros, free in every record, remove most of a model's misfit; None where none does."""
+def find_moving_zeros(workbench: Workbench, solution: Solution, final: bool) -> MovingZero | None:
+    """The channel whose zeros, free in every record, remove most of a model's misfit; None where none does.
+
+    Args:
+        workbench: of the campaign.
+        solution: of the model.
+        final: whether the catalogue has been tried. Before that only zeros are looked for that show before first touch:
+            an effect may look like another zero at every condition.
+    """
     records, best = workbench.records, None
-    if records.count < FEWEST:
+    if records.count < FEWEST or (workbench.campaign.family != "impact" and not final):
         return None
     for c, channel in enumerate(records.channels):
         if f"{DRIFT}:{channel}" in records.nuisances or channel.startswith("attitude_"):
@@ -54,8 +62,8 @@ def find_moving_zeros(workbench: Workbench, solution: Solution) -> MovingZero | 
 def tell_zero(workbench: Workbench, zero: MovingZero, keep: bool) -> Fault:
     """A moving zero in words."""
     unit = workbench.campaign.channels[zero.channel].unit
-    seen = (f"The zero of {zero.channel} is another in every record: off by up to {zero.offset:.2g} {unit} at the start, "
-            f"and drifting by up to {zero.drift:.2g} {unit} more until the end.")
+    seen = (f"The zero of {zero.channel} is another in every record: off by up to {zero.offset:.2g} {unit} at the "
+            f"start, and drifting by up to {zero.drift:.2g} {unit} more until the end.")
     done = "Nothing is done about it, as asked." if keep else "Zero and drift of each record are fitted with it."
     return Fault("zero", workbench.records.keys, zero.channel, seen, done,
                  "Let the gauge warm up, and take its zero before each test.")
@@ -84,7 +92,8 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
     used = float((np.asarray(records.stack.weights) > 0).sum()) - solution.shared.shape[2]
     before = float(np.sum(right**2))
     gain, excess = before - float(np.sum(side**2)), before - used
-    if excess <= 0 or stats.chi2.sf(gain, 2 * count) > CHANCE or gain < SHARE * excess:
+    seen = workbench.campaign.family == "impact"
+    if excess <= 0 or stats.chi2.sf(gain, 2 * count) > CHANCE or gain < (SHARE if seen else ALL) * excess:
         return None
     moved = right + (shared @ step if shared.shape[2] else 0.0)
     found, error = np.zeros((count, 2)), np.zeros((count, 2))
@@ -100,19 +109,30 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
         scatter = float(np.std(x, ddof=1))
         if abs(x.mean()) > COMMON * max(scatter, float(np.median(error[:, k]))) / np.sqrt(count):
             return None
-        if scatter > 4.0 * np.median(error[:, k]) and _explained(workbench, x) > TREND:
+        if not seen and scatter > 4.0 * np.median(error[:, k]) and _explained(workbench, solution, x) > TREND:
             return None
     return MovingZero(channel, float(np.abs(found[:, 0]).max()), float(np.abs(found[:, 1]).max()),
                       min(gain / excess, 1.0))
 
 
-def _explained(workbench: Workbench, x: np.ndarray) -> float:
-    """Share of the scatter that a plane over the conditions explains, adjusted for its freedom."""
-    table = [workbench.campaign.records[c].to_numpy(dtype=float) for c in workbench.campaign.records.columns
-             if c != "sequence"]
-    columns = np.stack([np.ones(len(x)), *(v for v in table if np.ptp(v) > 0)], axis=1)
-    if len(x) <= columns.shape[1] + 2:
-        return 0.0
+def _explained(workbench: Workbench, solution: Solution, x: np.ndarray) -> float:
+    """Share of the scatter that conditions explain, adjusted for its freedom; 1 where there are too few records to say.
+
+    A quadratic of the logarithms of the conditions, place in the series included, or else a plane; of tumbling records
+    a plane over speed and axial rate.
+    """
+    records = workbench.campaign.records
+    table = [records[c].to_numpy(dtype=float) for c in records.columns]
+    if workbench.family.free_running:
+        table += [solution.state_rate.max(axis=1), solution.channels[:, 2].mean(axis=1)]
+    varied = [np.log(v) if v.min() > 0 else v for v in table if np.ptp(v) > 0]
+    varied = [(v - v.mean()) / v.std() for v in varied]
+    plane = np.stack([np.ones(len(x)), *varied], axis=1)
+    bent = np.concatenate([plane, *(np.stack([a * b], axis=1) for i, a in enumerate(varied) for b in varied[: i + 1])],
+                          axis=1) if varied else plane
+    columns = bent if len(x) >= bent.shape[1] + 4 else plane
+    if len(x) < columns.shape[1] + 2:
+        return 1.0
     left = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
     return 1.0 - np.sum(left**2) / (len(x) - columns.shape[1]) / np.var(x, ddof=1)
 

@@ -239,8 +239,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
                   {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
                   inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
-    return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances, *moved), lengths, complete, stack, family.name,
-                   tuple(strokes), starts)
+    return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances, *moved), lengths, complete, stack,
+                   family.name, tuple(strokes), starts)
 
 
 def trim_records(records: Records) -> Records:

@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ..measurement.campaign import Campaign
-from .noise import Noise, estimate_noise
+from .noise import Noise, estimate_from_pairs, estimate_noise
 from .problem import Solution
 from .stack import Records, default_noise
 

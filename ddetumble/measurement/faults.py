@@ -1,7 +1,7 @@
 """Faults of the samples themselves, found without any model: clipped, held, spiked, copied, missing, unevenly taken.
 
-Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance of
-about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
+Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance
+of about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
 readings. A spike stands outside of its neighbours' range and off the cubic through them. Nothing here knows physics: a
 jump, a kink and a peak are none of these.
 """
@@ -15,7 +15,8 @@ from .grouping import group_conditions
 
 
 CHANCE = 1e-4  # expected number, by chance, of what is called a fault
-SPIKE = 7.0  # deviations off the neighbours
+SPIKE, FLANK = 7.0, 10.0  # deviations off the neighbours
+SMOOTH = 2.5  # deviations of the neighbours from a parabola
 NEAR = 3.0  # deviations below a limit where a reading may have been cut
 UNEVEN = 0.02  # share of the interval by which intervals may differ
 COPIED = 0.9  # share of equal readings of a copied record
@@ -151,7 +152,8 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
 def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
     """Single readings that stand off their neighbours, shape (samples,).
 
-    Off the cubic through two neighbours on either side, and outside the range of these, by 7 deviations each.
+    Off the cubic through two neighbours on either side, and outside the range of these, by 7 deviations each; on a
+    flank, where the range is wide, off the cubic by 10, and the neighbours on a parabola, as those of a jump do not lie.
     """
     found = np.zeros(len(x), dtype=bool)
     there = np.flatnonzero(np.isfinite(x))
@@ -161,7 +163,8 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
     around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
     middle = y[2:-2]
     outside = np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle)
-    bad = (np.abs(off) > SPIKE * sd) & (outside > SPIKE * sd)
+    smooth = np.abs(_bend(time[there], y)) < SMOOTH * sd
+    bad = (np.abs(off) > SPIKE * sd) & (outside > SPIKE * sd) | (np.abs(off) > FLANK * sd) & smooth
     # What stands off beside a larger one stands off because of it.
     size = np.where(bad, np.abs(off), 0.0)
     beside = np.pad(size, 2)
@@ -253,6 +256,18 @@ def _leave_cubic(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     return (x[2:-2] - np.sum(weights * y, axis=0)) / np.sqrt(1.0 + np.sum(weights**2, axis=0))
 
 
+def _bend(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Third difference of the four neighbours of each sample but two at either end, in deviations of one sample."""
+    at = np.stack([time[k:len(time) - 4 + k] for k in (0, 1, 3, 4)])
+    y = np.stack([x[k:len(x) - 4 + k] for k in (0, 1, 3, 4)])
+    weights = np.ones_like(at)
+    for i in range(4):
+        for j in range(4):
+            if i != j:
+                weights[i] /= at[i] - at[j]
+    return np.sum(weights * y, axis=0) / np.sqrt(np.sum(weights**2, axis=0))
+
+
 def _median_filter(y: np.ndarray) -> np.ndarray:
     """Median of five neighbours, shape (samples,)."""
     wide = np.pad(y, 2, mode="edge")
@@ -302,8 +317,8 @@ def _report_samples(channel: str, unit: str, masks, limits) -> list[Fault]:
                                f"{them}: those at the limit, and those beside them that may have been cut.",
                                "Choose a wider range of the gauge or the amplifier."))
         elif kind == "held":
-            found.append(Fault(kind, keys, channel, f"{channel} stands still for a while in {_count(keys)}, which noise "
-                               "does not allow.", f"{them}.", "Look at the gauge, its cable and the logger."))
+            found.append(Fault(kind, keys, channel, f"{channel} stands still for a while in {_count(keys)}, which "
+                               "noise does not allow.", f"{them}.", "Look at the gauge, its cable and the logger."))
         else:
             seen = f"{number} single samples of {channel} in {_count(keys)} stand" if number > 1 else (
                 f"A single sample of {channel} in record {keys[0]} stands")

@@ -285,13 +285,14 @@ def _show_parameters(discovery: Discovery) -> Section:
 def _show_faults(discovery: Discovery) -> Section:
     """What is wrong with the data themselves, and what was done about it."""
     rows = [
-        (fault.kind, clean(", ".join(fault.records) if len(fault.records) <= 6 else f"{len(fault.records)} records", 120),
+        (fault.kind,
+         clean(", ".join(fault.records), 120) if len(fault.records) <= 6 else f"{len(fault.records)} records",
          clean(fault.channel) or "–", clean(fault.seen, 600), clean(fault.done, 300), clean(fault.remedy, 200))
         for fault in discovery.faults
     ]  # fmt: skip
     header = ("fault", "records", "channel", "what is seen", "what was done", "what to do")
-    text = ("A record is called faulty where all others disagree with it although there are tests on all sides of it, or "
-            "a repeat; at an extreme of the conditions it may be physics, and stays. --keep-all leaves nothing out.")
+    text = ("A record is called faulty where all others disagree with it although there are tests on all sides of it, "
+            "or a repeat; at an extreme of the conditions it may be physics, and stays. --keep-all leaves nothing out.")
     return Section("Faults of the data", [text], tables=[Table(header, rows)])
 
 

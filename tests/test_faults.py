@@ -1,0 +1,295 @@
+"""Faults of the data, put in by `tests.independent.faults`: found, said, and not mistaken for physics."""
+
+import numpy as np
+import pytest
+
+from ddetumble._settings import find_data
+from ddetumble.cli import main
+from ddetumble.discrepancy.discovery import discover
+from ddetumble.inference.noise import estimate_from_pairs
+from ddetumble.measurement.faults import find_runs, find_spikes, screen_samples
+from ddetumble.measurement.package import read_campaign
+from tests.independent import faults
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+from tests.independent.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
+
+
+BALL = {"effective_mass": 1.37, "restitution": 0.73}
+RUBBER = {"adhesion_constant": 0.874, "loss_factor": 0.163, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
+          "slip_scale": 1.0}
+EFFECT = {"impact": {"wall-stiffness": {"k_w": 1100.0, "q": 1.0}}, "slip": {"viscous-friction": {"c_t": 0.9}},
+          "tumble": {"eddy-current": {"k_e": 2e-6}}}
+CHANNEL = {"impact": "normal_force", "slip": "tangential_force", "tumble": "angular_velocity_x"}
+NOISE = {"impact": 0.25, "slip": 0.04, "tumble": 2e-5}
+FAMILIES = tuple(CHANNEL)
+RATES = tuple(f"angular_velocity_{axis}" for axis in "xyz")
+SHIPPED = sorted(p.name for p in find_data().glob("*-?") if p.name != "README")
+
+
+def write(folder, family, effects, *, repeats=2):
+    """A campaign of a family by the independent simulator."""
+    if family == "impact":
+        write_campaign_folder(folder, make_campaign("f", 21, effects, BALL, [0.5e6, 1.1e6, 2.2e6], [0.16, 0.38, 0.66],
+                                                    repeats, interval=4e-4))
+    elif family == "slip":
+        write_slip_folder(folder, make_slip_campaign("f", 22, effects, RUBBER, [6.0, 13.0, 25.0], [0.8e6, 1.9e6],
+                                                     [0.02, 0.1, 0.4], 1))
+    else:
+        write_tumble_folder(folder, make_tumble_campaign("f", 23, effects, {"inertia_ratio": 0.53}, 5))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    """Folders of campaigns in which nothing is missing, by family."""
+    base = tmp_path_factory.mktemp("clean")
+    return {family: write(base / family, family, {}) for family in FAMILIES}
+
+
+@pytest.fixture(scope="module")
+def grown(tmp_path_factory):
+    """Folders of campaigns with one effect, by family."""
+    base = tmp_path_factory.mktemp("grown")
+    return {family: write(base / family, family, EFFECT[family]) for family in FAMILIES}
+
+
+def spoil(folder, target, *acts):
+    """A spoilt copy of a campaign."""
+    spoiler = faults.Spoiler(folder, target)
+    for act, *arguments in acts:
+        act(spoiler, *arguments)
+    return spoiler.save()
+
+
+def middle(folder):
+    """Key of a record in the middle of a campaign's conditions."""
+    head, rows = faults.read_rows(folder / "records.csv")
+    columns = [k for k, name in enumerate(head) if name not in ("record", "sequence")]
+    if not columns:
+        return rows[2][0]
+    values = np.array([[float(row[k]) for k in columns] for row in rows])
+    rank = np.argsort(np.argsort(values, axis=0), axis=0) - 0.5 * (len(rows) - 1)
+    return rows[int(np.argmin(np.sum(rank**2, axis=1)))][0]
+
+
+def readings(campaign, channel):
+    """All samples of a channel."""
+    assert campaign.samples is not None
+    return campaign.samples[channel].to_numpy()
+
+
+def kinds(found):
+    """Kinds of faults, in order."""
+    return [fault.kind for fault in found]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_campaigns_lose_no_sample(name):
+    campaign = read_campaign(find_data() / name)
+    cleaned, found = screen_samples(campaign)
+    assert found == ()
+    assert cleaned.samples is not None and cleaned.samples.equals(campaign.samples)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_clipped_samples_are_left_out(family, clean, tmp_path):
+    channel = CHANNEL[family]
+    before = readings(read_campaign(clean[family]), channel)
+    ceiling = float(f"{0.75 * np.nanmax(before):.3g}")
+    folder = spoil(clean[family], tmp_path / "c", (faults.clip, channel, ceiling))
+    cleaned, found = screen_samples(read_campaign(folder))
+    assert kinds(found) == ["clipped"] and f"{ceiling:.4g}" in found[0].seen
+    left = readings(cleaned, channel)
+    cut = np.abs(before) >= ceiling
+    # Single samples may cross the limit far from where the signal does.
+    assert np.isnan(left[cut]).mean() > 0.97
+    kept = np.isfinite(left)
+    assert np.allclose(left[kept], np.clip(before, -ceiling, ceiling)[kept])
+    assert (~kept & (np.abs(before) < ceiling - 6 * NOISE[family])).sum() < 0.02 * before.size
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_spikes_are_left_out(family, clean, tmp_path):
+    channel = CHANNEL[family]
+    folder = spoil(clean[family], tmp_path / "s", (faults.add_spikes, channel, 20 * NOISE[family]))
+    cleaned, found = screen_samples(read_campaign(folder))
+    before = readings(read_campaign(clean[family]), channel)
+    spoilt = readings(read_campaign(folder), channel)
+    hit = ~np.isclose(before, spoilt, rtol=0, atol=5 * NOISE[family])
+    lost = np.isnan(readings(cleaned, channel))
+    assert kinds(found) == ["spike"]
+    assert (lost & hit).sum() > 0.85 * hit.sum()  # two side by side hide each other
+    assert (lost & ~hit).sum() <= 1  # beside another
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_gauge_that_stands_still_is_seen(family, clean, tmp_path):
+    key = middle(clean[family])
+    folder = spoil(clean[family], tmp_path / "h", (faults.hold, CHANNEL[family], key, 0.3, 0.4))
+    _, found = screen_samples(read_campaign(folder))
+    assert [(f.kind, f.records) for f in found] in ([("held", (key,))], [("clipped", (key,))])
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_missing_and_uneven_samples_are_reported(family, clean, tmp_path):
+    channel = CHANNEL[family]
+    lost = read_campaign(spoil(clean[family], tmp_path / "m", (faults.lose_samples, channel, 0.08)))
+    cleaned, found = screen_samples(lost)
+    assert kinds(found) == ["missing"] and "8" in found[0].seen.split("%")[0]
+    assert np.array_equal(readings(cleaned, channel), readings(lost, channel), equal_nan=True)
+    _, found = screen_samples(read_campaign(spoil(clean[family], tmp_path / "u", (faults.thin, 0.3))))
+    assert kinds(found) == ["uneven"]
+
+
+def test_a_record_exported_twice_is_left_out(clean, tmp_path):
+    keys = faults.Spoiler(clean["slip"], tmp_path / "x").order
+    folder = spoil(clean["slip"], tmp_path / "c", (faults.copy_record, keys[3], keys[8]))
+    cleaned, found = screen_samples(read_campaign(folder))
+    assert kinds(found) == ["copied"] and set(found[0].records) == {keys[3], keys[8]}
+    assert not {keys[3], keys[8]} & set(cleaned.record_keys)
+
+
+def test_what_jumps_bends_or_is_coarsely_read_is_no_fault():
+    generator = np.random.default_rng(5)
+    time = np.arange(200) * 4e-4
+    noise = 0.25 * generator.standard_normal(200)
+    jump = np.where((time > 0.01) & (time < 0.05), 30.0, 0.0)
+    bend = np.maximum(time - 0.03, 0.0) * 3e3 * (time < 0.06)
+    for signal in (jump, bend, 80 * np.sin(np.pi * np.clip(time / 0.02, 0, 1)) ** 2):
+        assert not find_spikes(time, signal + noise, 0.25).any()
+    # A converter of eight bits gives runs of equal readings everywhere: how many is for the campaign to say.
+    coarse = np.round((jump + noise) / 0.5) * 0.5
+    chance = float(np.mean(np.diff(coarse) == 0))
+    clipped, held, _ = find_runs(coarse, 0.25, chance, 200, 1e-9)
+    assert not held.any() and not clipped.any()
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.85])
+def test_noise_is_measured_where_samples_are_missing(correlation):
+    generator = np.random.default_rng(6)
+    traces = []
+    for _ in range(12):
+        x = generator.standard_normal(400)
+        for i in range(1, 400):
+            x[i] = correlation * x[i - 1] + np.sqrt(1 - correlation**2) * x[i]
+        kept = generator.random(400) > 0.35
+        traces.append((np.arange(400.0)[kept] * 1e-3, 0.3 * x[kept]))
+    noise = estimate_from_pairs(traces, 1e-3, 0.3)
+    assert noise.correlation * (1 - noise.white_share) == pytest.approx(correlation, abs=0.05)
+    assert noise.sd == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.parametrize(("column", "row", "value", "word"), [
+    (1, 5, "twelve", "samples.csv"), (1, 5, "-1", "goes back"), (0, 5, "r99", "r99"), (2, 5, "1e400", "samples.csv"),
+])
+def test_malformed_files_stay_one_sentence(clean, tmp_path, capsys, column, row, value, word):
+    spoiler = faults.Spoiler(clean["impact"], tmp_path / "bad")
+    header, rows = faults.read_rows(spoiler.folder / "samples.csv")
+    rows[row][column] = value
+    faults.write_rows(spoiler.folder / "samples.csv", header, rows)
+    assert main(["discover", str(spoiler.folder), "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err.strip()
+    assert word in error and len(error.splitlines()) <= 3 and "Traceback" not in error
+
+
+def check(found, verdict, effects, values):
+    """Verdict, effects, and parameters within four deviations of the truth."""
+    assert (found.verdict, found.effects) == (verdict, effects), found.sentence
+    for name, truth in values.items():
+        e = found.steps[-1].parameters[name]
+        assert abs(e.estimate - truth) < 4.0 * e.sd, name
+
+
+@pytest.mark.slow
+def test_impact_with_one_effect_and_five_faults(grown, tmp_path, capsys):
+    """Clipped peaks, spikes, missing samples, a record in another unit and one with a drifting zero, at once."""
+    import json
+
+    key = middle(grown["impact"])
+    others = [k for k in faults.Spoiler(grown["impact"], tmp_path / "x").order if k != key]
+    folder = spoil(grown["impact"], tmp_path / "f", (faults.add_spikes, "normal_force", 6.0),
+                   (faults.lose_samples, "normal_force", 0.03), (faults.scale, ["normal_force"], key, 1 / 4.4482216),
+                   (faults.drift, "normal_force", others[5], 1.0, 2.0), (faults.clip, "normal_force", 95.0))
+    assert main(["discover", str(folder), "-o", str(tmp_path / "d")]) == 0
+    found = json.loads((tmp_path / "d" / "result.json").read_text())
+    assert found["verdict"] == "explained" and found["effects"] == ["wall-stiffness"]
+    e = found["parameters"]["wall-stiffness.k_w"]
+    assert abs(e["estimate"] - 1100.0) < 4.0 * e["sd"]
+    seen = {f["kind"]: f["records"] for f in found["faults"]}
+    assert {"clipped", "spike", "missing", "unit", "zero"} <= set(seen)
+    assert seen["unit"] == [key] and seen["zero"] == [others[5]]
+    assert [f["records"] for f in found["faults"] if f["left_out"]] == [[key]]
+    assert key in found["sentence"]
+    page = (tmp_path / "d" / "report.html").read_text()
+    assert "Faults of the data" in page and "4.448" in page
+    assert "4.448" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.slow
+def test_zero_that_moves_in_every_impact(clean, tmp_path):
+    found = discover(spoil(clean["impact"], tmp_path / "f", (faults.drift_all, "normal_force", 0.75)))
+    check(found, "nothing-missing", (), BALL)
+    assert kinds(found.faults) == ["zero"] and found.settings["records"] == 18
+    kept = discover(spoil(clean["impact"], tmp_path / "g", (faults.drift_all, "normal_force", 0.75)), keep_all=True)
+    assert kinds(kept.faults) == ["zero"] and "asked" in kept.faults[0].done
+    assert kept.verdict != "nothing-missing"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("act", "kind"), [
+    ((faults.scale, ["normal_force"], 1.1), "gain"), ((faults.shift, ["normal_force"], 5), "clock"),
+])
+def test_a_wrong_impact_record_is_left_out(clean, tmp_path, act, kind):
+    key = middle(clean["impact"])
+    verb, names, size = act
+    found = discover(spoil(clean["impact"], tmp_path / "f", (verb, names, key, size)))
+    check(found, "nothing-missing", (), BALL)
+    assert [(f.kind, f.records, f.left_out) for f in found.faults] == [(kind, (key,), True)]
+
+
+@pytest.mark.slow
+def test_a_wrong_record_at_an_extreme_is_kept_and_named(tmp_path):
+    write(tmp_path / "c", "impact", {}, repeats=1)
+    head, rows = faults.read_rows(tmp_path / "c" / "records.csv")
+    speed, pressure = head.index("approach_speed"), head.index("initial_pressure")
+    key = max(rows, key=lambda row: float(row[speed]) - float(row[pressure]))[0]  # deepest of all
+    found = discover(spoil(tmp_path / "c", tmp_path / "f", (faults.scale, ["normal_force"], key, 1.08)))
+    assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("doubtful", (key,), False)]
+    assert found.settings["records"] == 9
+    assert f"record {key}" in found.sentence and "repeat it" in found.sentence
+
+
+@pytest.mark.slow
+def test_an_end_stop_that_only_the_deepest_tests_feel_loses_no_record(tmp_path):
+    folder = tmp_path / "stop"
+    write_campaign_folder(folder, make_campaign(
+        "stop", 41, {"x-end-stop": {"k": 2e5, "depth": 7.5e-3}}, BALL, [0.5e6, 1.1e6, 2.2e6], [0.16, 0.38, 0.66], 1,
+        interval=4e-4))
+    found = discover(folder)
+    assert not any(f.left_out for f in found.faults)
+    assert found.settings["records"] == 9 and found.verdict != "nothing-missing"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("acts", "kind"), [
+    (lambda key: [(faults.scale, ["tangential_force"], key, 4.4482216)], "unit"),
+    (lambda key: [(faults.drift, "tangential_force", key, 0.16, 0.32)], "zero"),
+    (lambda key: [(faults.scale_condition, "normal_load", key, 0.22480894)], "unit"),
+])
+def test_slip_with_one_effect_and_a_fault(grown, tmp_path, acts, kind):
+    key = middle(grown["slip"])
+    found = discover(spoil(grown["slip"], tmp_path / "f", *acts(key)))
+    check(found, "explained", ("viscous-friction",), {"viscous-friction.c_t": 0.9})
+    assert [(f.kind, f.records) for f in found.faults] == [(kind, (key,))]
+
+
+@pytest.mark.slow
+def test_tumbling_with_faults(clean, grown, tmp_path):
+    found = discover(spoil(clean["tumble"], tmp_path / "f", (faults.scale, RATES, "r03", 57.29578)))
+    check(found, "nothing-missing", (), {"inertia_ratio": 0.53})
+    assert [(f.kind, f.records) for f in found.faults] == [("unit", ("r03",))]
+    found = discover(spoil(grown["tumble"], tmp_path / "g", (faults.drift, RATES[0], "r03", 8e-5, 1.6e-4),
+                           (faults.add_spikes, RATES[1], 4e-4)))
+    check(found, "explained", ("eddy-current",), {"inertia_ratio": 0.53, "eddy-current.k_e": 2e-6})
+    assert kinds(found.faults) == ["spike", "zero"]
