@@ -1,9 +1,9 @@
 """Records that are at fault, rather than the model: one that all others disagree with.
 
 Physics is a smooth trend over the conditions, or shows at an extreme of them, and in repeats alike. A record is at
-fault where the others, fitted without it, leave it far more misfit than any of themselves has, although there are records on
-all sides of it, or a repeat. At an extreme of the conditions it stays, with a warning, unless what is wrong with it is
-plain: a known ratio of units makes it fit.
+fault where the others, fitted without it, leave it far more misfit than any of themselves has, although there are
+records on all sides of it, or a repeat. At an extreme of the conditions it stays, with a warning, unless what is wrong
+with it is plain: a known ratio of units makes it fit.
 """
 
 import dataclasses as dc
@@ -141,9 +141,9 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
     text, remedy = suspect.diagnosis.text, suspect.diagnosis.remedy
     kind, channel = suspect.diagnosis.kind, suspect.diagnosis.channel
     if not suspect.sure:
-        return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept: no record lies "
-                     "beyond it and none repeats it, so that I cannot tell a fault from an effect that shows only there.",
-                     "Repeat it.")
+        done = ("It is kept: no record lies beyond it and none repeats it, so that I cannot tell a fault from an "
+                "effect that shows only there.")
+        return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), done, "Repeat it.")
     if kind == "zero":
         done = "Its zero and drift are fitted with it."
     else:

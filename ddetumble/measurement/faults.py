@@ -153,7 +153,7 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
     """Single readings that stand off their neighbours, shape (samples,).
 
     Off the cubic through two neighbours on either side, and outside the range of these, by 7 deviations each; on a
-    flank, where the range is wide, off the cubic by 10, and the neighbours on a parabola, as those of a jump do not lie.
+    flank, where the range is wide, off the cubic by 10, and the neighbours on a parabola, unlike those of a jump.
     """
     found = np.zeros(len(x), dtype=bool)
     there = np.flatnonzero(np.isfinite(x))
