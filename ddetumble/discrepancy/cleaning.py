@@ -1,7 +1,6 @@
 """A campaign without its faults: what is found is left out, or fitted along with it, and said."""
 
 import dataclasses as dc
-from collections.abc import Mapping
 
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, screen_samples
@@ -22,13 +21,13 @@ class Cleaned:
     Attributes:
         campaign: faulty samples missing, faulty records left out.
         faults: what was found so far.
-        zeros: by channel the records whose zero is fitted along with them.
+        zeros: channels whose zero and drift are fitted in every record: nuisances of it, without a prior.
         keep_all: whether nothing is to be left out: faults are only reported.
     """
 
     campaign: Campaign
     faults: tuple[Fault, ...] = ()
-    zeros: Mapping[str, tuple[str, ...]] = dc.field(default_factory=dict)
+    zeros: tuple[str, ...] = ()
     keep_all: bool = False
 
 
@@ -62,18 +61,12 @@ def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: b
     faults = (*state.faults, *(f for f in new if (f.kind == "doubtful", f.records, f.channel) not in known))
     if state.keep_all or not (sure or zero):
         return dc.replace(state, faults=faults), False
-    zeros = {channel: set(keys) for channel, keys in state.zeros.items()}
-    gone = {s.key for s in sure if s.diagnosis.kind != "zero"}
-    for s in sure:
-        if s.diagnosis.kind == "zero":
-            zeros.setdefault(s.diagnosis.channel, set()).add(s.key)
-    if zero:
-        zeros[zero.channel] = set(workbench.records.keys)
+    gone = {s.key for s in sure}
     kept = [key for key in state.campaign.record_keys if key not in gone]
     # What was in doubt only beside the culprits is looked at again without them.
     faults = tuple(f for f in faults if f.kind != "doubtful")
-    return Cleaned(state.campaign.select(kept), faults, {c: tuple(k for k in kept if k in own)
-                                                         for c, own in zeros.items()}), True
+    moving = (*state.zeros, zero.channel) if zero else state.zeros
+    return Cleaned(state.campaign.select(kept), faults, moving), True
 
 
 def _stands_alone(workbench: Workbench, suspect: Suspect) -> bool:

@@ -7,7 +7,6 @@ with it is plain: a known ratio of units makes it fit.
 """
 
 import dataclasses as dc
-from collections.abc import Collection
 
 import numpy as np
 
@@ -144,14 +143,5 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
         done = ("It is kept: no record lies beyond it and none repeats it, so that I cannot tell a fault from an "
                 "effect that shows only there.")
         return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), done, "Repeat it.")
-    if kind == "zero":
-        done = "Its zero and drift are fitted with it."
-    else:
-        done = "It is left out."
-    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept, as asked." if keep else done,
-                 remedy, left_out=kind != "zero" and not keep)
-
-
-def list_sure(suspects: Collection[Suspect]) -> list[Suspect]:
-    """Those at fault beyond doubt."""
-    return [s for s in suspects if s.sure]
+    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(),
+                 "It is kept, as asked." if keep else "It is left out.", remedy, left_out=not keep)
