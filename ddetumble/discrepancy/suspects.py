@@ -119,8 +119,6 @@ def is_enclosed(workbench: Workbench, aside: Aside) -> bool:
         slack = SAME * abs(x[r])
         if x[r] > x[kept].max() + slack or x[r] < x[kept].min() - slack:
             return False
-        if x[r] >= x[kept].max() - slack and not np.any(np.abs(x[kept] - x[r]) <= slack):
-            return False
     return True
 
 
@@ -134,9 +132,9 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
     """
     own, others = suspect.aside.own, suspect.aside.others
     most = max(m.excess for m in others.values()) + 1.0
-    size = np.sqrt(max(own.excess + 1.0, 0.0))
-    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {size:.2g} times its "
-            f"noise, and none of themselves more than {np.sqrt(most):.2g}.")
+    size, usual = np.sqrt(max(own.excess + 1.0, 0.0)), np.sqrt(max(most, 0.0))
+    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {_say(size)} times its "
+            f"noise, and none of themselves more than {_say(usual)}.")
     text, remedy = suspect.diagnosis.text, suspect.diagnosis.remedy
     kind, channel = suspect.diagnosis.kind, suspect.diagnosis.channel
     if not suspect.sure:
@@ -145,3 +143,8 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
         return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), done, "Repeat it.")
     return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(),
                  "It is kept, as asked." if keep else "It is left out.", remedy, left_out=not keep)
+
+
+def _say(size: float) -> str:
+    """A size to two digits."""
+    return f"{size:.2g}" if size < 100 else f"{float(f'{size:.2g}'):.0f}"

@@ -143,6 +143,6 @@ def mention_faults(found: Discovery, faults: Sequence[Fault]) -> Discovery:
                      "the data.")
     for fault in faults:
         if fault.kind == "doubtful" and found.verdict != "nothing-missing":
-            sentence += (f" All of this rests on record {fault.records[0]}: without it nothing is missing, and I "
-                         "cannot tell it from a fault; repeat it.")
+            sentence += (f" I cannot tell record {fault.records[0]} from a fault: without it this misfit would not be "
+                         "there. Repeat it.")
     return dc.replace(found, sentence=sentence, faults=tuple(faults), notes=(*map(str, faults), *found.notes))
