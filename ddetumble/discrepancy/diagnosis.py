@@ -15,6 +15,7 @@ from .workbench import Workbench
 
 FITS = 1e-3  # chance of the misfit that a change leaves, above which the record fits with it
 SMALL = 1.0  # the same as an excess
+WIDE, FEW = 6.0, 0.03  # deviations of a sample that is off, and share of the samples that may be
 RATIOS = {
     "1000": 1e3, "100": 100.0, "10": 10.0, "1e6": 1e6, "9.80665 (kgf and N)": 9.80665, "4.448 (lbf and N)": 4.4482216,
     "57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
@@ -40,7 +41,7 @@ class Diagnosis:
 
 def diagnose(workbench: Workbench, aside: Aside) -> Diagnosis:
     """Try what goes wrong in a laboratory, the plainest first, until the record fits."""
-    for find in (_try_channel_units, _try_condition_units, _try_columns, _try_conditions):
+    for find in (_try_samples, _try_channel_units, _try_condition_units, _try_columns, _try_conditions):
         found = find(workbench, aside)
         if found is not None:
             return found
@@ -65,6 +66,25 @@ def _hold(workbench: Workbench, aside: Aside, stack: Stack, z: np.ndarray | None
     if workbench.records.keys[aside.record] in at.failed:
         return None
     return measure_record(workbench, problem, at, aside.record, aside.spread)
+
+
+def _try_samples(workbench: Workbench, aside: Aside) -> Diagnosis | None:
+    """A few samples that are off by themselves, such as two spikes side by side."""
+    r, stack = aside.record, workbench.records.stack
+    values, model = np.asarray(stack.values).copy(), aside.solution.channels[r]
+    sd = np.array([workbench.noise[c].sd for c in workbench.records.channels])[:, None]
+    far = (np.abs(values[r] - model) > WIDE * sd) & (np.asarray(stack.weights)[r] > 0)
+    if not 0 < far.sum() <= FEW * workbench.records.lengths[r]:
+        return None
+    values[r] = np.where(far, model, values[r])
+    misfit = _hold(workbench, aside, eqx.tree_at(lambda s: s.values, stack, jnp.asarray(values)))
+    if misfit is None or not _fits(misfit, aside):
+        return None
+    channel = workbench.records.channels[int(np.argmax(far.sum(axis=1)))]
+    number = int(far.sum())
+    return Diagnosis("spike", channel, f"It fits without {number} of its samples, which stand far off."
+                     if number > 1 else "It fits without one of its samples, which stands far off.",
+                     "Remove them from the file, and look for interference or a loose contact.")
 
 
 def _try_channel_units(workbench: Workbench, aside: Aside) -> Diagnosis | None:
