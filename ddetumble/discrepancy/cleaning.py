@@ -1,6 +1,7 @@
 """A campaign without its faults: what is found is left out, or fitted along with it, and said."""
 
 import dataclasses as dc
+from collections.abc import Mapping
 
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, screen_samples
@@ -21,13 +22,13 @@ class Cleaned:
     Attributes:
         campaign: faulty samples missing, faulty records left out.
         faults: what was found so far.
-        zeros: channels whose zero and drift are fitted in every record: nuisances of it, without a prior.
+        zeros: by channel whose zero and drift are fitted in every record their standard deviations over records, SI.
         keep_all: whether nothing is to be left out: faults are only reported.
     """
 
     campaign: Campaign
     faults: tuple[Fault, ...] = ()
-    zeros: tuple[str, ...] = ()
+    zeros: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
     keep_all: bool = False
 
 
@@ -65,7 +66,7 @@ def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: b
     kept = [key for key in state.campaign.record_keys if key not in gone]
     # What was in doubt only beside the culprits is looked at again without them.
     faults = tuple(f for f in faults if f.kind != "doubtful")
-    moving = (*state.zeros, zero.channel) if zero else state.zeros
+    moving = {**state.zeros, zero.channel: zero.spread} if zero else state.zeros
     return Cleaned(state.campaign.select(kept), faults, moving), True
 
 

@@ -1,7 +1,7 @@
 """One campaign with one compiled model of everything: reference, catalogue and probes."""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -59,12 +59,12 @@ class Workbench:
         extra: effects of the user, beside the catalogue.
         given: effects that the model has from the start, with their values; they are fitted with the reference model,
             and are no candidates.
-        zeros: channels whose zero moves in every record (see `stack_records`).
+        zeros: by channel whose zero moves in every record how far (see `stack_records`).
     """
 
     def __init__(self, campaign: Campaign, reference: AbstractModel,
                  extra: Sequence[type[AbstractEffect]] = (), given: Sequence[AbstractEffect] = (),
-                 zeros: Sequence[str] = ()):
+                 zeros: Mapping[str, tuple[float, float]] | None = None):
         self.campaign, self.zeros = campaign, zeros
         known = (*find_family(name_family(campaign)).catalogue, *extra)
         extra = (*extra, *(type(e) for e in given if type(e) not in known))

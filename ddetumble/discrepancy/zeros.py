@@ -28,11 +28,20 @@ CHANCE = 1e-4
 
 @dc.dataclass(frozen=True)
 class MovingZero:
-    """A channel whose zero moves: largest offset and drift over its records, SI, and the share of the misfit."""
+    """A channel whose zero moves.
+
+    Attributes:
+        channel: which one.
+        offset, drift: largest over its records, SI.
+        spread: standard deviations of offset and drift over the records, SI: their prior in a fit, so that a trend over
+            the conditions is left to physics.
+        share: of the misfit that they remove.
+    """
 
     channel: str
     offset: float
     drift: float
+    spread: tuple[float, float]
     share: float
 
 
@@ -111,8 +120,9 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
             return None
         if not seen and scatter > 4.0 * np.median(error[:, k]) and _explained(workbench, solution, x) > TREND:
             return None
-    return MovingZero(channel, float(np.abs(found[:, 0]).max()), float(np.abs(found[:, 1]).max()),
-                      min(gain / excess, 1.0))
+    offset, drift = np.abs(found).max(axis=0)
+    across, along = np.sqrt(np.mean(found**2, axis=0))
+    return MovingZero(channel, float(offset), float(drift), (float(across), float(along)), min(gain / excess, 1.0))
 
 
 def _explained(workbench: Workbench, solution: Solution, x: np.ndarray) -> float:

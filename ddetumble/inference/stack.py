@@ -1,7 +1,7 @@
 """Records of a campaign stacked into arrays of a few standard sizes, so that compiled programs are shared."""
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,7 +22,6 @@ GRAIN = 64  # trimmed records keep a multiple of so many samples
 
 
 ZERO, DRIFT = "zero", "drift"  # nuisances `zero:CHANNEL` and `drift:CHANNEL`: offset at the first sample, and what more
-FREE_ZERO = 300.0  # deviations of the noise that they may take: no prior
 
 
 class Stack(eqx.Module):
@@ -117,7 +116,7 @@ def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]
 
 
 def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, most: int | None = None,
-                  zeros: Sequence[str] = ()) -> Records:
+                  zeros: Mapping[str, tuple[float, float]] | None = None) -> Records:
     """Stack the samples of a campaign.
 
     Samples of the force within three deviations of the time origin are left out: it may jump at first touch, and
@@ -130,7 +129,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
         campaign: with samples.
         noise: by channel; white at the stated deviation where not given.
         most: thin every record evenly to at most so many samples.
-        zeros: channels whose zero moves: an offset and a slope are nuisances of every record.
+        zeros: by channel whose zero moves the standard deviations of offset and drift over records, SI: they are
+            nuisances of every record.
 
     Raises:
         InputError: no samples, no channel that the model predicts, a condition missing without which nothing can be
@@ -209,13 +209,11 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     time[len(keys):] = time[0]
     nuisances = list_nuisances(campaign)
     starts = list_starts(campaign) if family.starts else ()
-    moved = tuple(f"{kind}:{channel}" for channel in zeros for kind in (ZERO, DRIFT))
+    moved = tuple(f"{kind}:{channel}" for channel in zeros or () for kind in (ZERO, DRIFT))
     deviations = np.zeros((rows, len(starts) + len(nuisances) + len(moved)))
     stated = slice(len(starts), len(starts) + len(nuisances))
     deviations[: len(keys), stated] = condition_deviations(campaign, campaign.records, nuisances)
-    for k, name in enumerate(moved, start=stated.stop):
-        channel = name.partition(":")[2]
-        deviations[: len(keys), k] = FREE_ZERO * default_noise(campaign, channel, time[0, : lengths[0]]).sd
+    deviations[: len(keys), stated.stop:] = [sd for both in (zeros or {}).values() for sd in both]
     conditions, inputs = {}, {}
     for name in campaign.records.columns:
         column = campaign.records[name].to_numpy(dtype=float)
