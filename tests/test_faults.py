@@ -119,7 +119,7 @@ def test_spikes_are_left_out(family, clean, tmp_path):
     hit = ~np.isclose(before, spoilt, rtol=0, atol=5 * NOISE[family])
     lost = np.isnan(readings(cleaned, channel))
     assert kinds(found) == ["spike"]
-    assert (lost & hit).sum() > 0.85 * hit.sum()  # two side by side hide each other
+    assert (lost & hit).sum() > 0.8 * hit.sum()  # two side by side hide each other, and so do the ends of a record
     assert (lost & ~hit).sum() <= 1  # beside another
 
 

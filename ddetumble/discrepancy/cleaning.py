@@ -7,6 +7,7 @@ from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, screen_samples
 from .adequacy import LEVEL, bootstrap_p_value, family_p_value, score_directions
 from .misfits import mask_records
+from .rate_units import find_rate_units
 from .suspects import Suspect, find_suspects, tell_fault
 from .workbench import Fitted, Workbench
 from .zeros import find_moving_zeros, tell_zero
@@ -35,6 +36,9 @@ class Cleaned:
 def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
     """Look at the samples themselves, before any model."""
     cleaned, faults = screen_samples(campaign)
+    mistaken = find_rate_units(campaign)
+    out = {key for fault in mistaken for key in fault.records}
+    cleaned, faults = cleaned.select([k for k in cleaned.record_keys if k not in out]), (*faults, *mistaken)
     if keep_all:
         return Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
                                        for f in faults), keep_all=True)

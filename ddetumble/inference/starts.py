@@ -43,7 +43,7 @@ def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, n
     attitudes = _list_attitudes(campaign)
     table = None if campaign.path is None else campaign.path / "samples.csv"
     times, rates = read_rates(campaign, groups)
-    filled = [_fill(t, w) for t, w in zip(times, rates, strict=True)]
+    filled = [fill_gaps(t, w) for t, w in zip(times, rates, strict=True)]
     ratio = campaign.known.get("inertia_ratio") or guess_ratio(times, filled)
     begun = np.array([_turn_back(t[0], w[0], ratio) for t, w in zip(times, filled, strict=True)])
     found = {name: begun[:, k] for k, name in enumerate(START)}
@@ -134,21 +134,35 @@ def guess_ratio(times: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> flo
     """
     above = below = 0.0
     for t, w in zip(times, rates, strict=True):
-        step = float(np.median(np.diff(t)))
-        lag = int(np.clip(WINDOW / max(float(np.sqrt(np.sum(w**2, axis=1)).max()) * step, 1e-300), 1, len(t) // 2))
-        push = np.stack([w[:, 1] * w[:, 2], -w[:, 0] * w[:, 2]], axis=1)
-        area = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (push[1:] + push[:-1]) * np.diff(t)[:, None], axis=0)])
-        change, cause = w[lag:, :2] - w[:-lag, :2], area[lag:] - area[:-lag]
+        change, cause = integrate_couple(t, w)
         above, below = above + float(np.sum(change * cause)), below + float(np.sum(cause**2))
     ratio = 1.0 - above / below if below > 0 else 0.5
     return float(np.clip(ratio, 0.02, 1.98)) if np.isfinite(ratio) else 0.5
+
+
+def integrate_couple(t: np.ndarray, w: np.ndarray, window: float = WINDOW) -> tuple[np.ndarray, np.ndarray]:
+    r"""Changes of the transverse rates over a window, and what 1 - r is to be multiplied with to give them.
+
+    Args:
+        t: times, shape (samples,) [s].
+        w: rates, shape (samples, 3), no gaps [rad/s].
+        window: how far the body turns in it, at its fastest [rad].
+
+    Returns:
+        Changes and causes, both of shape (samples - lag, 2) [rad/s].
+    """
+    step = float(np.median(np.diff(t)))
+    lag = int(np.clip(window / max(float(np.sqrt(np.sum(w**2, axis=1)).max()) * step, 1e-300), 1, len(t) // 2))
+    push = np.stack([w[:, 1] * w[:, 2], -w[:, 0] * w[:, 2]], axis=1)
+    area = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (push[1:] + push[:-1]) * np.diff(t)[:, None], axis=0)])
+    return w[lag:, :2] - w[:-lag, :2], area[lag:] - area[:-lag]
 
 
 def guess_body(campaign: Campaign) -> float:
     """Ratio of the moments, guessed from all records of a campaign."""
     assert campaign.samples is not None
     times, rates = read_rates(campaign, [group for _, group in campaign.samples.groupby("record", sort=False)])
-    return guess_ratio(times, [_fill(t, w) for t, w in zip(times, rates, strict=True)])
+    return guess_ratio(times, [fill_gaps(t, w) for t, w in zip(times, rates, strict=True)])
 
 
 def _turn_back(time: float, rate: np.ndarray, ratio: float) -> np.ndarray:
@@ -157,7 +171,7 @@ def _turn_back(time: float, rate: np.ndarray, ratio: float) -> np.ndarray:
     return np.array([across.real, across.imag, rate[2]])
 
 
-def _fill(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+def fill_gaps(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Gaps filled along a line."""
     there = np.isfinite(values)
     return np.stack([np.interp(time, time[t], v[t]) for v, t in zip(values.T, there.T, strict=True)], axis=1)
