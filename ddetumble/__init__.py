@@ -55,6 +55,7 @@ _HOMES = {
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
+    "draw_missing_force": "discrepancy.missing",
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
     "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
     "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
@@ -96,6 +97,7 @@ if TYPE_CHECKING:
     from .discrepancy.comparison import compare as compare
     from .discrepancy.discovery import discover as discover
     from .discrepancy.identification import identify as identify
+    from .discrepancy.missing import draw_missing_force as draw_missing_force
     from .discrepancy.prediction import predict as predict
     from .dynamics.angles import from_euler_angles as from_euler_angles
     from .dynamics.angles import measure_nutation as measure_nutation

@@ -1,4 +1,4 @@
-"""Commands that hold a model against a campaign: `compare`, `identify` and `discover`."""
+"""Commands that hold a model against a campaign: `compare`, `identify`, `discover` and `missing`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,6 +23,12 @@ def register(app: typer.Typer) -> None:
         epilog="\b\nExamples:\n  ddetumble discover data/impact-c -o discovery\n"
         "  ddetumble discover data/impact-h --effect my_effects.py:EndStop -o discovery",
     )(discover_effects)
+    app.command(
+        "missing",
+        short_help="Draw the force that a model lacks, and the simple laws that would draw it.",
+        epilog="\b\nExamples:\n  ddetumble missing data/impact-f -o force\n"
+        "  ddetumble missing data/impact-f --effect wall-stiffness -o force",
+    )(draw_force)
     app.command(
         "identify",
         short_help="Force from measured depression and pressure, with uncertainty.",
@@ -147,6 +153,46 @@ def discover_effects(
         result.save(folder)
         page = write_report(result, folder)
     typer.echo(describe(result))
+    typer.echo(f"Report: {page}")
+
+
+def draw_force(
+    campaign: Annotated[str, CAMPAIGN],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for missing.json and missing.html.")
+    ] = None,
+    model: Annotated[str, MODEL] = "paper",
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("-e", "--effect", metavar="EFFECT",
+                     help="Fit this effect with the model: an id of the catalogue or FILE.py:NAME; may be repeated."),
+    ] = None,
+):
+    """Draw the missing force: how much of the misfit any force of depression, rate, slip, time or pressure could remove
+    on left-out conditions, what it looks like, and which simple laws would draw it. `discover` does so itself where its
+    verdict is improved or unexplained.
+    """
+    path = locate_campaign(campaign)
+    from ..measurement.package import read_campaign
+
+    measured = read_campaign(path)
+    folder = prepare_folder(output or Path(f"{measured.name}-missing"))
+    from ..discrepancy.missing import draw_missing_force
+    from ..inference.files import list_versions, write_json
+    from ..inference.models import resolve_effect
+    from ..report import write_missing
+
+    own = [resolve_effect(name) for name in effect or ()]
+    with show_progress(f"looking at {measured.name}") as report:
+        for one in own:
+            _prove_contract(one, model, measured.family)
+        found = draw_missing_force(measured, model, effects=own, progress=report)
+        report("writing the report", 0.97)
+        write_json(folder / "missing.json", {"campaign": measured.name, "model": model, "sha256": measured.sha256,
+                                             **found.to_dict(), "versions": list_versions()})
+        page = write_missing(found, folder, title=f"{measured.name}: the missing force",
+                             status=(measured.name, f"{len(measured.records)} records", f"reference model {model}"))
+    typer.echo(found.text())
     typer.echo(f"Report: {page}")
 
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect
 from ..inference.families import find_family, name_family
 from ..inference.models import resolve_model
@@ -13,8 +14,9 @@ from ..measurement.package import read_campaign
 from .adequacy import LEVEL
 from .candidates import could_have_shown, describe_candidates
 from .cleaning import ROUNDS, begin_cleaning, clean_records
+from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
-from .records import Discovery, Place
+from .records import Discovery, MissingForce, Place
 from .search import MOST, SURE, Grown, Tried, free_shapes, grow, merit, prune, try_effects
 from .steps import describe_noise, describe_step, noise_over_signal
 from .wording import explain, mention_faults
@@ -68,9 +70,10 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
             if changed:
                 continue
         break
-    verdict, where, grown = _decide(workbench, grown, visible)
-    report("writing it down", 0.92)
-    found = _assemble(workbench, resolved.name, grown, tried, verdict, where, began)
+    verdict, where, grown, beside = _decide(workbench, grown, visible)
+    missing = _draw(workbench, grown, tried, beside, report) if verdict in ("improved", "unexplained") else None
+    report("writing it down", 0.97)
+    found = _assemble(workbench, resolved.name, grown, tried, verdict, where, missing, began)
     return mention_faults(found, state.faults)
 
 
@@ -98,6 +101,18 @@ def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[
     return grown, tried, could_have_shown(workbench, scores)
 
 
+def _draw(workbench: Workbench, grown: list[Grown], tried: Tried, beside: Fitted, report: Progress
+          ) -> MissingForce | str:
+    """The missing force itself, or why there is none: no verdict depends on it."""
+    best = tried.order[0]
+    again = workbench.repeat(tried.refined[best]) if best in tried.refined else tried.screened[best]
+    try:
+        return describe_missing(workbench, grown[0].fitted, beside, (best, again.score),
+                                lambda text, share: report(text, 0.86 + 0.1 * share))
+    except (ComputationError, InputError) as error:
+        return f"The missing force could not be drawn: {error}."
+
+
 def _again(workbench: Workbench, grown: Grown) -> Grown:
     """A step fitted and judged again under another noise."""
     fitted = workbench.repeat(grown.fitted)
@@ -105,31 +120,34 @@ def _again(workbench: Workbench, grown: Grown) -> Grown:
     return dc.replace(grown, fitted=fitted, lack=lack, scores=scores)
 
 
-def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[str, list[Place], list[Grown]]:
-    """Verdict, where the misfit sits, and the steps that stand."""
+def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[str, list[Place], list[Grown], Fitted]:
+    """Verdict, where the misfit sits, the steps that stand, and the model beside which a force is missing."""
     reference, final = grown[0], grown[-1]
     if not reference.lack.rejected:
-        return ("nothing-missing" if visible else "undecided"), [], grown
+        return ("nothing-missing" if visible else "undecided"), [], grown, reference.fitted
     if len(grown) == 1:
         probes = fit_probes(workbench, reference.fitted, reference.scores)
-        return "unexplained", locate(workbench, reference.fitted, probes), grown
+        return "unexplained", locate(workbench, reference.fitted, probes), grown, reference.fitted
     plain = not final.lack.rejected and len(final.fitted.effects) == 1
     if plain and reference.lack.p_value < PLAIN:
-        return "explained", locate(workbench, reference.fitted, {}), grown
+        return "explained", locate(workbench, reference.fitted, {}), grown, final.fitted
     probes = fit_probes(workbench, reference.fitted, reference.scores)
     best = min(probes.values(), key=merit, default=None)
     if best is not None and merit(best) < merit(final.fitted) - SURE:
         # One force that no catalogue lists does better than the effects together: they only imitate it.
         where = locate(workbench, reference.fitted, probes)
         gain, possible = (merit(reference.fitted) - merit(one) for one in (final.fitted, best))
-        return ("unexplained", where, grown[:1]) if gain < IMITATION * possible else ("improved", where, grown)
+        if gain < IMITATION * possible:
+            return "unexplained", where, grown[:1], reference.fitted
+        return "improved", where, grown, reference.fitted
     if not final.lack.rejected:
-        return "explained", locate(workbench, reference.fitted, {}), grown
-    return "improved", locate(workbench, final.fitted, fit_probes(workbench, final.fitted, final.scores)), grown
+        return "explained", locate(workbench, reference.fitted, {}), grown, final.fitted
+    where = locate(workbench, final.fitted, fit_probes(workbench, final.fitted, final.scores))
+    return "improved", where, grown, final.fitted
 
 
 def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdict: str, where: list[Place],
-              began: float) -> Discovery:
+              missing: MissingForce | str | None, began: float) -> Discovery:
     """Everything as plain records."""
     steps = [describe_step(workbench, g, before=grown[k - 1] if k else None) for k, g in enumerate(grown)]
     effects = grown[-1].fitted.effects if len(grown) > 1 else ()
@@ -141,7 +159,12 @@ def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdi
         noise=describe_noise(workbench), sentence="", notes=(), settings={
             "level": LEVEL, "records": workbench.records.count, "samples": int(workbench.records.lengths.sum()),
             "conditions": int(workbench.groups.max()) + 1, "seconds": round(time.perf_counter() - began, 2)},
+        missing=missing if isinstance(missing, MissingForce) else None,
         model_state={"workbench": workbench, "solution": grown[-1].fitted.solution},
     )
     sentence, notes = explain(found, workbench.left_out, workbench.family)
+    if isinstance(missing, MissingForce):
+        sentence += f" {summarise_missing(missing)}"
+    elif missing:
+        notes = (*notes, missing)
     return dc.replace(found, sentence=sentence, notes=(*workbench.warnings, *notes))

@@ -146,6 +146,120 @@ class Place:
 
 
 @dc.dataclass(frozen=True)
+class Law:
+    """A simple law that would draw a missing force.
+
+    Attributes:
+        text: the law in one line.
+        variables, ways, phases, forms: of its terms: variable, direction, phase (`` for both), name of the form.
+        parameters: estimates by symbol, SI.
+        loss, losses: held out, all and by condition, in noise variances.
+        count: parameters that were fitted.
+        converged: state of the optimiser.
+        difference, standard_error: of the held-out loss from that of the best law.
+    """
+
+    text: str
+    variables: tuple[str, ...]
+    ways: tuple[str, ...]
+    phases: tuple[str, ...]
+    forms: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    loss: float
+    losses: np.ndarray
+    count: int
+    converged: bool
+    difference: float
+    standard_error: float
+
+
+@dc.dataclass(frozen=True)
+class Shape:
+    """A missing force drawn over one variable.
+
+    Attributes:
+        variable, way: what it depends on, and the direction: `force`, `share`, `torque`, `drag`, ...
+        parts: one name a curve: phases, axes, or `` for one curve.
+        x: places, shape (places,), SI.
+        values, sd: of the force (a share: at the largest force or load), shape (parts, places), SI.
+        visited: share of the samples near each place, shape (places,).
+        unit: of the values; `share` says of which force they are a share.
+        intervals: of the spline.
+        visible: share of its signature that is left when the model's parameters and the settings may imitate it.
+        loss: held out, in noise variances; `difference`, `standard_error` from that of the best shape.
+        begins: place from which on it is told from zero up to the end, None where there is none.
+        spectrum: wave numbers [1/unit of x], amplitudes and their standard deviations, shape (3, lines); empty where
+            the variable is a condition.
+    """
+
+    variable: str
+    way: str
+    parts: tuple[str, ...]
+    x: np.ndarray
+    values: np.ndarray
+    sd: np.ndarray
+    visited: np.ndarray
+    unit: str
+    intervals: int
+    visible: float
+    loss: float
+    difference: float
+    standard_error: float
+    begins: float | None
+    spectrum: np.ndarray
+
+
+@dc.dataclass(frozen=True)
+class MissingForce:
+    """What a flexible force inside the equation of motion removes of a misfit, and what it looks like.
+
+    Losses are held out, over whole conditions, in noise variances: `floor` is what noise alone leaves of them.
+
+    Attributes:
+        effects: of the model beside which the force was drawn.
+        reference, model: losses of the reference model and of that model.
+        catalogue: effect that does best of the catalogue, and its loss; None where that was not asked for.
+        ceiling: loss with the best flexible force, and what that depends on; None where none helps.
+        floor: number of samples.
+        shapes: one-variable forces, best first; those that the best does not beat are in `alike`.
+        laws: simple laws, best first.
+        sentence, notes: in plain words.
+    """
+
+    family: str
+    effects: tuple[str, ...]
+    reference: float
+    model: float
+    catalogue: tuple[str, float] | None
+    ceiling: tuple[tuple[str, ...], float] | None
+    floor: float
+    shapes: tuple[Shape, ...]
+    alike: tuple[str, ...]
+    laws: tuple[Law, ...]
+    sentence: str = ""
+    notes: tuple[str, ...] = ()
+
+    def share(self, loss: float) -> float:
+        """Share of the reference model's misfit that is removed where this loss is left."""
+        return float(np.clip((self.reference - loss) / max(self.reference - self.floor, 1e-300), 0.0, 1.0))
+
+    def text(self) -> str:
+        """The sentence and its notes, one a line."""
+        return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, text, lists."""
+        from ..inference.files import make_plain
+
+        found = make_plain(self)
+        for law in found["laws"]:
+            del law["losses"]
+        shares = {"model": self.model} | ({} if self.catalogue is None else {"catalogue": self.catalogue[1]})
+        shares |= {} if self.ceiling is None else {"ceiling": self.ceiling[1]}
+        return {**found, "shares": {name: self.share(loss) for name, loss in shares.items()}}
+
+
+@dc.dataclass(frozen=True)
 class Discovery:
     """Everything that `discover` found; `to_dict()` is `result.json`.
 
@@ -163,6 +277,7 @@ class Discovery:
         notes: further sentences (what was assumed, what could not be seen).
         faults: of the data, and what was done about them.
         settings: level, versions, timings.
+        missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         model_state: the fitted model itself, for saving and predicting; not part of the record.
     """
 
@@ -182,6 +297,7 @@ class Discovery:
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = dc.field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+    missing: MissingForce | None = None
     model_state: Any = dc.field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
@@ -232,6 +348,7 @@ class Discovery:
             "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
             "correlations": [list(c) for c in last.correlations],
             "lack_of_fit": dc.asdict(first), "noise": {k: dict(v) for k, v in self.noise.items()},
+            "missing_force": None if self.missing is None else self.missing.to_dict(),
             "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
             "sha256": self.sha256, "settings": dict(self.settings),
         })

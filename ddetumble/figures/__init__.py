@@ -4,6 +4,7 @@ from .dependence import draw_dependence, draw_missing_force
 from .estimates import draw_parameters
 from .fit import draw_fit, draw_peaks
 from .ledger import draw_ledger
+from .missing import draw_missing_rivals, draw_missing_shape
 from .posterior import draw_corner, draw_ranks, draw_traces
 from .power import draw_power
 from .predictive import draw_left_out, draw_predictive
@@ -19,6 +20,8 @@ __all__ = [
     "draw_ledger",
     "draw_left_out",
     "draw_missing_force",
+    "draw_missing_rivals",
+    "draw_missing_shape",
     "draw_parameters",
     "draw_peaks",
     "draw_power",

@@ -73,7 +73,7 @@ class Family:
     remedies: str
     rows: tuple[int, ...] = (24, 48, 96, 192, 384, 768)
     starts: tuple[str, ...] = ()
-    slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48)
+    slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)
 
     @property
     def main(self) -> tuple[str, ...]:
@@ -140,7 +140,7 @@ FAMILIES: dict[str, Family] = {
         "tumble", (*RATES, *ATTITUDES), (), (320, 640, 1024, 1536, 2560, 5120, 10240, 20480), ("tumble",), TUMBLE,
         TUMBLE_PROBES, "time", "angular_speed", ("both", "both"), observe_tumble,
         "measure longer, from other initial rates, or add the attitude", (4, 8, 16, 24, 48, 96, 192, 384), START,
-        (4, 8, 16, 32, 48)),
+        (4, 8, 16, 32, 48, 64, 96)),
 }  # fmt: skip
 
 

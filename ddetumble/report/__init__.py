@@ -2,10 +2,11 @@
 
 from .comparison import write_comparison
 from .findings import write_report
+from .missing import write_missing
 from .page import Picture, Section, Table, write_page
 from .posterior import write_posterior
 from .text import describe
 
 
-__all__ = ["Picture", "Section", "Table", "describe", "write_comparison", "write_page", "write_posterior",
-           "write_report"]
+__all__ = ["Picture", "Section", "Table", "describe", "write_comparison", "write_missing", "write_page",
+           "write_posterior", "write_report"]

@@ -17,6 +17,7 @@ from ..figures.labels import (
     say_p,
 )
 from ..figures.views import View, choose_view
+from .missing import show_missing
 from .page import Picture, Section, Table, write_page
 from .words import (
     count_records,
@@ -96,6 +97,8 @@ def build_sections(discovery: Discovery) -> list[Section]:
         elif discovery.where:
             view = choose_view(family=discovery.family)
             sections.append(Section("Where the model fails", points=[say_place(one, view) for one in discovery.where]))
+    if discovery.missing is not None:
+        sections += show_missing(discovery.missing)
     if discovery.candidates:
         sections.append(_show_ranking(discovery))
     if discovery.steps and discovery.steps[-1].parameters:

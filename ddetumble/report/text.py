@@ -37,6 +37,9 @@ def describe(discovery: Discovery) -> str:
         view = choose_view([trace for step in discovery.steps[:1] for trace in step.traces], discovery.family)
         places = (_wrap(say_place(one, view), "  ") for one in discovery.where)
         parts.append("\n".join(["Where the misfit sits:", *places]))
+    if discovery.missing is not None:
+        parts.append("\n".join(["The missing force:", _wrap(clean(discovery.missing.sentence, 4000), "  "),
+                               *(_wrap(clean(note, 2000), "  ") for note in discovery.missing.notes)]))
     if discovery.notes:
         parts.append("\n".join(["Notes:", *(_wrap(clean(note, 2000), "  ") for note in discovery.notes)]))
     return "\n\n".join(part for part in parts if part)

@@ -1,0 +1,292 @@
+"""Simple laws that would draw a missing force: a few forms of one variable, alone and in pairs, by held-out error.
+
+Every form is tried over a grid of its shape at the linearised model, and the best are fitted inside the equation of
+motion, shapes and all. The list is exhaustive over the forms, the phases and the variables that the flexible terms did
+not rule out. Amplitudes carry the unit that their form asks for.
+"""
+
+import dataclasses as dc
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._errors import ComputationError
+from ..effects.free import blank_plan
+from ..inference.problem import Problem
+from .freeform import FreeBench, cut
+from .holdout import leave_out
+from .records import Estimate, Law, Shape
+from .ridge import Normal, hold_out, solve_ridge
+from .search import SURE
+from .terms import Term, evaluate_basis, place_law, smooth, with_plan
+
+
+REFINED = 5  # forms that are fitted to the end
+PARTNERS = 3  # of the best, in pairs
+GRID = 24
+
+
+@dc.dataclass(frozen=True)
+class Form:
+    """One form of a law.
+
+    Attributes:
+        name: of the form.
+        text: with x for the variable; `(...)+` is 0 where what it holds is negative.
+        kind: of `effects.free.FORMS`.
+        shapes: which of onset `x`, length `l` and power `n` are fitted.
+        power: where it is not fitted.
+        signed: for variables that change their sign; None for all.
+        waves: whether it repeats.
+    """
+
+    name: str
+    text: str
+    kind: str
+    shapes: str = ""
+    power: float = 1.0
+    signed: bool | None = None
+    waves: bool = False
+
+
+FORMS = (
+    Form("proportional", "k x", "signed power"),
+    Form("square", "k x^2", "power", power=2.0, signed=False),
+    Form("square against", "k |x| x", "signed power", power=2.0, signed=True),
+    Form("power", "k x^n", "power", "n", signed=False),
+    Form("onset", "k (x - d)+", "power", "x", signed=False),
+    Form("onset, square", "k (x - d)+^2", "power", "x", 2.0, signed=False),
+    Form("onset, power", "k (x - d)+^n", "power", "xn", signed=False),
+    Form("wave", "a sin(2 pi x/l) + b (cos(2 pi x/l) - 1)", "sine", "l", waves=True),
+    Form("sawtooth", "a (2 frac(x/l) - 1)", "sawtooth", "l", signed=False, waves=True),
+    Form("decay", "k exp(-x/l)", "decay", "l", signed=False),
+    Form("saturation", "k tanh(x/l)", "saturation", "l"),
+)
+
+
+@dc.dataclass(frozen=True)
+class _Guess:
+    """A form with a direction and the shape that screening found."""
+
+    form: Form
+    term: Term
+    phase: str
+    direction: np.ndarray
+    shape: dict[str, float]
+    sizes: np.ndarray
+    loss: float
+
+
+def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term], ceiling: float) -> list[Law]:
+    """Simple laws in the variables of `terms`, best first.
+
+    Args:
+        bench: of the model.
+        normals: of every term at its finest.
+        terms: whose variables and directions are tried.
+        ceiling: held-out loss of the best flexible force: pairs are tried where no single law comes near it.
+    """
+    guesses = []
+    for term in terms:
+        if term.condition:
+            continue
+        guesses += _screen(bench, normals[term.name], term)
+    guesses = sorted(guesses, key=lambda g: g.loss)
+    best: dict[tuple[str, str], _Guess] = {}
+    for guess in guesses:
+        best.setdefault((guess.form.name, guess.term.variable), guess)
+    chosen = list(best.values())[:REFINED]
+    fitted = [(law, (g,)) for g, law in zip(chosen, bench.workbench.map(lambda g: _fit(bench, (g,)), chosen),
+                                            strict=True) if law is not None]
+    fitted = sorted(fitted, key=lambda item: _merit(item[0]))
+    if fitted and fitted[0][0].loss > ceiling + SURE:
+        first = fitted[0][1][0]
+        others = [g for g in best.values() if g.form is not first.form][:PARTNERS]
+        pairs = bench.workbench.map(lambda g: _fit(bench, (first, g)), others)
+        fitted += [(law, (first, g)) for g, law in zip(others, pairs, strict=True) if law is not None]
+    laws = sorted((law for law, _ in fitted if bench.helps(bench.before, law.losses)), key=_merit)
+    if not laws:
+        return []
+    found = []
+    for law in laws:
+        difference, error = bench.compare(law.losses, laws[0].losses)
+        found.append(dc.replace(law, difference=difference, standard_error=error if law is not laws[0] else 0.0))
+    return found
+
+
+def _merit(law: Law) -> float:
+    return law.loss + SURE * law.count
+
+
+def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
+    """Every form over a grid of its shape, with the linearised model."""
+    base, intervals = len(bench.names), term.finest
+    x = np.linspace(term.low, term.high, 8 * intervals + 1)
+    basis = evaluate_basis(term, intervals, x) @ smooth(intervals)
+    signed = term.low < 0 < term.high
+    choices = list(zip(term.parts, np.eye(len(term.parts)), strict=True))
+    if len(term.parts) > 1 and "x" not in term.parts:
+        choices.insert(0, ("", np.ones(len(term.parts))))
+    found = []
+    for form in FORMS:
+        if form.signed not in (None, signed):
+            continue
+        for phase, parts in choices:
+            best = None
+            for shape in _list_shapes(form, term):
+                columns = np.stack(evaluate(form, x, shape, term.high), axis=1)
+                own = np.linalg.lstsq(basis, columns, rcond=None)[0]
+                turn = np.zeros((base + len(term.parts) * own.shape[0], base + own.shape[1]))
+                turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
+                small = normal.turn(turn)
+                loss = float(hold_out(small, np.zeros(base + own.shape[1])).sum())
+                if np.isfinite(loss) and (best is None or loss < best.loss):
+                    sizes = solve_ridge(small, np.zeros(base + own.shape[1]))[base:] * bench.scale
+                    best = _Guess(form, term, phase, parts @ term.directions, shape, sizes, loss)
+            if best is not None:
+                found.append(best)
+    return found
+
+
+def _list_shapes(form: Form, term: Term) -> list[dict[str, float]]:
+    """Shapes to begin with, in units of the largest value of the variable."""
+    start: list[dict[str, float]] = [{"x": 0.0, "l": 0.3, "n": form.power}]
+    if "x" in form.shapes:
+        start = [{**s, "x": x} for s in start for x in np.linspace(0.05, 0.9, GRID)]
+    if "n" in form.shapes:
+        start = [{**s, "n": n} for s in start for n in (1.0, 1.5, 2.0, 3.0)]
+    if form.waves:
+        many = 4.0 * term.finest / 4.0
+        start = [{**s, "l": 1.0 / f} for s in start for f in np.arange(1.0, 0.45 * many, 0.125)]
+    elif "l" in form.shapes:
+        start = [{**s, "l": x} for s in start for x in np.geomspace(0.02, 2.0, GRID // 2)]
+    return start
+
+
+def evaluate(form: Form, x: np.ndarray, shape: dict[str, float], scale: float) -> list[np.ndarray]:
+    """The functions of a form that are linear in its amplitudes, each shape (places,)."""
+    y, phase = x / scale, 2.0 * np.pi * x / (scale * shape["l"])
+    return {
+        "power": lambda: [np.maximum(y - shape["x"], 0.0) ** shape["n"]],
+        "signed power": lambda: [np.sign(y) * np.abs(y) ** shape["n"]],
+        "sine": lambda: [np.sin(phase), np.cos(phase) - 1.0],
+        "sawtooth": lambda: [2.0 * (phase / (2.0 * np.pi) % 1.0) - 1.0],
+        "decay": lambda: [np.exp(-y / shape["l"])],
+        "saturation": lambda: [np.tanh(y / shape["l"])],
+    }[form.kind]()
+
+
+def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
+    """Fit laws together inside the equation of motion; None where that failed."""
+    plan = blank_plan(bench.family, bench.records.stack.time.shape[0])
+    u, names, amount = bench.start.copy(), [], len(guesses)
+    for slot, g in enumerate(guesses):
+        place_law(plan, bench.family, slot, g.term.variable, g.form.kind, g.direction, g.term.high)
+        own = {"a": g.sizes[0] / (1.0 if amount == 1 or slot == 0 else 4.0)}
+        if g.form.kind == "sine":
+            own["b"] = g.sizes[1]
+        own |= {"x": g.shape["x"], "l": np.log(g.shape["l"]), "n": np.log(g.shape["n"])}
+        for letter, value in own.items():
+            u[bench.space.index[f"{bench.simple.id}.{letter}_{slot + 1}"]] = value
+        names += [f"{bench.simple.id}.{letter}_{slot + 1}" for letter in own
+                  if letter in "ab" or letter in g.form.shapes]
+    idle = bench.coefficients[: bench.padding(len(names))]
+    try:
+        solution = Problem(bench.space, with_plan(bench.records, plan)).solve(
+            [*bench.names, *names, *idle], u, bench.z, tolerance=0.1, max_steps=20)
+    except ComputationError:
+        return None
+    if solution.failed or not np.isfinite(solution.chi2):
+        return None
+    solution = cut(solution, len(bench.names) + len(names))
+    loss = leave_out(solution, bench.groups)
+    losses = np.array([loss[bench.groups == g].sum() for g in np.unique(bench.groups)])
+    parameters = {}
+    for slot, g in enumerate(guesses):
+        parameters |= _publish(bench, solution, g, slot + 1, "" if amount == 1 else f" {slot + 1}")
+    texts = [_write(g, bench.family) for g in guesses]
+    return Law(" + ".join(texts), tuple(g.term.variable for g in guesses), tuple(g.term.way for g in guesses),
+               tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses), parameters, float(losses.sum()),
+               losses, len(names), bool(solution.converged), 0.0, 0.0)
+
+
+def _write(guess: _Guess, family: str) -> str:
+    """A law in one line."""
+    text = guess.form.text.replace("x", guess.term.variable) if "exp" not in guess.form.text else (
+        guess.form.text.replace("-x", f"-{guess.term.variable}"))
+    if guess.term.way == "share":
+        text = f"({text}) times the {'load' if family == 'slip' else 'elastic force'}"
+    if guess.term.way.startswith(("torque", "drag")):
+        return f"{guess.term.way} {text}" + (f" about {guess.phase}" if guess.phase else "")
+    return text + (f" while {guess.phase}" if guess.phase else "")
+
+
+def amplitude_unit(form: Form, unit: str, variable: str, power: float) -> str:
+    """Unit of an amplitude: that of the force over that of the variable to the law's power."""
+    if form.kind not in ("power", "signed power"):
+        return unit
+    text = f"{power:.3g}"
+    per = f"({variable})" if "/" in variable or "*" in variable else variable
+    below = per if power == 1.0 else f"{per}**{text}"
+    return f"{unit or '1'}/{below}"
+
+
+def _publish(bench: FreeBench, solution, g: _Guess, slot: int, mark: str) -> dict[str, Estimate]:
+    """Amplitudes and shapes of one law in SI units."""
+    covariance, place = solution.covariance(), {n: k for k, n in enumerate(solution.names)}
+    name = {letter: f"{bench.simple.id}.{letter}_{slot}" for letter in "abxln"}
+    value = {letter: float(solution.u[bench.space.index[n]]) for letter, n in name.items()}
+    free = [letter for letter in "abxln" if name[letter] in place]
+    own = covariance[np.ix_([place[name[f]] for f in free], [place[name[f]] for f in free])]
+    scale, power = g.term.high, float(np.exp(value["n"]))
+    unit = bench.ground.variables[g.term.variable]
+    # A share's amplitude is in units of the force at the reference; its own unit is that of a pure number.
+    direction = np.abs(g.direction[g.direction != 0]).max()
+    force = "" if g.term.way in ("share",) else ("1/s" if "drag" in g.term.way else bench.ground.unit)
+    powered = g.form.kind in ("power", "signed power")
+    down = direction / (scale**power if powered else 1.0)
+
+    def estimate(amount: float, gradient: dict[str, float], its_unit: str, text: str) -> Estimate:
+        slope = np.array([gradient.get(f, 0.0) for f in free])
+        sd = float(np.sqrt(max(slope @ own @ slope, 0.0)))
+        return Estimate(amount, sd, amount - 1.96 * sd, amount + 1.96 * sd, its_unit, text)
+
+    size = value["a"] * down
+    by_power = {"n": -size * np.log(scale) * power} if powered else {}
+    found = {("a" if g.form.waves else "k") + mark: estimate(
+        size, {"a": down, **by_power}, amplitude_unit(g.form, force, unit, power), "amplitude")}
+    if g.form.kind == "sine":
+        found["b" + mark] = estimate(value["b"] * down, {"b": down}, force, "amplitude")
+    if "x" in g.form.shapes:
+        found["d" + mark] = estimate(value["x"] * scale, {"x": scale}, unit, "onset")
+    if "l" in g.form.shapes:
+        length = float(np.exp(value["l"])) * scale
+        found["l" + mark] = estimate(length, {"l": length}, unit, "wavelength" if g.form.waves else "length")
+    if "n" in g.form.shapes:
+        found["n" + mark] = estimate(power, {"n": power}, "", "power")
+    return found
+
+
+def sketch_law(law: Law, shape: Shape, part: int) -> np.ndarray | None:
+    """A law over the places of a shape, in its unit; None where it is of another variable, direction or phase.
+
+    Args:
+        law: fitted.
+        shape: over whose variable it is drawn.
+        part: which of its curves.
+    """
+    total = np.zeros(len(shape.x))
+    for k, (variable, way, phase, name) in enumerate(zip(law.variables, law.ways, law.phases, law.forms, strict=True)):
+        if variable != shape.variable or way != shape.way:
+            return None
+        if phase and phase != shape.parts[part]:
+            if not shape.parts[part]:
+                return None
+            continue
+        form = next(f for f in FORMS if f.name == name)
+        mark = "" if len(law.forms) == 1 else f" {k + 1}"
+        values = {n.removesuffix(mark): e.estimate for n, e in law.parameters.items() if not mark or n.endswith(mark)}
+        own = {"x": values.get("d", 0.0), "l": values.get("l", 1.0), "n": values.get("n", form.power)}
+        sizes = [values.get("k", values.get("a", 0.0)), values.get("b", 0.0)]
+        total = total + sum(s * f for s, f in zip(sizes, evaluate(form, shape.x, own, 1.0), strict=False))
+    return total

@@ -1,0 +1,288 @@
+"""The missing force in words: the ceiling, its shape over the variables, its spectrum, and laws that would draw it."""
+
+import dataclasses as dc
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .._errors import InputError
+from ..contact.effect import AbstractEffect
+from ..inference.families import find_family, name_family
+from ..inference.models import resolve_model
+from ..measurement.campaign import Campaign
+from ..measurement.package import read_campaign
+from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
+from .laws import find_laws
+from .records import Law, MissingForce, Shape
+from .search import DECISIVE, SURE, try_effects
+from .terms import Term, evaluate_basis
+from .wording import NAMES, UNITS, name_value
+from .workbench import Fitted, Workbench
+
+
+PLACES = 121
+CLEAR = 3.0  # standard deviations by which a force is told from zero
+UNSEEN = 0.2  # of its signature: below that, what the model's parameters imitate leaves too little of a shape
+LINES = 200
+
+Progress = Callable[[str, float], None]
+
+
+def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
+                       effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
+                       progress: Progress | None = None) -> MissingForce:
+    """Draw the force that a model lacks, fitted inside the equation of motion.
+
+    Args:
+        campaign: a campaign with samples, or its folder.
+        model: reference model, see `ddetumble.inference.models`; one that has effects keeps them.
+        effects: effects that are fitted with the model, of the catalogue or your own.
+        catalogue: whether to fit every effect of the catalogue too, so that the best of them stands beside the force.
+        progress: called with a sentence and the share done.
+
+    Returns:
+        A `MissingForce`: ceiling, shapes, spectrum, simple laws, and a sentence.
+
+    Raises:
+        InputError: the campaign cannot be used (wrong family, peaks only, nothing to fit).
+        ComputationError: the reference model could not be integrated.
+    """
+    report = progress or (lambda text, share: None)
+    if not isinstance(campaign, Campaign):
+        campaign = read_campaign(campaign)
+    check_family(name_family(campaign))
+    known = find_family(name_family(campaign), "missing").catalogue
+    resolved = resolve_model(model, name_family(campaign))
+    report("fitting the reference model", 0.02)
+    own = tuple(e for e in dict.fromkeys(effects) if e not in known)
+    workbench = Workbench(campaign, resolved.reference, own, resolved.effects)
+    reference = beside = workbench.begin()
+    if effects:
+        report("fitting the effects", 0.1)
+        found = workbench.fit([e.id for e in effects], [{}], reference.solution.u, reference.solution.z)
+        start = _start_inside(workbench, effects)
+        again = workbench.fit([e.id for e in effects], [start], reference.solution.u, reference.solution.z)
+        fits = [f for f in (found, again) if f is not None]
+        if not fits:
+            raise InputError(f"the effects {', '.join(e.id for e in effects)} could not be fitted to campaign "
+                             f"{campaign.name!r}; leave one out")
+        beside = min(fits, key=lambda f: f.solution.chi2)
+    best = None
+    if catalogue:
+        _, scores = workbench.judge(reference)
+        tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
+                            lambda text, share: report(text, 0.1 + 0.4 * share))
+        best = tried.order[0], tried.refined[tried.order[0]].score
+    return describe_missing(workbench, reference, beside, best, report)
+
+
+def _start_inside(workbench: Workbench, effects: Sequence[type[AbstractEffect]]) -> dict[str, float]:
+    """Interior start of all effects together."""
+    from ..inference.assembly import default_starts
+
+    start: dict[str, float] = {}
+    for effect in effects:
+        start |= default_starts(workbench.whole(effect.id))[0]
+    return start
+
+
+def describe_missing(workbench: Workbench, reference: Fitted, beside: Fitted, best: tuple[str, float] | None,
+                     report: Progress = lambda text, share: None) -> MissingForce:
+    """Draw the force missing beside a model of a workbench.
+
+    Args:
+        workbench: of the campaign.
+        reference: fit of the reference model.
+        beside: fit of the model beside which the force is drawn.
+        best: effect of the catalogue that does best, with its held-out loss.
+        report: called with a sentence and the share done.
+    """
+    report("drawing the missing force", 0.6)
+    bench = FreeBench(workbench, beside)
+    normals = bench.scan()
+    drawn, ceiling = draw_forces(bench, normals, lambda text, share: report(text, 0.6 + 0.2 * share))
+    shapes = tuple(_describe_shape(bench, one, drawn[0]) for one in drawn)
+    alike = tuple(_name(d.wanted[0][0]) for d in drawn[1:] if not _beaten(bench, drawn[0], d))
+    laws: list[Law] = []
+    if drawn and ceiling is not None:
+        report("looking for simple laws", 0.85)
+        terms = [drawn[0].wanted[0][0], *(d.wanted[0][0] for d in drawn[1:] if not _beaten(bench, drawn[0], d))]
+        laws = find_laws(bench, normals, terms, min(d.loss for d in (*drawn, ceiling)))
+    losses = [*(d.loss for d in drawn), *([] if ceiling is None else [ceiling.loss]), *(law.loss for law in laws)]
+    top = None
+    if ceiling is not None:
+        # A simple law is a force too: where it predicts better than splines, the ceiling is no lower.
+        top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min(losses)
+    found = MissingForce(bench.family, beside.effects, reference.score, beside.score, best, top, bench.rows, shapes,
+                         alike, tuple(laws))
+    sentence, notes = explain_missing(found, bench)
+    return dc.replace(found, sentence=sentence, notes=notes)
+
+
+def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
+    difference, error = bench.compare(other.losses, best.losses)
+    return difference >= DECISIVE or (difference >= SURE and difference >= 2.0 * error)
+
+
+def _name(term: Term) -> str:
+    parts = f", {' and '.join(term.parts)} apart" if term.parts[0] and "x" not in term.parts else ""
+    return f"{term.way} over {NAMES.get(term.variable, term.variable.replace('_', ' '))}{parts}"
+
+
+def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
+    """One force over its variable, with its posterior deviation, where it was visited, and its spectrum."""
+    (term, intervals), = drawn.wanted
+    own, covariance = spread_drawn(bench, drawn)
+    x = np.linspace(term.low, term.high, PLACES)
+    basis = evaluate_basis(term, intervals, x)
+    scale = np.abs(term.directions[term.directions != 0]).max()
+    share = term.way in ("share",) or "drag" in term.way
+    values, deviations, spectra = [], [], []
+    for part in range(len(term.parts)):
+        here = slice(part * (intervals + 3), (part + 1) * (intervals + 3))
+        values.append(basis @ own[here])
+        deviations.append(np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance[here, here], basis)))
+        spectra.append(_measure_spectrum(x, basis, own[here], covariance[here, here]))
+    f, sd = np.array(values), np.array(deviations)
+    strongest = int(np.argmax([s[1].max(initial=0.0) for s in spectra]))
+    difference, error = bench.compare(drawn.losses, best.losses)
+    factor = scale if share else 1.0
+    unit = ("1" if term.way == "share" else "1/s") if share else bench.ground.unit
+    return Shape(term.variable, term.way, term.parts, x, factor * f, factor * sd, _visit(bench, drawn, term, x), unit,
+                 intervals, measure_visible(bench, drawn), drawn.loss, difference, error if drawn is not best else 0.0,
+                 _find_begin(x, f, sd), np.zeros((3, 0)) if term.condition else
+                 spectra[strongest] * np.array([[1.0], [factor], [factor]]))
+
+
+def _visit(bench: FreeBench, drawn: Drawn, term: Term, x: np.ndarray) -> np.ndarray:
+    """Share of the samples whose variable lies nearer to each place than half a spacing of the places."""
+    solution, records = drawn.solution, bench.records
+    valid = (np.asarray(records.stack.weights)[: records.count] > 0).any(axis=1)
+    time = np.asarray(records.stack.time)[: records.count]
+    if term.condition:
+        values = np.broadcast_to(np.asarray(records.stack.conditions[term.variable])[: records.count, None], time.shape)
+    elif term.variable in ("depression", "slip"):
+        values, valid = solution.state, valid & ((solution.state > 0) | (bench.family == "slip"))
+    elif term.variable in ("depression_rate", "angular_speed"):
+        values, valid = solution.state_rate, valid & (solution.state > 0)
+    elif term.variable == "time":
+        values = time
+    else:
+        rates = [solution.channels[:, records.channels.index(f"angular_velocity_{a}")] for a in "xyz"]
+        values = rates[2] if term.variable == "angular_velocity_z" else np.arctan2(rates[1], rates[0])
+    edges = np.concatenate([x - 0.5 * (x[1] - x[0]), [x[-1] + 0.5 * (x[1] - x[0])]])
+    count, _ = np.histogram(values[valid], edges)
+    return count / max(count.sum(), 1)
+
+
+def _find_begin(x: np.ndarray, f: np.ndarray, sd: np.ndarray) -> float | None:
+    """Place from which on one of the curves is told from zero up to the end; None where that is nowhere or all over."""
+    clear = (np.abs(f) > CLEAR * sd) & (np.abs(f) > 0.02 * np.abs(f).max())
+    found = []
+    for curve in clear:
+        if not curve[-1]:
+            continue
+        last = np.flatnonzero(~curve)
+        if len(last) and last[-1] + 1 < len(x):
+            found.append(float(x[last[-1] + 1]))
+    return min(found) if found else None
+
+
+def _measure_spectrum(x: np.ndarray, basis: np.ndarray, own: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Amplitudes of the waves in a curve from which its straight line is taken, with their deviations, (3, lines)."""
+    length = x[-1] - x[0]
+    numbers = np.arange(1.0, 0.5 * (basis.shape[1] - 3) + 1e-9, 0.125) / length
+    if not len(numbers):
+        return np.zeros((3, 0))
+    line = np.stack([np.ones_like(x), x], axis=1)
+    window = np.hanning(len(x) + 2)[1:-1]
+    straight = np.eye(len(x)) - line @ np.linalg.pinv(line)
+    waves = 2.0 / window.sum() * (window * np.exp(-2j * np.pi * numbers[:, None] * x)) @ straight @ basis
+    amplitude = np.abs(waves @ own)
+    spread = np.real(np.einsum("ij,jk,ik->i", waves, covariance, waves.conj()))
+    return np.stack([numbers, amplitude, np.sqrt(np.maximum(spread, 0.0))])
+
+
+def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[str, ...]]:
+    """The sentence of a missing force, and notes on what it does not say."""
+    noise = f"{np.sqrt(found.reference / found.floor):.2f}"
+    where = "records" if bench.workbench.family.free_running else "conditions"
+    start = f"On left-out {where} the reference model leaves {noise} times the noise"
+    if found.catalogue is not None:
+        name, loss = found.catalogue
+        removes = found.share(loss)
+        start += (f"; the best effect of the catalogue, {name}, removes {removes:.0%} of that misfit" if removes > 0.005
+                  else "; no effect of the catalogue removes any of that misfit")
+    if found.effects:
+        start += f"; with {' and '.join(found.effects)} it is {found.share(found.model):.0%}"
+    if found.ceiling is None or not found.shapes:
+        return (start + ". No force of these variables (" + ", ".join(
+            NAMES.get(v, v.replace("_", " ")) for v in dict.fromkeys(t.variable for t in bench.terms))
+                + f") predicts left-out {where} better: there is no force to draw."), ()
+    best, notes = found.shapes[0], []
+    share = found.share(found.ceiling[1])
+    joined = " plus ".join(found.ceiling[0])
+    sentence = (f"{start}. A free force inside the equation of motion removes {share:.0%} ({joined}): that is the "
+                "ceiling.")
+    sentence += f" Alone, {_say_shape(best)} does best"
+    if best.begins is not None:
+        sentence += f"; it is told from zero from {_say_value(best.variable, best.begins)} on"
+    sentence += "."
+    if found.laws:
+        law = found.laws[0]
+        values = "; ".join(name_value(n, e) for n, e in law.parameters.items())
+        sentence += (f" The simplest law that draws it: {law.text} ({values}), which removes "
+                     f"{found.share(law.loss):.0%}.")
+        rivals = [r for r in found.laws[1:] if r.difference < SURE or (
+            r.difference < DECISIVE and r.difference < 2 * r.standard_error)]
+        if rivals:
+            sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
+    if found.alike:
+        notes.append(f"Left-out {where} do not tell it apart from {'; '.join(found.alike)}.")
+    if best.visible < UNSEEN:
+        notes.append(f"Only {best.visible:.1%} of the force's own signature is left when the model's parameters are "
+                     "free to imitate it: its shape is known up to what they can make up for.")
+    empty = best.visited < 0.02 / PLACES
+    if empty.any() and not best.variable.startswith("initial"):
+        last = best.x[~empty].max() if (~empty).any() else best.x[0]
+        if last < best.x[-2]:
+            notes.append(f"Beyond {_say_value(best.variable, float(last))} there are no samples: there the curve only "
+                         "goes on straight.")
+    if share < 0.9:
+        notes.append(f"{1.0 - share:.0%} of the misfit is left that no force of these variables removes: its cause is "
+                     "elsewhere (a sensor, a state of its own, a variable that is not measured).")
+    notes.append("Bands are two posterior standard deviations; they hold what the model's own parameters and the "
+                 "settings can make up for.")
+    return sentence, tuple(notes)
+
+
+def summarise_missing(found: MissingForce) -> str:
+    """One or two sentences for a verdict."""
+    if found.ceiling is None or not found.shapes:
+        return "No force of the variables that were tried removes any of it."
+    share = found.share(found.ceiling[1])
+    text = (f"A free force inside the equation of motion removes {share:.0%} of the misfit on what was left out: "
+            f"{_say_shape(found.shapes[0])}")
+    if found.laws:
+        law = found.laws[0]
+        text += f"; {law.text} draws it ({'; '.join(name_value(n, e) for n, e in law.parameters.items())})"
+    return text + "."
+
+
+def _say_shape(shape: Shape) -> str:
+    way = {"force": "a force", "share": "a force in proportion to the elastic force", "torque": "a torque",
+           "drag": "a drag"}.get(shape.way, f"a {shape.way}")
+    if shape.way == "share" and shape.variable not in ("depression", "depression_rate", "time", "initial_pressure",
+                                                        "approach_speed", "sequence"):
+        way = "a friction in proportion to the load"
+    name = NAMES.get(shape.variable, shape.variable.replace("_", " "))
+    phases = [p for p in shape.parts if p in ("loading", "unloading", "forward", "backward")]
+    return f"{way} that depends on the {name}" + (f", {' and '.join(phases)} apart" if phases else "")
+
+
+def _say_value(variable: str, value: float) -> str:
+    unit, factor = UNITS.get(variable, ("", 1.0))
+    if variable == "time" and abs(value) > 2.0:
+        unit, factor = "s", 1.0
+    return f"{value * factor:.3g} {unit}".rstrip()

@@ -1,0 +1,191 @@
+"""What a missing force may depend on in a campaign: variables with the range visited, directions, knots."""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ..effects.free import COUNT, FORMS, GROUNDS, PLAN, Ground, blank_plan
+from ..inference.stack import Records
+
+
+FINEST = {"depression": 18, "depression_rate": 12, "time": 18, "slip": 45, "angular_speed": 12,
+          "angular_velocity_z": 12, "phase": 18}
+FEW = 4  # intervals over a condition, which has few levels
+DEGREE = 3
+FLAT = 1e-4  # what is left of the roughness penalty for a straight line
+APART = 0.02  # levels of a condition that differ by less are one
+
+
+@dc.dataclass(frozen=True)
+class Term:
+    """A missing force of one variable.
+
+    Attributes:
+        variable: of the state, or a condition.
+        way: name of the direction: `force`, `share`, `x`, `torque`, ...
+        parts: one name a function of the variable: `` where one holds for all, else the phases or axes.
+        directions: of every part, shape (parts, directions).
+        low, high: range over which the variable was visited, SI.
+        finest: intervals at most, all parts together fitting into one program.
+        condition: whether it is a condition.
+    """
+
+    variable: str
+    way: str
+    parts: tuple[str, ...]
+    directions: np.ndarray
+    low: float
+    high: float
+    finest: int
+    condition: bool
+
+    @property
+    def name(self) -> str:
+        """Unique among the terms of a campaign."""
+        return f"{self.way} over {self.variable}" + (f" ({' and '.join(self.parts)} apart)" if self.parts[0] else "")
+
+    def intervals(self) -> list[int]:
+        """Numbers of intervals to choose from: those whose knots are among the finest."""
+        return [m for m in range(3, self.finest + 1) if self.finest % m == 0]
+
+    def size(self, intervals: int) -> int:
+        """How many splines it takes."""
+        return len(self.parts) * (intervals + DEGREE)
+
+
+def list_terms(family: str, conditions: Mapping[str, np.ndarray], ranges: Mapping[str, tuple[float, float]],
+               backward: bool, reference: float) -> list[Term]:
+    """Terms that a campaign could show.
+
+    Args:
+        family: of the records.
+        conditions: of the records, by name, shape (records,).
+        ranges: of the variables of the state.
+        backward: whether both phases were visited (strokes of slip records).
+        reference: of the forces of which a direction is a share: at it a share's coefficient is in units of the force.
+    """
+    ground, found = GROUNDS[family], []
+    ways = _list_ways(ground, backward, reference)
+    for variable in ground.variables:
+        low, high = ranges[variable]
+        if not high > low:
+            continue
+        for way, parts, directions in ways:
+            fits = [m for m in range(3, FINEST[variable] + 1)
+                    if FINEST[variable] % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
+            phased = set(parts) & {"loading", "unloading"}
+            if fits and not (variable in ("depression_rate", "time") and phased):  # these tell the phases apart
+                found.append(Term(variable, way, parts, directions, low, high, max(fits), False))
+    for name, values in conditions.items():
+        low, high = float(values.min()), float(values.max())
+        if high - low <= APART * max(abs(high), abs(low)):
+            continue
+        for way, parts, directions in ways:
+            if len(parts) == 1 and (way == "share" or family == "slip"):
+                found.append(Term(name, way, parts, directions, low, high, FEW, True))
+    return found
+
+
+def _list_ways(ground: Ground, backward: bool, reference: float) -> list[tuple[str, tuple[str, ...], np.ndarray]]:
+    """Directions in which a term may act: (name, parts, directions of the parts)."""
+    unit = {name: np.eye(len(ground.directions))[k] / (reference if name in ground.shares else 1.0)
+            for k, name in enumerate(ground.directions)}
+    found = []
+    for way, gates in ground.gates.items():
+        own = np.stack([unit[gate] for gate in gates])
+        if ground.unit == "N":
+            found.append((way, ("",), own.sum(axis=0, keepdims=True)))
+            if backward:
+                found.append((way, tuple(gate.split()[-1] for gate in gates), own))
+        else:
+            found.append((way, tuple(gate.split()[-1] for gate in gates), own))
+            found += [(f"{way} about {gate}" if way == "torque" else gate, ("",), unit[gate][None]) for gate in gates]
+    return found
+
+
+def place_centres(term: Term, intervals: int) -> tuple[np.ndarray, float]:
+    """Centres of the splines of one part and their spacing, SI."""
+    step = (term.high - term.low) / intervals
+    return term.low + step * np.arange(-1, intervals + 2), step
+
+
+def evaluate_basis(term: Term, intervals: int, x: np.ndarray) -> np.ndarray:
+    """Splines of one part at places of its variable, shape (places, intervals + 3)."""
+    centres, step = place_centres(term, intervals)
+    knots = np.concatenate([centres[0] - step * np.array([2.0, 1.0]), centres, centres[-1] + step * np.array([1, 2.0])])
+    spline = BSpline(knots, np.eye(len(centres)), DEGREE)
+    return np.nan_to_num(spline(np.clip(x, term.low - step, term.high + step)))
+
+
+@lru_cache(maxsize=256)
+def coarsen(fine: int, coarse: int) -> np.ndarray:
+    """Matrix that gives the fine coefficients of coarse splines, shape (fine + 3, coarse + 3)."""
+    plain = Term("", "", ("",), np.zeros((1, 1)), 0.0, 1.0, fine, False)
+    x = np.linspace(0.0, 1.0, 8 * fine + 1)
+    return np.linalg.lstsq(evaluate_basis(plain, fine, x), evaluate_basis(plain, coarse, x), rcond=None)[0]
+
+
+@lru_cache(maxsize=256)
+def smooth(intervals: int) -> np.ndarray:
+    r"""Coefficients of the splines by parameters with one prior, $c = A\theta$, shape (intervals + 3, intervals + 3).
+
+    $A A^T = (D^T D + \epsilon)^{-1}$ with second differences D: a line is next to free, and where nothing was seen the
+    force goes on straight.
+    """
+    second = np.diff(np.eye(intervals + DEGREE), 2, axis=0)
+    sizes, vectors = np.linalg.eigh(second.T @ second)
+    return vectors / np.sqrt(np.maximum(sizes, 0.0) + FLAT)
+
+
+def place_terms(family: str, records: Records, wanted: Sequence[tuple[Term, int]]) -> dict[str, np.ndarray]:
+    """The arrays that tell `add_splines` which splines there are.
+
+    Args:
+        family, records: of the campaign.
+        wanted: terms with their numbers of intervals; their parts follow one another.
+
+    Raises:
+        ValueError: they are more splines than one program holds.
+    """
+    rows = records.stack.time.shape[0]
+    plan, ground, first = blank_plan(family, rows), GROUNDS[family], 0
+    names = list(ground.variables)
+    for term, intervals in wanted:
+        centres, step = place_centres(term, intervals)
+        for direction in term.directions:
+            here = slice(first, first + len(centres))
+            if here.stop > COUNT:
+                raise ValueError(f"one program holds {COUNT} splines, and more are wanted")
+            if term.condition:
+                values = np.asarray(records.stack.conditions[term.variable])
+                weights = evaluate_basis(term, intervals, values)
+                plan[f"{PLAN}-direction"][:, here] = weights[:, :, None] * direction
+            else:
+                plan[f"{PLAN}-variable"][:, here, names.index(term.variable)] = 1.0
+                plan[f"{PLAN}-centre"][:, here], plan[f"{PLAN}-width"][:, here] = centres, step
+                plan[f"{PLAN}-direction"][:, here] = direction
+            plan[f"{PLAN}-turn"][:, here, here] = smooth(intervals)
+            first = here.stop
+    return plan
+
+
+def place_law(plan: dict[str, np.ndarray], family: str, slot: int, variable: str, form: str, direction: np.ndarray,
+              scale: float) -> None:
+    """Put a simple law into a slot of a plan."""
+    plan[f"{PLAN}-law-variable"][:, slot, list(GROUNDS[family].variables).index(variable)] = 1.0
+    plan[f"{PLAN}-law-form"][:, slot, FORMS.index(form)] = 1.0
+    plan[f"{PLAN}-law-scale"][:, slot] = scale
+    plan[f"{PLAN}-law-direction"][:, slot] = direction
+
+
+def with_plan(records: Records, plan: Mapping[str, np.ndarray]) -> Records:
+    """Records that carry a plan among their conditions."""
+    conditions: dict[str, Any] = {**records.stack.conditions, **{k: jnp.asarray(v) for k, v in plan.items()}}
+    stack = eqx.tree_at(lambda s: s.conditions, records.stack, conditions)
+    return dc.replace(records, stack=stack)

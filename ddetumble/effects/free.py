@@ -1,0 +1,267 @@
+r"""The missing force as a flexible term of the equation of motion, and simple laws that may draw it.
+
+Where no catalogued effect removes a misfit, the force itself is asked for. `FreeForce` (impacts), `FreeFriction` (slip
+records) and `FreeTorque` (tumbling records) add
+
+$$f = \sum_k c_k\, B((x_k - t_k)/h_k)\, d_k$$
+
+with cubic B-splines $B$ of a variable $x_k$ (depression, rate, time, slip, ...), centres $t_k$ and spacings $h_k$, and
+directions $d_k$ (a force, a share of the elastic force or of the load, loading or unloading only, an axis of the body).
+Only the coefficients $c_k$ are parameters. Variables, centres and directions come with the records (`place_terms`), so
+that one compiled program serves every variable and every number of knots. `SimpleForce` and its like add up to two
+laws of one variable in closed form (`FORMS`), chosen in the same way.
+
+None of them is of the catalogue, and no verdict rests on them: they draw what a user may then write as an effect.
+"""
+
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._numerics import safe_power
+from ..contact.effect import AbstractEffect, AbstractSurfaceForce, Contact, Scalar, parameter
+from ..contact.sliding import AbstractFrictionForce, Slide
+from ..contact.torque import AbstractTorque, Spin
+
+
+COUNT = 48  # splines that one program holds
+LAWS = 2  # simple laws that one program holds
+HARMONICS = 6  # of a sawtooth
+TURN = 0.02  # m/s, rate over which loading turns into unloading
+FORMS = ("power", "signed power", "sine", "sawtooth", "decay", "saturation")
+PLAN = "free-term"  # prefix of the arrays that come with the records
+
+
+@dc.dataclass(frozen=True)
+class Ground:
+    """What a missing force of one family may depend on, and where it may act.
+
+    Attributes:
+        variables: of the state, in the order in which terms see them, each with its SI unit.
+        directions: in which a term may act, each with the SI unit of its coefficient where it is given as itself.
+        shares: of these directions, those given as a share of another force.
+        gates: pairs of directions that are one direction in two phases, by the direction that both make up.
+    """
+
+    variables: Mapping[str, str]
+    directions: tuple[str, ...]
+    unit: str
+    shares: tuple[str, ...]
+    gates: Mapping[str, tuple[str, ...]]
+
+
+GROUNDS: dict[str, Ground] = {
+    "impact": Ground(
+        {"depression": "m", "depression_rate": "m/s", "time": "s"},
+        ("force loading", "force unloading", "share loading", "share unloading"), "N",
+        ("share loading", "share unloading"),
+        {"force": ("force loading", "force unloading"), "share": ("share loading", "share unloading")}),
+    "slip": Ground(
+        {"slip": "m", "time": "s"},
+        ("force forward", "force backward", "share forward", "share backward"), "N",
+        ("share forward", "share backward"),
+        {"force": ("force forward", "force backward"), "share": ("share forward", "share backward")}),
+    "tumble": Ground(
+        {"time": "s", "angular_speed": "rad/s", "angular_velocity_z": "rad/s", "phase": "rad"},
+        ("x", "y", "z", "drag across", "drag axial"), "1/s**2", ("drag across", "drag axial"),
+        {"torque": ("x", "y", "z"), "drag": ("drag across", "drag axial")}),
+}  # fmt: skip
+
+
+def evaluate_spline(z: Array) -> Array:
+    """Cubic B-spline on even knots at distance `z` from its centre, in spacings, any shape; 2/3 at 0, 0 beyond 2."""
+    a = jnp.abs(z)
+    near, far = 2.0 / 3.0 - a**2 + 0.5 * a**3, jnp.where(a < 2.0, 2.0 - a, 0.0) ** 3 / 6.0
+    return jnp.where(a < 1.0, near, far)
+
+
+def evaluate_form(form: Array, x: Array, onset: Array, length: Array, power: Array, scale: Array
+                  ) -> tuple[Array, Array]:
+    r"""Every form of `FORMS` at one place, the wanted one picked; and the cosine that belongs to a sine.
+
+    In units of `scale` s: $((x - d)_+/s)^n$; $\mathrm{sign}(x)|x/s|^n$; $\sin 2\pi x/\ell$; the sawtooth
+    $2\,\mathrm{frac}(x/\ell) - 1$ by its first harmonics; $e^{-x/\ell}$; $\tanh(x/\ell)$.
+
+    Args:
+        form: one-hot, shape (forms,).
+        x: variable; onset d, length l, scale s in its unit; power n [-]; all scalars.
+    """
+    phase = 2.0 * jnp.pi * x / length
+    k = jnp.arange(1, HARMONICS + 1)
+    size = safe_power(jnp.abs(x) / scale, power)
+    values = jnp.stack([
+        safe_power((x - onset) / scale, power), jnp.sign(x) * size, jnp.sin(phase),
+        -2.0 / jnp.pi * jnp.sum(jnp.sin(k * phase) / k), jnp.exp(-jnp.clip(x / length, -50.0, 700.0)),
+        jnp.tanh(x / length)])
+    return jnp.dot(form, values), form[FORMS.index("sine")] * (jnp.cos(phase) - 1.0)
+
+
+def evaluate_slope(z: Array) -> Array:
+    """Derivative of `evaluate_spline`, same shape."""
+    a = jnp.abs(z)
+    far = -0.5 * jnp.where(a < 2.0, 2.0 - a, 0.0) ** 2
+    return jnp.sign(z) * jnp.where(a < 1.0, 1.5 * a**2 - 2.0 * a, far)
+
+
+@jax.custom_jvp
+def blend_splines(coefficients: Array, variables: Array, which: Array, centre: Array, width: Array, direction: Array,
+                  turn: Array) -> Array:
+    """How much of each direction all splines together give, shape (directions,).
+
+    The rule of its derivative is written out because it is linear in the coefficients: their many derivatives cost one
+    product each with splines that are evaluated once.
+
+    Args:
+        coefficients: shape (COUNT,).
+        variables: of the state, shape (variables,).
+        which: variable of each spline, one-hot, shape (COUNT, variables); none for one over a condition, which does not
+            change within a record: its value stands in `direction` already.
+        centre, width: shapes (COUNT,).
+        direction: shape (COUNT, directions).
+        turn: coefficients of the splines by the parameters, shape (COUNT, COUNT): a prior that is the same for all
+            parameters is one of smoothness for the splines.
+    """
+    return ((turn @ coefficients) * _splines(variables, which, centre, width)) @ direction
+
+
+def _splines(variables: Array, which: Array, centre: Array, width: Array) -> Array:
+    spline = evaluate_spline((which @ variables - centre) / width)
+    return jnp.where(jnp.sum(which, axis=1) > 0, spline, 1.0)
+
+
+@blend_splines.defjvp
+def _blend_splines_jvp(primals, tangents):
+    coefficients, variables, which, centre, width, direction, turn = primals
+    by_coefficient, by_variable = tangents[:2]
+    weighed = turn.T @ (_splines(variables, which, centre, width)[:, None] * direction)
+    slope = (turn @ coefficients) * evaluate_slope((which @ variables - centre) / width) / width
+    return (coefficients @ weighed,
+            by_coefficient @ weighed + (direction.T @ (slope[:, None] * which)) @ by_variable)
+
+
+def add_splines(coefficients: Array, plan: Mapping[str, Array], variables: Array, directions: Array) -> Array:
+    """Sum of all splines, shape of one direction.
+
+    Args:
+        coefficients: shape (COUNT,).
+        plan: of `place_terms`, of one record.
+        variables: of the state, shape (variables,); `directions`, shape (directions, ...).
+    """
+    shares = blend_splines(coefficients, variables,
+                           *(plan[f"{PLAN}-{name}"] for name in ("variable", "centre", "width", "direction", "turn")))
+    return shares @ directions
+
+
+def add_laws(effect: Any, plan: Mapping[str, Array], variables: Array, directions: Array) -> Array:
+    """Sum of the simple laws, shape of one direction; `plan` as of `add_splines`."""
+    total = jnp.zeros_like(directions[0])
+    for m in range(LAWS):
+        first, second, onset, length, power = (getattr(effect, f"{name}_{m + 1}") for name in "abxln")
+        which, form, scale, way = (plan[f"{PLAN}-{name}"][m] for name in
+                                   ("law-variable", "law-form", "law-scale", "law-direction"))
+        value, other = evaluate_form(form, which @ variables, onset * scale, length * scale, power, scale)
+        total = total + (first * value + second * other) * (way @ directions)
+    return total
+
+
+def see_contact(contact: Contact) -> tuple[Array, Array]:
+    """Variables and directions of an impact."""
+    loading = 0.5 * (1.0 + jnp.tanh(contact.depression_rate / TURN))
+    variables = jnp.stack([contact.depression, contact.depression_rate, contact.time])
+    share = contact.elastic_force
+    return variables, jnp.stack([loading, 1.0 - loading, loading * share, (1.0 - loading) * share])
+
+
+def see_slide(slide: Slide) -> tuple[Array, Array]:
+    """Variables and directions of sliding."""
+    forward = 0.5 * (1.0 + slide.direction)
+    load = slide.normal_load
+    variables = jnp.stack([slide.slip, jnp.broadcast_to(slide.time, slide.slip.shape)])
+    return variables, jnp.stack([forward, 1.0 - forward, forward * load, (1.0 - forward) * load])
+
+
+def see_spin(spin: Spin) -> tuple[Array, Array]:
+    """Variables and directions of tumbling; the phase is that of the transverse rate about body z."""
+    x, y, z = spin.angular_velocity
+    speed = jnp.sqrt(x * x + y * y + z * z + 1e-300)
+    across = jnp.maximum(x * x + y * y, 1e-300)
+    phase = jnp.arctan2(jnp.where(across > 1e-290, y, 0.0), jnp.where(across > 1e-290, x, 1.0))
+    zero = jnp.zeros_like(x)
+    drags = jnp.stack([jnp.stack([-x, -y, zero]), jnp.stack([zero, zero, -z])])
+    return jnp.stack([spin.time, speed, z, phase]), jnp.concatenate([jnp.eye(3), drags])
+
+
+def _declare(base: type, name: str, family: str, numbers: Mapping[str, Any], text: str, methods: Mapping[str, Any]
+             ) -> type[AbstractEffect]:
+    """A class of effects with many parameters of one kind."""
+    space = {"__annotations__": dict.fromkeys(numbers, Scalar), **numbers, "__module__": __name__, "__doc__": text,
+             "__qualname__": name, "id": f"{'free' if 'Free' in name else 'simple'}-{family}", "law": text,
+             "reference": "de Boor 1978, A Practical Guide to Splines", **methods}
+    return type(base)(name, (base,), space)
+
+
+def _gather(effect: Any) -> Array:
+    return jnp.stack([getattr(effect, f"c_{k}") for k in range(COUNT)])
+
+
+def _coefficients(unit: str, typical: float) -> dict[str, Any]:
+    return {f"c_{k}": parameter(unit, 0.0, typical=typical, free=False) for k in range(COUNT)}
+
+
+def _shapes(unit: str, typical: float) -> dict[str, Any]:
+    found = {}
+    for m in range(1, LAWS + 1):
+        found |= {f"a_{m}": parameter(unit, 0.0, typical=typical, free=False),
+                  f"b_{m}": parameter(unit, 0.0, typical=typical, free=False),
+                  f"x_{m}": parameter("", 0.0, kind="shape", typical=0.1, bounds=(-10.0, 10.0), free=False),
+                  f"l_{m}": parameter("", 0.3, kind="shape", typical=0.03, coordinate="log", bounds=(1e-5, 1e3),
+                                      free=False),
+                  f"n_{m}": parameter("", 1.0, kind="shape", typical=0.2, coordinate="log", bounds=(0.3, 6.0),
+                                      free=False)}
+    return found
+
+
+def _act(see: Any) -> tuple[Any, Any]:
+    """The methods of a spline term and of simple laws of a family."""
+    def splines(self, state):
+        return add_splines(_gather(self), state.conditions, *see(state))
+
+    def laws(self, state):
+        return add_laws(self, state.conditions, *see(state))
+
+    return splines, laws
+
+
+def _make(base: type, method: str, name: str, family: str, see: Any, unit: str, typical: float
+          ) -> tuple[type[AbstractEffect], type[AbstractEffect]]:
+    splines, laws = _act(see)
+    return (_declare(base, f"Free{name}", family, _coefficients(unit, typical), f"a {name.lower()} as a sum of splines",
+                     {method: splines}),
+            _declare(base, f"Simple{name}", family, _shapes(unit, typical), f"a {name.lower()} as simple laws",
+                     {method: laws}))
+
+
+FreeForce, SimpleForce = _make(AbstractSurfaceForce, "force", "Force", "impact", see_contact, "N", 1.0)
+FreeFriction, SimpleFriction = _make(AbstractFrictionForce, "force", "Friction", "slip", see_slide, "N", 0.1)
+FreeTorque, SimpleTorque = _make(AbstractTorque, "torque", "Torque", "tumble", see_spin, "1/s**2", 1e-6)
+FREE: dict[str, tuple[type[AbstractEffect], type[AbstractEffect]]] = {
+    "impact": (FreeForce, SimpleForce), "slip": (FreeFriction, SimpleFriction), "tumble": (FreeTorque, SimpleTorque),
+}
+
+
+def blank_plan(family: str, records: int) -> dict[str, np.ndarray]:
+    """A plan without terms: the arrays that `add_splines` and `add_laws` read, one row a record."""
+    ground = GROUNDS[family]
+    many, ways = len(ground.variables), len(ground.directions)
+    shapes = {"variable": (COUNT, many), "centre": (COUNT,), "width": (COUNT,), "direction": (COUNT, ways),
+              "turn": (COUNT, COUNT),
+              "law-variable": (LAWS, many), "law-form": (LAWS, len(FORMS)), "law-scale": (LAWS,),
+              "law-direction": (LAWS, ways)}
+    plan = {f"{PLAN}-{name}": np.zeros((records, *shape)) for name, shape in shapes.items()}
+    plan[f"{PLAN}-width"][:] = plan[f"{PLAN}-law-scale"][:] = 1.0
+    return plan

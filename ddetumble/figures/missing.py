@@ -1,0 +1,166 @@
+"""The missing force: how much of the misfit it removes, what it looks like over its variable, and its spectrum."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..discrepancy.laws import sketch_law
+from ..discrepancy.records import Law, MissingForce, Shape
+from .labels import clean, describe_quantity, format_number, format_share
+from .style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GREY,
+    INK,
+    KIN,
+    OTHER,
+    PALE,
+    PLACE,
+    WIDTH,
+    dress,
+    head_figure,
+    new_figure,
+    styled,
+)
+
+
+_COLOURS = (AFTER, BEFORE, "#009e73")
+_DASHES = ("--", ":", "-.")
+_SEEN = 0.02  # share of an even spread of samples below which a place counts as not visited
+
+
+@styled
+def draw_missing_shape(missing: MissingForce):
+    """The ceiling as bars, the best shape with its band and the simple laws on it, and its spectrum.
+
+    Args:
+        missing: of `draw_missing_force` or `discover`, with at least one shape.
+
+    Returns:
+        A matplotlib figure.
+    """
+    best = missing.shapes[0]
+    spectrum = best.spectrum.shape[1] > 2
+    figure = new_figure(5.6, WIDTH)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.75, 1.0))
+    main = dress(figure.add_subplot(grid[:, 0]))
+    bars = dress(figure.add_subplot(grid[0, 1] if spectrum else grid[:, 1]), "x")
+    handles, labels = _draw_curves(main, best, missing.laws[:1])
+    _draw_bars(bars, missing)
+    if spectrum:
+        _draw_spectrum(dress(figure.add_subplot(grid[1, 1])), best)
+    head_figure(figure, handles, labels)
+    return figure
+
+
+@styled
+def draw_missing_rivals(missing: MissingForce):
+    """The missing force over every variable that was fitted to the end, best first, each with its held-out loss.
+
+    Args:
+        missing: with at least one shape.
+
+    Returns:
+        A matplotlib figure.
+    """
+    shapes = missing.shapes[:4]
+    figure = new_figure(3.0, WIDTH)
+    panels = figure.subplots(1, len(shapes), squeeze=False)[0]
+    for axes, shape in zip(panels, shapes, strict=True):
+        _draw_curves(dress(axes), shape, ())
+        behind = "best" if shape is shapes[0] else f"{format_number(shape.difference)} behind"
+        axes.set_title(f"{clean(shape.way, 24)}: {behind}")
+    return figure
+
+
+def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
+    """Curves of a shape with their bands, where it was visited, and simple laws; returns handles and labels."""
+    from matplotlib.patches import Patch
+
+    shown = describe_quantity(shape.variable, shape.x)
+    factor, unit = _scale(shape)
+    x, handles, labels = shown.scale * shape.x, [], []
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    empty = shape.visited < _SEEN / len(shape.x)
+    seen = np.ones(len(x), dtype=bool)
+    if empty.any() and (~empty).any():
+        seen = (np.arange(len(x)) <= np.flatnonzero(~empty)[-1]) & (np.arange(len(x)) >= np.flatnonzero(~empty)[0])
+    for k, (part, f, sd) in enumerate(zip(shape.parts, shape.values, shape.sd, strict=True)):
+        colour = _COLOURS[k % len(_COLOURS)]
+        low, high = factor * (f - 2 * sd), factor * (f + 2 * sd)
+        axes.fill_between(x, low, high, color=colour, alpha=0.2, lw=0)
+        line, = axes.plot(x[seen], factor * f[seen], color=colour, lw=1.8)
+        handles.append(line)
+        labels.append(clean(part, 20) or "free force, ±2 sd")
+        for law, dash in zip(laws, _DASHES, strict=False):
+            values = sketch_law(law, shape, k)
+            if values is not None:
+                drawn, = axes.plot(x, factor * values, color=INK, lw=1.2, ls=dash)
+                if k == 0:
+                    handles.append(drawn)
+                    labels.append(clean(law.text, 70))
+    if shape.begins is not None:
+        axes.axvspan(shown.scale * shape.begins, x[-1], color=PLACE, lw=0, zorder=0)
+        handles.append(Patch(facecolor=PLACE, lw=0))
+        labels.append(f"told from zero, from {shown.format(shape.begins)} {shown.unit}".rstrip())
+    top = shape.visited / max(shape.visited.max(), 1e-300)
+    axes.fill_between(x, 0, 0.06 * top, step="mid", color=PALE, lw=0, transform=axes.get_xaxis_transform(), zorder=0)
+    axes.set_xlabel(shown.label)
+    axes.set_ylabel(f"missing {clean(shape.way, 24)} [{unit}]" if unit else f"missing {clean(shape.way, 24)}")
+    axes.set_xlim(x[0], x[-1])
+    return handles, labels
+
+
+def _scale(shape: Shape) -> tuple[float, str]:
+    """Factor and unit in which the values of a shape are shown."""
+    if shape.unit == "1":
+        return 100.0, "%"
+    size = float(np.abs(shape.values).max())
+    if shape.unit == "N" and size < 0.5:
+        return 1e3, "mN"
+    if shape.unit not in ("N", "") and 0 < size < 1e-2:
+        power = int(np.floor(np.log10(size)))
+        return 10.0**-power, f"1e{power} {'/s²' if shape.unit == '1/s**2' else '/s'}"
+    return 1.0, "1/s²" if shape.unit == "1/s**2" else shape.unit
+
+
+def _draw_bars(axes, missing: MissingForce):
+    """Share of the reference model's misfit that each removes on what was left out."""
+    rows = [] if missing.catalogue is None else [(f"best of the catalogue:\n{clean(missing.catalogue[0], 28)}",
+                                                  missing.catalogue[1], KIN)]
+    if missing.effects:
+        rows.append((f"with {clean(' and '.join(missing.effects), 28)}", missing.model, OTHER))
+    if missing.laws:
+        rows.append(("simplest law", missing.laws[0].loss, GREY))
+    rows.append((f"{clean(missing.shapes[0].way, 20)} over\none variable", missing.shapes[0].loss, AFTER))
+    if missing.ceiling is not None:
+        rows.append(("ceiling", missing.ceiling[1], INK))
+    shares = [missing.share(loss) for _, loss, _ in rows]
+    axes.barh(range(len(rows)), [100 * s for s in shares], color=[colour for *_, colour in rows], height=0.6)
+    axes.set_yticks(range(len(rows)), [text for text, *_ in rows])
+    axes.invert_yaxis()
+    for k, share in enumerate(shares):
+        axes.annotate(format_share(share), (100 * share, k), xytext=(3, 0), textcoords="offset points", va="center",
+                      fontsize=8.5)
+    axes.set_xlim(0, 118)
+    axes.set_xticks([0, 50, 100])
+    axes.set_xlabel("share of the held-out misfit removed [%]")
+
+
+def _draw_spectrum(axes, shape: Shape):
+    """Amplitude over wave number, with two standard deviations of what noise leaves."""
+    shown = describe_quantity(shape.variable, shape.x)
+    factor, unit = _scale(shape)
+    number, amplitude, sd = shape.spectrum
+    number = number / shown.scale
+    axes.fill_between(number, 0, 2 * factor * sd, color=FLOOR, alpha=0.3, lw=0)
+    axes.plot(number, factor * amplitude, color=AFTER, lw=1.4)
+    k = int(np.argmax(amplitude))
+    if 0 < k < len(number) - 1 and amplitude[k] > 4 * sd[k]:
+        axes.annotate(f"every {1 / number[k]:.3g} {shown.unit}".rstrip(), (number[k], factor * amplitude[k]),
+                      xytext=(6, -2), textcoords="offset points", fontsize=8.5)
+    axes.set_xlabel(f"waves per {shown.unit}" if shown.unit else "wave number")
+    axes.set_ylabel(f"amplitude [{unit}]" if unit else "amplitude")
+    axes.set_xlim(0, number[-1])
+    axes.set_ylim(0, None)

@@ -1,0 +1,64 @@
+"""The missing force in a report: the sentence, the pictures, the simple laws."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..discrepancy.records import MissingForce
+from ..figures.labels import clean, format_number, format_share, format_value
+from .page import Picture, Section, Table, write_page
+
+
+def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = (), name: str = "missing.html"
+                  ) -> Path:
+    """Write a missing force as one self-contained page, and its figures beside it.
+
+    Args:
+        missing: of `draw_missing_force`.
+        folder: where to write; made where it is not there.
+        title: of the page.
+        status: short facts below the sentence.
+        name: of the page's file.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, name, status=status)
+
+
+def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
+    """The sections of a missing force; `sentence` repeats its sentence where the page has another."""
+    from .. import figures
+
+    paragraphs = [missing.sentence] if sentence else []
+    if not missing.shapes:
+        return [Section("The missing force", paragraphs, points=missing.notes)]
+    best = missing.shapes[0]
+    pictures = [Picture(
+        "missing-shape", "The force that is missing, fitted inside the equation of motion, with two posterior standard "
+        "deviations, the simplest law that draws it (dashed), and below, grey, where the samples lie. Right: how much "
+        "of the misfit of left-out conditions each removes" + (", and the force's spectrum (grey: two standard "
+        "deviations of what noise leaves)." if best.spectrum.shape[1] > 2 else "."),
+        figures.draw_missing_shape(missing), f"Missing {clean(best.way)} over {clean(best.variable)}.")]
+    if len(missing.shapes) > 1:
+        pictures.append(Picture(
+            "missing-rivals", "The same over the other variables that came near, each fitted alone; how far behind the "
+            "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals(missing)))
+    tables = [Table(("free force", "knots", "misfit removed", "behind the best", "visible", "told from zero from"), [
+        (clean(f"{s.way} over {s.variable}" + (f", {' and '.join(s.parts)}" if s.parts[0] else "")), s.intervals,
+         format_share(missing.share(s.loss)),
+         f"{format_value(s.difference, s.standard_error)} ± {format_value(s.standard_error, s.standard_error)}",
+         format_share(s.visible), "–" if s.begins is None else f"{s.begins:.4g}") for s in missing.shapes],
+        "Free forces of one variable (SI). Visible: share of the force's own signature that the model's parameters and "
+        "the settings cannot imitate.")]
+    if missing.laws:
+        rows = []
+        for law in missing.laws:
+            values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
+                               for n, e in law.parameters.items())
+            rows.append((clean(law.text), clean(values, 300), format_share(missing.share(law.loss)),
+                         f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
+                         "yes" if law.converged else "no"))
+        tables.append(Table(("simple law", "parameters (SI)", "misfit removed", "behind the first", "converged"), rows,
+                            "Laws that would draw it, fitted inside the equation of motion; the simpler comes first "
+                            "where left-out conditions do not tell."))
+    return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]

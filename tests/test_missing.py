@@ -1,0 +1,253 @@
+"""The missing force: splines and ridges by theory, and forces that the independent simulator hid, drawn blind."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pint
+import pytest
+from scipy.interpolate import BSpline
+
+from ddetumble import Ball, InputError, draw_missing_force, find_data, simulate
+from ddetumble.cli import main
+from ddetumble.contact.sliding import AdhesionHysteresis
+from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate
+from ddetumble.discrepancy.ridge import Normal, hold_out, solve_ridge, spread_ridge
+from ddetumble.discrepancy.terms import Term, coarsen, evaluate_basis, smooth
+from ddetumble.dynamics.slide import slide
+from ddetumble.effects.free import (
+    COUNT,
+    FREE,
+    GROUNDS,
+    PLAN,
+    blank_plan,
+    blend_splines,
+    evaluate_form,
+    evaluate_slope,
+    evaluate_spline,
+)
+from ddetumble.effects.free import FORMS as KINDS
+from tests.independent.campaigns import make_campaign, write_campaign_folder
+from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+
+
+TERM = Term("depression", "force", ("",), np.array([[1.0, 1.0, 0.0, 0.0]]), 0.0, 8e-3, 12, False)
+CONDITIONS = {"initial_pressure": 0.9e6, "approach_speed": 0.4}
+
+
+# Splines
+
+
+def test_splines_are_scipys():
+    z = np.linspace(-3, 3, 121)
+    spline = BSpline.basis_element(np.arange(-2, 3), extrapolate=False)
+    np.testing.assert_allclose(evaluate_spline(jnp.asarray(z)), np.nan_to_num(spline(z)), atol=1e-14)
+    np.testing.assert_allclose(evaluate_slope(jnp.asarray(z)), np.nan_to_num(spline.derivative()(z)), atol=1e-13)
+
+
+@pytest.mark.parametrize(("fine", "coarse"), [(12, 4), (18, 9), (45, 15)])
+def test_coarse_splines_are_sums_of_fine_ones(fine, coarse):
+    x = np.linspace(TERM.low, TERM.high, 301)
+    np.testing.assert_allclose(evaluate_basis(TERM, fine, x) @ coarsen(fine, coarse), evaluate_basis(TERM, coarse, x),
+                               atol=1e-12)
+
+
+def test_prior_is_next_to_free_for_lines_and_punishes_bends():
+    centres = np.arange(15.0)
+    cost = [float(np.sum(np.linalg.solve(smooth(12), c) ** 2)) for c in (centres - 7.0, np.cos(centres * 2.0))]
+    # theta^T theta = c^T (D^T D + 1e-4) c in closed form.
+    np.testing.assert_allclose(cost[0], 1e-4 * np.sum((centres - 7.0) ** 2), rtol=1e-6)
+    assert cost[1] > 100 * cost[0]
+
+
+# Derivatives
+
+
+def plan_of(family, slots):
+    """A plan of one record in which the first splines stand over the first variable in the first direction."""
+    plan = {name: array[0] for name, array in blank_plan(family, 1).items()}
+    for k, (centre, width) in enumerate(slots):
+        plan[f"{PLAN}-variable"][k, 0] = 1.0
+        plan[f"{PLAN}-centre"][k], plan[f"{PLAN}-width"][k] = centre, width
+        plan[f"{PLAN}-direction"][k, :2] = 1.0
+        plan[f"{PLAN}-turn"][k, k] = 1.0
+    return {name: jnp.asarray(array) for name, array in plan.items()}
+
+
+def differences(f, x, h):
+    """Central differences by every coordinate."""
+    return np.stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in np.eye(len(x))], axis=-1)
+
+
+def test_blend_has_the_derivatives_of_its_sum():
+    """The rule that is written out, forward and reverse, against differences; by the variables too."""
+    rng = np.random.default_rng(3)
+    turn = jnp.asarray(rng.normal(size=(COUNT, COUNT)))
+    which = jnp.asarray(np.eye(3)[rng.integers(0, 3, COUNT)]).at[-1].set(0.0)
+    rest = (which, jnp.asarray(rng.uniform(0, 1, COUNT)), jnp.full(COUNT, 0.2),
+            jnp.asarray(rng.normal(size=(COUNT, 4))), turn)
+    start = np.concatenate([rng.normal(size=COUNT), [0.3, 0.52, 0.81]])
+
+    def f(x):
+        return blend_splines(x[:COUNT], x[COUNT:], *rest)
+
+    expected = differences(lambda x: np.asarray(f(jnp.asarray(x))), start, 1e-6)
+    np.testing.assert_allclose(jax.jacfwd(f)(jnp.asarray(start)), expected, rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(jax.jacrev(f)(jnp.asarray(start)), expected, rtol=1e-6, atol=1e-5)
+
+
+def test_derivatives_through_the_solve():
+    """Force of an impact by the coefficients: forward, reverse and differences agree; at their null they are absent."""
+    free = FREE["impact"][0]
+    conditions = {name: jnp.asarray(x) for name, x in CONDITIONS.items()}
+    conditions |= plan_of("impact", [(2e-3, 2e-3), (4e-3, 2e-3), (6e-3, 2e-3)])
+    times = jnp.linspace(2e-3, 0.02, 9)
+
+    def f(c):
+        law = Ball().extend((free(c_0=c[0], c_1=c[1], c_2=c[2]),))
+        return simulate(law, conditions, times).normal_force
+
+    bare = simulate(Ball().extend(()), conditions, times).normal_force
+    np.testing.assert_allclose(f(jnp.zeros(3)), bare, rtol=1e-9)
+    start = np.array([1.5, -2.0, 4.0])
+    expected = differences(lambda c: np.asarray(jax.jit(f)(jnp.asarray(c))), start, 1e-3)
+    forward = jax.jit(jax.jacfwd(f))(jnp.asarray(start))
+    np.testing.assert_allclose(forward, expected, rtol=1e-4, atol=1e-4)
+    weight = np.linspace(-1, 1, 9)
+    reverse = jax.jit(jax.grad(lambda c: jnp.sum(weight * f(c))))(jnp.asarray(start))
+    np.testing.assert_allclose(reverse, weight @ np.asarray(forward), rtol=1e-6)
+
+
+def test_slip_force_adds_what_its_splines_say():
+    """Friction with a free force less friction without is the sum of splines, in closed form."""
+    free = FREE["slip"][0]
+    conditions = {"normal_load": jnp.asarray(12.0), "internal_pressure": jnp.asarray(1e6),
+                  "slip_speed": jnp.asarray(0.1), **plan_of("slip", [(3e-3, 1e-3), (5e-3, 1e-3)])}
+    s = jnp.linspace(0.0, 8e-3, 81)
+    bare = slide(AdhesionHysteresis().extend(()), conditions, s).tangential_force
+    law = AdhesionHysteresis().extend((free(c_0=0.4, c_1=-0.2),))
+    added = 0.4 * evaluate_spline((s - 3e-3) / 1e-3) - 0.2 * evaluate_spline((s - 5e-3) / 1e-3)
+    np.testing.assert_allclose(slide(law, conditions, s).tangential_force - bare, added, atol=1e-12)
+
+
+# Laws
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
+def test_forms_are_one_law_in_both_places(form):
+    """What screening evaluates is what the equation of motion holds (a sawtooth: its first harmonics)."""
+    shape = {"x": 0.3, "l": 0.41, "n": form.power}
+    x, scale = np.linspace(0.05, 2.0, 40) * 1e-3, 2e-3
+    one = jnp.asarray(np.eye(len(KINDS))[KINDS.index(form.kind)])
+    first, second = jax.vmap(lambda at: evaluate_form(
+        one, at, 0.3 * scale, 0.41 * scale, jnp.asarray(form.power), scale))(jnp.asarray(x))
+    wanted = evaluate(form, x, shape, scale)
+    if form.kind == "sawtooth":
+        # A Fourier series of a sawtooth is within 0.35 of it away from the jump, in the mean square much nearer.
+        assert np.sqrt(np.mean((np.asarray(first) - wanted[0]) ** 2)) < 0.3
+        return
+    np.testing.assert_allclose(first, wanted[0], atol=1e-12)
+    if len(wanted) > 1:
+        np.testing.assert_allclose(second, wanted[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("family", GROUNDS)
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
+def test_units_of_a_law_make_a_force(family, form):
+    """Amplitude times what its form does to the variable has the dimension of the force."""
+    units, ground = pint.UnitRegistry(), GROUNDS[family]
+    for variable in ground.variables.values():
+        x = units.Quantity(2.0, variable)
+        power = 1.5 if "n" in form.shapes else form.power
+        amplitude = units.Quantity(3.0, amplitude_unit(form, ground.unit, variable, power))
+        made = amplitude * x**power if form.kind in ("power", "signed power") else amplitude * (x / x)
+        assert made.check(units.Quantity(1.0, ground.unit).dimensionality)
+
+
+# Ridge
+
+
+def test_holding_out_is_solving_again_without():
+    """Losses and covariance of a linear problem against the same by hand."""
+    rng = np.random.default_rng(5)
+    rows, right = rng.normal(size=(4, 30, 6)), rng.normal(size=(4, 30))
+    weight = np.array([0.0, 0.0, 2.0, 2.0, 2.0, 2.0])
+    normal = Normal(np.einsum("grk,grl->gkl", rows, rows), np.einsum("grk,gr->gk", rows, right),
+                    np.sum(right**2, axis=1))
+    losses = hold_out(normal, weight)
+    for out in range(4):
+        kept = [g for g in range(4) if g != out]
+        stacked = np.concatenate([*rows[kept], np.diag(weight)])
+        theta = np.linalg.lstsq(stacked, -np.concatenate([*right[kept], np.zeros(6)]), rcond=None)[0]
+        assert losses[out] == pytest.approx(np.sum((rows[out] @ theta + right[out]) ** 2), rel=1e-8)
+    whole = np.concatenate([*rows, np.diag(weight)])
+    np.testing.assert_allclose(spread_ridge(normal, weight), np.linalg.inv(whole.T @ whole), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        solve_ridge(normal, weight), np.linalg.lstsq(whole, -np.concatenate([*right, np.zeros(6)]), rcond=None)[0],
+        rtol=1e-8)
+
+
+# Forces that the independent simulator hid
+
+IMPACT = ([0.6e6, 1.1e6, 2.0e6], [0.2, 0.4, 0.6])
+BASE = {"effective_mass": 1.3, "restitution": 0.72}
+SLIP_BASE = {"adhesion_constant": 0.92, "loss_factor": 0.17, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
+             "slip_scale": 1.0}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_end_stop_is_drawn_where_it_is(tmp_path):
+    """An end stop at another depth, stiffness and power than any shipped: ceiling, shape, place and law."""
+    truth = {"k": 2.0e6, "depth": 4.6e-3, "exponent": 1.5}
+    write_campaign_folder(tmp_path, make_campaign("stop", 7, {"x-end-stop": truth}, BASE, *IMPACT))
+    found = draw_missing_force(tmp_path, catalogue=False)
+    assert found.ceiling is not None
+    assert found.share(found.ceiling[1]) > 0.9
+    best = found.shapes[0]
+    assert best.variable == "depression"
+    force = truth["k"] * np.maximum(best.x - truth["depth"], 0.0) ** 1.5
+    seen = (best.visited > 0) & (best.x < 0.9 * best.x[-1])
+    drawn = best.values[0]
+    if best.way == "force" and len(best.parts) == 1:
+        assert np.sqrt(np.mean((drawn - force)[seen] ** 2)) < 0.1 * force[seen].max()
+    law = found.laws[0]
+    assert law.forms[0].startswith("onset")
+    assert law.parameters["d"].estimate == pytest.approx(truth["depth"], rel=0.05)
+
+
+@pytest.mark.slow
+def test_nothing_hidden_nothing_drawn(tmp_path):
+    write_campaign_folder(tmp_path, make_campaign("null", 8, {}, BASE, *IMPACT))
+    found = draw_missing_force(tmp_path, catalogue=False)
+    assert found.ceiling is None or found.reference - found.ceiling[1] < 30.0
+    assert not found.shapes or found.reference - found.shapes[0].loss < 30.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wavelength", [2.6e-3, 1.3e-3])
+def test_stick_slip_is_drawn_with_its_wavelength(tmp_path, wavelength):
+    """A sawtooth in the slip at other wavelengths than the practice's: spectrum, law, and its form among rivals."""
+    made = make_slip_campaign("stick", 9, {"x-stick-slip": {"ratio": 0.05, "wavelength": wavelength}}, SLIP_BASE,
+                              [6.0, 13.0, 26.0], [0.8e6, 2.1e6], [0.03, 0.12, 0.4], 1)
+    write_slip_folder(tmp_path, made)
+    found = draw_missing_force(tmp_path, catalogue=False)
+    best = found.shapes[0]
+    assert best.variable == "slip" and best.way == "share"
+    number, amplitude, sd = best.spectrum
+    k = int(np.argmax(amplitude))
+    assert 1.0 / number[k] == pytest.approx(wavelength, rel=0.1)
+    assert amplitude[k] > 4 * sd[k]
+    assert found.laws[0].forms == ("sawtooth",)
+    assert found.laws[0].parameters["l"].estimate == pytest.approx(wavelength, rel=0.01)
+    assert found.share(found.ceiling[1]) > 0.8
+
+
+# Bad input
+
+
+def test_what_cannot_be_drawn_is_said(tmp_path, capsys):
+    with pytest.raises(InputError, match="not for oblique ones"):
+        draw_missing_force(find_data() / "oblique-a", catalogue=False)
+    assert main(["missing", str(tmp_path / "nowhere")]) == 2
+    assert "there is no such folder" in capsys.readouterr().err
+    assert main(["missing", "impact-a", "--effect", "adhesoin", "-o", str(tmp_path)]) == 2
+    assert "did you mean adhesion?" in capsys.readouterr().err
