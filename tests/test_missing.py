@@ -26,8 +26,8 @@ from ddetumble.effects.free import (
     evaluate_spline,
 )
 from ddetumble.effects.free import FORMS as KINDS
-from tests.independent.campaigns import make_campaign, write_campaign_folder
-from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 
 
 TERM = Term("depression", "force", ("",), np.array([[1.0, 1.0, 0.0, 0.0]]), 0.0, 8e-3, 12, False)
@@ -127,6 +127,10 @@ def test_slip_force_adds_what_its_splines_say():
     law = AdhesionHysteresis().extend((free(c_0=0.4, c_1=-0.2),))
     added = 0.4 * evaluate_spline((s - 3e-3) / 1e-3) - 0.2 * evaluate_spline((s - 5e-3) / 1e-3)
     np.testing.assert_allclose(slide(law, conditions, s).tangential_force - bare, added, atol=1e-12)
+    # The same splines as a share of the friction.
+    name = f"{PLAN}-direction"
+    shared = conditions | {name: conditions[name][:, jnp.array([2, 3, 0, 1])]}
+    np.testing.assert_allclose(slide(law, shared, s).tangential_force, bare * (1.0 + added), rtol=1e-12)
 
 
 # Laws
@@ -248,6 +252,6 @@ def test_what_cannot_be_drawn_is_said(tmp_path, capsys):
     with pytest.raises(InputError, match="not for oblique ones"):
         draw_missing_force(find_data() / "oblique-a", catalogue=False)
     assert main(["missing", str(tmp_path / "nowhere")]) == 2
-    assert "there is no such folder" in capsys.readouterr().err
+    assert "there is no such" in capsys.readouterr().err
     assert main(["missing", "impact-a", "--effect", "adhesoin", "-o", str(tmp_path)]) == 2
     assert "did you mean adhesion?" in capsys.readouterr().err

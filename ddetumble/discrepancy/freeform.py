@@ -127,12 +127,7 @@ class FreeBench:
         known = set(self.workbench.family.starts)
         conditions = {name: np.asarray(x)[: records.count] for name, x in records.stack.conditions.items()
                       if name not in known and name in self.workbench.campaign.records}
-        share = 1.0
-        if self.family != "tumble":
-            share = float(np.max(np.abs(solution.channels[:, 0]))) if self.family == "impact" else float(
-                np.max(conditions.get("normal_load", np.ones(1))))
-        else:
-            share = float(rate.max())
+        share = float(rate.max() if self.family == "tumble" else np.max(np.abs(solution.channels[:, 0])))
         return list_terms(self.family, conditions, ranges, backward, share)
 
     def problem(self, wanted: Sequence[tuple[Term, int]], priors: dict[str, tuple[float, float]] | None = None

@@ -215,10 +215,20 @@ def _write(guess: _Guess, family: str) -> str:
     text = guess.form.text.replace("x", guess.term.variable) if "exp" not in guess.form.text else (
         guess.form.text.replace("-x", f"-{guess.term.variable}"))
     if guess.term.way == "share":
-        text = f"({text}) times the {'load' if family == 'slip' else 'elastic force'}"
+        text = f"({text}) times the {'friction' if family == 'slip' else 'elastic force'}"
     if guess.term.way.startswith(("torque", "drag")):
         return f"{guess.term.way} {text}" + (f" about {guess.phase}" if guess.phase else "")
     return text + (f" while {guess.phase}" if guess.phase else "")
+
+
+def measure_spacing(bench: FreeBench, variable: str) -> float:
+    """Median distance of neighbouring samples in a variable, SI."""
+    solution, records = bench.model.solution, bench.records
+    time = np.asarray(records.stack.time)[: records.count]
+    values = {"time": time, "angular_speed": solution.state_rate, "depression_rate": solution.state_rate}.get(
+        variable, solution.state)
+    steps = np.abs(np.diff(values, axis=1))
+    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 
 
 def amplitude_unit(form: Form, unit: str, variable: str, power: float) -> str:
@@ -262,6 +272,11 @@ def _publish(bench: FreeBench, solution, g: _Guess, slot: int, mark: str) -> dic
     if "l" in g.form.shapes:
         length = float(np.exp(value["l"])) * scale
         found["l" + mark] = estimate(length, {"l": length}, unit, "wavelength" if g.form.waves else "length")
+        if g.form.kind == "sawtooth":
+            # Between two samples a jump may lie anywhere: its places are known to their spacing, whatever the fit says.
+            blur = measure_spacing(bench, g.term.variable) / np.sqrt(12.0) / max(scale / length, 1.0)
+            sd = float(np.hypot(found["l" + mark].sd, blur))
+            found["l" + mark] = dc.replace(found["l" + mark], sd=sd, q025=length - 1.96 * sd, q975=length + 1.96 * sd)
     if "n" in g.form.shapes:
         found["n" + mark] = estimate(power, {"n": power}, "", "power")
     return found

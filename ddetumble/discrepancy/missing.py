@@ -271,11 +271,11 @@ def summarise_missing(found: MissingForce) -> str:
 
 
 def _say_shape(shape: Shape) -> str:
-    way = {"force": "a force", "share": "a force in proportion to the elastic force", "torque": "a torque",
+    way = {"force": "a force", "share": "a share of the elastic force", "torque": "a torque",
            "drag": "a drag"}.get(shape.way, f"a {shape.way}")
     if shape.way == "share" and shape.variable not in ("depression", "depression_rate", "time", "initial_pressure",
                                                         "approach_speed", "sequence"):
-        way = "a friction in proportion to the load"
+        way = "a share of the friction"
     name = NAMES.get(shape.variable, shape.variable.replace("_", " "))
     phases = [p for p in shape.parts if p in ("loading", "unloading", "forward", "backward")]
     return f"{way} that depends on the {name}" + (f", {' and '.join(phases)} apart" if phases else "")

@@ -6,16 +6,17 @@ records) and `FreeTorque` (tumbling records) add
 $$f = \sum_k c_k\, B((x_k - t_k)/h_k)\, d_k$$
 
 with cubic B-splines $B$ of a variable $x_k$ (depression, rate, time, slip, ...), centres $t_k$ and spacings $h_k$, and
-directions $d_k$ (a force, a share of the elastic force or of the load, loading or unloading only, an axis of the body).
-Only the coefficients $c_k$ are parameters. Variables, centres and directions come with the records (`place_terms`), so
-that one compiled program serves every variable and every number of knots. `SimpleForce` and its like add up to two
-laws of one variable in closed form (`FORMS`), chosen in the same way.
+directions $d_k$ (a force, a share of the elastic force or of the friction, loading or unloading only, an axis). Only
+the coefficients $c_k$ are parameters. Variables, centres and directions come with the records (`place_terms`), so that
+one compiled program serves every variable and every number of knots. `SimpleForce` and its like add up to two laws of
+one variable in closed form (`FORMS`), chosen in the same way.
 
 None of them is of the catalogue, and no verdict rests on them: they draw what a user may then write as an effect.
 """
 
 import dataclasses as dc
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -24,8 +25,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_power
-from ..contact.effect import AbstractEffect, AbstractSurfaceForce, Contact, Scalar, parameter
-from ..contact.sliding import AbstractFrictionForce, Slide
+from ..contact.effect import AbstractEffect, AbstractElasticEffect, AbstractStiffnessEffect, Contact, Scalar, parameter
+from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, Slide
 from ..contact.torque import AbstractTorque, Spin
 
 
@@ -169,20 +170,20 @@ def add_laws(effect: Any, plan: Mapping[str, Array], variables: Array, direction
     return total
 
 
-def see_contact(contact: Contact) -> tuple[Array, Array]:
-    """Variables and directions of an impact."""
+def see_contact(contact: Contact, share: bool) -> tuple[Array, Array]:
+    """Variables and directions of an impact: of what is a share of the elastic force, or of what adds to it."""
     loading = 0.5 * (1.0 + jnp.tanh(contact.depression_rate / TURN))
     variables = jnp.stack([contact.depression, contact.depression_rate, contact.time])
-    share = contact.elastic_force
-    return variables, jnp.stack([loading, 1.0 - loading, loading * share, (1.0 - loading) * share])
+    two, none = jnp.stack([loading, 1.0 - loading]), jnp.zeros(2)
+    return variables, jnp.concatenate([none, two] if share else [two, none])
 
 
-def see_slide(slide: Slide) -> tuple[Array, Array]:
-    """Variables and directions of sliding."""
+def see_slide(slide: Slide, share: bool) -> tuple[Array, Array]:
+    """Variables and directions of sliding: of what is a share of the friction, or of what adds to it."""
     forward = 0.5 * (1.0 + slide.direction)
-    load = slide.normal_load
     variables = jnp.stack([slide.slip, jnp.broadcast_to(slide.time, slide.slip.shape)])
-    return variables, jnp.stack([forward, 1.0 - forward, forward * load, (1.0 - forward) * load])
+    two, none = jnp.stack([forward, 1.0 - forward]), jnp.zeros(2)
+    return variables, jnp.concatenate([none, two] if share else [two, none])
 
 
 def see_spin(spin: Spin) -> tuple[Array, Array]:
@@ -196,13 +197,13 @@ def see_spin(spin: Spin) -> tuple[Array, Array]:
     return jnp.stack([spin.time, speed, z, phase]), jnp.concatenate([jnp.eye(3), drags])
 
 
-def _declare(base: type, name: str, family: str, numbers: Mapping[str, Any], text: str, methods: Mapping[str, Any]
-             ) -> type[AbstractEffect]:
+def _declare(bases: tuple[type, ...], name: str, family: str, numbers: Mapping[str, Any], text: str,
+             methods: Mapping[str, Any]) -> type[AbstractEffect]:
     """A class of effects with many parameters of one kind."""
     space = {"__annotations__": dict.fromkeys(numbers, Scalar), **numbers, "__module__": __name__, "__doc__": text,
              "__qualname__": name, "id": f"{'free' if 'Free' in name else 'simple'}-{family}", "law": text,
              "reference": "de Boor 1978, A Practical Guide to Splines", **methods}
-    return type(base)(name, (base,), space)
+    return type(bases[0])(name, bases, space)
 
 
 def _gather(effect: Any) -> Array:
@@ -226,29 +227,36 @@ def _shapes(unit: str, typical: float) -> dict[str, Any]:
     return found
 
 
-def _act(see: Any) -> tuple[Any, Any]:
-    """The methods of a spline term and of simple laws of a family."""
+def _act(see: Any, null: float = 0.0) -> tuple[Any, Any]:
+    """The methods of a spline term and of simple laws, which return `null` where they are absent."""
     def splines(self, state):
-        return add_splines(_gather(self), state.conditions, *see(state))
+        value = add_splines(_gather(self), state.conditions, *see(state))
+        return value + null if null else value
 
     def laws(self, state):
-        return add_laws(self, state.conditions, *see(state))
+        value = add_laws(self, state.conditions, *see(state))
+        return value + null if null else value
 
     return splines, laws
 
 
-def _make(base: type, method: str, name: str, family: str, see: Any, unit: str, typical: float
+def _make(bases: tuple[type, ...], name: str, family: str, unit: str, typical: float, **methods: tuple[Any, Any]
           ) -> tuple[type[AbstractEffect], type[AbstractEffect]]:
-    splines, laws = _act(see)
-    return (_declare(base, f"Free{name}", family, _coefficients(unit, typical), f"a {name.lower()} as a sum of splines",
-                     {method: splines}),
-            _declare(base, f"Simple{name}", family, _shapes(unit, typical), f"a {name.lower()} as simple laws",
-                     {method: laws}))
+    """Flexible term and simple laws of a family; `methods` holds the two functions of each method by its name."""
+    splines, laws = ({method: pair[k] for method, pair in methods.items()} for k in range(2))
+    text = f"a {name.lower()} as"
+    return (_declare(bases, f"Free{name}", family, _coefficients(unit, typical), f"{text} a sum of splines", splines),
+            _declare(bases, f"Simple{name}", family, _shapes(unit, typical), f"{text} simple laws", laws))
 
 
-FreeForce, SimpleForce = _make(AbstractSurfaceForce, "force", "Force", "impact", see_contact, "N", 1.0)
-FreeFriction, SimpleFriction = _make(AbstractFrictionForce, "force", "Friction", "slip", see_slide, "N", 0.1)
-FreeTorque, SimpleTorque = _make(AbstractTorque, "torque", "Torque", "tumble", see_spin, "1/s**2", 1e-6)
+# In the stage of the elastic force, so that the damping multiplies it, as it does what a wall or a stop would add.
+FreeForce, SimpleForce = _make(
+    (AbstractElasticEffect, AbstractStiffnessEffect), "Force", "impact", "N", 1.0,
+    force=_act(partial(see_contact, share=False)), factor=_act(partial(see_contact, share=True), 1.0))
+FreeFriction, SimpleFriction = _make(
+    (AbstractFrictionForce, AbstractLoadEffect), "Friction", "slip", "N", 0.1,
+    force=_act(partial(see_slide, share=False)), factor=_act(partial(see_slide, share=True), 1.0))
+FreeTorque, SimpleTorque = _make((AbstractTorque,), "Torque", "tumble", "1/s**2", 1e-6, torque=_act(see_spin))
 FREE: dict[str, tuple[type[AbstractEffect], type[AbstractEffect]]] = {
     "impact": (FreeForce, SimpleForce), "slip": (FreeFriction, SimpleFriction), "tumble": (FreeTorque, SimpleTorque),
 }
