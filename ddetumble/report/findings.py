@@ -290,7 +290,8 @@ def _show_faults(discovery: Discovery) -> Section:
     rows = [
         (fault.kind,
          clean(", ".join(fault.records), 120) if len(fault.records) <= 6 else f"{len(fault.records)} records",
-         clean(fault.channel.replace("_", " ")) or "–", clean(fault.seen, 600), clean(fault.done, 300), clean(fault.remedy, 200))
+         clean(fault.channel.replace("_", " ")) or "–", clean(fault.seen, 600), clean(fault.done, 300),
+         clean(fault.remedy, 200))
         for fault in discovery.faults
     ]  # fmt: skip
     header = ("fault", "records", "channel", "what is seen", "what was done", "what to do")
