@@ -1,5 +1,7 @@
 """The missing force: splines and ridges by theory, and forces that the independent simulator hid, drawn blind."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,8 @@ from scipy.interpolate import BSpline
 from ddetumble import Ball, InputError, draw_missing_force, find_data, simulate
 from ddetumble.cli import main
 from ddetumble.contact.sliding import AdhesionHysteresis
-from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate
+from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate, sketch_law
+from ddetumble.discrepancy.records import Estimate, Law, MissingForce, Shape
 from ddetumble.discrepancy.ridge import Normal, hold_out, solve_ridge, spread_ridge
 from ddetumble.discrepancy.terms import Term, coarsen, evaluate_basis, smooth
 from ddetumble.dynamics.slide import slide
@@ -28,6 +31,8 @@ from ddetumble.effects.free import (
 from ddetumble.effects.free import FORMS as KINDS
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.figures import draw_missing_shape
+from ddetumble.report import write_missing
 
 
 TERM = Term("depression", "force", ("",), np.array([[1.0, 1.0, 0.0, 0.0]]), 0.0, 8e-3, 12, False)
@@ -243,6 +248,45 @@ def test_stick_slip_is_drawn_with_its_wavelength(tmp_path, wavelength):
     assert found.laws[0].forms == ("sawtooth",)
     assert found.laws[0].parameters["l"].estimate == pytest.approx(wavelength, rel=0.01)
     assert found.share(found.ceiling[1]) > 0.8
+
+
+# Pictures and page
+
+
+def invent(way="force", notes=()):
+    """A missing force by hand: 100 N/mm beyond 5 mm, drawn without error."""
+    x = np.linspace(0.0, 8e-3, 121)
+    law = Law("k (depression - d)+", ("depression",), ("force",), ("",), ("onset",),
+              {"k": Estimate(1e5, 1e3, 9.8e4, 1.02e5, "N/m"), "d": Estimate(5e-3, 1e-5, 4.98e-3, 5.02e-3, "m")},
+              1050.0, np.array([500.0, 550.0]), 2, True, 0.0, 0.0)
+    shape = Shape("depression", way, ("",), x, 1e5 * np.maximum(x - 5e-3, 0.0)[None], np.full((1, 121), 2.0),
+                  np.full(121, 1 / 121), "N", 18, 0.9, 1020.0, 0.0, 0.0, 5.1e-3, np.zeros((3, 0)))
+    return MissingForce("impact", (), 3000.0, 3000.0, ("wall-stiffness", 2500.0), (("force over depression",), 1010.0),
+                        1000.0, (shape,), (), (law,), "A sentence with <b>.", notes)
+
+
+def test_law_is_drawn_on_its_shape():
+    missing = invent()
+    shape = missing.shapes[0]
+    np.testing.assert_allclose(sketch_law(missing.laws[0], shape, 0), shape.values[0], atol=1e-9)
+    assert sketch_law(missing.laws[0], invent("share").shapes[0], 0) is None
+    assert missing.share(2500.0) == pytest.approx(0.25)
+    assert missing.share(5000.0) == 0.0
+
+
+def test_page_is_written_and_escaped(tmp_path):
+    page = write_missing(invent(notes=("<script>alert(1)</script>",)), tmp_path, title="a & b").read_text()
+    assert "A sentence with &lt;b&gt;." in page and "<script>alert" not in page
+    assert (tmp_path / "figures" / "missing-shape.png").stat().st_size > 10_000
+    json.dumps(invent().to_dict(), allow_nan=False)
+    assert "losses" not in invent().to_dict()["laws"][0]
+
+
+def test_figure_marks_place_and_shares():
+    figure = draw_missing_shape(invent())
+    curve, bars = figure.axes[:2]
+    assert curve.get_xlabel() == "depression [mm]"
+    assert [round(bar.get_width()) for bar in bars.patches] == [25, 98, 99, 100]
 
 
 # Bad input

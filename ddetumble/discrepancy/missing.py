@@ -252,6 +252,8 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
     if share < 0.9:
         notes.append(f"{1.0 - share:.0%} of the misfit is left that no force of these variables removes: its cause is "
                      "elsewhere (a sensor, a state of its own, a variable that is not measured).")
+    if found.family == "impact":
+        notes.append("The force adds to the elastic force, and the damping multiplies it too.")
     notes.append("Bands are two posterior standard deviations; they hold what the model's own parameters and the "
                  "settings can make up for.")
     return sentence, tuple(notes)
