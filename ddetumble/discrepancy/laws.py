@@ -122,7 +122,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
     """Every form over a grid of its shape, with the linearised model."""
     base, intervals = len(bench.names), term.finest
     x = np.linspace(term.low, term.high, 8 * intervals + 1)
-    basis = evaluate_basis(term, intervals, x) @ smooth(intervals)
+    inverse = np.linalg.pinv(evaluate_basis(term, intervals, x) @ smooth(intervals))
     signed = term.low < 0 < term.high
     choices = list(zip(term.parts, np.eye(len(term.parts)), strict=True))
     if len(term.parts) > 1 and "x" not in term.parts:
@@ -135,7 +135,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
             best = None
             for shape in _list_shapes(form, term):
                 columns = np.stack(evaluate(form, x, shape, term.high), axis=1)
-                own = np.linalg.lstsq(basis, columns, rcond=None)[0]
+                own = inverse @ columns
                 turn = np.zeros((base + len(term.parts) * own.shape[0], base + own.shape[1]))
                 turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
                 small = normal.turn(turn)

@@ -105,6 +105,8 @@ def _list_ways(ground: Ground, backward: bool, reference: float) -> list[tuple[s
                 found.append((way, tuple(gate.split()[-1] for gate in gates), own))
         else:
             found.append((way, tuple(gate.split()[-1] for gate in gates), own))
+            if way == "drag":
+                found.append((way, ("",), own.sum(axis=0, keepdims=True)))
             found += [(f"{way} about {gate}" if way == "torque" else gate, ("",), unit[gate][None]) for gate in gates]
     return found
 
