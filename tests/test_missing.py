@@ -260,7 +260,7 @@ def invent(way="force", notes=()):
               {"k": Estimate(1e5, 1e3, 9.8e4, 1.02e5, "N/m"), "d": Estimate(5e-3, 1e-5, 4.98e-3, 5.02e-3, "m")},
               1050.0, np.array([500.0, 550.0]), 2, True, 0.0, 0.0)
     shape = Shape("depression", way, ("",), x, 1e5 * np.maximum(x - 5e-3, 0.0)[None], np.full((1, 121), 2.0),
-                  np.full(121, 1 / 121), "N", 18, 0.9, 1020.0, 0.0, 0.0, 5.1e-3, np.zeros((3, 0)))
+                  np.full(121, 1 / 121), "N", 18, 0.9, 1020.0, 0.0, 0.0, 5.1e-3, False, np.zeros((3, 0)))
     return MissingForce("impact", (), 3000.0, 3000.0, ("wall-stiffness", 2500.0), (("force over depression",), 1010.0),
                         1000.0, (shape,), (), (law,), "A sentence with <b>.", notes)
 

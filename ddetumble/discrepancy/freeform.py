@@ -353,17 +353,28 @@ def spread_drawn(bench: FreeBench, drawn: Drawn) -> tuple[np.ndarray, np.ndarray
     weight = np.concatenate([np.zeros(drawn.base), bench._weights(drawn)])
     covariance = spread_ridge(normal, weight)[drawn.base:, drawn.base:]
     own = drawn.solution.u[[bench.space.index[n] for n in drawn.solution.names[drawn.base:]]]
-    turn = block_diag(*(smooth(m) for term, m in drawn.wanted for _ in term.parts))
+    turn = _turn(drawn)
     return turn @ own, turn @ covariance @ turn.T * bench.scale**2
 
 
-def measure_visible(bench: FreeBench, drawn: Drawn) -> float:
-    """Share of a force's own signature that is left when the model's parameters and the settings may imitate it."""
+def measure_visible(bench: FreeBench, drawn: Drawn, curve: np.ndarray | None = None) -> float:
+    """Share of a force's own signature that is left when the model's parameters and the settings may imitate it.
+
+    Args:
+        bench, drawn: of `draw_forces`.
+        curve: coefficients of the splines of another force of the same terms, SI; those drawn where not given.
+    """
     normal = gather_normal(drawn.solution, None, bench.groups, bench._offset(drawn))
     blocks, base = normal.blocks.sum(axis=0), drawn.base
     own = bench._offset(drawn)[base:]
+    if curve is not None:
+        own = np.linalg.solve(_turn(drawn), curve)
     size = float(own @ blocks[base:, base:] @ own)
     cross = blocks[:base, base:] @ own
     taken = float(cross @ np.linalg.lstsq(blocks[:base, :base], cross, rcond=1e-12)[0]) if base else 0.0
     return 1.0 - taken / size if size > 0 else 0.0
 
+
+def _turn(drawn: Drawn) -> np.ndarray:
+    """Coefficients of the splines by the parameters."""
+    return block_diag(*(smooth(m) for term, m in drawn.wanted for _ in term.parts))

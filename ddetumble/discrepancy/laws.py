@@ -304,4 +304,4 @@ def sketch_law(law: Law, shape: Shape, part: int) -> np.ndarray | None:
         own = {"x": values.get("d", 0.0), "l": values.get("l", 1.0), "n": values.get("n", form.power)}
         sizes = [values.get("k", values.get("a", 0.0)), values.get("b", 0.0)]
         total = total + sum(s * f for s, f in zip(sizes, evaluate(form, shape.x, own, 1.0), strict=False))
-    return total
+    return total - shape.visited @ total / max(float(shape.visited.sum()), 1e-300) if shape.centred else total

@@ -138,6 +138,16 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
     basis = evaluate_basis(term, intervals, x)
     scale = np.abs(term.directions[term.directions != 0]).max()
     share = term.way in ("share",) or "drag" in term.way
+    visited = _visit(bench, drawn, term, x)
+    centred = measure_visible(bench, drawn, np.ones_like(own)) < UNSEEN
+    if centred:
+        # The model's parameters make up for a constant: the curve is known up to it, and drawn about its mean.
+        basis = basis - visited @ basis / max(float(visited.sum()), 1e-300)
+        middle = evaluate_basis(term, intervals, x).T @ visited / max(float(visited.sum()), 1e-300)
+        shift = [middle @ own[p * (intervals + 3): (p + 1) * (intervals + 3)] for p in range(len(term.parts))]
+        visible = measure_visible(bench, drawn, own - np.repeat(shift, intervals + 3))
+    else:
+        visible = measure_visible(bench, drawn)
     values, deviations, spectra = [], [], []
     for part in range(len(term.parts)):
         here = slice(part * (intervals + 3), (part + 1) * (intervals + 3))
@@ -149,9 +159,9 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
     difference, error = bench.compare(drawn.losses, best.losses)
     factor = scale if share else 1.0
     unit = ("1" if term.way == "share" else "1/s") if share else bench.ground.unit
-    return Shape(term.variable, term.way, term.parts, x, factor * f, factor * sd, _visit(bench, drawn, term, x), unit,
-                 intervals, measure_visible(bench, drawn), drawn.loss, difference, error if drawn is not best else 0.0,
-                 _find_begin(x, f, sd), np.zeros((3, 0)) if term.condition else
+    return Shape(term.variable, term.way, term.parts, x, factor * f, factor * sd, visited, unit,
+                 intervals, visible, drawn.loss, difference, error if drawn is not best else 0.0,
+                 None if centred else _find_begin(x, f, sd), centred, np.zeros((3, 0)) if term.condition else
                  spectra[strongest] * np.array([[1.0], [factor], [factor]]))
 
 
@@ -240,6 +250,8 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
             sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
     if found.alike:
         notes.append(f"Left-out {where} do not tell it apart from {'; '.join(found.alike)}.")
+    if best.centred:
+        notes.append("The model's parameters make up for a constant part: the curve is drawn about its mean.")
     if best.visible < UNSEEN:
         notes.append(f"Only {best.visible:.1%} of the force's own signature is left when the model's parameters are "
                      "free to imitate it: its shape is known up to what they can make up for.")

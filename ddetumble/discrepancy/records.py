@@ -188,6 +188,7 @@ class Shape:
         visible: share of its signature that is left when the model's parameters and the settings may imitate it.
         loss: held out, in noise variances; `difference`, `standard_error` from that of the best shape.
         begins: place from which on it is told from zero up to the end, None where there is none.
+        centred: whether it is known up to a constant only, and drawn about its mean.
         spectrum: wave numbers [1/unit of x], amplitudes and their standard deviations, shape (3, lines); empty where
             the variable is a condition.
     """
@@ -206,6 +207,7 @@ class Shape:
     difference: float
     standard_error: float
     begins: float | None
+    centred: bool
     spectrum: np.ndarray
 
 

@@ -203,7 +203,8 @@ def _declare(bases: tuple[type, ...], name: str, family: str, numbers: Mapping[s
     space = {"__annotations__": dict.fromkeys(numbers, Scalar), **numbers, "__module__": __name__, "__doc__": text,
              "__qualname__": name, "id": f"{'free' if 'Free' in name else 'simple'}-{family}", "law": text,
              "reference": "de Boor 1978, A Practical Guide to Splines", **methods}
-    return type(bases[0])(name, bases, space)
+    made: Any = type(bases[0])(name, bases, space)
+    return made
 
 
 def _gather(effect: Any) -> Array:
