@@ -24,6 +24,9 @@ from .terms import Term, evaluate_basis, place_law, smooth, with_plan
 REFINED = 5  # forms that are fitted to the end
 PARTNERS = 3  # of the best, in pairs
 GRID = 24
+# Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
+# determines would else go anywhere when that is left out, and the linear step with it.
+PRIORS = {"x": (0.5, 0.5), "n": (float(np.log(1.5)), 0.4)}
 
 
 @dc.dataclass(frozen=True)
@@ -192,7 +195,8 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
                   if letter in "ab" or letter in g.form.shapes]
     idle = bench.coefficients[: bench.padding(len(names))]
     try:
-        solution = Problem(bench.space, with_plan(bench.records, plan)).solve(
+        priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
+        solution = Problem(bench.space, with_plan(bench.records, plan), priors).solve(
             [*bench.names, *names, *idle], u, bench.z, tolerance=0.1, max_steps=20)
     except ComputationError:
         return None
