@@ -17,6 +17,7 @@ PATIENCE = 3  # pools that may break one after another without a single case don
 RETRIES = 2  # of a case that failed on a cluster's worker
 TIMEOUT = 20  # s, for a scheduler to answer
 FLAG = "--xla_cpu_multi_thread_eigen=false"
+MANY = 4  # cores beyond which workers would crowd each other with threads
 
 
 def count_cores() -> int:
@@ -78,7 +79,8 @@ def _settle() -> None:
     """Make a worker quiet: few threads, no traceback when the user stops the command, no life after its parent."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     flags = os.environ.get("XLA_FLAGS", "")
-    if FLAG not in flags:
+    # With the flag programs are compiled anew: those that other commands left in the cache are without.
+    if count_cores() > MANY and FLAG not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} {FLAG}".strip()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
