@@ -258,6 +258,8 @@ def test_scores_add_up():
     assert marks["heldout_over_noise"] == {"median": 0.25, "q90": 0.25, "largest": 0.25}
     assert marks["seconds"]["median"] == 3.0
     assert marks["processor_seconds"]["largest"] == 4.0 and marks["widths"]["mass"]["width"] == pytest.approx(0.4)
+    told = scoring.score([make_row(0, fault="clipping", reported=[{"kind": "clipped"}]), make_row(1, reported=[])])
+    assert [told["reports_by_fault"][name].count for name in ("clipping", "none")] == [1, 0]
     assert sum(b["seen"].total for b in marks["power"]) == 7 and marks["power"][0]["seen"].count == 0
     assert marks["by_effect"]["a"]["cases"] == 7 and marks["right"]["two"].count == 2
 

@@ -71,6 +71,8 @@ def describe(exam: Exam, rows: Sequence[Row], marks: Mapping[str, Any]) -> list[
         ("outside the catalogue: not seen", marks["outside_unseen"], ""),
         ("95 % intervals that hold the truth", marks["coverage"], "95 %"),
         *((f"right answers of all kinds, fault {name}", share, "") for name, share in marks["right_by_fault"].items()),
+        *((f"a fault of the data reported, fault {name}", share, "")
+          for name, share in marks["reports_by_fault"].items()),
     ]
     header = ("what", "cases", "of", "share", "95 % limits", "95 % upper limit", "aim")
     table = Table(header, [(what, s.count, s.total, *show_share(s), aim) for what, s, aim in shares if s.total])

@@ -130,6 +130,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         "cases": len(rows), "failed": sum(r["verdict"] == "failed" for r in rows),
         "right": {kind: count_share(map(is_right, pick(rows, kind))) for kind in ("nothing", "one", "two", "outside")},
         "right_by_fault": split_share(rows, name_fault, is_right),
+        "reports_by_fault": split_share(rows, name_fault, has_report),
         "false_alarms": count_share(map(is_alarm, nulls)),
         "false_alarms_by_noise": split_share(nulls, name_noise, is_alarm),
         "false_alarms_by_fault": split_share(nulls, name_fault, is_alarm),
@@ -159,6 +160,11 @@ def name_noise(row: Row) -> str:
 def name_fault(row: Row) -> str:
     """The case's fault, or `none`."""
     return row["fault"] or "none"
+
+
+def has_report(row: Row) -> bool:
+    """Whether the result says that the data have a fault."""
+    return bool(row.get("reported"))
 
 
 def split_share(rows: Sequence[Row], name: Callable[[Row], str], flag: Callable[[Row], bool]) -> dict[str, Share]:

@@ -67,6 +67,7 @@ def answer(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
         "heldout_over_noise": predict_elsewhere(exam, case, folder / "discovery"),
         "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
         "records": int(found.settings["records"]),
+        "reported": [{"kind": f.kind, "records": list(f.records), "left_out": f.left_out} for f in found.faults],
     }  # fmt: skip
 
 
