@@ -9,10 +9,11 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from .._numerics import is_known
+from ..effects.free import PLAN
 
 
 def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str) -> dict[str, Array]:
-    """Conditions as scalar arrays.
+    """Conditions as scalar arrays; what a free term is laid out by comes along with them as longer ones.
 
     Args:
         conditions: by name, SI.
@@ -31,11 +32,11 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
             array = jnp.asarray(value, dtype=float)
         except (TypeError, ValueError):
             raise InputError(f"{verb}: {name} must be a number in SI units; got {value!r}") from None
-        if array.ndim:
+        if array.ndim and not name.startswith(PLAN):
             raise InputError(f"{verb}: {name} has shape {array.shape}, and one impact has one value; batch impacts by "
                              "jax.vmap")
-        if is_known(array) and not np.isfinite(array):
-            raise InputError(f"{verb}: {name} is {float(array)}")
+        if is_known(array) and not np.all(np.isfinite(array)):
+            raise InputError(f"{verb}: {name} is {float(np.ravel(array)[np.argmin(np.isfinite(array))])}")
         found[name] = array
     return found
 
