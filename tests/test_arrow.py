@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from ddetumble.inference.arrow import ArrowMarquardt
+from ddetumble.inference.problem import Solution
 
 
 TIME = np.linspace(0.0, 1.0, 30)
@@ -70,3 +71,24 @@ def test_gives_up_after_the_stated_number_of_trials(most):
     found = optx.least_squares(fn, longer, start, has_aux=True, throw=False)
     assert longer.has_converged(found.state)
     np.testing.assert_allclose(found.value[0], 1.0, rtol=1e-5)
+
+
+def make_solution(shared):
+    """A fit of which only the derivatives by its parameters matter; one nuisance, which nothing depends on."""
+    records, rows, count = shared.shape
+    nothing, none = np.zeros((records, rows)), np.zeros((records, 1))
+    return Solution(tuple("abc"[:count]), np.zeros(count), none, np.full(count, 2.0), nothing, shared,
+                    np.zeros((records, rows, 1)), nothing, nothing, nothing, none, np.zeros(count), np.zeros(count), 0.0,
+                    True, 1, ())
+
+
+def test_what_nothing_fixes_has_no_small_variance():
+    """Two parameters with the same derivative: their sum is known as least squares has it, neither of them is."""
+    column = np.random.default_rng(0).normal(size=(3, 20, 1))
+    known = make_solution(column).covariance()
+    assert known[0, 0] == pytest.approx(4.0 / np.sum(column**2))
+    twice = make_solution(np.concatenate([column, column], axis=2)).covariance()
+    assert np.array([1.0, 1.0]) @ twice @ np.array([1.0, 1.0]) == pytest.approx(known[0, 0], rel=1e-2)
+    assert np.all(np.diag(twice) > 1e8 * known[0, 0])
+    silent = make_solution(np.concatenate([column, 0.0 * column], axis=2)).covariance()
+    assert silent[0, 0] == pytest.approx(known[0, 0]) and silent[1, 1] > 1e8 * known[0, 0]

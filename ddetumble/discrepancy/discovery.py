@@ -18,7 +18,7 @@ from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
 from .records import Discovery, MissingForce, Place
 from .search import MOST, SURE, Grown, Tried, free_shapes, grow, merit, prune, try_effects
-from .steps import describe_noise, describe_step, noise_over_signal
+from .steps import describe_noise, describe_step, list_loose, noise_over_signal
 from .wording import explain, mention_faults
 from .workbench import Fitted, Workbench
 
@@ -167,4 +167,8 @@ def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdi
         sentence += f" {summarise_missing(missing)}"
     elif missing:
         notes = (*notes, missing)
+    loose = list_loose(workbench, grown[-1].fitted.solution)
+    if loose:
+        notes = (*notes, f"These records do not fix {' and '.join(loose)}: other values fit as well, and the intervals "
+                         "say so. Hold one of them at a known value, or measure at conditions that tell them apart.")
     return dc.replace(found, sentence=sentence, notes=(*workbench.warnings, *notes))

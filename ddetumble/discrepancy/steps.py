@@ -6,11 +6,22 @@ from typing import Any
 
 import numpy as np
 
+from ..inference.identifiability import limit_knowledge
 from ..inference.problem import Solution
 from .records import Estimate, Step
 from .search import Grown
 from .traces import make_traces, noise_nrmse, nrmse
 from .workbench import Fitted, Workbench
+
+
+WIDEST = 10.0  # standard deviations that are told, in those beyond which nothing is known
+
+
+def list_loose(workbench: Workbench, solution: Solution) -> tuple[str, ...]:
+    """Names of free parameters that the records do not fix."""
+    sd = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0))
+    return tuple(name for name, width in zip(solution.names, sd, strict=True)
+                 if width > limit_knowledge(workbench.space, name))
 
 
 def public_estimates(workbench: Workbench, solution: Solution, owners: Sequence[str | None] | None = None
@@ -22,7 +33,8 @@ def public_estimates(workbench: Workbench, solution: Solution, owners: Sequence[
         slot = workbench.space.slots[workbench.space.index[name]]
         if owners is not None and slot.owner not in owners:
             continue
-        sd = float(np.sqrt(max(covariance[k, k], 0.0)))
+        widest = WIDEST * limit_knowledge(workbench.space, name)
+        sd = min(float(np.sqrt(max(covariance[k, k], 0.0))), widest)
         values = workbench.space.public(name, float(solution.u[workbench.space.index[name]]), sd)
         found[name] = Estimate(**values, text=slot.parameter.text)
     return found

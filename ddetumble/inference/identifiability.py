@@ -77,7 +77,7 @@ def analyse_columns(space: ParameterSpace, names: Sequence[str], columns: np.nda
         scales: of the free coordinates, shape (free,).
     """
     count = len(names)
-    vast = np.array([_vast(space, name) for name in names])
+    vast = np.array([limit_knowledge(space, name) for name in names])
     norms = np.linalg.norm(columns, axis=0)
     silent = norms * vast < scales
     safe = np.maximum(norms, 1e-6 * scales / vast)
@@ -138,7 +138,8 @@ def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray
     return tuple(found)
 
 
-def _vast(space: ParameterSpace, name: str) -> float:
+def limit_knowledge(space: ParameterSpace, name: str) -> float:
+    """Standard deviation of a coordinate beyond which nothing is known about the parameter."""
     p = space.slots[space.index[name]].parameter
     return VAST.get(p.coordinate, VAST_LINEAR * p.typical)
 

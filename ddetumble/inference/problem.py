@@ -24,6 +24,7 @@ from .stack import DRIFT, ZERO, Records, Stack
 
 WORKERS = 2
 FAILED = 1e4
+FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
 LARGE = 60_000  # samples of all records together beyond which free-running ones are computed one after the other
 
 
@@ -239,11 +240,14 @@ class Solution:
         return profile_own(shared, rows, np.concatenate([self.residual, self.z], axis=1))
 
     def covariance(self) -> np.ndarray:
-        """Covariance of the free coordinates, shape (free, free)."""
+        """Covariance of the free coordinates, shape (free, free); vast and finite along what nothing fixes."""
         columns, _ = self.projected()
-        flat = columns.reshape(-1, columns.shape[2])
-        information = flat.T @ flat + np.diag(self.prior_weight**2)
-        return np.linalg.pinv(information, rcond=1e-13) * np.outer(self.scales, self.scales)
+        flat = np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(self.prior_weight)])
+        norms = np.maximum(np.linalg.norm(flat, axis=0), FAINT)
+        # A pseudo-inverse would give no variance at all to what the records do not determine.
+        _, s, rows = np.linalg.svd(flat / norms, full_matrices=False)
+        spread = rows.T / np.maximum(s, FAINT) * (self.scales / norms)[:, None]
+        return spread @ spread.T
 
 
 class Problem:
