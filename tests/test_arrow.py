@@ -78,8 +78,8 @@ def make_solution(shared):
     records, rows, count = shared.shape
     nothing, none = np.zeros((records, rows)), np.zeros((records, 1))
     return Solution(tuple("abc"[:count]), np.zeros(count), none, np.full(count, 2.0), nothing, shared,
-                    np.zeros((records, rows, 1)), nothing, nothing, nothing, none, np.zeros(count), np.zeros(count), 0.0,
-                    True, 1, ())
+                    np.zeros((records, rows, 1)), nothing, nothing, nothing, none, np.zeros(count), np.zeros(count),
+                    0.0, True, 1, ())
 
 
 def test_what_nothing_fixes_has_no_small_variance():
