@@ -60,7 +60,8 @@ _HOMES = {
     "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
     "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
     "weigh": "sampling.weighing",
-    "predict": "discrepancy.prediction", "write_report": "report", "describe": "report",
+    "predict": "discrepancy.prediction", "design": "planning.nexttest", "map_effects": "planning.visibility",
+    "write_report": "report", "describe": "report",
     "Exam": "exam.drawing", "examine": "exam.examination", "write_scorecard": "exam.scorecard",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
 }
@@ -135,6 +136,8 @@ if TYPE_CHECKING:
     from .measurement.package import read_campaign as read_campaign
     from .measurement.package import write_campaign as write_campaign
     from .paper import write_paper as write_paper
+    from .planning.nexttest import design as design
+    from .planning.visibility import map_effects as map_effects
     from .report import describe as describe
     from .report import write_report as write_report
     from .sampling.curves import pose_curve as pose_curve

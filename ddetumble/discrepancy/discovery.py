@@ -146,6 +146,12 @@ def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[st
     return "improved", where, grown, final.fitted
 
 
+def _list_rivals(grown: list[Grown]) -> list[Fitted]:
+    """Fits that the last step could not tell from the best one."""
+    last = grown[-1]
+    return [] if last.tried is None else [last.tried.refined[e] for e, _, _ in last.alternatives]
+
+
 def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdict: str, where: list[Place],
               missing: MissingForce | str | None, began: float) -> Discovery:
     """Everything as plain records."""
@@ -160,7 +166,7 @@ def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdi
             "level": LEVEL, "records": workbench.records.count, "samples": int(workbench.records.lengths.sum()),
             "conditions": int(workbench.groups.max()) + 1, "seconds": round(time.perf_counter() - began, 2)},
         missing=missing if isinstance(missing, MissingForce) else None,
-        model_state={"workbench": workbench, "solution": grown[-1].fitted.solution},
+        model_state={"workbench": workbench, "solution": grown[-1].fitted.solution, "rivals": _list_rivals(grown)},
     )
     sentence, notes = explain(found, workbench.left_out, workbench.family)
     if isinstance(missing, MissingForce):

@@ -216,15 +216,10 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     last = time.max(axis=1)
     span = np.where(last > 0, last, 1e-3) * 1.005
     slots = max(-(-len(saved.free) // DIRECTIONS), 1) * DIRECTIONS
-    sds = np.sqrt(np.maximum(np.diag(saved.covariance), 0.0))
     directions = np.zeros((slots, len(saved.space)))
-    # Principal directions of the covariance: the variance is the sum of the squares of the columns.
-    whole = sds > 0
-    correlation = saved.covariance[np.ix_(whole, whole)] / np.outer(sds[whole], sds[whole])
-    values, vectors = np.linalg.eigh(correlation)
-    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sds[whole]
-    if len(root):
-        directions[:len(root)] = root @ saved.directions[whole]
+    # The variance is the sum of the squares of the columns.
+    spread = saved.spread()
+    directions[:len(spread)] = spread
     base = jnp.asarray(np.broadcast_to(saved.u, (rows, len(saved.u))))
     limits = [jnp.asarray(b) for b in saved.space.bounds()]
     conditions = {n: jnp.asarray(v) for n, v in padded.items()}

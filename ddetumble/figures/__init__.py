@@ -5,6 +5,7 @@ from .estimates import draw_parameters
 from .fit import draw_fit, draw_peaks
 from .ledger import draw_ledger
 from .missing import draw_missing_rivals, draw_missing_shape
+from .planning import draw_map, draw_next_test
 from .posterior import draw_corner, draw_ranks, draw_traces
 from .power import draw_power
 from .predictive import draw_left_out, draw_predictive
@@ -19,9 +20,11 @@ __all__ = [
     "draw_fit",
     "draw_ledger",
     "draw_left_out",
+    "draw_map",
     "draw_missing_force",
     "draw_missing_rivals",
     "draw_missing_shape",
+    "draw_next_test",
     "draw_parameters",
     "draw_peaks",
     "draw_power",

@@ -61,6 +61,15 @@ class ConditionEntry(_Strict):
     relative: float | None = None
 
 
+class SamplingEntry(_Strict):
+    """A typical record: samples, first and last of the independent variable, largest size of every channel, SI."""
+
+    samples: int = pydantic.Field(gt=0)
+    first: float
+    last: float
+    largest: dict[str, float]
+
+
 class EffectEntry(_Strict):
     """One effect of the model; `source` is `FILE.py:NAME` from the folder on, null for one of the catalogue."""
 
@@ -86,6 +95,7 @@ class ModelFile(_Strict):
     channels: dict[str, ChannelEntry]
     conditions: dict[str, ConditionEntry]
     time_sd: float = pydantic.Field(ge=0)
+    sampling: SamplingEntry | None = None
     records: int
     chi2: float
     versions: dict[str, str]
@@ -124,6 +134,7 @@ class SavedModel:
         versions: of the packages it was fitted with.
         extra: what else the writer put there.
         notes: sentences on what has changed since it was written.
+        sampling: of a typical record; None in files of earlier versions.
     """
 
     folder: Path
@@ -146,6 +157,7 @@ class SavedModel:
     versions: Mapping[str, str]
     extra: Mapping[str, Any]
     notes: tuple[str, ...] = ()
+    sampling: SamplingEntry | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -157,6 +169,15 @@ class SavedModel:
         """Rows of the identity that belong to `free`: `u + x @ directions` moves them, shape (free, parameters)."""
         columns = [self.space.index[name] for name in self.free]
         return np.eye(len(self.space))[columns].reshape(len(columns), len(self.space))
+
+    def spread(self) -> np.ndarray:
+        """Principal directions of the covariance, one standard deviation long, shape (free or fewer, parameters)."""
+        sds = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        whole = sds > 0
+        correlation = self.covariance[np.ix_(whole, whole)] / np.outer(sds[whole], sds[whole])
+        values, vectors = np.linalg.eigh(correlation)
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sds[whole]
+        return root @ self.directions[whole]
 
     def law(self) -> Any:
         """The fitted law."""
@@ -214,6 +235,7 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
                      for name, level in noise.items()},
         "conditions": {name: _describe_condition(campaign, name) for name in campaign.conditions},
         "time_sd": 0.0 if spread is None else float(spread.sd(np.ones(1))[0]),
+        "sampling": _describe_sampling(campaign),
         "records": len(campaign.records), "chi2": float(solution.chi2), "versions": list_versions(),
         "extra": dict(extra or {}),
     })  # fmt: skip
@@ -261,7 +283,7 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
         {name: Uncertainty(entry.absolute, entry.relative) for name, entry in content.conditions.items()
          if entry.absolute is not None or entry.relative is not None},
         content.time_sd, {name: (entry.low, entry.high) for name, entry in content.conditions.items()},
-        content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)))
+        content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)), content.sampling)
 
 
 def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect]) -> bool:
@@ -298,6 +320,15 @@ def _describe_condition(campaign: Campaign, name: str) -> dict[str, Any]:
     spread = column.uncertainty or Uncertainty()
     return {"unit": column.unit, "low": float(np.nanmin(values)), "high": float(np.nanmax(values)),
             "absolute": spread.absolute, "relative": spread.relative}
+
+
+def _describe_sampling(campaign: Campaign) -> dict[str, Any] | None:
+    if campaign.samples is None or campaign.independent is None:
+        return None
+    grouped = campaign.samples.groupby("record", sort=False)[campaign.independent.name]
+    return {"samples": int(grouped.size().median()), "first": float(grouped.min().median()),
+            "last": float(grouped.max().median()),
+            "largest": {name: float(np.nanmax(np.abs(campaign.samples[name]))) for name in campaign.channels}}
 
 
 def _describe_effect(effect: type[AbstractEffect], folder: Path) -> dict[str, Any]:

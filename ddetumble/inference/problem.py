@@ -63,7 +63,7 @@ def _whitened(weights: Array, taps: Array, x: Array) -> Array:
     return y * weights[..., None]
 
 
-def _record(space, names, channels, theta, z, row, base, directions, low, high):
+def observe_record(space, names, channels, theta, z, row, base, directions, low, high):
     """Channels of one record, shape (channels, samples), and what else the simulation says.
 
     A parameter that leaves its limits stays at them, and the fit goes on with the others. Where a trial is not finite,
@@ -103,7 +103,7 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
 
     def one(z_row, row, base_row):
         def f(a, b):
-            return _record(space, names, channels, a, b, row, base_row, directions, low, high)
+            return observe_record(space, names, channels, a, b, row, base_row, directions, low, high)
 
         unit = jnp.eye(count + own)
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
@@ -152,7 +152,7 @@ def simulate_records(space, names, channels, z, stack: Stack, base, low, high) -
     axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
     none, still = jnp.zeros(0), jnp.zeros((0, base.shape[1]))
     model, (*_, failed) = jax.vmap(
-        lambda own, row, start: _record(space, names, channels, none, own, row, start, still, low, high),
+        lambda own, row, start: observe_record(space, names, channels, none, own, row, start, still, low, high),
         in_axes=(0, axes, 0))(z, stack, base)
     failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
     residual = _weigh(stack, failed, (model - stack.values)[..., None])[..., 0]

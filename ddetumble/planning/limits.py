@@ -1,0 +1,169 @@
+"""Within which limits a test may be chosen, and which channels could be added: defaults, and what options say."""
+
+import dataclasses as dc
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+from .._errors import InputError
+from ..contact.friction import DIVERGES_ABOVE
+from ..contact.sliding import RubberFriction
+from ..inference.archive import SavedModel
+from ..inference.families import ATTITUDES
+from ..measurement.headings import expand_role, read_pairs
+from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
+
+
+CHOSEN = {
+    "impact": ("initial_pressure", "approach_speed"),
+    "oblique": ("initial_pressure", "approach_speed", "tangential_speed"),
+    "slip": ("normal_load", "internal_pressure", "slip_speed"),
+    "tumble": ("angular_velocity_x0", "angular_velocity_y0", "angular_velocity_z0"),
+}  # fmt: skip
+NARROW, WIDE = 2.0, 1.25  # by which limits reach beyond a condition that was held still, and beyond one that was not
+STILL = 1.2  # ratio of highest to lowest below which a condition counts as held still
+EXTRA = {
+    "impact": {"depression": "0.02 mm", "pressure": "2 kPa"},
+    "oblique": {"slip": "0.02 mm", "depression": "0.02 mm", "pressure": "2 kPa"},
+    "slip": {},
+    "tumble": {"attitude": "0.001"},
+}  # fmt: skip
+
+
+@dc.dataclass(frozen=True)
+class Limit:
+    """Range of one condition of the next test, SI; `low` equals `high` where it is held still.
+
+    `logarithmic` says in which measure it is searched and drawn.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the condition is positive, so that ratios count."""
+        return self.low > 0
+
+    @property
+    def free(self) -> bool:
+        """Whether there is anything to choose."""
+        return self.high > self.low
+
+
+@dc.dataclass(frozen=True)
+class Extra:
+    """A channel that could be added: its name, the channels it stands for, standard deviation and unit, SI.
+
+    `assumed` says that the noise is ours, not the user's.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    sd: float
+    unit: str
+    assumed: bool
+
+
+def set_limits(saved: SavedModel, entries: Mapping[str, str] | Sequence[str] | None = None) -> tuple[Limit, ...]:
+    """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say.
+
+    Args:
+        saved: a fitted model, with the range of every condition in its campaign.
+        entries: `NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still.
+
+    Raises:
+        InputError: no such condition, a wrong unit, limits that are none.
+    """
+    known, chosen = dict(saved.ranges), CHOSEN[saved.family]
+    if saved.family == "tumble":
+        sampling = saved.sampling
+        assert sampling is not None
+        fastest = max(x for name, x in sampling.largest.items() if name.startswith("angular_velocity"))
+        known |= dict.fromkeys(chosen, (-fastest, fastest))
+    given = {expand_role(k, "impact" if saved.family == "oblique" else saved.family): v
+             for k, v in read_pairs("limit", entries).items()}
+    strange = [name for name in given if name not in known]
+    if strange:
+        raise InputError(f"--limit: there is no condition {strange[0]!r}; this campaign has "
+                         + (", ".join(known) or "none"))
+    found = []
+    for name, (low, high) in known.items():
+        unit = saved.units.get(name) or si_unit(name)
+        if name in given:
+            low, high = _read_range(name, given[name])
+        elif name == "sequence":
+            low = high = high + 1.0
+        elif name in chosen:
+            low, high = _extend(saved, name, low, high)
+        else:
+            low = high = math.sqrt(low * high) if low > 0 else 0.5 * (low + high)
+        found.append(Limit(name, unit, low, high))
+    return tuple(found)
+
+
+def _extend(saved: SavedModel, name: str, low: float, high: float) -> tuple[float, float]:
+    """A campaign's range with what a next test can reach beyond it."""
+    if saved.family == "tumble":
+        return low, high
+    if low <= 0:
+        return max(low, 0.0), WIDE * high
+    factor = NARROW if high < STILL * low else WIDE
+    low, high = low / factor, high * factor
+    if name == "normal_load" and isinstance(saved.space.reference, RubberFriction):
+        high = max(min(high, DIVERGES_ABOVE), saved.ranges[name][1])  # beyond, Eq. 10 breaks down
+    return low, high
+
+
+def _read_range(name: str, text: str) -> tuple[float, float]:
+    """`0.2..2 m/s`, or one value with its unit, in SI."""
+    match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", text, re.ASCII | re.DOTALL)
+    if match is None:
+        raise InputError(f"--limit {name} is given as LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {text!r}")
+    if not match[3] and si_unit(name) != "1":
+        raise InputError(f"--limit {name} needs a unit: write it like '{text.strip()} {si_unit(name)}'")
+    unit = check_unit(match[3] or "1", name)
+    low, high = (float(unit.convert(float(x))) for x in (match[1], match[2] or match[1]))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise InputError(f"--limit {name} is not finite: {text!r}")
+    if high < low:
+        raise InputError(f"--limit {name} begins above its end: {text!r}; write the lower value first")
+    signed = name.startswith("angular_velocity")
+    if not signed and (low < 0 or (low == 0 and name in ("approach_speed", "normal_load", "slip_speed"))):
+        raise InputError(f"--limit {name} has to be positive: {text!r}")
+    return low, high
+
+
+def list_extras(saved: SavedModel, entries: Sequence[str] | Mapping[str, str] | None = None) -> tuple[Extra, ...]:
+    """Channels that could be added: those of the options (`NAME: NOISE UNIT`), or with none the usual ones.
+
+    Raises:
+        InputError: the family has no such channel, the campaign measures it already, its noise makes no sense.
+    """
+    measured = saved.channels
+    offered = EXTRA[saved.family]
+    if entries is None:
+        return tuple(_make_extra(saved, name, noise, True) for name, noise in offered.items()
+                     if not any(channel.startswith(name) for channel in measured))
+    texts = entries if isinstance(entries, Mapping) else [re.sub(r"^(\s*\w+\s*):", r"\1=", e) for e in entries]
+    found = []
+    for name, noise in read_pairs("channel", texts).items():
+        if name not in offered:
+            there = f"it may be {', '.join(offered)}" if offered else "records of this family have no further one"
+            raise InputError(f"--channel: {name!r} is no channel that could be added; {there}")
+        if any(channel.startswith(name) for channel in measured):
+            raise InputError(f"--channel: the campaign measures {name!r} already")
+        found.append(_make_extra(saved, name, noise, False))
+    return tuple(found)
+
+
+def _make_extra(saved: SavedModel, name: str, noise: str, assumed: bool) -> Extra:
+    """One channel with its noise."""
+    unit = check_unit(si_unit(name), name)
+    uncertainty = parse_uncertainty(noise, unit, name)
+    if uncertainty.absolute is None:
+        raise InputError(f"--channel {name}: the noise has to be absolute, such as {EXTRA[saved.family][name]!r}")
+    channels = ATTITUDES[:4] if name == "attitude" else (name,)
+    return Extra(name, channels, uncertainty.absolute, unit.si, assumed)

@@ -1,0 +1,176 @@
+"""Does the proposed test tell rivals apart? Confounded campaigns, one proposed test, one drawn at random.
+
+    python docs/next_test.py -o fits/next-test [--cases 8] [--seed 0]
+
+Campaigns with one hidden effect and settings so close together that rivals remain are drawn by the independent
+simulator and judged by `discover`. Where at least two models are left with the truth among them, `design` proposes a
+test; the simulator makes it, and in its place a test drawn at random within the same limits (as many records). Each is
+added to the campaign, and `discover` judges again: the set is split where the truth alone is left of it.
+Writes `result.json` and `README.md`.
+"""
+
+import argparse
+import copy
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from ddetumble.discrepancy.discovery import discover  # noqa: E402
+from ddetumble.planning.limits import Limit  # noqa: E402
+from ddetumble.planning.nexttest import design  # noqa: E402
+from tests.independent.campaigns import make_campaign, write_campaign_folder  # noqa: E402
+from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder  # noqa: E402
+
+
+HIDDEN = (
+    ("impact", "gas-leak", {"lambda": 5.0}), ("impact", "ambient-pressure", {"p_a": 1.0e5}),
+    ("impact", "polytropic-gas", {"n": 1.8}), ("impact", "membrane-area", {"alpha": 0.25}),
+    ("slip", "adhesive-offset", {"f_a": 0.4}), ("slip", "load-exponent", {"m": 0.08}),
+    ("slip", "viscous-friction", {"c_t": 2.0}), ("impact", "inflation-growth", {"beta": 2.0}),
+)  # fmt: skip
+BASE = {
+    "impact": {"effective_mass": 1.4, "restitution": 0.75},
+    "slip": {"adhesion_constant": 0.9, "loss_factor": 0.16, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
+             "slip_scale": 1.0},
+}  # fmt: skip
+MOST = 3  # records of a test
+
+
+def make_case(family: str, effects: dict, seed: int, name: str, settings: tuple | None = None, count: int = 2) -> dict:
+    """A campaign with settings close together, or `count` records at one setting."""
+    if family == "impact":
+        pressures, speeds = ([1.0e6, 1.1e6], [0.38, 0.42]) if settings is None else ([settings[0]] * 2, [settings[1]])
+        return make_campaign(name, seed, effects, BASE[family], pressures, speeds, count, interval=5e-4,
+                             noise={"normal_force": 0.5}, length=1.45 if settings is None else 1.6)
+    loads, pressures, speeds = ([18.0, 20.0], [1.0e6, 1.1e6], [0.1]) if settings is None else ([x] for x in settings)
+    return make_slip_campaign(name, seed, effects, BASE[family], loads, pressures, speeds, count, noise=0.08)
+
+
+def write_case(case: dict, family: str, folder: Path) -> Path:
+    """Write a campaign of either family."""
+    (write_campaign_folder if family == "impact" else write_slip_folder)(folder, case)
+    return folder
+
+
+def extend_case(case: dict, more: dict, count: int) -> dict:
+    """The campaign with the first `count` records of another one after its own."""
+    whole = copy.deepcopy(case)
+    number = len(case["records"])
+    for k in range(count):
+        row = copy.deepcopy(more["records"][k])
+        row["record"] = f"r{number + k + 1:02d}"
+        row["true"]["sequence"] = row["written"]["sequence"] = number + k + 1
+        whole["records"].append(row)
+        if "samples" in more:
+            whole["samples"].append({**more["samples"][k], "record": row["record"]})
+    return whole
+
+
+def draw_conditions(limits: tuple[Limit, ...], generator: np.random.Generator) -> dict[str, float]:
+    """Conditions at random within the limits: even in the logarithm where they are positive."""
+    found = {}
+    for limit in limits:
+        share = generator.uniform()
+        found[limit.name] = (limit.low * (limit.high / limit.low) ** share if limit.logarithmic
+                             else limit.low + share * (limit.high - limit.low))
+    return found
+
+
+def confuse(found) -> list[str]:
+    """Single effects that a discovery leaves as explanations."""
+    return sorted({*found.effects, *(a["effect"] for s in found.steps for a in s.alternatives)})
+
+
+def judge_case(number: int, seed: int, folder: Path) -> dict:
+    """One case; without tests where nothing is confounded or the truth is not among the rivals."""
+    family, name, values = HIDDEN[number % len(HIDDEN)]
+    effects = {name: values}
+    case = make_case(family, effects, 100 * seed + number, f"case-{number:02d}")
+    first = discover(write_case(case, family, folder / "campaign"))
+    rivals = confuse(first)
+    row: dict[str, Any] = {"case": number, "family": family, "hidden": effects, "verdict": first.verdict,
+                           "rivals": rivals}
+    if len(first.effects) != 1 or len(rivals) < 2 or name not in rivals:
+        return row
+    first.save(folder / "discovery")
+    found = design(folder / "discovery", channels=())
+    best = found.proposals[0]
+    row |= {"sentence": found.sentence, "distance": [p.distance for p in best.pairs], "repeats": best.repeats,
+            "limits": {x.name: [x.low, x.high] for x in found.limits if x.free}}
+    count = min(best.repeats or 1, MOST)
+    generator = np.random.default_rng([seed, number])
+    names = ("initial_pressure", "approach_speed") if family == "impact" else (
+        "normal_load", "internal_pressure", "slip_speed")  # fmt: skip
+    for kind, conditions in (("proposed", best.conditions), ("random", draw_conditions(found.limits, generator))):
+        settings = tuple(float(conditions[n]) for n in names)
+        more = make_case(family, effects, 100 * seed + number + (50 if kind == "random" else 70), "more", settings,
+                         count if family == "slip" else (count + 1) // 2)
+        again = discover(write_case(extend_case(case, more, count), family, folder / kind))
+        left = sorted(set(confuse(again)) & set(rivals))
+        row[kind] = {"conditions": dict(zip(names, settings, strict=True)), "records": count, "verdict": again.verdict,
+                     "effects": list(again.effects), "left": left, "split": left == [name]}
+    return row
+
+
+def summarise(rows: list[dict], tried: int, seconds: float) -> str:
+    """The README of the study."""
+    done = [r for r in rows if "proposed" in r]
+    count = {kind: sum(r[kind]["split"] for r in done) for kind in ("proposed", "random")}
+    lines = [
+        "# The next test",
+        "",
+        f"`python docs/next_test.py -o fits/next-test` drew {tried} campaigns with one hidden effect and settings "
+        f"close together; in {len(done)} of them `discover` could not tell the truth from its rivals. One test that "
+        f"`ddetumble design` proposed left the truth alone in {count['proposed']} of {len(done)}, one drawn at random "
+        f"within the same limits in {count['random']} of {len(done)}.",
+        "",
+        "| hidden | rivals before | proposed | left | at random | left |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for r in done:
+        cells = [next(iter(r["hidden"])), ", ".join(r["rivals"])]
+        for kind in ("proposed", "random"):
+            at = ", ".join(f"{n} {v:.3g}" for n, v in r[kind]["conditions"].items())
+            cells += [f"{at} ({r[kind]['records']} records)", ", ".join(r[kind]["left"]) or "none"]
+        lines.append("| " + " | ".join(cells) + " |")
+    others = [r for r in rows if "proposed" not in r]
+    lines += ["", "Not counted, as nothing was confounded or the truth was not found: "
+              + "; ".join(f"{next(iter(r['hidden']))} ({r['verdict']}: {', '.join(r['rivals']) or 'none'})"
+                          for r in others) + "." if others else "", "",
+              f"Conditions in SI units. {seconds:.0f} s.", ""]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--cases", type=int, default=8, help="campaigns to draw")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    rows, began = [], time.perf_counter()
+    for number in range(options.cases):
+        with tempfile.TemporaryDirectory() as folder:
+            row = judge_case(number, options.seed, Path(folder))
+        rows.append(row)
+        print(number, row["hidden"], row["rivals"], {k: row[k]["left"] for k in ("proposed", "random") if k in row},
+              f"{time.perf_counter() - began:.0f} s", flush=True)
+        for file, text in (("result.json", json.dumps(rows, indent=1) + "\n"),
+                           ("README.md", summarise(rows, number + 1, time.perf_counter() - began))):
+            draft = options.output / f"{file}.part"
+            draft.write_text(text, encoding="utf-8")
+            os.replace(draft, options.output / file)
+
+
+if __name__ == "__main__":
+    main()
