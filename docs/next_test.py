@@ -1,6 +1,6 @@
 """Does the proposed test tell rivals apart? Confounded campaigns, one proposed test, one drawn at random.
 
-    python docs/next_test.py -o fits/next-test [--cases 8] [--seed 0]
+    python docs/next_test.py -o fits/next-test [--cases 5] [--seed 0]
 
 Campaigns with one hidden effect and settings so close together that rivals remain are drawn by the independent
 simulator and judged by `discover`. Where at least two models are left with the truth among them, `design` proposes a
@@ -25,10 +25,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from ddetumble.discrepancy.discovery import discover  # noqa: E402
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder  # noqa: E402
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder  # noqa: E402
 from ddetumble.planning.limits import Limit  # noqa: E402
 from ddetumble.planning.nexttest import design  # noqa: E402
-from tests.independent.campaigns import make_campaign, write_campaign_folder  # noqa: E402
-from tests.independent.slip_campaigns import make_slip_campaign, write_slip_folder  # noqa: E402
 
 
 HIDDEN = (
@@ -128,9 +128,10 @@ def summarise(rows: list[dict], tried: int, seconds: float) -> str:
     lines = [
         "# The next test",
         "",
-        f"`python docs/next_test.py -o fits/next-test` drew {tried} campaigns with one hidden effect and settings "
-        f"close together; in {len(done)} of them `discover` could not tell the truth from its rivals. One test that "
-        f"`ddetumble design` proposed left the truth alone in {count['proposed']} of {len(done)}, one drawn at random "
+        f"`python docs/next_test.py -o fits/next-test --cases {tried}` drew {tried} campaigns with one hidden effect "
+        f"and settings close together; in {len(done)} of them `discover` could not tell the truth from its rivals. One "
+        f"test (with its repeats) that `ddetumble design` proposed left the truth alone in {count['proposed']} of "
+        f"{len(done)}, one drawn at random "
         f"within the same limits in {count['random']} of {len(done)}.",
         "",
         "| hidden | rivals before | proposed | left | at random | left |",
@@ -140,7 +141,8 @@ def summarise(rows: list[dict], tried: int, seconds: float) -> str:
         cells = [next(iter(r["hidden"])), ", ".join(r["rivals"])]
         for kind in ("proposed", "random"):
             at = ", ".join(f"{n} {v:.3g}" for n, v in r[kind]["conditions"].items())
-            cells += [f"{at} ({r[kind]['records']} records)", ", ".join(r[kind]["left"]) or "none"]
+            some = f"{r[kind]['records']} record{'s' if r[kind]['records'] > 1 else ''}"
+            cells += [f"{at} ({some})", ", ".join(r[kind]["left"]) or "none"]
         lines.append("| " + " | ".join(cells) + " |")
     others = [r for r in rows if "proposed" not in r]
     lines += ["", "Not counted, as nothing was confounded or the truth was not found: "
@@ -154,7 +156,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--cases", type=int, default=8, help="campaigns to draw")
+    parser.add_argument("--cases", type=int, default=5, help="campaigns to draw")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from .preview import Columns, Layout, Test, compute_columns, count_rows
 from .separation import balance
 
 
-SETTLED = 1e-4  # relative fall of the squared distance below which a refit has ended
+SETTLED = 1e-8  # relative fall of the squared distance below which a refit has ended; its gradient errs by the root
 
 
 @dc.dataclass(frozen=True)
