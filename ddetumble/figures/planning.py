@@ -36,6 +36,10 @@ def draw_next_test(found: Design):
         for colour, (rival, curve) in zip(COLOURS, best.curves.items(), strict=False):
             top.plot(best.time * across.scale, curve[c] * shown.scale, color=colour, lw=1.6, label=clean(rival, 40))
         top.set_ylabel(shown.label)
+        if found.family in ("impact", "oblique"):  # what follows the contact says nothing
+            touched = np.any([np.abs(curve[0]) > 1e-6 * np.abs(curve[0]).max() for curve in best.curves.values()], axis=0)
+            last = 1.15 * best.time[touched].max(initial=best.time[0])
+            top.set_xlim(best.time[0] * across.scale, max(last, 0.1 * best.time[-1]) * across.scale)
         if len(found.rivals) > 1:
             below = dress(grid[1, column])
             first = best.curves[found.rivals[0]][c]
@@ -47,8 +51,7 @@ def draw_next_test(found: Design):
         grid[-1, column].set_xlabel(across.label)
     handles = [Line2D([], [], color=colour, lw=1.6) for colour, _ in zip(COLOURS, found.rivals, strict=False)]
     head_figure(figure, handles, [clean(rival, 40) for rival in found.rivals])
-    figure.suptitle(clean(f"The next test: {describe_test(best, found.limits)}", 150), x=0.01, ha="left", fontsize=9.5,
-                    color=INK)
+    grid[0, 0].set_title(clean(f"The next test: {describe_test(best, found.limits)}", 150))
     return figure
 
 
