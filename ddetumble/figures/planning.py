@@ -37,7 +37,8 @@ def draw_next_test(found: Design):
             top.plot(best.time * across.scale, curve[c] * shown.scale, color=colour, lw=1.6, label=clean(rival, 40))
         top.set_ylabel(shown.label)
         if found.family in ("impact", "oblique"):  # what follows the contact says nothing
-            touched = np.any([np.abs(curve[0]) > 1e-6 * np.abs(curve[0]).max() for curve in best.curves.values()], axis=0)
+            forces = [np.abs(curve[0]) for curve in best.curves.values()]
+            touched = np.any([force > 1e-6 * force.max() for force in forces], axis=0)
             last = 1.15 * best.time[touched].max(initial=best.time[0])
             top.set_xlim(best.time[0] * across.scale, max(last, 0.1 * best.time[-1]) * across.scale)
         if len(found.rivals) > 1:
