@@ -1,0 +1,321 @@
+"""A ball on an arm against tumbling debris: the bench as its limit, closed forms, balances, a second simulator."""
+
+import dataclasses as dc
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from ddetumble import Ball, Box, CoulombFriction, Cylinder, InputError, Mesh, Sphere, Striker, strike
+from ddetumble.dynamics.bodies import HollowCylinder
+from ddetumble.dynamics.collision import collide, predict_collision, reduce_mass, weigh_ledger
+from ddetumble.dynamics.surfaces import CylinderSurface, Debris, make_debris
+from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
+from ddetumble.effects.rig import ArmServo
+from ddetumble.effects.slip import FrictionalHeating, Stribeck
+from ddetumble.effects.wall import ViscoelasticWall, WallStiffness
+
+
+CYLINDER = make_debris(Cylinder())
+HEAVY = Debris(1e30, 1e30 * np.eye(3), CylinderSurface(1.0, 3.0))
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+REST = np.zeros(3)
+
+
+def build(mass=8.0, across=8.0, rolling=1e9, friction=0.2, restitution=0.7, **effects):
+    """A law with a few effects of every kind, at their null unless told otherwise."""
+    given = {"k_s": 0.0, "k_w": 0.0, "k_v": 0.0, "share": 0.0, "A": 0.0, "kappa": 0.0} | effects
+    law = Striker(Ball(effective_mass=mass, restitution=restitution), CoulombFriction(friction), tangential_mass=across,
+                  rolling_mass=rolling)
+    return law.extend((ArmServo(given["k_s"]), WallStiffness(given["k_w"]), ViscoelasticWall(given["k_v"], 5e-3),
+                       OffCentreReaction(given["share"]), Stribeck(given["A"], 0.1),
+                       FrictionalHeating(given["kappa"])))
+
+
+def run(law, debris, omega, point, velocity, pressure=1.5e6, attitude=LEVEL, **options):
+    """One collision; numbers in, arrays out."""
+    return collide(law, debris, np.asarray(attitude, float), np.asarray(omega, float), np.asarray(point, float),
+                   np.asarray(velocity, float), {"initial_pressure": pressure}, **options)
+
+
+@pytest.mark.parametrize("effects", [{}, {"k_w": 900.0, "k_v": 800.0, "share": 0.1, "A": 0.4, "kappa": 3.0}])
+def test_a_plate_of_infinite_mass_is_the_bench(effects):
+    """All channels and what is left of the speeds, as `strike` has them."""
+    law = build(1.3, 1.1, 0.45, 0.25, **effects)
+    found = run(law, HEAVY, REST, [1.0, 0.0, 1.2], [-0.4, 0.0, 0.3])
+    bench = strike(law, {"initial_pressure": 1.5e6, "approach_speed": 0.4, "tangential_speed": 0.3}, found.course.time,
+                   span=0.1)
+    assert bool(found.separated) and not bool(found.failed)
+    np.testing.assert_allclose(found.separation, bench.separation, rtol=1e-7)
+    np.testing.assert_allclose(found.arm_velocity[0], bench.rebound_speed, rtol=1e-6)
+    np.testing.assert_allclose(found.arm_velocity[2], bench.tangential_speed, rtol=1e-5)
+    # Without separation itself: one of the two is a rounding before it, where an effect breaks off.
+    for channel in ("normal_force", "depression", "pressure"):
+        gap = np.abs(getattr(found.course, channel) - getattr(bench, channel))[:-1]
+        assert gap.max() < 2e-5 * np.abs(getattr(bench, channel)).max(), channel
+    # The bench's even steps and cubic interpolation round off the corner where slip turns to grip.
+    gap = np.abs(found.course.friction[:, 2] - bench.tangential_force)[:-1] / np.abs(bench.tangential_force).max()
+    assert gap.max() < 1e-2 and np.median(gap) < 1e-5
+
+
+def test_compliant_patch_tends_to_that_of_the_bench():
+    """The damper beside the patch's spring is an approximation that vanishes with its relaxation time."""
+    law = build(1.3, 1.1, 0.45, 0.25)
+    law = law.reference.extend((*law.effects, TangentialCompliance(5e-5)))
+    gaps = []
+    for relaxation in (8e-5, 2e-5):
+        found = run(law, HEAVY, REST, [1.0, 0.0, 1.2], [-0.4, 0.0, 0.15], relaxation=relaxation)
+        bench = strike(law, {"initial_pressure": 1.5e6, "approach_speed": 0.4, "tangential_speed": 0.15},
+                       found.course.time, span=0.1)
+        gaps.append(np.abs(found.course.friction[:, 2] - bench.tangential_force)[1:-1].max())
+    assert float(jnp.min(found.course.friction[:, 2])) < -0.5  # it reverses
+    assert gaps[1] < 0.35 * gaps[0] and gaps[1] < 5e-3 * np.abs(bench.tangential_force).max()
+
+
+@pytest.mark.parametrize("restitution", [0.4, 0.8])
+def test_central_impact_is_that_of_the_reduced_mass(restitution):
+    """Through the centre of a body at rest: the two-body closed form, whatever the force law."""
+    found = run(build(8.0, friction=0.0, restitution=restitution), CYLINDER, REST, [1.0, 0.0, 0.0], [-0.6, 0.0, 0.0])
+    reduced = 1.0 / (1.0 / 8.0 + 1.0 / 1000.0)
+    impulse = reduced * (1.0 + restitution) * 0.6
+    np.testing.assert_allclose(found.impulse, [-impulse, 0.0, 0.0], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(found.velocity[0] - found.arm_velocity[0], -restitution * 0.6, rtol=1e-7)
+    np.testing.assert_allclose(found.angular_momentum, 0.0, atol=1e-12)
+
+
+def test_off_centre_impact_tends_to_the_instant():
+    """A ball of higher pressure touches more briefly, and the closed form with 1/m + (r x n) I^-1 (r x n) is reached."""
+    point, omega = np.array([1.0, 0.0, 1.2]), np.array([0.0, 0.07, 0.02])
+    gaps = []
+    for pressure in (1e6, 64e6):
+        found = run(build(8.0, friction=0.0), CYLINDER, omega, point, [-0.6, 0.0, 0.0], pressure)
+        instant, speed = predict_collision(CYLINDER, LEVEL, omega, point, np.array([-0.6, 0.0, 0.0]), 8.0, 0.7)
+        np.testing.assert_allclose(speed, found.approach_speed, rtol=1e-12)
+        gaps.append(np.abs(found.angular_momentum - instant).max())
+    assert gaps[1] < 0.3 * gaps[0] < 0.02 * np.abs(found.angular_momentum).max()
+    lever = 1.2**2 / 1000.0
+    np.testing.assert_allclose(reduce_mass(CYLINDER, point, np.array([1.0, 0, 0]), 8.0),
+                               1.0 / (1.0 / 8.0 + 1.0 / 1000.0 + lever), rtol=1e-12)
+
+
+@pytest.mark.parametrize("point, velocity", [([1.0, 0.0, 1.1], [-0.7, 0.3, 0.2]), ([0.3, 0.4, 1.5], [0.1, 0.2, -0.7])])
+def test_normal_force_leaves_axial_spin(point, velocity):
+    """On a body of revolution without friction the momentum along the axis stays, to rounding."""
+    omega = np.array([0.03, -0.05, 0.4])
+    plain = run(build(friction=0.0), CYLINDER, omega, point, velocity)
+    np.testing.assert_allclose(plain.angular_velocity[2], 0.4, rtol=1e-12)
+    rubbed = run(build(friction=0.3), CYLINDER, omega, point, velocity)
+    assert abs(float(rubbed.angular_velocity[2]) - 0.4) > 1e-4
+
+
+def test_momentum_and_energy_balance():
+    """Twelve random impacts with drive, friction, rolling and memory: what is unaccounted for is rounding."""
+    draw = np.random.default_rng(4)
+    for _ in range(12):
+        law = build(*draw.uniform([2, 2, 0.5], [20, 20, 3]), draw.uniform(0, 0.4), draw.uniform(0.3, 0.9),
+                    k_s=draw.uniform(0, 300), k_w=draw.uniform(0, 900), k_v=draw.uniform(0, 900),
+                    share=draw.uniform(0, 0.1), A=draw.uniform(0, 0.5), kappa=draw.uniform(0, 5))
+        attitude = draw.normal(size=4)
+        frame = Rotation.from_quat(np.roll(attitude, -1)).as_matrix()
+        point = np.array([np.cos(a := draw.uniform(0, 6)), np.sin(a), draw.uniform(-1.3, 1.3)])
+        velocity = frame @ (-draw.uniform(0.4, 1.0) * point * [1, 1, 0] + draw.normal(size=3) * 0.15)
+        found = run(law, CYLINDER, draw.normal(size=3) * 0.08, point, velocity, draw.uniform(0.5e6, 2.5e6), attitude,
+                    span=0.3)
+        assert not bool(found.failed)
+        left, ledger = weigh_ledger(found), found.ledger
+        assert np.abs(left["linear"]).max() < 1e-9 * np.abs(ledger.tip_before).max()
+        assert np.abs(left["angular"]).max() < 1e-9 * np.abs(ledger.tip_moment_before).max()
+        assert abs(float(left["energy"])) < 1e-8 * float(ledger.energy_before)
+        assert min(float(ledger.normal_loss), float(ledger.friction_loss), float(ledger.rolling_loss)) >= -1e-12
+
+
+def solve_damping(restitution, speed):
+    """c_n of the closed form."""
+    def gap(k):
+        return k - np.log1p(k) + k * restitution + np.log1p(-k * restitution)
+    return brentq(gap, 1e-6, (1 - 1e-13) / restitution) / speed
+
+
+def integrate_pair(mass, friction, omega, point, velocity, inertia, debris_mass, pressure, restitution=0.7):
+    """The same physics by SciPy: rotation matrix, Euler's equations in the body frame, side of a cylinder of 1 m."""
+    lever = point[:2] / np.hypot(*point[:2])
+    normal = np.append(lever, 0.0)
+    start = point + 0.03 * normal
+    speed = -normal @ (velocity - np.cross(omega, point))
+    damping = solve_damping(restitution, speed)
+
+    def look(y):
+        frame, w = y[:9].reshape(3, 3), y[9:12]
+        seen = frame.T @ (y[15:18] - y[12:15])
+        across = np.hypot(*seen[:2])
+        n = frame @ np.array([seen[0] / across, seen[1] / across, 0.0])
+        depth = 0.03 - (across - 1.0)
+        return frame, w, n, depth, y[15:18] - (across - 1.0) * n
+
+    def move(t, y):
+        frame, w, n, depth, contact = look(y)
+        r = contact - y[12:15]
+        relative = y[21:24] - y[18:21] - np.cross(frame @ w, r)
+        rate = -n @ relative
+        d = max(depth, 0.0)
+        b, h = np.pi / 4 * d, (0.06 - d) / 2
+        volume = 2 * np.pi * (b**2 * h + np.pi * b * h**2 / 2 + 2 * h**3 / 3)
+        load = max(pressure * np.pi * 0.06**3 / 6 / volume * np.pi * b**2 * (1 + damping * rate), 0.0)
+        slip = relative + rate * n
+        force = friction * load * slip / np.hypot(np.linalg.norm(slip), 0.01) - load * n
+        spin = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+        torque = frame.T @ np.cross(r, force)
+        change = np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
+        return np.concatenate([(frame @ spin).ravel(), change, y[18:24], force / debris_mass, -force / mass])
+
+    def leave(t, y):
+        return look(y)[3] + (1e-9 if t < 1e-6 else 0.0)
+
+    leave.terminal, leave.direction = True, -1
+    first = np.concatenate([np.eye(3).ravel(), omega, REST, start, REST, velocity])
+    found = solve_ivp(move, (0, 1), first, method="DOP853", rtol=1e-11, atol=1e-13, events=leave)
+    last = found.y[:, -1]
+    return found.t[-1], last[9:12], last[18:21], last[21:24], last[:9].reshape(3, 3) @ inertia @ last[9:12]
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_agrees_with_a_second_simulator(friction):
+    """An asymmetric body struck off centre while it tumbles, by SciPy in other variables."""
+    inertia = np.array([[900.0, 30, 10], [30, 1100, -20], [10, -20, 600]])
+    debris = Debris(800.0, inertia, CylinderSurface(1.0, 3.0))
+    omega, velocity = np.array([0.05, -0.08, 0.11]), np.array([-0.5, -0.5, 0.25])
+    point = np.array([np.cos(0.7), np.sin(0.7), 0.9])
+    end, rates, body, tip, momentum = integrate_pair(12.0, friction, omega, point, velocity, inertia, 800.0, 1.3e6)
+    found = run(build(12.0, 12.0, friction=friction), debris, omega, point, velocity, 1.3e6)
+    np.testing.assert_allclose(found.separation, end, rtol=1e-6)
+    for mine, theirs in ((found.angular_velocity, rates), (found.velocity, body), (found.arm_velocity, tip),
+                         (found.angular_momentum, momentum)):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-7 * np.abs(theirs).max())
+
+
+def test_derivatives_agree():
+    """Forward mode, reverse mode and differences, by place, velocity and pressure together."""
+    law = build(friction=0.2)
+
+    def left(x):
+        point = jnp.stack([jnp.cos(x[0]), jnp.sin(x[0]), x[1]])
+        found = collide(law, CYLINDER, jnp.asarray(LEVEL), jnp.array([0.02, 0.07, 0.03]), point, x[2:5],
+                        {"initial_pressure": 1e6 * x[5]}, rtol=1e-11, atol=1e-13, max_steps=512)
+        return jnp.sum(found.angular_momentum**2) + found.peak_force
+
+    def forward(x):
+        return jax.vmap(lambda v: jax.jvp(left, (x,), (v,))[1])(jnp.eye(6))
+
+    x = jnp.array([0.3, 1.1, -0.8, -0.2, 0.1, 1.4])
+    slopes = eqx.filter_jit(forward)(x)
+    np.testing.assert_allclose(eqx.filter_jit(jax.grad(left))(x), slopes, rtol=1e-6)
+    value = eqx.filter_jit(left)
+    for k, step in enumerate(1e-5 * np.eye(6)):
+        difference = float(value(x + step) - value(x - step)) / 2e-5
+        np.testing.assert_allclose(slopes[k], difference, rtol=2e-4, atol=1e-3)
+
+
+def test_batches_are_loops():
+    """`vmap` over speeds gives what one after the other gives."""
+    law = build()
+
+    def one(speed):
+        found = run_traced(law, speed)
+        return found.angular_momentum, found.peak_force
+
+    def run_traced(law, speed):
+        return collide(law, CYLINDER, jnp.asarray(LEVEL), jnp.array([0.0, 0.07, 0.0]), jnp.array([1.0, 0.0, 1.0]),
+                       jnp.stack([-speed, 0.1 * speed, 0.0 * speed]), {"initial_pressure": 1.5e6})
+
+    speeds = jnp.array([0.3, 0.6, 1.2])
+    momentum, peak = eqx.filter_jit(jax.vmap(one))(speeds)
+    single = eqx.filter_jit(one)
+    for k, speed in enumerate(speeds):
+        np.testing.assert_allclose(momentum[k], single(speed)[0], rtol=1e-10)
+        np.testing.assert_allclose(peak[k], single(speed)[1], rtol=1e-10)
+
+
+def test_implicit_solver_for_a_ball_that_rolls_and_grips():
+    """A light ball that grips is stiff; Kvaerno5 gives what Tsit5 gives."""
+    law = build(8.0, 8.0, 0.4, 0.5)
+    plain, implicit = (run(law, CYLINDER, REST, [1.0, 0.0, 0.5], [-0.4, 0.0, 0.05], solver=solver, rtol=1e-8)
+                       for solver in (dfx.Tsit5(), dfx.Kvaerno5()))
+    np.testing.assert_allclose(plain.angular_momentum, implicit.angular_momentum, rtol=1e-5, atol=1e-6)
+    assert int(implicit.steps) < int(plain.steps)
+
+
+def test_feet_of_a_box_are_those_of_a_search():
+    """Distance and normal against the nearest of many points of the surface; a mesh of the box is the box."""
+    lengths = np.array([2.0, 1.0, 3.0])
+    box = make_debris(Box(500.0, lengths)).surface
+    corners = 0.5 * lengths * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 7, 5], [4, 6, 7], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+                      [0, 6, 4], [0, 2, 6], [1, 5, 7], [1, 7, 3]])
+    if np.sum(np.linalg.det(corners[faces])) < 0:
+        faces = faces[:, ::-1]
+    mesh = make_debris(Mesh(500.0, corners + [0.2, -0.1, 0.3], faces)).surface
+    grid = np.linspace(-1, 1, 201)
+    a, b = np.meshgrid(grid, grid)
+    sides = [np.stack([*(np.roll([np.ones_like(a), a, b], axis, axis=0) * sign)], -1).reshape(-1, 3) * lengths / 2
+             for axis in range(3) for sign in (-1, 1)]
+    surface = np.concatenate(sides)
+    for point in ([1.02, 0.2, 0.4], [0.3, -0.53, 1.1], [-0.2, 0.1, 1.55], [-1.01, -0.3, -1.2]):
+        found, meshed = box.find_foot(jnp.array(point)), mesh.find_foot(jnp.array(point))
+        nearest = np.linalg.norm(surface - point, axis=1).min()
+        assert abs(float(found.distance) - nearest) < 1e-3
+        foot = np.array(point) - float(found.distance) * np.asarray(found.normal)
+        inside = np.sort(0.5 * lengths - np.abs(foot))
+        np.testing.assert_allclose(found.margin, inside[1], atol=1e-9)
+        for mine, theirs in zip(jax.tree.leaves(meshed), jax.tree.leaves(found), strict=True):
+            np.testing.assert_allclose(mine, theirs, atol=1e-9)
+
+
+def test_places_lie_on_their_faces():
+    """Coordinates over -1 to 1 stay on the face that they name, and end at its edge."""
+    for body in (Cylinder(), Box(500.0, np.array([2.0, 1.0, 3.0])), Sphere(100.0, 0.7)):
+        surface = make_debris(body).surface
+        for face in range(len(surface.face_names())):
+            for coordinates in ([0.3, -0.4], [-0.9, 0.9], [0.0, 0.0]):
+                foot = surface.find_foot(surface.place(face, jnp.array(coordinates)))
+                assert abs(float(foot.distance)) < 1e-12 and float(foot.margin) > 0
+        assert float(surface.reach()) > 0
+    rim = CYLINDER.surface.find_foot(CYLINDER.surface.place(0, jnp.array([0.2, 1.0])))
+    np.testing.assert_allclose(rim.margin, 0.0, atol=1e-12)
+
+
+def test_edge_is_told():
+    """A contact disc that reaches over the rim has a margin below zero."""
+    found = run(build(), CYLINDER, REST, [1.0, 0.0, 1.495], [-0.6, 0.0, 0.0])
+    assert float(found.margin) < 0
+    assert float(run(build(), CYLINDER, REST, [1.0, 0.0, 1.4], [-0.6, 0.0, 0.0]).margin) > 0
+
+
+@pytest.mark.parametrize("change, says", [
+    ({"velocity": [0.4, 0.0, 0.0]}, "does not approach"), ({"omega": [0.0, 0.1]}, "must have the shape"),
+    ({"pressure": np.nan}, "initial_pressure is nan"),
+])  # fmt: skip
+def test_bad_input_is_refused(change, says):
+    """One sentence each."""
+    given = {"omega": REST, "point": [1.0, 0.0, 0.3], "velocity": [-0.4, 0.0, 0.0], "pressure": 1e6} | change
+    with pytest.raises(InputError, match=says):
+        run(build(), CYLINDER, **given)
+
+
+def test_debris_is_refused():
+    """A surface that is not known, a mesh that is not convex, a mass that is none."""
+    with pytest.raises(InputError, match="surface is not known"):
+        make_debris(HollowCylinder(100.0, 0.9, 1.0, 3.0))
+    with pytest.raises(InputError, match="mass of debris must be positive"):
+        Debris(0.0, np.eye(3), CylinderSurface(1.0, 3.0))
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.2, 0.2, 0.1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [2, 3, 4], [3, 1, 4]])
+    with pytest.raises(InputError, match="must be convex"):
+        make_debris(Mesh(100.0, corners, faces))
+    with pytest.raises(InputError, match="needs a Striker"):
+        collide(dc.replace(Ball()), CYLINDER, LEVEL, REST, [1.0, 0, 0], [-1.0, 0, 0], {})  # pyright: ignore
