@@ -47,8 +47,11 @@ class AbstractSurface(eqx.Module):
         """The nearest place to a point near the surface, shape (3,) [m]."""
 
     @abstractmethod
-    def place(self, face: int, coordinates: Array) -> Array:
-        """Point of a face, shape (3,) [m], at two coordinates, each in -1 to 1, which together reach all of it."""
+    def place(self, face: Array, coordinates: Array) -> Array:
+        """Point of a face, shape (3,) [m], at two coordinates, each in -1 to 1, which together reach all of it.
+
+        The face may be traced, so that plans for all faces are one program.
+        """
 
     @abstractmethod
     def reach(self) -> Array:
@@ -80,14 +83,13 @@ class CylinderSurface(AbstractSurface):
         axial = jnp.stack([jnp.zeros_like(up), jnp.zeros_like(up), up])
         return Foot(jnp.where(side, beside, above), jnp.where(side, outward, axial), -jnp.where(side, above, beside))
 
-    def place(self, face: int, coordinates: Array) -> Array:
+    def place(self, face: Array, coordinates: Array) -> Array:
         """Side: turn over pi and height over half the length. Ends: a square mapped onto the disc, no two alike."""
         a, b = coordinates
-        if face == 0:
-            angle = jnp.pi * a
-            return jnp.stack([self.radius * jnp.cos(angle), self.radius * jnp.sin(angle), 0.5 * self.length * b])
-        x, y = a * jnp.sqrt(1.0 - 0.5 * b**2), b * jnp.sqrt(1.0 - 0.5 * a**2)
-        return jnp.stack([self.radius * x, self.radius * y, (0.5 if face == 1 else -0.5) * self.length])
+        side = jnp.stack([jnp.cos(jnp.pi * a), jnp.sin(jnp.pi * a), b])
+        disc = [a * jnp.sqrt(1.0 - 0.5 * b**2), b * jnp.sqrt(1.0 - 0.5 * a**2), jnp.ones_like(a)]
+        share = jnp.where(face == 0, side, jnp.stack(disc) * jnp.where(face == 1, 1.0, jnp.array([1.0, 1.0, -1.0])))
+        return share * jnp.stack([self.radius, self.radius, 0.5 * self.length])
 
     def reach(self) -> Array:
         """To the rim."""
@@ -113,7 +115,7 @@ class SphereSurface(AbstractSurface):
         size = safe_sqrt(jnp.sum(point**2))
         return Foot(size - self.radius, point / jnp.where(size > 0, size, 1.0), jnp.full_like(size, FAR))
 
-    def place(self, face: int, coordinates: Array) -> Array:
+    def place(self, face: Array, coordinates: Array) -> Array:
         """Longitude over pi, and sine of the latitude."""
         a, b = coordinates
         flat = safe_sqrt(1.0 - b**2)
@@ -158,7 +160,7 @@ class Polytope(AbstractSurface):
         gaps = jnp.where(jnp.arange(heights.size) == face, FAR, -beyond / lean)
         return Foot(distance, normal, jnp.min(gaps))
 
-    def place(self, face: int, coordinates: Array) -> Array:
+    def place(self, face: Array, coordinates: Array) -> Array:
         """Within the rectangle around the face."""
         return self.anchors[face] + coordinates @ self.spans[face]
 

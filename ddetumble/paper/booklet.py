@@ -11,6 +11,7 @@ from . import drawings, figures
 from .bench import Bench, Recipe, choose_effects
 from .contradictions import ELSEWHERE, SPEED, Contradiction, list_contradictions, reading
 from .corrections import correct_printed
+from .detumbling_pages import write_detumbling
 from .fits import PeakData
 from .friction import FrictionJudgement
 from .friction_pages import draw_friction_points, read_friction, write_friction
@@ -26,7 +27,7 @@ RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
 
 
 def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
-    """Compare the paper's forces and free rotation with the toolkit and write the page with its figures.
+    """Compare the paper's forces, free rotation and impacts with the toolkit and write the page with its figures.
 
     Args:
         folder: where to write; made where it is not there.
@@ -56,13 +57,15 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     points = sorted([*points, *list_friction_points(friction)], key=lambda point: point.number)
     pages, numbers = write_friction(slipped, friction, misses)
     tumbling, motion = write_tumbling()
+    mean, spread = slipped.ratio
+    detumbling, impacts = write_detumbling(
+        judged["Figure 8"].peaks, judged["Table 3"].peaks, rows["printed"], float(mean))
     sections = [_write_points(points, rows, judged, masses, draw_friction_points(friction)),
                 _write_figure(judged["Figure 8"], masses), *_write_table(judged["Table 3"], rows["printed"]), *pages,
-                tumbling]
+                tumbling, detumbling]
     found = {"improved": "no single effect of the catalogue does what a curve without physics does",
              "unexplained": "no effect of the catalogue helps",
              "explained": f"{' and '.join(judged['Table 3'].effects)} explains what is missing"}
-    mean, spread = slipped.ratio
     sentence = (f"{len(points)} points at which what the paper prints on normal force and friction contradicts itself. "
                 f"One free mass puts our model within {_worst(judged['Figure 8']):.1f} % of Figure 8's four peaks; on "
                 f"Table 3 {found.get(judged['Table 3'].verdict, 'nothing can be shown to be missing')}. On Table 4 a "
@@ -76,14 +79,15 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
         echo(f"{name}: {one.verdict}. {one.sentence}")
     echo(numbers["band"]["sentence"])
     echo(motion["sentence"])
+    echo(impacts["sentence"])
     facts = [(name, one.verdict.replace("-", " "), f"{len(one.peaks)} {'forces' if one is slipped else 'peaks'}")
              for name, one in everything.items()]
-    page = write_page("The paper beside the toolkit: normal force, friction, free rotation", sentence, sections, folder,
-                      "report.html", facts=facts)
+    page = write_page("The paper beside the toolkit: normal force, friction, free rotation, impacts", sentence,
+                      sections, folder, "report.html", facts=facts)
     result = {"contradictions": [{"row": p.number, "title": p.title, "printed": p.printed, "found": p.found,
                                   "used": p.used, "sentence": p.sentence, "values": dict(p.values)} for p in points],
               "figure-8": judged["Figure 8"].to_dict(), "table-3": judged["Table 3"].to_dict(),
-              "table-4": {**slipped.to_dict(), **numbers}, "free_rotation": motion}
+              "table-4": {**slipped.to_dict(), **numbers}, "free_rotation": motion, "impacts": impacts}
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (Path(folder) / "paper.json").write_text(text, encoding="utf-8")
     echo(f"The page: {page}")

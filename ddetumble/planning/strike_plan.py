@@ -1,0 +1,222 @@
+"""One impact planned by gradient: closed forms say where to start, a quadratic programme finishes, a certificate says
+how well.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize, nnls
+from scipy.stats import qmc
+
+from .._errors import ComputationError
+from ..dynamics.outcome import Collision
+from .strike_problem import (
+    CONSTRAINTS,
+    VARIABLES,
+    Design,
+    Problem,
+    evaluate,
+    evaluate_slopes,
+    read_design,
+    score,
+    screen,
+    strike_debris,
+)
+
+
+DRAWS = 2048  # designs that are looked at by closed forms, on all faces together
+APART = 0.6  # distance of two starts on one face, in variables over -1 to 1
+BINDING = 1e-4  # scaled constraint, or distance of a variable from its bound, that counts as none
+ALLOWED = 1e-5  # by which a scaled constraint may be missed
+WRAPS = ("side", "sphere")  # faces whose first coordinate goes round
+LOST = 10.0  # score of what cannot be computed
+
+
+@dc.dataclass
+class Tally:
+    """How often the impact was integrated: for values, and for values with derivatives."""
+
+    values: int = 0
+    slopes: int = 0
+
+
+@dc.dataclass(frozen=True)
+class Certificate:
+    """How well a plan is founded.
+
+    Attributes:
+        stationarity: what is left of the gradient after the binding constraints' share, over the gradient [-].
+        gradient_error: largest difference of the gradient from central differences, over the gradient [-].
+        binding: names of the constraints and bounds that hold the plan, with their multipliers [-].
+        least: smallest of the scaled constraints [-].
+        margin: from the contact disc to the nearest edge [m].
+    """
+
+    stationarity: float
+    gradient_error: float
+    binding: dict[str, float]
+    least: float
+    margin: float
+
+
+@dc.dataclass(frozen=True)
+class StrikePlan:
+    """One planned impact.
+
+    Attributes:
+        face: name of the face.
+        x: the seven variables over -1 to 1.
+        score: what was wanted small.
+        untouched: the same without an impact.
+        values: of all constraints, by name, scaled.
+        design, collision: the impact in physical quantities, and what it does.
+        allowed: whether every constraint holds.
+        certificate: see there.
+        tally: integrations that it took, certificate left out.
+        scores: of all starts, where they ended and whether that was allowed.
+    """
+
+    face: str
+    x: np.ndarray
+    score: float
+    untouched: float
+    values: dict[str, float]
+    design: Design
+    collision: Collision
+    allowed: bool
+    certificate: Certificate
+    tally: Tally
+    scores: tuple[tuple[str, float, bool], ...]
+
+
+def find_bounds(names: tuple[str, ...], face: int) -> np.ndarray:
+    """Lowest and highest value of the seven variables, shape (7, 2); an angle may go beyond half a turn."""
+    bounds = np.tile([-1.0, 1.0], (len(VARIABLES), 1))
+    if names[face] in WRAPS:
+        bounds[0] = [-2.0, 2.0]
+    return bounds
+
+
+def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0) -> list[tuple[int, np.ndarray]]:
+    """Faces and variables of the most promising designs that are apart from each other, the best first."""
+    count = len(problem.debris.surface.face_names())
+    x = 2.0 * qmc.Sobol(len(VARIABLES), seed=seed).random(draws) - 1.0
+    # Half of the designs come without tangential speed and along the moment that is wanted: others are rarely best.
+    x[::2, 3:5] *= 0.1
+    faces = np.arange(draws) % count
+    found = np.asarray(screen(problem, jnp.asarray(faces), jnp.asarray(x)))
+    worth = found[:, 0] + 3.0 * np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
+    worth = np.where(np.isfinite(worth), worth, np.inf)
+    chosen: list[int] = []
+    for k in np.argsort(worth):
+        if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > APART for j in chosen):
+            chosen.append(int(k))
+        if len(chosen) == starts:
+            break
+    return [(int(faces[k]), x[k]) for k in chosen]
+
+
+class _Search:
+    """The problem as SciPy asks for it; each design is integrated once for its values and once for its derivatives."""
+
+    def __init__(self, problem: Problem, face: int, tally: Tally):
+        self.problem, self.face, self.tally = problem, jnp.asarray(face), tally
+        self.at: tuple[bytes, Any] = (b"", None)
+        self.slopes_at: tuple[bytes, Any] = (b"", None)
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        if self.at[0] != x.tobytes():
+            found = np.array(evaluate(self.problem, self.face, jnp.asarray(x)))
+            self.tally.values += 1
+            if not np.isfinite(found).all():
+                found = np.full_like(found, -1.0)
+                found[0] = LOST
+            self.at = (x.tobytes(), found)
+        return self.at[1]
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        if self.slopes_at[0] != x.tobytes():
+            value, slopes = evaluate_slopes(self.problem, self.face, jnp.asarray(x))
+            self.tally.slopes += 1
+            self.slopes_at = (x.tobytes(), np.nan_to_num(np.asarray(slopes)))
+        return self.slopes_at[1]
+
+
+def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Variables and values where sequential quadratic programming (SLSQP) ends from a start."""
+    search = _Search(problem, face, tally)
+    bounds = find_bounds(problem.debris.surface.face_names(), face)
+    found = minimize(
+        lambda z: search.values(z)[0], np.clip(x, *bounds.T), jac=lambda z: search.slopes(z)[0], method="SLSQP",
+        bounds=bounds, options={"maxiter": steps, "ftol": 1e-8},
+        constraints={"type": "ineq", "fun": lambda z: search.values(z)[1:], "jac": lambda z: search.slopes(z)[1:]})
+    best = np.clip(found.x, *bounds.T)
+    return best, search.values(best)
+
+
+def plan_strike(problem: Problem, *, starts: int = 4, draws: int = DRAWS, seed: int = 0,
+                progress: Callable[[str], object] | None = None) -> StrikePlan:
+    """Plan one impact.
+
+    Args:
+        problem: what is given, allowed and wanted.
+        starts: how many of the designs that closed forms find promising are refined on the integrated impact.
+        draws: how many designs the closed forms look at, all at once under `vmap`.
+        seed: of their places.
+        progress: told one line at a time.
+
+    Raises:
+        ComputationError: where no start leads to an impact that can be integrated.
+    """
+    names, tally = problem.debris.surface.face_names(), Tally()
+    ends = []
+    for number, (face, x) in enumerate(find_starts(problem, starts, draws, seed), 1):
+        if progress is not None:
+            progress(f"start {number} of {starts}, {names[face]}")
+        x, values = refine(problem, face, x, tally)
+        if values[0] < LOST:
+            ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
+    if not ends:
+        raise ComputationError("no impact could be planned: from no start could the contact be integrated to separation")
+    allowed, best, face, x, values = min(ends, key=lambda end: (not end[0], end[1]))
+    design = read_design(problem, jnp.asarray(face), jnp.asarray(x))
+    collision = strike_debris(problem, design)
+    return StrikePlan(
+        names[face], x, best, float(score(problem, problem.angular_velocity)),
+        dict(zip(CONSTRAINTS, map(float, values[1:]), strict=True)), design, collision, allowed,
+        certify(problem, face, x, float(collision.margin)), tally,
+        tuple((names[end[2]], end[1], end[0]) for end in ends))
+
+
+def certify(problem: Problem, face: int, x: np.ndarray, margin: float, step: float = 1e-5) -> Certificate:
+    """First-order optimality by the least squares of the multipliers, and the gradient against differences."""
+    number, point = jnp.asarray(face), jnp.asarray(x)
+    value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, number, point))
+    gradient = slopes[0]
+    bounds = find_bounds(problem.debris.surface.face_names(), face)
+    names, rows = [], []
+    for name, constraint, row in zip(CONSTRAINTS, value[1:], slopes[1:], strict=True):
+        if constraint < BINDING:
+            names.append(name)
+            rows.append(row)
+    for k, name in enumerate(VARIABLES):
+        for end, sign, word in ((bounds[k, 0], 1.0, "lowest"), (bounds[k, 1], -1.0, "highest")):
+            if abs(x[k] - end) < BINDING:
+                names.append(f"{word} {name}")
+                rows.append(sign * np.eye(len(VARIABLES))[k])
+    size = float(np.linalg.norm(gradient))
+    left, multipliers = size, np.zeros(0)
+    if rows:
+        multipliers, left = nnls(np.stack(rows, axis=1), gradient)
+    central = []
+    for move in step * np.eye(len(VARIABLES)):
+        ahead, behind = (float(evaluate(problem, number, jnp.asarray(x + sign * move))[0]) for sign in (1.0, -1.0))
+        central.append((ahead - behind) / (2.0 * step))
+    error = np.abs(gradient - central).max() / size if size > 0 else 0.0
+    return Certificate(float(left) / size if size > 0 else 0.0, float(error),
+                       dict(zip(names, map(float, multipliers), strict=True)), float(value[1:].min()), margin)
+
+

@@ -1,0 +1,295 @@
+r"""One impact as a problem of optimisation: what can be chosen, what is wanted, what must not happen.
+
+Seven variables, each over -1 to 1: two coordinates of the point on a face, the velocity of the arm along the surface's
+normal and two tangents, the pressure in the ball, and the instant within a window. Wanted is a weighted sum of the
+shares of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must not
+happen is told by `CONSTRAINTS`, each at least zero where the plan is allowed.
+"""
+
+from collections.abc import Mapping
+from typing import final
+
+import diffrax as dfx
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._numerics import safe_divide, scalar
+from ..contact.gripping import Patch, StrikeLaw, find_height
+from ..dynamics.angles import measure_nutation
+from ..dynamics.collision import collide, reduce_mass
+from ..dynamics.free_motion import coast, coast_symmetric
+from ..dynamics.outcome import Collision
+from ..dynamics.rigid import measure_energy
+from ..dynamics.rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
+from ..dynamics.surfaces import Debris
+
+
+VARIABLES = ("first coordinate", "second coordinate", "speed along the normal", "first tangential speed",
+             "second tangential speed", "pressure", "instant")
+CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "reachable side", "nothing else hit")
+RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384
+TINY = 1e-7  # share of the momentum below which its size is rounded off
+PATH = np.linspace(0.1, 1.0, 6)  # shares of the clearance time at which the ball's path is looked at
+
+
+@final
+class Limits(eqx.Module):
+    """What the arm, the ball and the chaser's place allow.
+
+    Attributes:
+        speed: of the arm [m/s].
+        approach: least speed along the normal at first touch [m/s].
+        force: peak normal force [N].
+        depression: of the ball [m].
+        edge: least distance of the contact disc from an edge [m].
+        pressure: lowest and highest, absolute, shape (2,) [Pa].
+        window: earliest and latest instant, shape (2,) [s].
+        chaser: direction from the debris to the chaser, inertial, unit, shape (3,) [-].
+        cone: largest angle between that and the outward normal at first touch [rad].
+        clearance: how long before and after the contact the ball must keep clear of the rest of the body [s].
+    """
+
+    speed: Array = eqx.field(converter=scalar, default=2.0)
+    approach: Array = eqx.field(converter=scalar, default=0.05)
+    force: Array = eqx.field(converter=scalar, default=500.0)
+    depression: Array = eqx.field(converter=scalar, default=0.02)
+    edge: Array = eqx.field(converter=scalar, default=0.02)
+    pressure: Array = eqx.field(converter=scalar, default_factory=lambda: np.array([1.0e6, 2.5e6]))
+    window: Array = eqx.field(converter=scalar, default_factory=lambda: np.array([0.0, 60.0]))
+    chaser: Array = eqx.field(converter=scalar, default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    cone: Array = eqx.field(converter=scalar, default=np.pi)
+    clearance: Array = eqx.field(converter=scalar, default=0.5)
+
+
+@final
+class Goal(eqx.Module):
+    """Weights of what is wanted small.
+
+    Attributes:
+        momentum: of |L| after over before [-].
+        energy: of the rotational energy after over before [-].
+        nutation: of the nutation angle after over 90° [-].
+    """
+
+    momentum: Array = eqx.field(converter=scalar, default=1.0)
+    energy: Array = eqx.field(converter=scalar, default=0.0)
+    nutation: Array = eqx.field(converter=scalar, default=0.0)
+
+
+@final
+class Problem(eqx.Module):
+    """Everything that is given.
+
+    Attributes:
+        law: of the oblique contact.
+        debris: what is struck.
+        attitude, angular_velocity: of the debris at time 0, shapes (4,), (3,) [-], [rad/s].
+        limits: what is allowed.
+        goal: what is wanted.
+        conditions: what else the law reads, by name, SI.
+        symmetric: whether body z is an axis of revolution, whose free motion is trigonometric.
+    """
+
+    law: StrikeLaw
+    debris: Debris
+    attitude: Array = eqx.field(converter=scalar)
+    angular_velocity: Array = eqx.field(converter=scalar)
+    limits: Limits
+    goal: Goal
+    conditions: Mapping[str, Array]
+    symmetric: bool = eqx.field(static=True, default=False)
+
+
+class Design(eqx.Module):
+    """One impact in physical quantities.
+
+    Attributes:
+        face: number of the face.
+        point: on the surface, body components from the centre of mass, shape (3,) [m].
+        velocity: of the arm in the frame in which the debris' centre of mass rests, inertial, shape (3,) [m/s].
+        pressure: in the ball [Pa].
+        instant: of first touch [s].
+        attitude, angular_velocity: of the debris then, shapes (4,), (3,) [-], [rad/s].
+        normal: outward, inertial, shape (3,) [-].
+    """
+
+    face: Array
+    point: Array
+    velocity: Array
+    pressure: Array
+    instant: Array
+    attitude: Array
+    angular_velocity: Array
+    normal: Array
+
+
+def is_symmetric(debris: Debris) -> bool:
+    """Whether body z is an axis of revolution of the inertia tensor, to rounding."""
+    inertia = np.asarray(debris.inertia)
+    even = np.diag([inertia[0, 0], inertia[0, 0], inertia[2, 2]])
+    return bool(np.abs(inertia - even).max() < 1e-12 * inertia[2, 2])
+
+
+def span_plane(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors across a unit vector, smooth but where its z passes -0 (Duff et al. 2017, JCGT 6(1) 1)."""
+    x, y, z = normal
+    sign = jnp.where(z < 0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (jnp.stack([1.0 + sign * x**2 * a, sign * b, -sign * x]), jnp.stack([b, sign + y**2 * a, -y]))
+
+
+def drift(problem: Problem, time: Array) -> tuple[Array, Array]:
+    """Attitude and rates after free motion for a time [s], in closed form."""
+    times = time[None]
+    if problem.symmetric:
+        inertia = problem.debris.inertia
+        attitude, rates = coast_symmetric(inertia[0, 0], inertia[2, 2], normalise(problem.attitude),
+                                          problem.angular_velocity, times)
+    else:
+        motion = coast(problem.debris.inertia, problem.attitude, problem.angular_velocity, times)
+        attitude, rates = motion.attitude, motion.angular_velocity
+    return attitude[0], rates[0]
+
+
+def read_design(problem: Problem, face: Array, x: Array) -> Design:
+    """Physical quantities of seven variables over -1 to 1."""
+    limits = problem.limits
+    point = problem.debris.surface.place(face, x[:2])
+    normal = problem.debris.surface.find_foot(point).normal
+    first, second = span_plane(normal)
+    body = limits.speed * (-0.5 * (1.0 + x[2]) * normal + x[3] * first + x[4] * second)
+    low, high = limits.pressure
+    early, late = limits.window
+    instant = early + 0.5 * (1.0 + x[6]) * (late - early)
+    attitude, rates = drift(problem, instant)
+    return Design(face, point, rotate(attitude, body), low + 0.5 * (1.0 + x[5]) * (high - low), instant, attitude, rates,
+                  rotate(attitude, normal))
+
+
+def strike_debris(problem: Problem, design: Design, adjoint: dfx.AbstractAdjoint | None = None, rtol=RTOL, atol=ATOL,
+                  max_steps: int = MAX_STEPS) -> Collision:
+    """The impact of a design, integrated."""
+    conditions = {**problem.conditions, "initial_pressure": design.pressure}
+    return collide(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point, design.velocity,
+                   conditions, adjoint=adjoint, rtol=rtol, atol=atol, max_steps=max_steps)
+
+
+def score(problem: Problem, rates: Array) -> Array:
+    """What is wanted small, of the rates after an impact in body components."""
+    goal, inertia = problem.goal, problem.debris.inertia
+    before, after = problem.angular_velocity @ inertia, rates @ inertia
+    size = jnp.sum(before**2)
+    momentum = jnp.sqrt(safe_divide(jnp.sum(after**2), size) + TINY**2)
+    energy = safe_divide(measure_energy(inertia, rates), measure_energy(inertia, problem.angular_velocity))
+    nutation = measure_nutation(inertia, rates)
+    nutation = jnp.minimum(nutation, jnp.pi - nutation) / (0.5 * jnp.pi)
+    return goal.momentum * momentum + goal.energy * energy + goal.nutation * nutation
+
+
+def _keep_clear(problem: Problem, design: Design, collision: Collision, radius: Array) -> Array:
+    """Least distance between ball and body before and after the contact, less what it is at first touch [m].
+
+    The ball keeps its velocity on either side, the body its rates; over less than a second that is enough.
+    """
+    surface, limits = problem.debris.surface, problem.limits
+    start = radius * design.normal + rotate(design.attitude, design.point)
+
+    def distance(time, attitude, rates, place, velocity, centre, drifting):
+        turned = multiply(attitude, from_rotation_vector(time * rates))
+        return surface.find_foot(rotate_back(turned, place + time * velocity - centre - time * drifting)).distance
+
+    times = limits.clearance * PATH
+    earlier = jax.vmap(lambda t: distance(-t, design.attitude, design.angular_velocity, start, design.velocity,
+                                          jnp.zeros(3), jnp.zeros(3)))(times)
+    # The ball touches where it ends: it is placed a radius off the surface again.
+    moved = collision.displacement + rotate(collision.attitude, design.point)
+    away = moved + radius * rotate(collision.attitude, surface.find_foot(design.point).normal)
+    later = jax.vmap(lambda t: distance(t, collision.attitude, collision.angular_velocity, away,
+                                        collision.arm_velocity, collision.displacement, collision.velocity))(times)
+    return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
+
+
+def judge(problem: Problem, design: Design, collision: Collision) -> Array:
+    """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,)."""
+    limits = problem.limits
+    diameter = problem.law.reference.ball.diameter()
+    radius = find_height(diameter, jnp.zeros(()))
+    side = jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone)
+    return jnp.stack([
+        1.0 - jnp.sum(design.velocity**2) / limits.speed**2, collision.approach_speed / limits.approach - 1.0,
+        1.0 - collision.peak_force / limits.force, 1.0 - collision.peak_depression / limits.depression,
+        (collision.margin - limits.edge) / 0.1, side, _keep_clear(problem, design, collision, radius) / 0.01])
+
+
+@eqx.filter_jit
+def evaluate(problem: Problem, face: Array, x: Array) -> Array:
+    """What is wanted small and all constraints of one design, shape (1 + constraints,)."""
+    return _evaluate(problem, face, x, None)
+
+
+@eqx.filter_jit
+def evaluate_slopes(problem: Problem, face: Array, x: Array) -> tuple[Array, Array]:
+    """The same with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
+    def both(x):
+        value = _evaluate(problem, face, x, dfx.ForwardMode())
+        return value, value
+
+    slopes, value = jax.jacfwd(both, has_aux=True)(x)
+    return value, slopes
+
+
+def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
+    design = read_design(problem, face, x)
+    collision = strike_debris(problem, design, adjoint)
+    values = jnp.concatenate([score(problem, collision.angular_velocity)[None], judge(problem, design, collision)])
+    # A ball that does not approach strikes nothing: only its approach is told.
+    missed = collision.approach_speed <= 0
+    blank = jnp.zeros_like(values).at[0].set(score(problem, problem.angular_velocity)).at[2].set(
+        collision.approach_speed / problem.limits.approach - 1.0)
+    bad = (collision.failed | ~collision.separated) & ~missed
+    return jnp.where(missed, blank, jnp.where(bad, jnp.nan, values))
+
+
+@eqx.filter_jit
+def screen(problem: Problem, faces: Array, designs: Array) -> Array:
+    """The same columns for many designs by closed forms, shape (designs, 1 + constraints): where searches start.
+
+    The impact is an instant: normal impulse by the reduced mass, friction sliding throughout or stopping the slip, the
+    peak by energy on a force that grows with the square of the depression. Never a plan's result.
+    """
+    return jax.vmap(lambda face, x: _estimate(problem, face, x))(faces, designs)
+
+
+def _estimate(problem: Problem, face: Array, x: Array) -> Array:
+    limits, debris, reference = problem.limits, problem.debris, problem.law.reference
+    design = read_design(problem, face, x)
+    foot = debris.surface.find_foot(design.point)
+    local = rotate_back(design.attitude, design.velocity)
+    relative = local - jnp.cross(design.angular_velocity, design.point)
+    speed = -(foot.normal @ relative)
+    mass = reduce_mass(debris, design.point, foot.normal, reference.ball.inertia())
+    approach = jnp.maximum(speed, 0.0)
+    impulse = mass * (1.0 + reference.ball.rebound()) * approach
+    conditions = {**problem.conditions, "initial_pressure": design.pressure, "approach_speed": jnp.maximum(speed, 1e-3)}
+    law, probe, blank = problem.law.normal, 5e-3, jnp.zeros((len(problem.law.normal.stateful()),))
+    contact = law.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(probe), jnp.zeros(()), blank)
+    curve = contact.elastic_force / probe**2
+    depression = jnp.cbrt(1.5 * mass * approach**2 / curve)
+    across = relative + speed * foot.normal
+    slip = jnp.sqrt(jnp.sum(across**2) + 1e-12)
+    height = find_height(reference.ball.diameter(), jnp.zeros(()))
+    patch = Patch(jnp.zeros(()), jnp.asarray(probe), contact.contact_radius, height, contact.pressure,
+                  contact.elastic_force, conditions)
+    friction = problem.law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / contact.elastic_force
+    rubbed = jnp.minimum(friction * impulse, slip / (1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass))
+    push = rubbed * across / slip - impulse * foot.normal
+    rates = design.angular_velocity + jnp.linalg.solve(debris.inertia, jnp.cross(design.point, push))
+    margin = foot.margin - contact.contact_radius * depression / probe
+    return jnp.stack([
+        score(problem, rates), 1.0 - jnp.sum(design.velocity**2) / limits.speed**2, speed / limits.approach - 1.0,
+        1.0 - curve * depression**2 / limits.force, 1.0 - depression / limits.depression,
+        (margin - limits.edge) / 0.1, jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), jnp.zeros(())])
