@@ -233,7 +233,7 @@ def collide(law: StrikeLaw | Striker, debris: Debris, attitude: Any, angular_vel
             speeds follow from the motion.
         span: longest contact [s].
         relaxation: of a compliant patch [s]; nothing changes with it where the law has no such effect.
-        solver: of diffrax (default `Tsit5`); a light ball that rolls and grips is stiff, and `Kvaerno5` suits it.
+        solver: of diffrax (default `Tsit5`); a light ball that rolls and grips is stiff and takes it more steps.
         adjoint: of diffrax; default `DirectAdjoint` (both modes), `ForwardMode` is faster for few parameters.
         rtol, atol: tolerances, in units of the impact's own speed, duration and momentum.
         max_steps: steps after which the integration counts as failed.

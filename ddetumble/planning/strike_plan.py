@@ -151,7 +151,7 @@ def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int 
     bounds = find_bounds(problem.debris.surface.face_names(), face)
     found = minimize(
         lambda z: search.values(z)[0], np.clip(x, *bounds.T), jac=lambda z: search.slopes(z)[0], method="SLSQP",
-        bounds=bounds, options={"maxiter": steps, "ftol": 1e-8},
+        bounds=bounds, options={"maxiter": steps, "ftol": 1e-7},
         constraints={"type": "ineq", "fun": lambda z: search.values(z)[1:], "jac": lambda z: search.slopes(z)[1:]})
     best = np.clip(found.x, *bounds.T)
     return best, search.values(best)
@@ -191,7 +191,7 @@ def plan_strike(problem: Problem, *, starts: int = 4, draws: int = DRAWS, seed: 
         tuple((names[end[2]], end[1], end[0]) for end in ends))
 
 
-def certify(problem: Problem, face: int, x: np.ndarray, margin: float, step: float = 1e-5) -> Certificate:
+def certify(problem: Problem, face: int, x: np.ndarray, margin: float, step: float = 1e-4) -> Certificate:
     """First-order optimality by the least squares of the multipliers, and the gradient against differences."""
     number, point = jnp.asarray(face), jnp.asarray(x)
     value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, number, point))

@@ -1,0 +1,173 @@
+"""Several impacts with free motion between them: each planned by gradient, until little enough momentum is left."""
+
+import dataclasses as dc
+import math
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.stats import qmc
+
+from .._errors import ComputationError
+from ..contact.effect import AbstractDriveEffect
+from ..contact.gripping import Patch, find_height
+from ..dynamics.impact import simulate
+from .strike_plan import StrikePlan, plan_strike
+from .strike_problem import Problem, span_plane
+
+
+LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
+SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
+PRESSURES = np.linspace(0.0, 1.0, 5)
+
+
+@dc.dataclass(frozen=True)
+class Sequence:
+    """Planned impacts, in order.
+
+    Attributes:
+        impacts: each planned from the motion that the one before left.
+        instants: of first touch, since time 0 [s].
+        shares: of the angular momentum left after each [-].
+        impulse: of all contact forces, their sizes added up [N s].
+        reached: whether the wanted share was reached.
+        bound: fewest impacts that could do it, whatever the plan; 0 where none can be given.
+        floor: share that frictionless impacts cannot go below; 0 on bodies without an axis of revolution.
+    """
+
+    impacts: tuple[StrikePlan, ...]
+    instants: tuple[float, ...]
+    shares: tuple[float, ...]
+    impulse: float
+    reached: bool
+    bound: int
+    floor: float
+
+
+def measure_share(problem: Problem, rates: np.ndarray) -> float:
+    """|L| at these rates over |L| of the problem [-]."""
+    inertia = np.asarray(problem.debris.inertia)
+    return float(np.linalg.norm(inertia @ rates) / np.linalg.norm(inertia @ np.asarray(problem.angular_velocity)))
+
+
+def find_floor(problem: Problem) -> float:
+    """Share of the momentum along an axis of revolution, which a normal force cannot take [-]."""
+    if not problem.symmetric:
+        return 0.0
+    momentum = np.asarray(problem.debris.inertia) @ np.asarray(problem.angular_velocity)
+    return float(abs(momentum[2]) / np.linalg.norm(momentum))
+
+
+@eqx.filter_jit
+def _press(problem: Problem, speeds, pressures):
+    """Impulse, peak force, peak depression and friction over load of central impacts on a body that does not give way."""
+    normal, reference = problem.law.normal, problem.law.reference
+    times = jnp.linspace(0.0, 0.5, 2)
+
+    def one(speed, pressure):
+        conditions = {**problem.conditions, "approach_speed": speed, "initial_pressure": pressure}
+        end = simulate(normal, conditions, times).separation
+        impact = simulate(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=0.5)
+        contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(5e-3), jnp.zeros(()),
+                                 jnp.zeros((len(normal.stateful()),)))
+        load = jnp.maximum(contact.elastic_force, 1e-6)
+        patch = Patch(jnp.zeros(()), jnp.asarray(5e-3), contact.contact_radius,
+                      find_height(reference.ball.diameter(), jnp.zeros(())), contact.pressure, load,
+                      conditions | {"tangential_speed": problem.limits.speed})
+        friction = problem.law.limit(patch, problem.limits.speed, jnp.zeros(()), jnp.zeros(())) / load
+        return jnp.stack([reference.ball.inertia() * (speed + impact.rebound_speed), jnp.max(impact.normal_force),
+                          jnp.max(impact.depression), friction])
+
+    return jax.vmap(jax.vmap(one, (0, None)), (None, 0))(speeds, pressures)
+
+
+def bound_impacts(problem: Problem, share: float) -> int:
+    r"""Fewest impacts that can leave a share of the momentum: no impact takes more than $J (\ell + \mu R)$.
+
+    $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$ the
+    largest lever arm of a normal force, $\mu$ friction over load at 5 mm and full speed, $R$ the body's reach.
+
+    Returns:
+        0 where the arm drives the ball, so that an impact has no largest impulse.
+    """
+    if any(isinstance(effect, AbstractDriveEffect) for effect in problem.law.effects):
+        return 0
+    limits, surface = problem.limits, problem.debris.surface
+    rates = np.linalg.norm(np.asarray(problem.angular_velocity))
+    fastest = float(limits.speed) + float(rates) * float(surface.reach())
+    low, high = np.asarray(limits.pressure)
+    found = np.asarray(_press(problem, jnp.asarray(fastest * SPEEDS), jnp.asarray(low + PRESSURES * (high - low))))
+    allowed = (found[..., 1] <= float(limits.force)) & (found[..., 2] <= float(limits.depression))
+    # The next speed of the grid, which is not allowed any more, is a bound from above.
+    allowed[:, 1:] |= allowed[:, :-1].copy()
+    allowed[:, 0] = True
+    impulse = float(found[..., 0][allowed].max())
+    friction = float(found[..., 3].max())
+    lever = find_lever(problem)
+    most = impulse * (lever + friction * float(surface.reach()))
+    size = float(np.linalg.norm(np.asarray(problem.debris.inertia) @ np.asarray(problem.angular_velocity)))
+    return max(1, math.ceil(size * (1.0 - share) / most - 1e-9))
+
+
+def find_lever(problem: Problem, draws: int = 4096) -> float:
+    """Largest lever arm of a normal force on the surface, over many of its places [m]."""
+    surface = problem.debris.surface
+    count = len(surface.face_names())
+    places = jnp.asarray(2.0 * qmc.Sobol(2, seed=0).random(draws) - 1.0)
+    corners = jnp.asarray([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
+    places = jnp.concatenate([places, corners])
+
+    def lever(face, place):
+        point = surface.place(face, place)
+        return jnp.linalg.norm(jnp.cross(point, surface.find_foot(point).normal))
+
+    faces = jnp.arange(count)
+    return float(jnp.max(jax.vmap(lambda face: jax.vmap(lambda place: lever(face, place))(places))(faces)))
+
+
+def move_on(problem: Problem, plan: StrikePlan) -> Problem:
+    """The problem of the next impact: the motion that this one left, time counted from its separation."""
+    return eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem,
+                       (plan.collision.attitude, plan.collision.angular_velocity))
+
+
+def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4, seed: int = 0,
+                  progress: Callable[[str], object] | None = None) -> Sequence:
+    """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
+
+    Args:
+        problem: of the first impact; `limits.window` is the shortest and longest wait.
+        share: of the angular momentum at which it ends [-].
+        most: impacts at most.
+        starts, seed: as of `plan_strike`.
+        progress: told one line at a time.
+
+    Raises:
+        ComputationError: where not even a first impact could be planned.
+    """
+    now, time, left = problem, 0.0, 1.0
+    impacts: list[StrikePlan] = []
+    instants: list[float] = []
+    shares: list[float] = []
+    while left > share and len(impacts) < most:
+        try:
+            plan = plan_strike(now, starts=starts, seed=seed + len(impacts))
+        except ComputationError:
+            if not impacts:
+                raise
+            break
+        if impacts and (not plan.allowed or plan.score > plan.untouched * (1.0 - LEAST_GAIN)):
+            break
+        impacts.append(plan)
+        instants.append(time + float(plan.design.instant))
+        time = instants[-1] + float(plan.collision.separation)
+        left = measure_share(problem, np.asarray(plan.collision.angular_velocity))
+        shares.append(left)
+        if progress is not None:
+            progress(f"impact {len(impacts)}: {100 * left:.2f} % left")
+        now = move_on(now, plan)
+    impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in impacts)
+    return Sequence(tuple(impacts), tuple(instants), tuple(shares), impulse, left <= share,
+                    bound_impacts(problem, share), find_floor(problem))

@@ -1,0 +1,126 @@
+"""Plans of one impact by gradient against differential evolution, on random tumbling states.
+
+    python docs/plan_study.py [STATES] [FOLDER]
+
+The reference: SciPy's differential evolution over face and seven variables, violations as an exact penalty, then rounds
+of a dense local sample (Sobol points in a box that is halved) until a round improves by less than 0.02 %. Costs are
+counted in integrated impacts; a gradient counts as many as it was measured to take on this machine. The closed forms
+that choose the starts are counted by their measured time too. States that are already in the folder are kept.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+
+from ddetumble import Ball, CoulombFriction, Cylinder, Striker
+from ddetumble.dynamics.surfaces import make_debris
+from ddetumble.planning.strike_plan import find_bounds, find_starts, plan_strike
+from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, evaluate_slopes, is_symmetric
+
+
+PENALTY = 3.0
+GENERATIONS, POPULATION, LOCAL, ROUNDS, CONVERGED = 150, 10, 256, 14, 2e-4
+
+
+def pose(number: int) -> Problem:
+    """The stage in a random attitude and spin, 36 to 109 N m s, a chaser somewhere, within 60° of it."""
+    draw = np.random.default_rng(1000 + number)
+    debris = make_debris(Cylinder())
+    momentum = draw.normal(size=3)
+    momentum *= 72.8 * draw.uniform(0.5, 1.5) / np.linalg.norm(momentum)
+    chaser = draw.normal(size=3)
+    limits = Limits(chaser=chaser / np.linalg.norm(chaser), cone=np.radians(60.0), force=draw.uniform(200.0, 1500.0))
+    law = Striker(Ball(effective_mass=draw.uniform(4.0, 15.0)), CoulombFriction(draw.uniform(0.05, 0.4)),
+                  tangential_mass=8.0, rolling_mass=1e9).extend(())
+    return Problem(law, debris, draw.normal(size=4), momentum / np.diag(np.asarray(debris.inertia)), limits, Goal(), {},
+                   is_symmetric(debris))
+
+
+def find_reference(problem: Problem) -> dict:
+    """Best score by differential evolution and local rounds, with its count of impacts and its last improvement."""
+    names, count = problem.debris.surface.face_names(), 0
+
+    def worth(z):
+        nonlocal count
+        count += 1
+        face = min(int(z[7]), len(names) - 1)
+        values = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(z[:7])))
+        return float(values[0] + PENALTY * np.sum(np.maximum(-values[1:], 0.0))) if np.isfinite(values).all() else 1e3
+
+    bounds = [(-1.0, 1.0)] * 7 + [(0.0, len(names) - 1e-9)]
+    found = differential_evolution(worth, bounds, maxiter=GENERATIONS, popsize=POPULATION, seed=1, polish=False, tol=0)
+    centre, best, width, gain = found.x, found.fun, 0.15, 1.0
+    box = find_bounds(names, min(int(centre[7]), len(names) - 1))
+    for turn in range(ROUNDS):
+        before = best
+        for unit in qmc.Sobol(7, seed=turn).random(LOCAL):
+            z = np.append(np.clip(centre[:7] + width * (2.0 * unit - 1.0), *box.T), centre[7])
+            value = worth(z)
+            if value < best:
+                centre, best = z, value
+        gain = (before - best) / before
+        width *= 0.6
+        if gain < CONVERGED and turn > 5:
+            break
+    return {"score": best, "impacts": count, "last_gain": gain}
+
+
+def measure_costs(problem: Problem) -> dict[str, float]:
+    """Time of a gradient and of the closed forms over that of an impact [-], each the least of several."""
+    x, face = jnp.asarray(find_starts(problem, 1)[0][1]), jnp.asarray(find_starts(problem, 1)[0][0])
+
+    def least(action):
+        spent = []
+        for _ in range(7):
+            start = time.process_time()
+            action()
+            spent.append(time.process_time() - start)
+        return min(spent)
+
+    one = least(lambda: np.asarray(evaluate(problem, face, x)))
+    return {"gradient": least(lambda: np.asarray(evaluate_slopes(problem, face, x)[0])) / one,
+            "starts": least(lambda: find_starts(problem, 4)) / one}
+
+
+def main(states: int = 50, folder: str = "fits/plan-study"):
+    """Study so many states and write `states.json` and a summary."""
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    file = place / "states.json"
+    rows = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+    for number in range(len(rows), states):
+        problem = pose(number)
+        costs = measure_costs(problem)
+        plan = plan_strike(problem)
+        reference = find_reference(problem)
+        impacts = plan.tally.values + costs["gradient"] * plan.tally.slopes + costs["starts"]
+        rows.append({"state": number, "plan": plan.score, "allowed": plan.allowed, "reference": reference["score"],
+                     "behind": plan.score / reference["score"] - 1.0, "impacts": impacts,
+                     "reference_impacts": reference["impacts"], "last_gain": reference["last_gain"],
+                     "share_of_cost": impacts / reference["impacts"], "face": plan.face,
+                     "values": plan.tally.values, "slopes": plan.tally.slopes, **costs,
+                     "stationarity": plan.certificate.stationarity,
+                     "gradient_error": plan.certificate.gradient_error})
+        file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        print(json.dumps(rows[-1]), flush=True)
+    behind, share = (np.array([row[name] for row in rows]) for name in ("behind", "share_of_cost"))
+    summary = {
+        "states": len(rows), "within_0.1_percent": int(np.sum(behind <= 1e-3)), "worst_behind": float(behind.max()),
+        "better_than_reference_by_0.1_percent": int(np.sum(behind < -1e-3)),
+        "reference_not_converged": int(sum(row["last_gain"] > CONVERGED for row in rows)),
+        "share_of_cost": {"median": float(np.median(share)), "largest": float(share.max())},
+        "failures": [row["state"] for row in rows if row["behind"] > 1e-3 or not row["allowed"]],
+        "dearer_than_a_twentieth": int(np.sum(share > 0.05)),
+    }
+    (place / "summary.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(summary))
+
+
+if __name__ == "__main__":
+    main(*(kind(value) for kind, value in zip((int, str), sys.argv[1:], strict=False)))
