@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from . import caching, estimation, exam, examination, measurement, planning, sampling, story
+from . import caching, estimation, exam, examination, measurement, planning, sampling, story, striking
 from .failures import run_guarded
 
 
@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-for _module in (story, measurement, examination, estimation, sampling, planning, exam, caching):
+for _module in (story, measurement, examination, estimation, sampling, planning, striking, exam, caching):
     _module.register(app)
 
 

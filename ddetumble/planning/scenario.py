@@ -7,15 +7,19 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import equinox as eqx
 import numpy as np
 import pydantic
 from pydantic import ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from .._errors import InputError
+from .._numerics import scalar
+from ..contact.effect import parameters_of
 from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw
 from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
+from ..dynamics.rotation import rotate_back
 from ..dynamics.surfaces import Debris, make_debris
 from ..inference.archive import load_model
 from ..inference.models import is_fitted
@@ -251,15 +255,13 @@ def make_law(scenario: Scenario, here: Path) -> StrikeLaw:
     mass = float(reference.inertia()) if arm.mass is None else arm.mass
     across = arm.tangential_mass or (float(striker.tangential_mass) if striker and arm.mass is None else mass)
     if arm.mass is not None:
-        reference = type(reference)(**{**_fields(reference), "effective_mass": arm.mass})
+        if "effective_mass" not in {one.name for one in parameters_of(reference)}:
+            raise InputError("this contact model has no effective_mass; leave it out", column="arm.mass")
+        reference = eqx.tree_at(lambda one: one.effective_mass, reference, scalar(arm.mass))
     assert isinstance(friction.reference, AbstractFriction)
     rolling = CLAMPED if arm.clamped else float(striker.rolling_mass) if striker else 0.5
     creep = {} if striker is None else {"creep_speed": striker.creep_speed}
     return Striker(reference, friction.reference, tangential_mass=across, rolling_mass=rolling, **creep).extend(own)
-
-
-def _fields(module: Any) -> dict[str, Any]:
-    return {name: getattr(module, name) for name in module.__dataclass_fields__}
 
 
 def pose_problem(scenario: Scenario, here: Path) -> Problem:
@@ -275,8 +277,6 @@ def pose_problem(scenario: Scenario, here: Path) -> Problem:
     if scenario.debris.angular_velocity is not None:
         rates = np.asarray(scenario.debris.angular_velocity, dtype=float)
     else:
-        from ..dynamics.rotation import rotate_back
-
         momentum = np.asarray(scenario.debris.angular_momentum, dtype=float)
         rates = np.linalg.solve(np.asarray(debris.inertia), np.asarray(rotate_back(attitude, momentum)))
     arm, limits, goal = scenario.arm, scenario.limits, scenario.goal

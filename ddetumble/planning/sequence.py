@@ -15,7 +15,7 @@ from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, find_height
 from ..dynamics.impact import simulate
 from .strike_plan import StrikePlan, plan_strike
-from .strike_problem import Problem, span_plane
+from .strike_problem import Problem
 
 
 LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
@@ -35,6 +35,7 @@ class Sequence:
         reached: whether the wanted share was reached.
         bound: fewest impacts that could do it, whatever the plan; 0 where none can be given.
         floor: share that frictionless impacts cannot go below; 0 on bodies without an axis of revolution.
+        refused: the best further impact where it was not worth its while or not allowed, and the sequence ended.
     """
 
     impacts: tuple[StrikePlan, ...]
@@ -44,6 +45,7 @@ class Sequence:
     reached: bool
     bound: int
     floor: float
+    refused: StrikePlan | None = None
 
 
 def measure_share(problem: Problem, rates: np.ndarray) -> float:
@@ -62,7 +64,7 @@ def find_floor(problem: Problem) -> float:
 
 @eqx.filter_jit
 def _press(problem: Problem, speeds, pressures):
-    """Impulse, peak force, peak depression and friction over load of central impacts on a body that does not give way."""
+    """Impulse, peak force, peak depression, friction over load, on a body that does not give way."""
     normal, reference = problem.law.normal, problem.law.reference
     times = jnp.linspace(0.0, 0.5, 2)
 
@@ -70,8 +72,8 @@ def _press(problem: Problem, speeds, pressures):
         conditions = {**problem.conditions, "approach_speed": speed, "initial_pressure": pressure}
         end = simulate(normal, conditions, times).separation
         impact = simulate(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=0.5)
-        contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(5e-3), jnp.zeros(()),
-                                 jnp.zeros((len(normal.stateful()),)))
+        contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(5e-3),
+                                 jnp.zeros(()), jnp.zeros((len(normal.stateful()),)))
         load = jnp.maximum(contact.elastic_force, 1e-6)
         patch = Patch(jnp.zeros(()), jnp.asarray(5e-3), contact.contact_radius,
                       find_height(reference.ball.diameter(), jnp.zeros(())), contact.pressure, load,
@@ -86,8 +88,8 @@ def _press(problem: Problem, speeds, pressures):
 def bound_impacts(problem: Problem, share: float) -> int:
     r"""Fewest impacts that can leave a share of the momentum: no impact takes more than $J (\ell + \mu R)$.
 
-    $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$ the
-    largest lever arm of a normal force, $\mu$ friction over load at 5 mm and full speed, $R$ the body's reach.
+    $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$
+    the largest lever arm of a normal force, $\mu$ friction over load at 5 mm and full speed, $R$ the body's reach.
 
     Returns:
         0 where the arm drives the ball, so that an impact has no largest impulse.
@@ -151,6 +153,7 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4,
     impacts: list[StrikePlan] = []
     instants: list[float] = []
     shares: list[float] = []
+    refused = None
     while left > share and len(impacts) < most:
         try:
             plan = plan_strike(now, starts=starts, seed=seed + len(impacts))
@@ -158,7 +161,8 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4,
             if not impacts:
                 raise
             break
-        if impacts and (not plan.allowed or plan.score > plan.untouched * (1.0 - LEAST_GAIN)):
+        if not plan.allowed or plan.score > plan.untouched * (1.0 - LEAST_GAIN):
+            refused = plan
             break
         impacts.append(plan)
         instants.append(time + float(plan.design.instant))
@@ -170,4 +174,4 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4,
         now = move_on(now, plan)
     impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in impacts)
     return Sequence(tuple(impacts), tuple(instants), tuple(shares), impulse, left <= share,
-                    bound_impacts(problem, share), find_floor(problem))
+                    bound_impacts(problem, share), find_floor(problem), refused)

@@ -180,7 +180,7 @@ def plan_strike(problem: Problem, *, starts: int = 4, draws: int = DRAWS, seed: 
         if values[0] < LOST:
             ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
     if not ends:
-        raise ComputationError("no impact could be planned: from no start could the contact be integrated to separation")
+        raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
     allowed, best, face, x, values = min(ends, key=lambda end: (not end[0], end[1]))
     design = read_design(problem, jnp.asarray(face), jnp.asarray(x))
     collision = strike_debris(problem, design)

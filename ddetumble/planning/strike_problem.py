@@ -166,8 +166,8 @@ def read_design(problem: Problem, face: Array, x: Array) -> Design:
     early, late = limits.window
     instant = early + 0.5 * (1.0 + x[6]) * (late - early)
     attitude, rates = drift(problem, instant)
-    return Design(face, point, rotate(attitude, body), low + 0.5 * (1.0 + x[5]) * (high - low), instant, attitude, rates,
-                  rotate(attitude, normal))
+    return Design(face, point, rotate(attitude, body), low + 0.5 * (1.0 + x[5]) * (high - low), instant, attitude,
+                  rates, rotate(attitude, normal))
 
 
 def strike_debris(problem: Problem, design: Design, adjoint: dfx.AbstractAdjoint | None = None, rtol=RTOL, atol=ATOL,
@@ -276,7 +276,8 @@ def _estimate(problem: Problem, face: Array, x: Array) -> Array:
     impulse = mass * (1.0 + reference.ball.rebound()) * approach
     conditions = {**problem.conditions, "initial_pressure": design.pressure, "approach_speed": jnp.maximum(speed, 1e-3)}
     law, probe, blank = problem.law.normal, 5e-3, jnp.zeros((len(problem.law.normal.stateful()),))
-    contact = law.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(probe), jnp.zeros(()), blank)
+    contact = law.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(probe), jnp.zeros(()),
+                          blank)
     curve = contact.elastic_force / probe**2
     depression = jnp.cbrt(1.5 * mass * approach**2 / curve)
     across = relative + speed * foot.normal

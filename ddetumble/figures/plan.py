@@ -1,0 +1,53 @@
+"""Figures of planned impacts: momentum and nutation over time, and the contact of each impact."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .style import AFTER, BEFORE, INK, dress, new_figure, styled
+
+
+@styled
+def draw_motion(time: np.ndarray, momentum: np.ndarray, nutation: np.ndarray, instants: Sequence[float]):
+    """Angular momentum (components and size) and nutation angle over time, impacts marked.
+
+    Args:
+        time: shape (times,) [s].
+        momentum: inertial components, shape (times, 3) [N m s].
+        nutation: shape (times,) [rad].
+        instants: of the impacts [s].
+    """
+    figure = new_figure(4.4)
+    above, below = (dress(figure.add_subplot(2, 1, row + 1)) for row in range(2))
+    for column, (name, line) in enumerate(zip("XYZ", ("-", "--", ":"), strict=True)):
+        above.plot(time, momentum[:, column], line, color=AFTER, lw=1.3, label=name)
+    above.plot(time, np.linalg.norm(momentum, axis=1), color=BEFORE, lw=2.0, label="size")
+    below.plot(time, np.degrees(nutation), color=AFTER, lw=1.6)
+    for axes in (above, below):
+        axes.set_xlim(float(time[0]), float(time[-1]))
+        for instant in instants:
+            axes.axvline(instant, color=INK, lw=0.6, ls=":")
+    above.tick_params(labelbottom=False)
+    above.set_ylabel("angular momentum [N m s]")
+    above.legend(loc="upper right", ncols=4)
+    below.set_ylabel("nutation angle [°]")
+    below.set_xlabel("time [s]")
+    below.set_ylim(0, 180)
+    return figure
+
+
+@styled
+def draw_contacts(times: Sequence[np.ndarray], normal: Sequence[np.ndarray], friction: Sequence[np.ndarray],
+                  labels: Sequence[str]):
+    """Normal force and friction of a few impacts over their contact."""
+    figure = new_figure(2.8)
+    for column, (name, forces) in enumerate((("normal force [N]", normal), ("friction [N]", friction))):
+        axes = dress(figure.add_subplot(1, 2, column + 1))
+        for k, (time, force, label) in enumerate(zip(times, forces, labels, strict=True)):
+            axes.plot(1e3 * np.asarray(time), np.asarray(force), color=AFTER, lw=1.8, label=label,
+                      alpha=1.0 if len(labels) == 1 else 0.35 + 0.65 * k / (len(labels) - 1))
+        axes.set_ylabel(name)
+        axes.set_xlabel("time since first touch [ms]")
+        axes.set_ylim(0, None)
+    figure.axes[0].legend(loc="upper right")
+    return figure

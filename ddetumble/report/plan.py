@@ -1,0 +1,216 @@
+"""Planned impacts as `plan.json` and a page: a view that turns, momentum and nutation over time, a table."""
+
+import json
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import markupsafe
+import numpy as np
+
+from ..dynamics.angles import measure_nutation
+from ..dynamics.free_motion import coast
+from ..dynamics.rigid import measure_momentum
+from ..dynamics.rotation import rotate_back
+from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
+from ..figures.plan import draw_contacts, draw_motion
+from ..planning.sequence import LEAST_GAIN, Sequence, measure_share
+from ..planning.strike_plan import StrikePlan
+from ..planning.strike_problem import Problem
+from .page import Section, Table, write_page, write_whole
+
+
+SCHEMA = "ddetumble.plan-result/1"
+PLACES = 120  # times drawn between two impacts
+AFTERWARDS = 30.0  # s, of free motion drawn at either end
+COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2"}
+
+
+def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
+    """What was found, in one or two sentences."""
+    floor, count = sequence.floor, len(sequence.impacts)
+    frictionless = (" A normal force has no moment about the axis of a body of revolution: "
+                    f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone."
+                    if floor > 1e-3 else "")
+    if not count:
+        best = sequence.refused
+        why = "no impact is allowed"
+        if best is not None and best.allowed:
+            why = (f"the best single impact changes what is wanted by {100 * (1 - best.score / best.untouched):.2f} %, "
+                   f"less than {100 * LEAST_GAIN:.0f} %")
+        elif best is not None:
+            name = min(best.values, key=lambda one: best.values[one])
+            why = f"the nearest design still violates: {name}"
+        return f"This cannot be done: {why}.{frictionless}"
+    left = 100 * sequence.shares[-1]
+    start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {left:.2f} % of the angular momentum"
+    aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
+    bound = f" No plan needs fewer than {sequence.bound}." if sequence.bound and share < 1 else ""
+    ended = "" if sequence.reached or count == 1 else f" The wanted {100 * share:g} % are not reached."
+    return f"{start}{aim}.{ended}{bound}{frictionless}"
+
+
+def list_impact(number: int, instant: float, share: float, problem: Problem, plan: StrikePlan) -> dict[str, Any]:
+    """One impact as `plan.json` has it, SI."""
+    design, collision, proof = plan.design, plan.collision, plan.certificate
+
+    def row(vector):
+        return [float(x) for x in np.asarray(vector)]
+
+    return {
+        "impact": number, "face": plan.face, "point": row(design.point), "instant": instant,
+        "wait": float(design.instant), "attitude": row(design.attitude),
+        "arm_velocity": row(design.velocity), "normal": row(design.normal), "initial_pressure": float(design.pressure),
+        "approach_speed": float(collision.approach_speed), "tangential_speed": float(collision.tangential_speed),
+        "duration": float(collision.separation), "peak_normal_force": float(collision.peak_force),
+        "peak_depression": float(collision.peak_depression), "impulse": row(collision.impulse),
+        "angular_momentum": row(collision.angular_momentum), "angular_velocity": row(collision.angular_velocity),
+        "debris_velocity": row(collision.velocity), "share_left": share, "score": plan.score, "allowed": plan.allowed,
+        "constraints": plan.values,
+        "certificate": {"stationarity": proof.stationarity, "gradient_error": proof.gradient_error,
+                        "binding": proof.binding, "edge_margin": proof.margin},
+        "integrations": {"values": plan.tally.values, "gradients": plan.tally.slopes},
+        "starts": [{"face": face, "score": score, "allowed": allowed} for face, score, allowed in plan.scores],
+    }  # fmt: skip
+
+
+def follow_plan(problem: Problem, sequence: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s], angular momentum [N m s] and nutation angle [rad] from before the first to after the last impact."""
+    inertia = problem.debris.inertia
+    attitude, rates, begin = problem.attitude, problem.angular_velocity, 0.0
+    found: list[tuple[np.ndarray, ...]] = []
+    ends = [*sequence.instants, (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS]
+    for k, end in enumerate(ends):
+        since = np.linspace(0.0, end - begin, PLACES)
+        motion = coast(inertia, attitude, rates, since)
+        momentum = measure_momentum(inertia, motion.attitude, motion.angular_velocity)
+        nutation = measure_nutation(inertia, motion.angular_velocity)
+        found.append((begin + since, np.asarray(momentum), np.asarray(nutation)))
+        if k < len(sequence.impacts):
+            after = sequence.impacts[k].collision
+            attitude, rates, begin = after.attitude, after.angular_velocity, end + float(after.separation)
+    time, momentum, nutation = (np.concatenate(part) for part in zip(*found, strict=True))
+    return time, momentum, nutation
+
+
+def trace_edges(surface: AbstractSurface) -> list[list[list[float]]]:
+    """Lines that show a surface, each a row of points [m]."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
+    if isinstance(surface, CylinderSurface):
+        radius, half = float(surface.radius), 0.5 * float(surface.length)
+        rings = [radius * ring + [0.0, 0.0, z] for z in (-half, half)]
+        rods = [np.stack([radius * ring[k] + [0.0, 0.0, z] for z in (-half, half)]) for k in range(0, 48, 6)]
+        lines = [*rings, *rods]
+    elif isinstance(surface, Polytope):
+        from scipy.spatial import HalfspaceIntersection
+
+        normals, offsets = np.asarray(surface.normals), np.asarray(surface.offsets)
+        corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
+        on = np.abs(corners @ normals.T - offsets) < 1e-6 * offsets.max()
+        lines = [corners[[i, j]] for i in range(len(corners)) for j in range(i) if np.sum(on[i] & on[j]) >= 2]
+    else:
+        radius = float(surface.reach())
+        lines = [radius * np.roll(ring, axis, axis=1) for axis in range(3)]
+    return [np.asarray(line).round(4).tolist() for line in lines]
+
+
+def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
+    """The body with points, impulses and angular momentum before and after, in the body frame, to be turned by hand."""
+    reach = float(problem.debris.surface.reach())
+    arrows = []
+    momentum = np.asarray(problem.debris.inertia @ problem.angular_velocity)
+    size = max(float(np.linalg.norm(momentum)), 1e-300)
+    arrows.append({"tail": [0.0, 0.0, 0.0], "head": (1.3 * reach * momentum / size).tolist(),
+                   "colour": COLOURS["momentum"], "label": "momentum before"})
+    largest = max((float(jnp.linalg.norm(plan.collision.impulse)) for plan in sequence.impacts), default=1.0)
+    for number, plan in enumerate(sequence.impacts, 1):
+        push = np.asarray(rotate_back(plan.design.attitude, plan.collision.impulse))
+        head = np.asarray(plan.design.point)
+        arrows.append({"tail": (head - 0.6 * reach * push / largest).tolist(), "head": head.tolist(),
+                       "colour": COLOURS["impulse"], "label": str(number)})
+    data = json.dumps({"lines": trace_edges(problem.debris.surface), "arrows": arrows, "reach": 1.3 * reach})
+    script = resources.files("ddetumble.report").joinpath("turning.js").read_text(encoding="utf-8")
+    return markupsafe.Markup(
+        '<canvas id="turning" width="900" height="520" tabindex="0" role="img" style="max-width:100%;touch-action:none;'
+        'cursor:grab" aria-label="The body with its impacts; drag or use the arrow keys to turn it"></canvas>'
+        '<script type="application/json" id="turning-data">' + data.replace("<", "\\u003c") + "</script>"
+        "<script>" + script + "</script>")
+
+
+def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "", share: float = 0.01,
+               source: str = "") -> Path:
+    """Write `plan.json` and `report.html` into a folder.
+
+    Args:
+        problem: what was asked.
+        sequence: what was planned.
+        folder: where to write; made where it is not there.
+        title: of the scenario.
+        share: of the angular momentum that was wanted.
+        source: name of the scenario's file.
+
+    Returns:
+        Path of the page.
+    """
+    folder = Path(folder)
+    sentence = describe_plan(problem, sequence, share)
+    impacts = [list_impact(k + 1, sequence.instants[k], sequence.shares[k], problem, plan)
+               for k, plan in enumerate(sequence.impacts)]
+    best = sequence.refused
+    result = {
+        "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, "possible": bool(impacts),
+        "reached": sequence.reached, "wanted_share": share, "share_left": sequence.shares[-1] if impacts else 1.0,
+        "impulse": sequence.impulse, "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
+        "impacts": impacts,
+        "refused": None if best is None else {
+            "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
+            "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
+            "constraints": best.values},
+        "version": metadata.version("ddetumble"),
+    }  # fmt: skip
+    time, momentum, nutation = follow_plan(problem, sequence)
+    figures = [("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
+                draw_motion(time, momentum, nutation, sequence.instants))]
+    if impacts:
+        chosen = sorted({0, len(impacts) // 2, len(impacts) - 1})
+        courses = [sequence.impacts[k].collision.course for k in chosen]
+        figures.append(("contacts", "Normal force and friction during contact.", draw_contacts(
+            [c.time for c in courses], [c.normal_force for c in courses],
+            [np.linalg.norm(np.asarray(c.friction), axis=1) for c in courses], [f"impact {k + 1}" for k in chosen])))
+    table = Table(
+        ["impact", "at [s]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
+         "peak force [N]", "depression [mm]", "contact [ms]", "|L| left [%]", "held by"],
+        [[str(one["impact"]), f"{one['instant']:.2f}", one["face"], _list(one["point"]), _list(one["arm_velocity"]),
+          f"{one['initial_pressure'] / 1e6:.3f}", f"{one['peak_normal_force']:.1f}",
+          f"{1e3 * one['peak_depression']:.2f}", f"{1e3 * one['duration']:.1f}", f"{100 * one['share_left']:.3f}",
+          ", ".join(one["certificate"]["binding"]) or "nothing"] for one in impacts])
+    proofs = Table(
+        ["impact", "gradient left over [-]", "gradient against differences [-]", "disc to edge [mm]",
+         "integrations", "gradients", "starts: score"],
+        [[str(one["impact"]), f"{one['certificate']['stationarity']:.1e}",
+          f"{one['certificate']['gradient_error']:.1e}",
+          f"{1e3 * one['certificate']['edge_margin']:.1f}", str(one["integrations"]["values"]),
+          str(one["integrations"]["gradients"]),
+          ", ".join(f"{start['score']:.4f}" for start in one["starts"])] for one in impacts])
+    sections = [
+        Section("Where to strike", [
+            make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before. Orange: the "
+            "impulse of each impact, its head at the point of contact. Drag to turn."]),
+        Section("Before, between and after", [], figures=figures, tables=[table] if impacts else []),
+    ]
+    if impacts:
+        sections.append(Section(
+            "How well the plan is founded",
+            ["Each impact is the best of several starts for itself, from the motion that the one before left; the "
+             "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
+             "constraints' share says how nearly each is a first-order optimum."], tables=[proofs]))
+    folder.mkdir(parents=True, exist_ok=True)
+    page = write_page(title or "Planned impacts", sentence, sections, folder, "report.html")
+    write_whole(folder / "plan.json", (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
+    return page
+
+
+def _list(vector) -> str:
+    return ", ".join(f"{x:.3f}" for x in vector).replace("-", "−")

@@ -1,0 +1,234 @@
+"""Plans of impacts: the closed-form optimum, certificates, limits kept, what cannot be done, scenarios, pages."""
+
+import dataclasses as dc
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from ddetumble import Ball, CoulombFriction, Cylinder, InputError, Striker, find_data
+from ddetumble.cli import main
+from ddetumble.dynamics.surfaces import make_debris
+from ddetumble.inference.archive import load_model
+from ddetumble.planning.scenario import pose_problem, read_scenario
+from ddetumble.planning.sequence import bound_impacts, find_floor, find_lever, plan_sequence
+from ddetumble.planning.strike_plan import find_starts, plan_strike
+from ddetumble.planning.strike_problem import (
+    CONSTRAINTS,
+    Goal,
+    Limits,
+    Problem,
+    drift,
+    evaluate,
+    evaluate_slopes,
+    is_symmetric,
+    read_design,
+    screen,
+    span_plane,
+)
+
+
+SCENARIOS = sorted((find_data() / "scenarios").glob("*.toml"))
+STAGE = make_debris(Cylinder())
+
+
+def pose(rates, friction=0.0, mass=8.0, goal=None, **limits):
+    """The paper's stage."""
+    law = Striker(Ball(effective_mass=mass), CoulombFriction(friction), tangential_mass=mass, rolling_mass=1e9)
+    return Problem(law.extend(()), STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(rates, float),
+                   Limits(**{"force": 1000.0} | limits), goal or Goal(), {}, is_symmetric(STAGE))
+
+
+@pytest.fixture(scope="module")
+def flat():
+    """A flat spin that one impact within the limits can end, planned once."""
+    problem = pose([0.02, 0.0, 0.0])
+    return problem, plan_strike(problem, starts=2)
+
+
+def test_a_flat_spin_ends_in_one_impact(flat):
+    """|L| = 20 N m s and limits that allow the impulse: nothing is left, every limit is kept."""
+    problem, plan = flat
+    assert plan.allowed and plan.score < 2e-3 and plan.untouched == pytest.approx(1.0)
+    assert min(plan.values.values()) >= -1e-5
+    assert float(plan.collision.peak_force) <= 1000.0 * (1 + 1e-5)
+    assert float(jnp.linalg.norm(plan.design.velocity)) <= 2.0 * (1 + 1e-6)
+    # The moment is that of the impulse: no friction, so it is normal to the side or end that was struck.
+    taken = np.asarray(plan.collision.angular_momentum)
+    np.testing.assert_allclose(taken, 0.0, atol=0.05)
+
+
+def test_axial_momentum_stays_without_friction():
+    """The optimum of a frictionless plan is the axial share: closed form, found with its certificate."""
+    problem = pose([0.03, 0.0, 0.08])
+    plan = plan_strike(problem, starts=3)
+    floor = 0.08 * 500 / np.hypot(30.0, 40.0)
+    assert find_floor(problem) == pytest.approx(floor)
+    assert plan.allowed and plan.score == pytest.approx(floor, rel=1e-3)
+    assert plan.score >= floor * (1 - 1e-9)
+
+
+def test_certificate_of_a_plan_that_limits_hold():
+    """More momentum than one impact takes: force binds, multipliers are positive, slopes are those of differences."""
+    plan = plan_strike(pose([0.03, 0.06, 0.02], 0.2, force=300.0), starts=2)
+    proof = plan.certificate
+    assert plan.allowed and "peak force" in proof.binding
+    assert proof.stationarity < 1e-2 and proof.gradient_error < 1e-3
+    assert min(proof.binding.values()) >= 0 and proof.margin >= 0.02 - 1e-5
+    assert plan.tally.values > 0 and plan.tally.slopes > 0
+
+
+def test_plan_is_no_worse_than_random_designs(flat):
+    """No allowed design among many random ones does better."""
+    problem = pose([0.05, 0.02, 0.03], 0.2, force=400.0)
+    plan = plan_strike(problem, starts=2)
+    draw = np.random.default_rng(8)
+    best = 1.0
+    for _ in range(150):
+        found = np.asarray(evaluate(problem, jnp.asarray(int(draw.integers(3))), jnp.asarray(draw.uniform(-1, 1, 7))))
+        if found[1:].min() >= 0:
+            best = min(best, found[0])
+    assert plan.score <= best
+
+
+def test_estimate_is_near_the_impact():
+    """Closed forms that choose the starts: score within a few per cent where the contact is short."""
+    problem = pose([0.05, 0.02, 0.03], 0.2)
+    for face, x in find_starts(problem, 3):
+        rough = np.asarray(screen(problem, jnp.array([face]), jnp.asarray(x)[None]))[0]
+        exact = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x)))
+        assert abs(rough[0] - exact[0]) < 0.05
+        np.testing.assert_allclose(rough[[1, 2, 6]], exact[[1, 2, 6]], atol=1e-9)
+
+
+def test_slopes_are_those_of_differences():
+    """Score and all constraints by all seven variables."""
+    problem = pose([0.05, 0.02, 0.03], 0.2)
+    face, x = find_starts(problem, 1)[0]
+    value, slopes = evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x))
+    np.testing.assert_allclose(value, evaluate(problem, jnp.asarray(face), jnp.asarray(x)), rtol=1e-9)
+    for k, step in enumerate(1e-4 * np.eye(7)):
+        ahead, behind = (np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x + s * step))) for s in (1, -1))
+        np.testing.assert_allclose(slopes[:, k], (ahead - behind) / 2e-4, atol=2e-3 * np.abs(slopes).max())
+
+
+def test_a_ball_that_does_not_approach_is_told_so():
+    """A missed impact leaves the motion and violates only its approach; no value is lost."""
+    problem = pose([0.0, 0.0, 0.05])
+    found = np.asarray(evaluate(problem, jnp.asarray(0), jnp.array([0.1, 0.2, -1.0, 0.0, 0.0, 0.0, 0.0])))
+    assert np.isfinite(found).all() and found[0] == pytest.approx(1.0) and found[2] < 0
+    assert dict(zip(CONSTRAINTS, found[1:], strict=True))["peak force"] == 0.0
+
+
+def test_free_motion_before_the_impact():
+    """The trigonometric and the elliptic closed form agree; a design keeps the direction to its place."""
+    problem = pose([0.04, 0.03, 0.09])
+    other = eqx.tree_at(lambda p: p.attitude, problem, problem.attitude)
+    other = dc.replace(other, symmetric=False)
+    for first, second in zip(drift(problem, jnp.asarray(37.0)), drift(other, jnp.asarray(37.0)), strict=True):
+        sign = np.sign(np.asarray(first) @ np.asarray(second)) if first.shape == (4,) else 1.0
+        np.testing.assert_allclose(first, sign * np.asarray(second), atol=1e-11)
+    design = read_design(problem, jnp.asarray(1), jnp.array([0.3, -0.2, 0.1, 0.2, -0.4, 0.0, 0.5]))
+    assert float(design.point[2]) == 1.5 and float(design.instant) == pytest.approx(45.0)
+
+
+def test_span_of_a_plane():
+    """Two unit vectors across any normal and each other."""
+    for normal in np.random.default_rng(1).normal(size=(20, 3)):
+        n = normal / np.linalg.norm(normal)
+        frame = np.stack([n, *map(np.asarray, span_plane(jnp.asarray(n)))])
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+
+
+def test_sequence_ends_and_respects_its_bound():
+    """Two or more impacts take what one cannot; none does better than the bound on one impact; time goes on."""
+    problem = pose([0.1, 0.0, 0.0], force=1200.0)
+    found = plan_sequence(problem, 0.02, 8, starts=2)
+    assert found.reached and found.shares[-1] <= 0.02 and len(found.impacts) >= found.bound >= 1
+    assert np.all(np.diff(found.shares) < 0) and np.all(np.diff(found.instants) >= 0)
+    assert find_lever(problem) == pytest.approx(1.5)
+    biggest = max(-np.diff([1.0, *found.shares])) * 100.0
+    assert bound_impacts(problem, 0.02) <= np.ceil(98.0 / biggest)
+
+
+def test_what_cannot_be_done_is_said(tmp_path, capsys):
+    """Axial spin without friction: no impact, one sentence, exit code 0."""
+    code = main(["plan", str(find_data() / "scenarios" / "axial-spin-without-friction.toml"), "-o", str(tmp_path)])
+    told = capsys.readouterr().out
+    assert code == 0 and "This cannot be done" in told and "friction alone" in told
+    result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    assert not result["possible"] and result["impacts"] == [] and result["axial_share"] == pytest.approx(1.0)
+    assert "cannot be done" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_page_and_result_of_a_plan(tmp_path, capsys):
+    """The result's numbers hold together; the page turns by its own script and escapes the title."""
+    text = SCENARIOS[0].parent.joinpath("paper-case-2.toml").read_text(encoding="utf-8")
+    file = tmp_path / "case.toml"
+    file.write_text(text.replace('title = "', 'title = "<b>&'), encoding="utf-8")
+    assert main(["plan", str(file), "-o", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    result = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    (impact,) = result["impacts"]
+    before = np.array([24.768, -41.789, 54.263])
+    after = np.array(impact["angular_momentum"])
+    assert impact["share_left"] == pytest.approx(np.linalg.norm(after) / np.linalg.norm(before), rel=1e-6)
+    assert impact["peak_normal_force"] <= 1000.0 * (1 + 1e-5) and impact["allowed"]
+    np.testing.assert_allclose(np.array(impact["debris_velocity"]) * 1000.0, impact["impulse"], rtol=1e-9)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert 'id="turning"' in page and "<b>&" not in page and "http" not in page.split("<script>")[1]
+
+
+@pytest.mark.parametrize("file", SCENARIOS, ids=lambda file: file.stem)
+def test_shipped_scenarios_are_read(file):
+    """Each poses a problem."""
+    problem = pose_problem(read_scenario(file), file.parent)
+    assert problem.symmetric and np.isfinite(np.asarray(problem.angular_velocity)).all()
+
+
+@pytest.mark.parametrize("old, new, says", [
+    ("ddetumble.plan/1", "ddetumble.plan/9", "schema"), ("mass = 1000.0", "mass = -1.0", "debris.mass"),
+    ("force = 1000.0", "forse = 1000.0", "limits.forse"), ("[goal]", "[goal", "no TOML"),
+    ("pressure = [1.0e6, 2.5e6]", "pressure = [2.5e6, 1.0e6]", "pressure has to rise"),
+    ("angular_momentum = ", "angular_velocity = [0.0, 0.0, 0.0]\n#", "does not turn"),
+    ("restitution = 0.7", 'model = "nowhere"', "no folder that fit or discover wrote"),
+    ("chaser = [1.0, 0.0, 0.0]", "chaser = [0.0, 0.0, 0.0]", "must not be zero"),
+])  # fmt: skip
+def test_faulty_scenarios_are_refused(tmp_path, capsys, old, new, says):
+    """One sentence that names the key, exit code 2, nothing written."""
+    text = (find_data() / "scenarios" / "paper-case-2.toml").read_text(encoding="utf-8")
+    assert old in text
+    file = tmp_path / "case.toml"
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    assert main(["plan", str(file), "-o", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert says in told and len(told.strip().splitlines()) == 1
+    assert not (tmp_path / "out" / "plan.json").exists()
+
+
+def test_a_fitted_model_is_planned_with(tmp_path):
+    """A committed fit to impacts: its restitution and effects, its mass where the arm names none."""
+    fits = Path(__file__).resolve().parent.parent / "fits"
+    law = load_model(fits / "impact-b").law()
+    text = (find_data() / "scenarios" / "paper-case-2.toml").read_text(encoding="utf-8")
+    file = tmp_path / "case.toml"
+    file.write_text(text.replace("restitution = 0.7", f'model = "{(fits / "impact-b").as_posix()}"').replace(
+        "mass = 10.0", ""), encoding="utf-8")
+    posed = pose_problem(read_scenario(file), tmp_path).law
+    assert [type(one) for one in posed.effects] == [type(one) for one in law.effects] != []
+    np.testing.assert_allclose(posed.reference.ball.inertia(), law.reference.inertia())
+    np.testing.assert_allclose(posed.reference.tangential_mass, law.reference.inertia())
+    np.testing.assert_allclose(posed.reference.ball.rebound(), law.reference.rebound())
+    file.write_text(text.replace("restitution = 0.7", f'friction_model = "{(fits / "impact-b").as_posix()}"'),
+                    encoding="utf-8")
+    with pytest.raises(InputError, match="one of slip records"):
+        pose_problem(read_scenario(file), tmp_path)
+
+
+def test_missing_scenario_is_refused(tmp_path):
+    """One sentence with the file's name."""
+    with pytest.raises(InputError, match="no such file"):
+        read_scenario(tmp_path / "none.toml")
