@@ -59,7 +59,7 @@ def find_reference(problem: Problem) -> dict:
     box = find_bounds(names, min(int(centre[7]), len(names) - 1))
     for turn in range(ROUNDS):
         before = best
-        for unit in qmc.Sobol(7, seed=turn).random(LOCAL):
+        for unit in qmc.Sobol(7, rng=np.random.default_rng(turn)).random(LOCAL):
             z = np.append(np.clip(centre[:7] + width * (2.0 * unit - 1.0), *box.T), centre[7])
             value = worth(z)
             if value < best:

@@ -54,7 +54,7 @@ def test_a_plate_of_infinite_mass_is_the_bench(effects):
                    span=0.1)
     assert bool(found.separated) and not bool(found.failed)
     np.testing.assert_allclose(found.separation, bench.separation, rtol=1e-6)
-    np.testing.assert_allclose(found.arm_velocity[0], bench.rebound_speed, rtol=1e-6)
+    np.testing.assert_allclose(found.arm_velocity[0], bench.rebound_speed, rtol=1e-5)
     np.testing.assert_allclose(found.arm_velocity[2], bench.tangential_speed, rtol=1e-5)
     # Without separation itself: one of the two is a rounding before it, where an effect breaks off.
     for channel in ("normal_force", "depression", "pressure"):

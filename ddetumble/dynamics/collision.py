@@ -259,7 +259,8 @@ def collide(law: StrikeLaw | Striker, debris: Debris, attitude: Any, angular_vel
         vectors.append(jnp.asarray(value, dtype=float))
     solver = dfx.Tsit5() if solver is None else solver
     adjoint = dfx.DirectAdjoint() if adjoint is None else adjoint
-    found = _collide(law, debris, *vectors, given, jnp.asarray(span, dtype=float),
+    quaternion, rates, place, velocity = vectors
+    found = _collide(law, debris, quaternion, rates, place, velocity, given, jnp.asarray(span, dtype=float),
                      jnp.asarray(relaxation, dtype=float), solver, adjoint, (jnp.asarray(rtol), jnp.asarray(atol)),
                      max_steps)
     if is_known(found.approach_speed) and np.ndim(found.approach_speed) == 0 and not float(found.approach_speed) > 0:
@@ -324,6 +325,7 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
         stepsize_controller=dfx.PIDController(rtol=tolerances[0], atol=tolerances[1], norm=measure_error),
         max_steps=max_steps, adjoint=adjoint,
         event=dfx.Event(gap, optx.Newton(1e-13, 1e-13), direction=False), throw=False)
+    assert solution.ts is not None and solution.ys is not None
     separated = solution.result == dfx.RESULTS.event_occurred
     end = solution.ts[0]
     final = unravel(solution.ys[0] * scales)

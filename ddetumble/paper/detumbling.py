@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._numerics import scalar
 from ..contact.gripping import Striker
 from ..contact.law import Ball
 from ..contact.sliding import CoulombFriction
@@ -129,17 +130,17 @@ def follow_impact(table: Momentum, before: float, after: float) -> Passage:
     inertia = Cylinder().inertia()
     attitude = place_stage(table.before)
     size, left = (float(np.linalg.norm(x)) for x in (table.before, table.after))
-    rates = jnp.array([size / float(inertia[0, 0]), 0.0, 0.0])
-    earlier = coast(inertia, attitude, rates, np.arange(-before, 0.0, STEP))
+    spin = jnp.array([size / float(inertia[0, 0]), 0.0, 0.0])
+    earlier = coast(inertia, attitude, spin, np.arange(-before, 0.0, STEP))
     moment = jnp.array([-(size - left) / IMPACT_TIME, 0.0, 0.0])
-    during = tumble(inertia, attitude, rates, np.linspace(0.0, IMPACT_TIME, 9), _Step(moment))
+    during = tumble(inertia, attitude, spin, np.linspace(0.0, IMPACT_TIME, 9), _Step(moment))
     start = during.attitude[-1], during.angular_velocity[-1]
     later = coast(inertia, *start, np.arange(STEP, after, STEP))
     parts = (earlier, during, later)
     time = np.concatenate([earlier.time, during.time, np.asarray(later.time) + IMPACT_TIME])
-    return Passage(time, *(np.concatenate([np.asarray(getattr(part, name)) for part in parts])
-                           for name in ("attitude", "angular_velocity")),
-                   np.asarray(measure_momentum(inertia, *start)))
+    attitudes = np.concatenate([np.asarray(part.attitude) for part in parts])
+    rates = np.concatenate([np.asarray(part.angular_velocity) for part in parts])
+    return Passage(time, attitudes, rates, np.asarray(measure_momentum(inertia, *start)))
 
 
 def sample_steps(step: float = STEP) -> float:
@@ -163,7 +164,8 @@ def strike_stage(momentum: np.ndarray, pressure: float = 2.5e6) -> list[dict[str
     @jax.jit
     @jax.vmap
     def run(mass, speed):
-        law = Striker(Ball(effective_mass=mass), CoulombFriction(0.0), tangential_mass=mass, rolling_mass=1e9)
+        law = Striker(Ball(effective_mass=mass), CoulombFriction(scalar(0.0)), tangential_mass=mass,
+                      rolling_mass=scalar(1e9))
         found = collide(law, debris, UNTURNED, rates, point, jnp.stack([0.0 * speed, -speed, 0.0 * speed]),
                         {"initial_pressure": pressure}, max_steps=512)
         return jnp.stack([1.0 - jnp.linalg.norm(found.angular_momentum) / size, found.peak_force,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..dynamics.bodies import Cylinder
@@ -62,7 +63,7 @@ def draw_nutation(passages: Mapping[str, Passage]):
     """Figures 20 and 21: angle between axis and momentum, and between axis and the base frame's Z."""
     figure, grid = _draw_pair(passages, 2.9, 1)
     for axes, passage in zip(grid[0], passages.values(), strict=True):
-        height = np.asarray(rotate(passage.attitude, np.broadcast_to([0.0, 0.0, 1.0], (passage.time.size, 3))))[:, 2]
+        height = np.asarray(rotate(jnp.asarray(passage.attitude), jnp.array([0.0, 0.0, 1.0])))[:, 2]
         momentum = passage.rates * np.diag(np.asarray(Cylinder().inertia()))
         angle = np.arctan2(np.linalg.norm(momentum[:, :2], axis=1), momentum[:, 2])
         axes.plot(passage.time, np.degrees(angle), color=AFTER, lw=2.0, label="to the momentum")
@@ -78,7 +79,7 @@ def draw_rates(passages: Mapping[str, Passage]):
     """Figure 22: angular velocity in the base frame before and after."""
     figure, grid = _draw_pair(passages, 2.9, 1)
     for axes, passage in zip(grid[0], passages.values(), strict=True):
-        rates = np.degrees(np.asarray(rotate(passage.attitude, passage.rates)))
+        rates = np.degrees(np.asarray(rotate(jnp.asarray(passage.attitude), jnp.asarray(passage.rates))))
         for column, (name, colour) in enumerate(zip("XYZ", (BEFORE, AFTER, GREY), strict=True)):
             axes.plot(passage.time, rates[:, column], color=colour, lw=1.8, label=name)
     grid[0][0].set_ylabel("angular velocity [°/s]")
@@ -95,7 +96,7 @@ def draw_stages(passage: Passage, duration: float = 40.0, count: int = 5):
         axes.set_title(f"{name}: {count} attitudes over {duration:g} s")
         for k, time in enumerate(np.linspace(start, start + duration, count)):
             attitude = passage.attitude[np.argmin(np.abs(passage.time - time))]
-            ends = np.asarray(rotate(attitude, np.array([[0.0, 0.0, -1.5], [0.0, 0.0, 1.5]])))
+            ends = np.asarray(rotate(jnp.asarray(attitude), jnp.array([[0.0, 0.0, -1.5], [0.0, 0.0, 1.5]])))
             axes.plot(*ends.T, color=KIN if k else AFTER, lw=5.0 if k == 0 else 3.0, alpha=1.0 if k == 0 else 0.75)
         for limits in (axes.set_xlim, axes.set_ylim, axes.set_zlim):
             limits(-1.5, 1.5)
@@ -109,7 +110,7 @@ def draw_stages(passage: Passage, duration: float = 40.0, count: int = 5):
 def draw_displacement(passage: Passage, velocity: np.ndarray):
     """Figure 24: X and Y of the end-face centre A, without and with the motion that the impulse gives the stage."""
     figure = new_figure(3.4)
-    path = np.asarray(trace_point(passage.attitude, Cylinder().end_face()))
+    path = np.asarray(trace_point(jnp.asarray(passage.attitude), Cylinder().end_face()))
     drift = np.maximum(passage.time, 0.0)[:, None] * velocity
     for column, (name, places) in enumerate((("centre held, as the paper assumes", path),
                                              ("centre free", path + drift))):

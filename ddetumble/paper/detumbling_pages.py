@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..dynamics.rotation import rotate
@@ -131,4 +132,4 @@ def _find_drift(momentum: np.ndarray, speed: float) -> np.ndarray:
 
     The upper end face at +y moves along +z (omega along x); the impulse is against that, along minus the axis.
     """
-    return np.asarray(rotate(place_stage(momentum), np.array([0.0, 0.0, -speed])))
+    return np.asarray(rotate(jnp.asarray(place_stage(momentum)), jnp.array([0.0, 0.0, -speed])))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pydantic
 from pydantic import ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
@@ -233,8 +234,8 @@ def make_law(scenario: Scenario, here: Path) -> StrikeLaw:
         InputError: A folder holds no fit, or one of another family.
     """
     ball, arm = scenario.ball, scenario.arm
-    normal: Any = ContactLaw(Ball(restitution=ball.restitution))
-    friction: Any = FrictionLaw(CoulombFriction(ball.friction))
+    normal: Any = ContactLaw(Ball(restitution=scalar(ball.restitution)))
+    friction: Any = FrictionLaw(CoulombFriction(scalar(ball.friction)))
     own: tuple[Any, ...] = ()
     striker: Striker | None = None
     if ball.model:
@@ -261,7 +262,8 @@ def make_law(scenario: Scenario, here: Path) -> StrikeLaw:
     assert isinstance(friction.reference, AbstractFriction)
     rolling = CLAMPED if arm.clamped else float(striker.rolling_mass) if striker else 0.5
     creep = {} if striker is None else {"creep_speed": striker.creep_speed}
-    return Striker(reference, friction.reference, tangential_mass=across, rolling_mass=rolling, **creep).extend(own)
+    return Striker(reference, friction.reference, tangential_mass=scalar(across), rolling_mass=scalar(rolling),
+                   **creep).extend(own)
 
 
 def pose_problem(scenario: Scenario, here: Path) -> Problem:
@@ -277,8 +279,8 @@ def pose_problem(scenario: Scenario, here: Path) -> Problem:
     if scenario.debris.angular_velocity is not None:
         rates = np.asarray(scenario.debris.angular_velocity, dtype=float)
     else:
-        momentum = np.asarray(scenario.debris.angular_momentum, dtype=float)
-        rates = np.linalg.solve(np.asarray(debris.inertia), np.asarray(rotate_back(attitude, momentum)))
+        momentum = jnp.asarray(scenario.debris.angular_momentum, dtype=float)
+        rates = np.linalg.solve(np.asarray(debris.inertia), np.asarray(rotate_back(jnp.asarray(attitude), momentum)))
     arm, limits, goal = scenario.arm, scenario.limits, scenario.goal
     chaser = np.asarray(arm.chaser, dtype=float)
     if not np.any(chaser):

@@ -71,7 +71,7 @@ def _press(problem: Problem, speeds, pressures):
     def one(speed, pressure):
         conditions = {**problem.conditions, "approach_speed": speed, "initial_pressure": pressure}
         end = simulate(normal, conditions, times).separation
-        impact = simulate(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=0.5)
+        impact = simulate(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=jnp.asarray(0.5))
         contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(5e-3),
                                  jnp.zeros(()), jnp.zeros((len(normal.stateful()),)))
         load = jnp.maximum(contact.elastic_force, 1e-6)
@@ -117,7 +117,7 @@ def find_lever(problem: Problem, draws: int = 4096) -> float:
     """Largest lever arm of a normal force on the surface, over many of its places [m]."""
     surface = problem.debris.surface
     count = len(surface.face_names())
-    places = jnp.asarray(2.0 * qmc.Sobol(2, seed=0).random(draws) - 1.0)
+    places = jnp.asarray(2.0 * qmc.Sobol(2, rng=np.random.default_rng(0)).random(draws) - 1.0)
     corners = jnp.asarray([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
     places = jnp.concatenate([places, corners])
 

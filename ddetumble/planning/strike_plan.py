@@ -103,7 +103,7 @@ def find_bounds(names: tuple[str, ...], face: int) -> np.ndarray:
 def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0) -> list[tuple[int, np.ndarray]]:
     """Faces and variables of the most promising designs that are apart from each other, the best first."""
     count = len(problem.debris.surface.face_names())
-    x = 2.0 * qmc.Sobol(len(VARIABLES), seed=seed).random(draws) - 1.0
+    x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
     # Half of the designs come without tangential speed and along the moment that is wanted: others are rarely best.
     x[::2, 3:5] *= 0.1
     faces = np.arange(draws) % count

@@ -177,7 +177,7 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         chosen = sorted({0, len(impacts) // 2, len(impacts) - 1})
         courses = [sequence.impacts[k].collision.course for k in chosen]
         figures.append(("contacts", "Normal force and friction during contact.", draw_contacts(
-            [c.time for c in courses], [c.normal_force for c in courses],
+            [np.asarray(c.time) for c in courses], [np.asarray(c.normal_force) for c in courses],
             [np.linalg.norm(np.asarray(c.friction), axis=1) for c in courses], [f"impact {k + 1}" for k in chosen])))
     table = Table(
         ["impact", "at [s]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
