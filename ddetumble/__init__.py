@@ -52,6 +52,8 @@ _HOMES = {
     "to_euler_angles": "dynamics.angles", "from_euler_angles": "dynamics.angles",
     "Cylinder": "dynamics.bodies", "HollowCylinder": "dynamics.bodies", "Box": "dynamics.bodies",
     "Sphere": "dynamics.bodies", "Mesh": "dynamics.bodies", "read_mesh": "dynamics.bodies",
+    "collide": "dynamics.collision", "Debris": "dynamics.surfaces", "make_debris": "dynamics.surfaces",
+    "plan_strike": "planning.strike_plan", "plan_sequence": "planning.sequence",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
@@ -111,6 +113,7 @@ if TYPE_CHECKING:
     from .dynamics.bodies import Mesh as Mesh
     from .dynamics.bodies import Sphere as Sphere
     from .dynamics.bodies import read_mesh as read_mesh
+    from .dynamics.collision import collide as collide
     from .dynamics.free_motion import coast as coast
     from .dynamics.impact import simulate as simulate
     from .dynamics.rigid import Tumble as Tumble
@@ -119,6 +122,8 @@ if TYPE_CHECKING:
     from .dynamics.rigid import trace_point as trace_point
     from .dynamics.slide import slide as slide
     from .dynamics.strike import strike as strike
+    from .dynamics.surfaces import Debris as Debris
+    from .dynamics.surfaces import make_debris as make_debris
     from .dynamics.tumbling import tumble as tumble
     from .effects import catalogue as catalogue
     from .exam.drawing import Exam as Exam
@@ -138,6 +143,8 @@ if TYPE_CHECKING:
     from .paper import write_paper as write_paper
     from .planning.nexttest import design as design
     from .planning.visibility import map_effects as map_effects
+    from .planning.sequence import plan_sequence as plan_sequence
+    from .planning.strike_plan import plan_strike as plan_strike
     from .report import describe as describe
     from .report import write_report as write_report
     from .sampling.curves import pose_curve as pose_curve
