@@ -97,7 +97,8 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, steps: i
         if key not in seen:
             seen.clear()
             value, slopes = follow_slopes(problem, jnp.asarray(faces), jnp.asarray(z.reshape(shape)))
-            seen[key] = np.nan_to_num(np.asarray(value), nan=-1.0), np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
+            rows = np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
+            seen[key] = np.nan_to_num(np.asarray(value), nan=-1.0), rows
         return seen[key]
 
     before, limit = sequence.impulse, max(share, 1e-6) ** 2
