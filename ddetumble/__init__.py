@@ -142,9 +142,9 @@ if TYPE_CHECKING:
     from .measurement.package import write_campaign as write_campaign
     from .paper import write_paper as write_paper
     from .planning.nexttest import design as design
-    from .planning.visibility import map_effects as map_effects
     from .planning.sequence import plan_sequence as plan_sequence
     from .planning.strike_plan import plan_strike as plan_strike
+    from .planning.visibility import map_effects as map_effects
     from .report import describe as describe
     from .report import write_report as write_report
     from .sampling.curves import pose_curve as pose_curve
