@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from ddetumble.dynamics.rotation import rotate
 
 from ddetumble import Cylinder, coast
+from ddetumble._rotation import rotate
 from ddetumble.paper.detumbling import find_demand, find_mass, follow_impact, place_stage, sample_steps, strike_stage
 from ddetumble.paper.free_tumbling import read_momentum
 

@@ -30,6 +30,7 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from .._numerics import is_known, safe_divide, safe_sqrt, stop
+from .._rotation import normalise, rotate, rotate_back, turn
 from ..contact.gripping import (
     AbstractComplianceEffect,
     Patch,
@@ -42,7 +43,6 @@ from ..contact.gripping import (
 from .entry import read_conditions
 from .impact import measure_error
 from .outcome import Collision, Course, Ledger
-from .rotation import normalise, rotate, rotate_back, turn
 from .surfaces import Debris
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import scalar
+from .._rotation import from_matrix
 from ..contact.gripping import Striker
 from ..contact.law import Ball
 from ..contact.sliding import CoulombFriction
@@ -22,7 +23,6 @@ from ..dynamics.bodies import Cylinder
 from ..dynamics.collision import collide
 from ..dynamics.free_motion import coast
 from ..dynamics.rigid import measure_momentum
-from ..dynamics.rotation import from_matrix
 from ..dynamics.surfaces import make_debris
 from ..dynamics.tumbling import tumble
 from .free_tumbling import STEP, UNTURNED, Momentum

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 import numpy as np
 
+from .._rotation import rotate
 from ..dynamics.bodies import Cylinder
 from ..dynamics.rigid import trace_point
-from ..dynamics.rotation import rotate
 from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, dress, new_figure, styled
 from .detumbling import Demand, Passage
 

@@ -5,7 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..dynamics.rotation import rotate
+from .._rotation import rotate
 from . import detumbling_figures as figures
 from .detumbling import (
     FASTEST,

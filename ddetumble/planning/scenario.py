@@ -15,12 +15,12 @@ from pydantic import ConfigDict, Field, StrictBool, StrictFloat, StrictInt, Stri
 
 from .._errors import InputError
 from .._numerics import scalar
+from .._rotation import rotate_back
 from ..contact.effect import parameters_of
 from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw
 from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
-from ..dynamics.rotation import rotate_back
 from ..dynamics.surfaces import Debris, make_debris
 from ..inference.archive import load_model
 from ..inference.models import is_fitted

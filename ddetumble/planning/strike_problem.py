@@ -17,13 +17,13 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_divide, scalar
+from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.angles import measure_nutation
 from ..dynamics.collision import collide, reduce_mass
 from ..dynamics.free_motion import coast, coast_symmetric
 from ..dynamics.outcome import Collision
 from ..dynamics.rigid import measure_energy
-from ..dynamics.rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
 from ..dynamics.surfaces import Debris
 
 
@@ -247,7 +247,7 @@ def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
     collision = strike_debris(problem, design, adjoint)
     values = jnp.concatenate([score(problem, collision.angular_velocity)[None], judge(problem, design, collision)])
     # A ball that does not approach strikes nothing: only its approach is told.
-    missed = collision.approach_speed <= 0
+    missed = collision.approach_speed <= 1e-3 * problem.limits.approach
     blank = jnp.zeros_like(values).at[0].set(score(problem, problem.angular_velocity)).at[2].set(
         collision.approach_speed / problem.limits.approach - 1.0)
     bad = (collision.failed | ~collision.separated) & ~missed

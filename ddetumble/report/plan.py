@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import markupsafe
 import numpy as np
 
+from .._rotation import rotate_back
 from ..dynamics.angles import measure_nutation
 from ..dynamics.free_motion import coast
 from ..dynamics.rigid import measure_momentum
-from ..dynamics.rotation import rotate_back
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
 from ..planning.sequence import LEAST_GAIN, Sequence, measure_share
