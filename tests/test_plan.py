@@ -13,6 +13,7 @@ from ddetumble import Ball, CoulombFriction, Cylinder, InputError, Striker, find
 from ddetumble.cli import main
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load_model
+from ddetumble.planning.chain import follow_chain, follow_slopes, refine_sequence
 from ddetumble.planning.scenario import pose_problem, read_scenario
 from ddetumble.planning.sequence import bound_impacts, find_floor, find_lever, plan_sequence
 from ddetumble.planning.strike_plan import find_starts, plan_strike
@@ -232,3 +233,24 @@ def test_missing_scenario_is_refused(tmp_path):
     """One sentence with the file's name."""
     with pytest.raises(InputError, match="no such file"):
         read_scenario(tmp_path / "none.toml")
+
+
+@pytest.mark.slow
+def test_sequence_changed_together():
+    """The gradient through two impacts and both waits is that of differences; together they need no more impulse."""
+    problem = pose([0.06, 0.0, 0.0], force=1500.0, depression=0.025)
+    found = plan_sequence(problem, 0.2, 2, starts=2)
+    faces = np.array([STAGE.surface.face_names().index(plan.face) for plan in found.impacts])
+    x = np.stack([plan.x for plan in found.impacts])
+    value, slopes = follow_slopes(problem, jnp.asarray(faces), jnp.asarray(x))
+    np.testing.assert_allclose(value[0], found.impulse, rtol=1e-5)
+    np.testing.assert_allclose(np.sqrt(value[1]), found.shares[-1], atol=1e-4)
+    for place in ((0, 2), (0, 6), (len(x) - 1, 1)):
+        step = np.zeros_like(x)
+        step[place] = 1e-4
+        ahead, behind = (np.asarray(follow_chain(problem, jnp.asarray(faces), jnp.asarray(x + s * step)))
+                         for s in (1, -1))
+        np.testing.assert_allclose(np.asarray(slopes)[:, place[0], place[1]], (ahead - behind) / 2e-4,
+                                   atol=2e-3 * np.abs(slopes).max())
+    chain = refine_sequence(problem, found, 0.2)
+    assert chain.allowed and chain.impulse <= found.impulse * (1 + 1e-6) and chain.share <= 0.2 * (1 + 1e-3)
