@@ -114,12 +114,13 @@ def bound_impacts(problem: Problem, share: float) -> int:
 
 
 def find_lever(problem: Problem, draws: int = 4096) -> float:
-    """Largest lever arm of a normal force on the surface, over many of its places [m]."""
+    """Largest lever arm of a normal force on the surface, over many of its places and its corners [m]."""
     surface = problem.debris.surface
     count = len(surface.face_names())
     places = jnp.asarray(2.0 * qmc.Sobol(2, rng=np.random.default_rng(0)).random(draws) - 1.0)
     corners = jnp.asarray([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
-    places = jnp.concatenate([places, corners])
+    # Just inside, where the normal is still the face's own: there the largest arm of a flat face or a cylinder is.
+    places = jnp.concatenate([places, (1.0 - 1e-9) * corners])
 
     def lever(face, place):
         point = surface.place(face, place)
