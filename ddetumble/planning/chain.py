@@ -76,7 +76,7 @@ def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[Array, Arra
     return value, slopes
 
 
-def refine_sequence(problem: Problem, sequence: Sequence, share: float, steps: int = 15) -> Chain:
+def refine_sequence(problem: Problem, sequence: Sequence, share: float, steps: int = 40) -> Chain:
     """Change all impacts of a sequence together for the least impulse that leaves no more than a share of the momentum.
 
     Args:
