@@ -136,7 +136,9 @@ def test_missing_and_uneven_samples_are_reported(family, clean, tmp_path):
     channel = CHANNEL[family]
     lost = read_campaign(spoil(clean[family], tmp_path / "m", (faults.lose_samples, channel, 0.08)))
     cleaned, found = screen_samples(lost)
-    assert kinds(found) == ["missing"] and "8" in found[0].seen.split("%")[0]
+    share = 100.0 * np.isnan(readings(lost, channel)).mean()
+    assert kinds(found) == ["missing"]
+    assert float(found[0].seen.split("%")[0].split()[-1]) == pytest.approx(share, abs=0.6)
     assert np.array_equal(readings(cleaned, channel), readings(lost, channel), equal_nan=True)
     _, found = screen_samples(read_campaign(spoil(clean[family], tmp_path / "u", (faults.thin, 0.3))))
     assert kinds(found) == ["uneven"]
@@ -209,7 +211,7 @@ def test_impact_with_one_effect_and_five_faults(grown, tmp_path, capsys):
     key = middle(grown["impact"])
     others = [k for k in faults.Spoiler(grown["impact"], tmp_path / "x").order if k != key]
     folder = spoil(grown["impact"], tmp_path / "f", (faults.add_spikes, "normal_force", 6.0),
-                   (faults.lose_samples, "normal_force", 0.03), (faults.scale, ["normal_force"], key, 1 / 4.4482216),
+                   (faults.lose_samples, "normal_force", 0.03, 1), (faults.scale, ["normal_force"], key, 1 / 4.4482216),
                    (faults.drift, "normal_force", others[5], 1.0, 2.0), (faults.clip, "normal_force", 95.0))
     assert main(["discover", str(folder), "-o", str(tmp_path / "d")]) == 0
     found = json.loads((tmp_path / "d" / "result.json").read_text())
@@ -290,6 +292,6 @@ def test_tumbling_with_faults(clean, grown, tmp_path):
     check(found, "nothing-missing", (), {"inertia_ratio": 0.53})
     assert [(f.kind, f.records) for f in found.faults] == [("unit", ("r03",))]
     found = discover(spoil(grown["tumble"], tmp_path / "g", (faults.drift, RATES[0], "r03", 8e-5, 1.6e-4),
-                           (faults.add_spikes, RATES[1], 4e-4)))
+                           (faults.add_spikes, RATES[1], 4e-4, 0.006, 2)))  # none beside another
     check(found, "explained", ("eddy-current",), {"inertia_ratio": 0.53, "eddy-current.k_e": 2e-6})
     assert kinds(found.faults) == ["spike", "zero"]

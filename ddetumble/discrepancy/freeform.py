@@ -377,4 +377,4 @@ def measure_visible(bench: FreeBench, drawn: Drawn, curve: np.ndarray | None = N
 
 def _turn(drawn: Drawn) -> np.ndarray:
     """Coefficients of the splines by the parameters."""
-    return block_diag(*(smooth(m) for term, m in drawn.wanted for _ in term.parts))
+    return np.asarray(block_diag(*(smooth(m) for term, m in drawn.wanted for _ in term.parts)))

@@ -325,9 +325,9 @@ def _describe_condition(campaign: Campaign, name: str) -> dict[str, Any]:
 def _describe_sampling(campaign: Campaign) -> dict[str, Any] | None:
     if campaign.samples is None or campaign.independent is None:
         return None
-    grouped = campaign.samples.groupby("record", sort=False)[campaign.independent.name]
-    return {"samples": int(grouped.size().median()), "first": float(grouped.min().median()),
-            "last": float(grouped.max().median()),
+    groups = campaign.samples.groupby("record", sort=False)[campaign.independent.name]
+    count, first, last = np.median(np.array([(len(x), x.min(), x.max()) for _, x in groups], dtype=float), axis=0)
+    return {"samples": int(count), "first": float(first), "last": float(last),
             "largest": {name: float(np.nanmax(np.abs(campaign.samples[name]))) for name in campaign.channels}}
 
 

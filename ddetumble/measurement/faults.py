@@ -152,8 +152,9 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
 def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
     """Single readings that stand off their neighbours, shape (samples,).
 
-    Off the cubic through two neighbours on either side, and outside the range of these, by 7 deviations each; on a
-    flank, where the range is wide, off the cubic by 10, and the neighbours on a parabola, unlike those of a jump.
+    Off the cubic through two neighbours on either side, outside the range of these, and off the line through the two on
+    each side (a ramp that ends in a jump goes on along one of them), by 7 deviations each; on a flank,
+    where the range is wide, off the cubic by 10, and the neighbours on a parabola, unlike those of a jump.
     """
     found = np.zeros(len(x), dtype=bool)
     there = np.flatnonzero(np.isfinite(x))
@@ -163,6 +164,8 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
     around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
     middle = y[2:-2]
     outside = np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle)
+    ahead, behind = middle - 2.0 * y[1:-3] + y[:-4], middle - 2.0 * y[3:-1] + y[4:]
+    outside = np.minimum(outside, np.minimum(np.abs(ahead), np.abs(behind)))
     smooth = np.abs(_bend(time[there], y)) < SMOOTH * sd
     bad = (np.abs(off) > SPIKE * sd) & (outside > SPIKE * sd) | (np.abs(off) > FLANK * sd) & smooth
     # What stands off beside a larger one stands off because of it.
@@ -286,7 +289,7 @@ def _components(near: np.ndarray, seeds: np.ndarray) -> np.ndarray:
 def _is_calm(y: np.ndarray, run: np.ndarray, sd: float) -> bool:
     """Whether the readings on both sides of a run of zeros are near zero too."""
     before, after = y[max(run[0] - 1, 0)], y[min(run[-1] + 1, len(y) - 1)]
-    return max(abs(before), abs(after)) < 6.0 * sd
+    return bool(max(abs(before), abs(after)) < 6.0 * sd)
 
 
 def _report_missing(channel: str, parts: dict[str, np.ndarray], turns: dict[str, np.ndarray]) -> list[Fault]:

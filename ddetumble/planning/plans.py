@@ -145,7 +145,7 @@ def _read_channels(channels: Sequence[str] | None, family: str) -> dict[str, flo
         if name not in find_family(family).channels:
             raise InputError(f"--channel: {name!r} is no channel of these tests; they are "
                              + ", ".join(find_family(family).channels))
-        text = pairs.get(name, USUAL[family][0].get(name, ""))
+        text = pairs.get(name) or USUAL[family][0].get(name, "")
         noise = parse_uncertainty(text, check_unit(si_unit(name), name), name)
         if noise.absolute is None:
             raise InputError(f"--channel {name}: the noise has to be absolute, with a unit")

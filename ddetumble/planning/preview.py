@@ -256,12 +256,15 @@ def prepare(models: Sequence[SavedModel], limits: Sequence[Limit], extras: Seque
         speeds = np.sqrt(sum(max(abs(x.low), abs(x.high)) ** 2 for x in limits if x.name in family.starts))
         mesh = lay_mesh([time], [float(speeds)])[0]
     layout = Layout(space, channels, names, nuisances, tuple(k for k, x in enumerate(limits) if x.free))
-    numbers = [time, weights, taps, [x.low for x in limits], [x.high for x in limits]]
-    return layout, Test(*(jnp.asarray(np.asarray(v, dtype=float)) for v in numbers),
-                        jnp.asarray(np.array([x.logarithmic for x in limits], dtype=bool)), jnp.asarray(absolute),
-                        jnp.asarray(relative), jnp.asarray(base), jnp.asarray(directions),
-                        tuple(jnp.asarray(b) for b in space.bounds()), jnp.asarray(span), jnp.asarray(slowest),
-                        jnp.asarray(mesh))
+    logarithmic = np.array([x.logarithmic for x in limits], dtype=bool)
+    low, high = space.bounds()
+    begin, end = (np.array(values, dtype=float) for values in ([x.low for x in limits], [x.high for x in limits]))
+    arrays = (time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, span, slowest, mesh)
+    (time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, span, slowest,
+     mesh) = (jnp.asarray(a) for a in arrays)
+    bounds = jnp.asarray(low), jnp.asarray(high)
+    return layout, Test(time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, bounds,
+                        span, slowest, mesh)
 
 
 def thinning_factor(noise: Noise, thin: float) -> float:
