@@ -173,4 +173,5 @@ def simulate_strike(base, effects, conditions, times, channels=CHANNELS, steps=4
     normal = {k: v for k, v in effects.items() if k in NULLS}
     wanted = [c for c in channels if c not in tangential]
     along = dict(zip(wanted, simulate(base, normal, conditions, times, wanted).T, strict=True)) if wanted else {}
-    return np.column_stack([tangential.get(c, along.get(c)) for c in channels])
+    readings = {**along, **tangential}
+    return np.column_stack([readings[c] for c in channels])
