@@ -206,7 +206,7 @@ def test_page_and_figures(written):
     text = page.read_text(encoding="utf-8")
     assert page.name == "report.html" and "http://" not in text.replace("http://www.w3.org", "")
     pictures = list((page.parent / "figures").glob("*.png"))
-    assert len(pictures) == 28 and all(picture.stat().st_size > 5000 for picture in pictures)
+    assert len(pictures) == 34 and all(picture.stat().st_size > 5000 for picture in pictures)
     assert any("Table 3:" in line for line in told) and any("Table 4:" in line for line in told)
     assert {"figure-11", "figure-12", "figure-14", "figure-16", "figure-17"} <= {picture.stem for picture in pictures}
     assert "is not printed" in text and "is an assumption" in text

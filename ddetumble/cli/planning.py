@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .examination import MODEL
+from .options import MODEL
 from .places import locate_campaign, prepare_folder
 from .progress import show_progress
 

@@ -1,7 +1,9 @@
 """A campaign without its faults: what is found is left out, or fitted along with it, and said."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, screen_samples
@@ -62,16 +64,36 @@ def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: b
     doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(workbench, s)]
     new = [tell_fault(workbench, s, state.keep_all) for s in (*sure, *doubtful)]
     new += [tell_zero(workbench, zero, state.keep_all)] if zero else []
-    known = {(f.kind == "doubtful", f.records, f.channel) for f in state.faults}
-    faults = (*state.faults, *(f for f in new if (f.kind == "doubtful", f.records, f.channel) not in known))
+    known = {_identify(f) for f in state.faults}
+    faults = (*state.faults, *(f for f in new if _identify(f) not in known))
     if state.keep_all or not (sure or zero):
         return dc.replace(state, faults=faults), False
-    gone = {s.key for s in sure}
+    gone = {s.key for s in sure if s.diagnosis.samples is None}
     kept = [key for key in state.campaign.record_keys if key not in gone]
+    campaign = _drop_samples(state.campaign, workbench, [s for s in sure if s.key not in gone]).select(kept)
     # What was in doubt only beside the culprits is looked at again without them.
     faults = tuple(f for f in faults if f.kind != "doubtful")
     moving = {**state.zeros, zero.channel: zero.spread} if zero else state.zeros
-    return Cleaned(state.campaign.select(kept), faults, moving), True
+    return Cleaned(campaign, faults, moving), True
+
+
+def _identify(fault: Fault) -> tuple:
+    """What makes two findings one: what a record is said to have may change from one model to the next."""
+    return fault.kind in ("doubtful", "spike") and fault.kind, fault.records, fault.channel
+
+
+def _drop_samples(campaign: Campaign, workbench: Workbench, suspects: Sequence[Suspect]) -> Campaign:
+    """The campaign without the samples that are all that is wrong with a record."""
+    assert campaign.samples is not None
+    samples = campaign.samples.copy()
+    for suspect in suspects:
+        assert suspect.diagnosis.samples is not None
+        rows = np.flatnonzero(samples["record"].to_numpy() == suspect.key)
+        for channel, off in zip(workbench.records.channels, suspect.diagnosis.samples, strict=True):
+            values = samples[channel].to_numpy(dtype=float).copy()
+            values[rows[off]] = np.nan
+            samples[channel] = values
+    return dc.replace(campaign, samples=samples)
 
 
 def _stands_alone(workbench: Workbench, suspect: Suspect) -> bool:

@@ -31,12 +31,19 @@ AMBIENT = 101_325.0
 
 @dc.dataclass(frozen=True)
 class Diagnosis:
-    """What would make a record fit: `kind` and `channel` as in `Fault`, with sentences on it and on what to do."""
+    """What would make a record fit.
+
+    Attributes:
+        kind, channel: as in `Fault`.
+        text: a sentence on it; `remedy`: on what to do.
+        samples: those without which the record fits, shape (channels, samples); None where it takes something else.
+    """
 
     kind: str
     channel: str
     text: str
     remedy: str
+    samples: np.ndarray | None = None
 
 
 def diagnose(workbench: Workbench, aside: Aside) -> Diagnosis:
@@ -84,7 +91,7 @@ def _try_samples(workbench: Workbench, aside: Aside) -> Diagnosis | None:
     number = int(far.sum())
     return Diagnosis("spike", channel, f"It fits without {number} of its samples, which stand far off."
                      if number > 1 else "It fits without one of its samples, which stands far off.",
-                     "Remove them from the file, and look for interference or a loose contact.")
+                     "Look for interference or a loose contact.", far[:, : workbench.records.lengths[r]])
 
 
 def _try_channel_units(workbench: Workbench, aside: Aside) -> Diagnosis | None:

@@ -140,24 +140,30 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
     share = term.way in ("share",) or "drag" in term.way
     visited = _visit(bench, drawn, term, x)
     centred = measure_visible(bench, drawn, np.ones_like(own)) < UNSEEN
+    visible = measure_visible(bench, drawn)
+    middle = np.zeros(basis.shape[1])
+    factor = scale if share else 1.0
     if centred:
         # The model's parameters make up for a constant: the curve is known up to it, and drawn about its mean.
-        basis = basis - visited @ basis / max(float(visited.sum()), 1e-300)
-        middle = evaluate_basis(term, intervals, x).T @ visited / max(float(visited.sum()), 1e-300)
+        middle = visited @ basis / max(float(visited.sum()), 1e-300)
         shift = [middle @ own[p * (intervals + 3): (p + 1) * (intervals + 3)] for p in range(len(term.parts))]
         visible = measure_visible(bench, drawn, own - np.repeat(shift, intervals + 3))
-    else:
-        visible = measure_visible(bench, drawn)
     values, deviations, spectra = [], [], []
     for part in range(len(term.parts)):
         here = slice(part * (intervals + 3), (part + 1) * (intervals + 3))
-        values.append(basis @ own[here])
-        deviations.append(np.sqrt(np.einsum("ij,jk,ik->i", basis, covariance[here, here], basis)))
-        spectra.append(_measure_spectrum(x, basis, own[here], covariance[here, here]))
+        f, turn = basis @ own[here], basis - middle
+        if centred and term.way == "share":
+            # A share s of F, F (1 + s), is known but for the size of F: (1 + s)/(1 + mean) - 1.
+            mean = 1.0 + factor * (middle @ own[here])
+            turn = (basis - (1.0 + factor * f)[:, None] / mean * middle) / mean
+            values.append((f - middle @ own[here]) / mean)
+        else:
+            values.append(turn @ own[here])
+        deviations.append(np.sqrt(np.einsum("ij,jk,ik->i", turn, covariance[here, here], turn)))
+        spectra.append(_measure_spectrum(x, values[-1], turn @ covariance[here, here] @ turn.T, intervals))
     f, sd = np.array(values), np.array(deviations)
     strongest = int(np.argmax([s[1].max(initial=0.0) for s in spectra]))
     difference, error = bench.compare(drawn.losses, best.losses)
-    factor = scale if share else 1.0
     unit = ("1" if term.way == "share" else "1/s") if share else bench.ground.unit
     return Shape(term.variable, term.way, term.parts, x, factor * f, factor * sd, visited, unit,
                  intervals, visible, drawn.loss, difference, error if drawn is not best else 0.0,
@@ -199,19 +205,17 @@ def _find_begin(x: np.ndarray, f: np.ndarray, sd: np.ndarray) -> float | None:
     return min(found) if found else None
 
 
-def _measure_spectrum(x: np.ndarray, basis: np.ndarray, own: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _measure_spectrum(x: np.ndarray, f: np.ndarray, covariance: np.ndarray, intervals: int) -> np.ndarray:
     """Amplitudes of the waves in a curve from which its straight line is taken, with their deviations, (3, lines)."""
-    length = x[-1] - x[0]
-    numbers = np.arange(1.0, 0.5 * (basis.shape[1] - 3) + 1e-9, 0.125) / length
+    numbers = np.arange(1.0, 0.5 * intervals + 1e-9, 0.125) / (x[-1] - x[0])
     if not len(numbers):
         return np.zeros((3, 0))
     line = np.stack([np.ones_like(x), x], axis=1)
     window = np.hanning(len(x) + 2)[1:-1]
     straight = np.eye(len(x)) - line @ np.linalg.pinv(line)
-    waves = 2.0 / window.sum() * (window * np.exp(-2j * np.pi * numbers[:, None] * x)) @ straight @ basis
-    amplitude = np.abs(waves @ own)
+    waves = 2.0 / window.sum() * (window * np.exp(-2j * np.pi * numbers[:, None] * x)) @ straight
     spread = np.real(np.einsum("ij,jk,ik->i", waves, covariance, waves.conj()))
-    return np.stack([numbers, amplitude, np.sqrt(np.maximum(spread, 0.0))])
+    return np.stack([numbers, np.abs(waves @ f), np.sqrt(np.maximum(spread, 0.0))])
 
 
 def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[str, ...]]:

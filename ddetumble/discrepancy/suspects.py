@@ -141,8 +141,12 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
         done = ("It is kept: no record lies beyond it and none repeats it, so that I cannot tell a fault from an "
                 "effect that shows only there.")
         return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), done, "Repeat it.")
-    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(),
-                 "It is kept, as asked." if keep else "It is left out.", remedy, left_out=not keep)
+    if keep:
+        return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept, as asked.", remedy)
+    if suspect.diagnosis.samples is not None:
+        return Fault(kind, (suspect.key,), channel, f"{seen} {text}", "They are left out, and the record is kept.",
+                     remedy)
+    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is left out.", remedy, left_out=True)
 
 
 def _say(size: float) -> str:

@@ -18,10 +18,8 @@ def draw_stage(courses: Mapping[str, Course], momentum: np.ndarray, shown: float
         momentum: in the base frame, shape (3,) [N m s].
         shown: time up to which the angles are drawn [s].
     """
-    figure = new_figure(4.6)
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.25))
-    _draw_frames(figure.add_subplot(grid[:, 0], projection="3d"), momentum)
-    panels = [dress(figure.add_subplot(grid[row, 1])) for row in range(3)]
+    figure, space, panels = _divide((1.0, 1.25))
+    _draw_frames(space, momentum)
     for (label, course), colour, line in zip(courses.items(), (AFTER, BEFORE), ("-", "--"), strict=True):
         time, part = _begin(course, shown)
         precession, nutation, spin = course.angles[part].T
@@ -52,10 +50,7 @@ def draw_path(courses: Mapping[str, Course], momentum: np.ndarray, shown: float)
         momentum: in the base frame, shape (3,) [N m s].
         shown: time up to which the components are drawn [s].
     """
-    figure = new_figure(4.6)
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1.0))
-    space = figure.add_subplot(grid[:, 0], projection="3d")
-    panels = [dress(figure.add_subplot(grid[row, 1])) for row in range(3)]
+    figure, space, panels = _divide((1.15, 1.0))
     (plain, round_one), (uneven, other) = courses.items()
     space.plot(*other.path.T, color=BEFORE, lw=0.5, alpha=0.6, label=uneven)
     space.plot(*round_one.path.T, color=AFTER, lw=2.2, label=plain)
@@ -102,6 +97,14 @@ def draw_changes(round_ones: Mapping[str, Course], uneven: Mapping[str, Course],
     right.set_ylim(36, 46)
     right.set_title("unequal transverse moments")
     return figure
+
+
+def _divide(widths: tuple[float, float]) -> tuple:
+    """A figure with a scene in space on the left and three panels over time on the right."""
+    figure = new_figure(4.6)
+    grid = figure.add_gridspec(3, 2, width_ratios=widths)
+    space = figure.add_subplot(grid[:, 0], projection="3d")
+    return figure, space, [dress(figure.add_subplot(grid[row, 1])) for row in range(3)]
 
 
 def _begin(course: Course, shown: float) -> tuple[np.ndarray, slice]:

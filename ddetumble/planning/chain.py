@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from .sequence import Sequence
 from .strike_plan import ALLOWED, find_bounds
-from .strike_problem import Problem, judge, read_design, strike_debris
+from .strike_problem import Problem, judge, read_design, strike_debris, with_slopes
 
 
 @dc.dataclass(frozen=True)
@@ -68,12 +68,7 @@ def follow_chain(problem: Problem, faces: Array, x: Array) -> Array:
 @eqx.filter_jit
 def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[Array, Array]:
     """The same with derivatives by all variables of all impacts, the second shape (values, impacts, 7)."""
-    def both(x):
-        value = _follow(problem, faces, x, dfx.ForwardMode())
-        return value, value
-
-    slopes, value = jax.jacfwd(both, has_aux=True)(x)
-    return value, slopes
+    return with_slopes(lambda x: _follow(problem, faces, x, dfx.ForwardMode()), x)
 
 
 def refine_sequence(problem: Problem, sequence: Sequence, share: float, steps: int = 40) -> Chain:

@@ -6,7 +6,7 @@ shares of angular momentum and of rotational energy that are left and of the nut
 happen is told by `CONSTRAINTS`, each at least zero where the plan is allowed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import final
 
 import diffrax as dfx
@@ -234,8 +234,13 @@ def evaluate(problem: Problem, face: Array, x: Array) -> Array:
 @eqx.filter_jit
 def evaluate_slopes(problem: Problem, face: Array, x: Array) -> tuple[Array, Array]:
     """The same with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
+    return with_slopes(lambda x: _evaluate(problem, face, x, dfx.ForwardMode()), x)
+
+
+def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
+    """A function's value and its derivatives in forward mode, in one sweep."""
     def both(x):
-        value = _evaluate(problem, face, x, dfx.ForwardMode())
+        value = function(x)
         return value, value
 
     slopes, value = jax.jacfwd(both, has_aux=True)(x)
