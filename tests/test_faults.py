@@ -6,9 +6,11 @@ import pytest
 from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.discrepancy.discovery import discover
+from ddetumble.discrepancy.missing import draw_missing_force
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
+from ddetumble.inference.estimation import fit
 from ddetumble.inference.noise import estimate_from_pairs
 from ddetumble.measurement.faults import find_runs, find_spikes, screen_samples
 from ddetumble.measurement.package import read_campaign
@@ -296,3 +298,14 @@ def test_tumbling_with_faults(clean, grown, tmp_path):
                            (faults.add_spikes, RATES[1], 4e-4)))
     check(found, "explained", ("eddy-current",), {"inertia_ratio": 0.53, "eddy-current.k_e": 2e-6})
     assert kinds(found.faults) == ["spike", "zero"]
+
+
+@pytest.mark.slow
+def test_fit_says_and_the_missing_force_leaves_out(clean, tmp_path):
+    folder = spoil(clean["slip"], tmp_path / "f", (faults.add_spikes, "tangential_force", 2.0))
+    found = fit(folder)
+    assert any("single samples" in note and "as they are" in note for note in found.notes)
+    drawn = draw_missing_force(folder, catalogue=False)
+    assert drawn.shapes == () and any("single samples" in note for note in drawn.notes)
+    kept = draw_missing_force(folder, catalogue=False, keep_all=True)
+    assert kept.reference > 2.0 * drawn.reference

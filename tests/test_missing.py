@@ -227,8 +227,7 @@ def test_end_stop_is_drawn_where_it_is(tmp_path):
 def test_nothing_hidden_nothing_drawn(tmp_path):
     write_campaign_folder(tmp_path, make_campaign("null", 8, {}, BASE, *IMPACT))
     found = draw_missing_force(tmp_path, catalogue=False)
-    assert found.ceiling is None or found.reference - found.ceiling[1] < 30.0
-    assert not found.shapes or found.reference - found.shapes[0].loss < 30.0
+    assert found.ceiling is None and not found.shapes and "no force to draw" in found.sentence
 
 
 @pytest.mark.slow

@@ -10,6 +10,9 @@ from .places import locate_campaign, prepare_file, prepare_folder, write_table
 from .progress import show_progress
 
 
+KEEP = typer.Option("--keep-all", help="Leave out no record and no sample: faults are only reported.")
+
+
 def register(app: typer.Typer) -> None:
     """Add this module's commands."""
     app.command(
@@ -124,9 +127,7 @@ def discover_effects(
     effects_from: Annotated[
         Path | None, typer.Option("--effects-from", metavar="FILE.py", help="Try all effects of this file of yours.")
     ] = None,
-    keep_all: Annotated[
-        bool, typer.Option("--keep-all", help="Leave out no record and no sample: faults are only reported."),
-    ] = False,
+    keep_all: Annotated[bool, KEEP] = False,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
     missing or nothing helps.
@@ -167,6 +168,7 @@ def draw_force(
         typer.Option("-e", "--effect", metavar="EFFECT",
                      help="Fit this effect with the model: an id of the catalogue or FILE.py:NAME; may be repeated."),
     ] = None,
+    keep_all: Annotated[bool, KEEP] = False,
 ):
     """Draw the missing force: how much of the misfit any force of depression, rate, slip, time or pressure could remove
     on left-out conditions, what it looks like, and which simple laws would draw it. `discover` does so itself where its
@@ -186,7 +188,7 @@ def draw_force(
     with show_progress(f"looking at {measured.name}") as report:
         for one in own:
             _prove_contract(one, model, measured.family)
-        found = draw_missing_force(measured, model, effects=own, progress=report)
+        found = draw_missing_force(measured, model, effects=own, keep_all=keep_all, progress=report)
         report("writing the report", 0.97)
         write_json(folder / "missing.json", {"campaign": measured.name, "model": model, "sha256": measured.sha256,
                                              **found.to_dict(), "versions": list_versions()})

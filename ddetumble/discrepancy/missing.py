@@ -12,6 +12,7 @@ from ..inference.families import find_family, name_family
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
+from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
 from .laws import find_laws
 from .records import Law, MissingForce, Shape
@@ -31,7 +32,7 @@ Progress = Callable[[str, float], None]
 
 def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
                        effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
-                       progress: Progress | None = None) -> MissingForce:
+                       keep_all: bool = False, progress: Progress | None = None) -> MissingForce:
     """Draw the force that a model lacks, fitted inside the equation of motion.
 
     Args:
@@ -39,6 +40,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
         model: reference model, see `ddetumble.inference.models`; one that has effects keeps them.
         effects: effects that are fitted with the model, of the catalogue or your own.
         catalogue: whether to fit every effect of the catalogue too, so that the best of them stands beside the force.
+        keep_all: leave out no record and no sample, whatever is wrong with them.
         progress: called with a sentence and the share done.
 
     Returns:
@@ -56,8 +58,16 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
     resolved = resolve_model(model, name_family(campaign))
     report("fitting the reference model", 0.02)
     own = tuple(e for e in dict.fromkeys(effects) if e not in known)
-    workbench = Workbench(campaign, resolved.reference, own, resolved.effects)
-    reference = beside = workbench.begin()
+    state = begin_cleaning(campaign, keep_all)
+    for turn in range(ROUNDS):
+        workbench = Workbench(state.campaign, resolved.reference, own, resolved.effects, state.zeros)
+        reference = workbench.begin()
+        if turn == ROUNDS - 1:
+            break
+        state, changed = clean_records(state, workbench, reference, False)
+        if not changed:
+            break
+    beside = reference
     if effects:
         report("fitting the effects", 0.1)
         found = workbench.fit([e.id for e in effects], [{}], reference.solution.u, reference.solution.z)
@@ -74,7 +84,16 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
         tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
                             lambda text, share: report(text, 0.1 + 0.4 * share))
         best = tried.order[0], tried.refined[tried.order[0]].score
-    return describe_missing(workbench, reference, beside, best, report)
+    lack, _ = workbench.judge(beside)
+    if lack.rejected:
+        found = describe_missing(workbench, reference, beside, best, report)
+    else:
+        rows = float((np.asarray(workbench.records.stack.weights) > 0).sum())
+        noise = np.sqrt(beside.score / rows)
+        found = MissingForce(workbench.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
+                             (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no misfit "
+                             f"that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
+    return dc.replace(found, notes=(*map(str, state.faults), *found.notes))
 
 
 def _start_inside(workbench: Workbench, effects: Sequence[type[AbstractEffect]]) -> dict[str, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, parameters_of
 from ..measurement.campaign import Campaign
+from ..measurement.faults import screen_samples
 from ..measurement.package import read_campaign
 from .assembly import Assembly, assemble_space, default_starts, guess_start
 from .bounded import Bounded, solve_bounded
@@ -148,7 +149,13 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     best = best if again.solution.failed else again
     report("writing it down", 0.96)
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
-                         settings, wanted.nuisances, assembly.warnings)
+                         settings, wanted.nuisances, (*assembly.warnings, *_warn_of_faults(campaign)))
+
+
+def _warn_of_faults(campaign: Campaign) -> list[str]:
+    """What is wrong with the samples themselves; the fit takes them as they are."""
+    return [f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
+            for fault in screen_samples(campaign)[1] if fault.kind not in ("missing", "uneven")]
 
 
 def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel
