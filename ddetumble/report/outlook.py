@@ -10,11 +10,11 @@ from .page import Section, Table
 
 WORDS = {
     "best": "The impacts are planned for the best estimate.",
-    "mean": "The impacts are planned for the mean over the draws, with every limit kept in the mean of its own worst share "
-            "of them.",
-    "tail": "The impacts are planned for the worst share of the draws, and with every limit kept in the mean of its own "
-            "worst share.",
-}  # fmt: skip
+    "mean": "The impacts are planned for the mean over the draws, every limit kept in the mean of its own worst share "
+    "of them.",
+    "tail": "The impacts are planned for the mean over the worst share of the draws, every limit kept in the mean of "
+    "its own worst share.",
+}
 
 
 def list_outlook(found: Assessment, plan_for: str) -> dict[str, Any]:
