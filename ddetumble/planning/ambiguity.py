@@ -6,12 +6,14 @@ from collections.abc import Mapping
 import equinox as eqx
 import numpy as np
 
+from ..sampling.weights import name_rival
 from .draws import Laws, split_laws
 from .risk import evaluate_draws, find_tail, pose_draws
 from .strike_plan import ALLOWED, StrikePlan, Tally, refine
 from .strike_problem import CONSTRAINTS, Goal, Problem
 
 
+REFERENCE = name_rival(())
 RESOLUTION = 1e-3  # share of the momentum at the start, below which no difference between models counts
 BEYOND = 1e-2  # scaled constraint by which a limit may be passed before it counts
 UNITS = {"edge": (100.0, "mm"), "nothing else hit": (10.0, "mm")}  # of a scaled constraint; of all others per cent
@@ -137,8 +139,10 @@ def find_regrets(problem: Problem, plan: StrikePlan, laws: Laws) -> list[Regret]
         loss = float(np.max(tried[:, k, 0] - tried[k, k, 0]))
         worst = -tried[:, k, 1:].min(axis=0)
         limit = int(np.argmax(worst))
-        passed = worst[limit] > ALLOWED
-        found.append(Regret(max(loss, 0.0), *((float(worst[limit]), CONSTRAINTS[limit]) if passed else ())))
+        if worst[limit] > ALLOWED:
+            found.append(Regret(max(loss, 0.0), float(worst[limit]), CONSTRAINTS[limit]))
+        else:
+            found.append(Regret(max(loss, 0.0)))
     return found
 
 
@@ -195,6 +199,7 @@ def _describe_rivals(names: list[str], difference: float, within: float, worst: 
                      folder: str) -> str:
     """Whether it matters which of the models is true."""
     side = "more" if difference > within else "less"
+    names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in names]
     told = (f"Whether {', '.join(names[:-1])} or {names[-1]} is missing changes the momentum left by "
             f"{100 * difference:.2f} % of the start, {side} than the parameters' own uncertainty ({100 * within:.2f} "
             f"%), and to plan with the wrong one costs at most {100 * worst.loss:.2f} %")
