@@ -6,10 +6,11 @@ from collections.abc import Mapping
 import equinox as eqx
 import numpy as np
 
+from .._errors import ComputationError
 from ..sampling.weights import name_rival
 from .draws import Laws, split_laws
 from .risk import evaluate_draws, find_tail, pose_draws
-from .strike_plan import ALLOWED, StrikePlan, Tally, refine
+from .strike_plan import ALLOWED, LOST, StrikePlan, Tally, refine
 from .strike_problem import CONSTRAINTS, Goal, Problem
 
 
@@ -134,10 +135,11 @@ def find_regrets(problem: Problem, plan: StrikePlan, laws: Laws) -> list[Regret]
     ends = [refine(own, face, plan.x, Tally())[0] for own in owns]
     # One row a plan, one column a model: shape (models, models, 1 + constraints).
     tried = np.stack([evaluate_draws(owns, face, x) for x in ends])
+    tried = np.where(tried[..., :1] < LOST, tried, np.nan)
     found = []
     for k in range(len(owns)):
-        loss = float(np.max(tried[:, k, 0] - tried[k, k, 0]))
-        worst = -tried[:, k, 1:].min(axis=0)
+        loss = float(np.nan_to_num(tried[:, k, 0] - tried[k, k, 0]).max())
+        worst = -np.nan_to_num(tried[:, k, 1:]).min(axis=0)
         limit = int(np.argmax(worst))
         if worst[limit] > ALLOWED:
             found.append(Regret(max(loss, 0.0), float(worst[limit]), CONSTRAINTS[limit]))
@@ -157,12 +159,22 @@ def assess_plan(problem: Problem, plan: StrikePlan, laws: Laws, *, tail: float =
         plan: one impact.
         laws: that may be true.
         tail: share of the draws that counts as the bad tail.
+
+    Raises:
+        ComputationError: the impact could be integrated under no draw of a model.
     """
     face = problem.debris.surface.face_names().index(plan.face)
     plain = eqx.tree_at(lambda p: p.goal, problem, Goal())  # what is wanted small is then the momentum left
     values = evaluate_draws(pose_draws(plain, laws), face, plan.x)
     best = evaluate_draws([eqx.tree_at(lambda p: p.law, plain, law) for law in split_laws(laws.best)], face, plan.x)
-    weights, owners = laws.shares(), laws.owners()
+    weights, owners, note = laws.shares(), laws.owners(), laws.note
+    lost = values[:, 0] >= LOST
+    if lost.any():
+        values, weights, owners = values[~lost], weights[~lost], owners[~lost]
+        note += f" Under {int(lost.sum())} of {len(lost)} draws the impact could not be integrated; they are left out."
+    if len(np.unique(owners)) < len(laws.names):
+        raise ComputationError("under no draw of a model could the planned impact be integrated; its parameters are too "
+                               "uncertain")
     regrets = find_regrets(problem, plan, laws) if len(laws.names) > 1 else [Regret()]
     models = {name: _look(problem, values[owners == k], weights[owners == k], tail, laws.weights[k],
                           float(best[k, 0]), regrets[k]) for k, name in enumerate(laws.names)}
@@ -182,7 +194,7 @@ def assess_plan(problem: Problem, plan: StrikePlan, laws: Laws, *, tail: float =
     sentences = [_describe_spread(whole, tail)]
     if len(models) > 1:
         sentences.append(_describe_rivals(list(models), difference, within, worst, matters, costs, laws.folder))
-    return Assessment(tail, whole, models, difference, within, matters, tuple(sentences), laws.note)
+    return Assessment(tail, whole, models, difference, within, matters, tuple(sentences), note)
 
 
 def _describe_spread(whole: Outlook, tail: float) -> str:
