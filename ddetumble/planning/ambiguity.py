@@ -173,8 +173,8 @@ def assess_plan(problem: Problem, plan: StrikePlan, laws: Laws, *, tail: float =
         values, weights, owners = values[~lost], weights[~lost], owners[~lost]
         note += f" Under {int(lost.sum())} of {len(lost)} draws the impact could not be integrated; they are left out."
     if len(np.unique(owners)) < len(laws.names):
-        raise ComputationError("under no draw of a model could the planned impact be integrated; its parameters are too "
-                               "uncertain")
+        raise ComputationError("under no draw of a model could the planned impact be integrated; its parameters are "
+                               "too uncertain")
     regrets = find_regrets(problem, plan, laws) if len(laws.names) > 1 else [Regret()]
     models = {name: _look(problem, values[owners == k], weights[owners == k], tail, laws.weights[k],
                           float(best[k, 0]), regrets[k]) for k, name in enumerate(laws.names)}
