@@ -54,6 +54,7 @@ _HOMES = {
     "Sphere": "dynamics.bodies", "Mesh": "dynamics.bodies", "read_mesh": "dynamics.bodies",
     "collide": "dynamics.collision", "Debris": "dynamics.surfaces", "make_debris": "dynamics.surfaces",
     "plan_strike": "planning.strike_plan", "plan_sequence": "planning.sequence",
+    "draw_laws": "planning.draws", "plan_robust_strike": "planning.risk", "assess_plan": "planning.ambiguity",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
@@ -141,7 +142,10 @@ if TYPE_CHECKING:
     from .measurement.package import read_campaign as read_campaign
     from .measurement.package import write_campaign as write_campaign
     from .paper import write_paper as write_paper
+    from .planning.ambiguity import assess_plan as assess_plan
+    from .planning.draws import draw_laws as draw_laws
     from .planning.nexttest import design as design
+    from .planning.risk import plan_robust_strike as plan_robust_strike
     from .planning.sequence import plan_sequence as plan_sequence
     from .planning.strike_plan import plan_strike as plan_strike
     from .planning.visibility import map_effects as map_effects

@@ -1,4 +1,5 @@
-"""The whole story on shipped data: the paper's tables, then a campaign with a hidden effect."""
+"""The whole story on shipped data: the paper's tables, a campaign with a hidden effect, a strike with what was learnt.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,13 +8,14 @@ from ._settings import find_data
 
 
 CAMPAIGN = "impact-a"
+SCENARIO = "paper-case-2"
 
 
 def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     """Run the story, tell it line by line, and write the reports.
 
     Args:
-        folder: where `paper/report.html` and `discovery/report.html` go; made if it is not there.
+        folder: where `paper/report.html`, `discovery/report.html` and `plan/report.html` go; made if it is not there.
         echo: called with every line.
 
     Returns:
@@ -46,5 +48,41 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     echo("")
     echo("4. The grown model predicts other tests:  ddetumble predict "
          f"{folder / 'discovery'} CONDITIONS.csv -o predictions.csv")
+    echo("")
+    echo("5. One strike with this ball, on the stage of Table 6:")
+    for line in plan_one(folder, len(campaign.record_keys)):
+        echo("   " + line)
     echo(f"Report: {report}")
     return report
+
+
+def plan_one(folder: Path, number: int) -> list[str]:
+    """Plan one strike with the discovered model and say what it takes out, and how sure that is.
+
+    Args:
+        folder: of the story; the model is in `discovery`, the plan goes to `plan`.
+        number: of the impact on this ball, for effects that know how often it was used.
+    """
+    from .planning.ambiguity import assess_plan
+    from .planning.scenario import pose_laws, pose_problem, read_scenario
+    from .planning.sequence import plan_sequence
+    from .planning.tables import BallTable, UncertaintyTable
+    from .report.plan import describe_plan, write_plan
+
+    place = (folder / "discovery").resolve()
+    ball = BallTable(model=str(place), conditions={"sequence": float(number)})
+    scenario = read_scenario(find_data() / "scenarios" / f"{SCENARIO}.toml").model_copy(
+        update={"ball": ball, "uncertainty": UncertaintyTable()})
+    laws = pose_laws(scenario, place)
+    assert laws is not None
+    problem = pose_problem(scenario, place, laws)
+    share = scenario.goal.share
+    found = plan_sequence(problem, share, 1, starts=2)
+    if not found.impacts:
+        return [describe_plan(problem, found, share)]
+    sure = assess_plan(problem, found.impacts[0], laws)
+    page = write_plan(problem, found, folder / "plan", title=scenario.title, share=share, assessment=sure)
+    left = sure.whole.momentum
+    told = (f"It takes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum out (90 % of the "
+            f"draws: {100 * (1 - left.q95):.2f} to {100 * (1 - left.q05):.2f} %).")
+    return [told, *sure.sentences[1:], f"Where, how fast and when: {page}"]

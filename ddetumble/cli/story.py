@@ -27,7 +27,9 @@ def register(app: typer.Typer) -> None:
 def tell_story(
     output: Annotated[Path, folder_option("Folder for the report and its figures.")] = Path("ddetumble-demo"),
 ):
-    """The whole story on shipped data: the paper's tables, then a campaign with a hidden effect; writes the report."""
+    """The whole story on shipped data: the paper's tables, a campaign with a hidden effect, and a strike planned with
+    what was found; writes the reports.
+    """
     folder = prepare_folder(output)
     from ..demo import run_demo
 

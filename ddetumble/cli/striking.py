@@ -31,17 +31,34 @@ def plan_impacts(
     """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes."""
     shipped = find_data() / "scenarios" / scenario.name
     path = scenario if scenario.exists() or scenario.parent.name or not shipped.is_file() else shipped
-    from ..planning.scenario import pose_problem, read_scenario
+    from ..planning.scenario import pose_laws, pose_problem, read_scenario
 
     wanted = read_scenario(path)
     folder = prepare_folder(output or Path(f"{path.stem}-plan"))
-    problem = pose_problem(wanted, path.parent)
+    laws = pose_laws(wanted, path.parent)
+    problem = pose_problem(wanted, path.parent, laws)
+    from ..planning.ambiguity import assess_plan
+    from ..planning.risk import plan_robust_strike
     from ..planning.sequence import plan_sequence
     from ..report.plan import describe_plan, write_plan
 
+    table, revise, assessment = wanted.uncertainty, None, None
+    aim = "best" if table is None else table.plan_for
+    if laws is not None and table is not None and aim != "best":
+        drawn, wary, share = laws, aim, table.tail
+
+        def revise(now, plan):
+            return plan_robust_strike(now, drawn, plan, aim=wary, tail=share)
+
     with show_progress(f"planning {path.stem}") as report:
         found = plan_sequence(problem, wanted.goal.share, wanted.goal.impacts, starts=wanted.starts, seed=wanted.seed,
-                              progress=report)
-    write_plan(problem, found, folder, title=wanted.title or path.stem, share=wanted.goal.share, source=path.name)
+                              revise=revise, progress=report)
+        if laws is not None and table is not None and found.impacts:
+            report("trying the first impact on all draws")
+            assessment = assess_plan(problem, found.impacts[0], laws, tail=table.tail)
+    write_plan(problem, found, folder, title=wanted.title or path.stem, share=wanted.goal.share, source=path.name,
+               assessment=assessment, plan_for=aim)
     typer.echo(describe_plan(problem, found, wanted.goal.share))
+    for sentence in assessment.sentences if assessment is not None else ():
+        typer.echo(sentence)
     typer.echo(f"Written to {folder}")

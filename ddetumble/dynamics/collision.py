@@ -317,7 +317,9 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
         setup, scales = args
         state = unravel(y * scales)
         place = rotate_back(normalise(state.attitude), setup.start + state.ball - state.debris)
-        return (setup.reach - setup.debris.surface.find_foot(place).distance) / size
+        depression = (setup.reach - setup.debris.surface.find_foot(place).distance) / size
+        # At first touch it is rounding alone, whose sign may change where the first step is tried again.
+        return jnp.where(t > 0, depression, 0.0)
 
     solution = dfx.diffeqsolve(
         dfx.ODETerm(field), solver, t0=jnp.zeros(()), t1=span / unit, dt0=jnp.asarray(2e-3),

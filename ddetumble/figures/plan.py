@@ -1,10 +1,15 @@
 """Figures of planned impacts: momentum and nutation over time, and the contact of each impact."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .style import AFTER, BEFORE, INK, dress, new_figure, styled
+from .labels import clean
+from .style import AFTER, BEFORE, INK, dress, head_figure, new_figure, styled
+
+
+SHADES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#7a5195", "#66727f")
+BINS = 40
 
 
 @styled
@@ -50,4 +55,32 @@ def draw_contacts(times: Sequence[np.ndarray], normal: Sequence[np.ndarray], fri
         axes.set_xlabel("time since first touch [ms]")
         axes.set_ylim(0, None)
     figure.axes[0].legend(loc="upper right")
+    return figure
+
+
+@styled
+def draw_outlook(shares: Mapping[str, np.ndarray], nominal: float, tail: float):
+    """How much of the angular momentum is left under the draws of every model.
+
+    Args:
+        shares: of the momentum left, one a draw, by model [-].
+        nominal: under the best estimate [-].
+        tail: mean over the worst share of all draws [-].
+    """
+    figure = new_figure(3.0)
+    axes = dress(figure.add_subplot())
+    whole = 100 * np.concatenate(list(shares.values()))
+    room = max(0.02 * (whole.max() - whole.min()), 1e-3)
+    edges = np.linspace(whole.min() - room, whole.max() + room, BINS + 1)
+    for k, (name, own) in enumerate(shares.items()):
+        colour = SHADES[k % len(SHADES)]
+        axes.hist(100 * own, edges, weights=np.full(len(own), 100 / len(own)), histtype="stepfilled", color=colour,
+                  alpha=0.35, label=clean(name, 60))
+        axes.hist(100 * own, edges, weights=np.full(len(own), 100 / len(own)), histtype="step", color=colour, lw=1.4)
+    axes.axvline(100 * nominal, color=INK, lw=1.4, label="best estimate")
+    axes.axvline(100 * tail, color=INK, lw=1.4, ls="--", label="mean of the bad tail")
+    axes.set_xlabel("angular momentum left after the first impact [%]")
+    axes.set_ylabel("draws of the model [%]")
+    axes.set_ylim(0, 1.12 * axes.get_ylim()[1])
+    head_figure(figure, *axes.get_legend_handles_labels())
     return figure

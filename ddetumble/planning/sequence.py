@@ -137,6 +137,7 @@ def move_on(problem: Problem, plan: StrikePlan) -> Problem:
 
 
 def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4, seed: int = 0,
+                  revise: Callable[[Problem, StrikePlan], StrikePlan] | None = None,
                   progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
 
@@ -145,6 +146,7 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4,
         share: of the angular momentum at which it ends [-].
         most: impacts at most.
         starts, seed: as of `plan_strike`.
+        revise: changes each plan, for what is uncertain; the motion goes on as the best estimate has it.
         progress: told one line at a time.
 
     Raises:
@@ -162,6 +164,8 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4,
             if not impacts:
                 raise
             break
+        if revise is not None and plan.allowed:
+            plan = revise(now, plan)
         if not plan.allowed or plan.score > plan.untouched * (1.0 - LEAST_GAIN):
             refused = plan
             break

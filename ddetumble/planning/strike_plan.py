@@ -191,12 +191,33 @@ def plan_strike(problem: Problem, *, starts: int = 4, draws: int = DRAWS, seed: 
         tuple((names[end[2]], end[1], end[0]) for end in ends))
 
 
-def certify(problem: Problem, face: int, x: np.ndarray, margin: float, step: float = 1e-4) -> Certificate:
+def certify(problem: Problem, face: int, x: np.ndarray, margin: float) -> Certificate:
     """First-order optimality by the least squares of the multipliers, and the gradient against differences."""
-    number, point = jnp.asarray(face), jnp.asarray(x)
-    value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, number, point))
-    gradient = slopes[0]
+    number = jnp.asarray(face)
+    value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, number, jnp.asarray(x)))
     bounds = find_bounds(problem.debris.surface.face_names(), face)
+
+    def wanted(x):
+        found = np.asarray(evaluate(problem, number, jnp.asarray(x)))
+        return float(found[0]) if np.isfinite(found).all() else np.nan
+
+    return weigh_constraints(wanted, value, slopes, bounds, x, margin)
+
+
+def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, slopes: np.ndarray, bounds: np.ndarray,
+                      x: np.ndarray, margin: float, step: float = 1e-4) -> Certificate:
+    """Certificate of a point.
+
+    Args:
+        wanted: what is to be small, of the variables; NaN where it cannot be computed, which is left out.
+        value: of that and of all constraints, shape (1 + constraints,).
+        slopes: by the seven variables, shape (1 + constraints, 7).
+        bounds: of the variables, shape (7, 2).
+        x: the variables.
+        margin: from the contact disc to the nearest edge [m].
+        step: of the differences.
+    """
+    gradient = slopes[0]
     names, rows = [], []
     for name, constraint, row in zip(CONSTRAINTS, value[1:], slopes[1:], strict=True):
         if constraint < BINDING:
@@ -213,10 +234,9 @@ def certify(problem: Problem, face: int, x: np.ndarray, margin: float, step: flo
         multipliers, left = nnls(np.stack(rows, axis=1), gradient)
     central = []
     for move in step * np.eye(len(VARIABLES)):
-        ahead, behind = (float(evaluate(problem, number, jnp.asarray(x + sign * move))[0]) for sign in (1.0, -1.0))
+        ahead, behind = (wanted(x + sign * move) for sign in (1.0, -1.0))
         central.append((ahead - behind) / (2.0 * step))
-    error = np.abs(gradient - central).max() / size if size > 0 else 0.0
+    apart = np.abs(gradient - central)
+    error = np.max(apart, initial=0.0, where=np.isfinite(apart)) / size if size > 0 else 0.0
     return Certificate(float(left) / size if size > 0 else 0.0, float(error),
                        dict(zip(names, map(float, multipliers), strict=True)), float(value[1:].min()), margin)
-
-

@@ -15,9 +15,11 @@ from ..dynamics.free_motion import coast
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
+from ..planning.ambiguity import Assessment
 from ..planning.sequence import LEAST_GAIN, Sequence, measure_share
 from ..planning.strike_plan import StrikePlan
 from ..planning.strike_problem import Problem
+from .outlook import list_outlook, show_outlook
 from .page import Section, Table, write_page, write_whole
 
 
@@ -140,7 +142,7 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
 
 
 def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "", share: float = 0.01,
-               source: str = "") -> Path:
+               source: str = "", assessment: Assessment | None = None, plan_for: str = "best") -> Path:
     """Write `plan.json` and `report.html` into a folder.
 
     Args:
@@ -150,6 +152,8 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         title: of the scenario.
         share: of the angular momentum that was wanted.
         source: name of the scenario's file.
+        assessment: how sure its first impact is.
+        plan_for: what it was planned for: the `best` estimate, the `mean` or the `tail` of the draws.
 
     Returns:
         Path of the page.
@@ -168,6 +172,7 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
             "constraints": best.values},
+        "uncertainty": None if assessment is None else list_outlook(assessment, plan_for),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
     time, momentum, nutation = follow_plan(problem, sequence)
@@ -200,6 +205,9 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
             "impulse of each impact, its head at the point of contact. Drag to turn."]),
         Section("Before, between and after", [], figures=figures, tables=[table] if impacts else []),
     ]
+    if assessment is not None:
+        sections.append(show_outlook(assessment, plan_for))
+        sentence += " " + assessment.sentences[0]
     if impacts:
         sections.append(Section(
             "How well the plan is founded",

@@ -1,0 +1,235 @@
+"""Contact laws drawn from what fits leave uncertain, some for every model that a discovery could not rule out.
+
+All laws have one structure: the effects of all models, each at its null in a model that lacks it. So they are one
+batched tree, and one compiled program computes any of them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from .._errors import InputError
+from ..contact.effect import parameters_of, read_field
+from ..contact.gripping import StrikeLaw
+from ..discrepancy.saving import RIVALS
+from ..inference.archive import FILE as MODEL
+from ..inference.archive import SavedModel, load_model
+from ..inference.parameters import ParameterSpace, from_public
+from ..sampling.posterior import FILE as POSTERIOR
+from ..sampling.weighing import read_weights
+from ..sampling.weights import FILE as WEIGHTS
+from ..sampling.weights import name_rival
+
+
+@final
+class Laws(eqx.Module):
+    """Draws of contact laws.
+
+    Attributes:
+        draws: every array with the axis (models * draws,) in front, one model's draws after the other's.
+        best: the best estimates, every array with the axis (models,) in front.
+        names: of the models.
+        weights: of the models, with sum 1.
+        note: where draws and weights come from, in words.
+        folder: of the fit; '' where there is none.
+    """
+
+    draws: StrikeLaw
+    best: StrikeLaw
+    names: tuple[str, ...] = eqx.field(static=True)
+    weights: tuple[float, ...] = eqx.field(static=True)
+    note: str = eqx.field(static=True, default="")
+    folder: str = eqx.field(static=True, default="")
+
+    @property
+    def main(self) -> StrikeLaw:
+        """The best estimate of the first of the models with the largest weight."""
+        return jax.tree.map(lambda leaf: leaf[int(np.argmax(self.weights))], self.best)
+
+    def shares(self) -> np.ndarray:
+        """Weights of the draws, with sum 1, shape (models * draws,)."""
+        count = jax.tree.leaves(self.draws)[0].shape[0] // len(self.names)
+        return np.repeat(np.asarray(self.weights), count) / count
+
+    def owners(self) -> np.ndarray:
+        """Number of the model to which each draw belongs, shape (models * draws,)."""
+        return np.arange(len(self.shares())) * len(self.names) // len(self.shares())
+
+
+def split_laws(batch: StrikeLaw) -> list[StrikeLaw]:
+    """The laws of a batch, one by one."""
+    leaves, tree = jax.tree.flatten(batch)
+    return [jax.tree.unflatten(tree, [leaf[k] for leaf in leaves]) for k in range(leaves[0].shape[0])]
+
+
+def draw_normals(count: int, size: int, seed: int) -> np.ndarray:
+    """Standard normal numbers that fill their space evenly (a scrambled Halton sequence), shape (count, size)."""
+    if not size:
+        return np.zeros((count, 0))
+    return ndtri(np.clip(qmc.Halton(size, rng=np.random.default_rng(seed)).random(count), 1e-12, 1.0 - 1e-12))
+
+
+def draw_coordinates(space: ParameterSpace, u: np.ndarray, spread: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Draws of all coordinates from a Gaussian, within the hard limits of the parameters.
+
+    Coordinates are those in which a fit moves (a logarithm, a logit), so that what is positive stays so.
+
+    Args:
+        space: of the parameters.
+        u: centre, shape (parameters,).
+        spread: rows whose squares add up to the covariance, shape (directions, parameters).
+        count, seed: of the draws.
+
+    Returns:
+        Shape (count, parameters).
+    """
+    found = u + draw_normals(count, len(spread), seed) @ spread
+    return np.clip(found, *space.bounds())
+
+
+def draw_posterior(saved: SavedModel, count: int, seed: int) -> np.ndarray:
+    """Draws of all coordinates from the posterior that `sample` wrote beside a fit, shape (count, parameters).
+
+    Raises:
+        InputError: the posterior cannot be read, or is one of other parameters.
+    """
+    import xarray as xr
+
+    path = saved.folder / POSTERIOR
+    try:
+        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as data:
+            values = {str(name): np.ravel(data[name].to_numpy()) for name in data.data_vars}
+    except (OSError, ValueError, KeyError):
+        raise InputError("the posterior cannot be read; sample it again", file=path) from None
+    if set(values) != set(saved.free):
+        raise InputError("the posterior is not one of the parameters of model.json beside it; sample it again",
+                         file=path)
+    size = len(next(iter(values.values()), ()))
+    chosen = np.random.default_rng(seed).choice(size, count, replace=count > size)
+    found = np.tile(saved.u, (count, 1))
+    for name, own in values.items():
+        k = saved.space.index[name]
+        kind = saved.space.slots[k].parameter.coordinate
+        found[:, k] = [from_public(kind, float(value)) for value in own[chosen]]
+    return np.clip(found, *saved.space.bounds())
+
+
+def find_models(folder: Path) -> tuple[list[tuple[str, SavedModel, float]], str]:
+    """Name, model and weight of every model in a folder that `fit`, `sample`, `discover` or `weigh` wrote, and a note.
+
+    Args:
+        folder: or a file in it, such as its `result.json`.
+
+    Raises:
+        InputError: the folder holds no fit, or a damaged one.
+    """
+    folder = folder.parent if folder.suffix == ".json" else folder
+    if (folder / WEIGHTS).is_file():
+        rivals = read_weights(folder)
+        total = sum(weight for *_, weight in rivals)
+        return ([(name, load_model(place), weight / total) for name, place, weight in rivals],
+                "Models count by the weights that weigh gave them.")
+    rivals = (file.parent for file in (folder / RIVALS).glob(f"*/{MODEL}"))
+    places = [folder, *sorted(rivals, key=lambda place: (len(place.name), place.name))]
+    models = [load_model(place) for place in places]
+    note = ("" if len(models) == 1 else
+            "No model has been weighed against the others (weigh does that): each counts the same.")
+    return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
+
+
+def draw_laws(source: Path | str | Sequence[tuple[str, SavedModel, float]], make: Callable[[Any], StrikeLaw], *,
+              draws: int = 32, seed: int = 0, note: str = "") -> Laws:
+    """Draw contact laws from a posterior's samples where there are some, from a fit's covariance elsewhere.
+
+    All models are drawn with the same random numbers.
+
+    Args:
+        source: folder that `fit`, `sample`, `discover` or `weigh` wrote, or name, model and weight of each.
+        make: turns a fitted law into the law of oblique impacts; traced by JAX.
+        draws: of each model.
+        seed: of the random numbers.
+        note: where the weights come from; the folder says it itself.
+
+    Raises:
+        InputError: the folder holds no fit, or models that extend different references.
+    """
+    folder = str(source) if isinstance(source, (str, Path)) else ""
+    models, note = find_models(Path(source)) if isinstance(source, (str, Path)) else (list(source), note)
+    first = models[0][1].space
+    if any(one.space.key[:2] != first.key[:2] for _, one, _ in models):
+        raise InputError("the models extend different reference models; plan with one at a time", file=folder or None)
+    space = ParameterSpace(first.reference, tuple(dict.fromkeys(e for _, one, _ in models for e in one.space.effects)))
+
+    def place(saved: SavedModel, own: np.ndarray) -> np.ndarray:
+        whole = np.tile(space.coordinates(), (len(own), 1))
+        whole[:, [space.index[name] for name in saved.space.index]] = own
+        return whole
+
+    drawn = [place(one, draw_posterior(one, draws, seed) if (one.folder / POSTERIOR).is_file()
+                   else draw_coordinates(one.space, one.u, one.spread(), draws, seed)) for _, one, _ in models]
+    best = [place(one, one.u[None]) for _, one, _ in models]
+    sampled = [name for name, one, _ in models if (one.folder / POSTERIOR).is_file()]
+    origin = (f"{draws} draws{' of each model' if len(models) > 1 else ''} from the "
+              f"{'posterior' if len(sampled) == len(models) else 'covariance'} of the fit.")
+    build = jax.vmap(lambda u: make(space.build(u)))
+    return Laws(build(jnp.asarray(np.concatenate(drawn))), build(jnp.asarray(np.concatenate(best))),
+                tuple(name for name, *_ in models), tuple(float(weight) for *_, weight in models),
+                " ".join(filter(None, [origin, note])), folder)
+
+
+def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
+             correlations: Sequence[tuple[str, str, float]] = (), *, draws: int = 32, seed: int = 0) -> Laws:
+    """Draw contact laws about a law from stated means and standard deviations.
+
+    Args:
+        law: what is known of all other parameters.
+        stated: mean (None: that of the law) and standard deviation by name of the parameter, in its public unit.
+        correlations: two names and their correlation.
+        draws, seed: as of `draw_laws`.
+
+    Raises:
+        InputError: there is no such parameter, a mean that it cannot have, or correlations that contradict each other.
+    """
+    space = ParameterSpace(law.reference, tuple(type(effect) for effect in law.effects))
+    own = {f"{effect.id}.{p.name}": float(read_field(effect, p.field))
+           for effect in law.effects for p in parameters_of(effect)}
+    u = space.coordinates(own)
+    low, high = space.bounds()
+    names = list(stated)
+    roots = np.zeros((len(names), len(space)))
+    sds = np.zeros(len(names))
+    for row, (name, (mean, sd)) in enumerate(stated.items()):
+        if name not in space.index:
+            raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(space.index)}",
+                             column="uncertainty.parameters")
+        k = space.index[name]
+        kind = space.slots[k].parameter.coordinate
+        try:
+            u[k] = u[k] if mean is None else from_public(kind, mean)
+        except (ValueError, ZeroDivisionError):
+            u[k] = np.nan
+        if not low[k] <= u[k] <= high[k] or not np.isfinite(u[k]):
+            raise InputError(f"{name} cannot be {mean:g}", column=f"uncertainty.parameters.{name}")
+        slopes = {"log": np.exp(-u[k]), "logit": 2.0 + 2.0 * np.cosh(u[k]), "inverse": u[k] ** 2}
+        sds[row] = sd * slopes.get(kind, 1.0)
+        roots[row, k] = 1.0
+    matrix = np.eye(len(names))
+    for first, second, correlation in correlations:
+        i, j = names.index(first), names.index(second)
+        matrix[i, j] = matrix[j, i] = correlation
+    values, vectors = np.linalg.eigh(matrix)
+    if values.min() < -1e-9:
+        raise InputError("these correlations contradict each other: no parameters can have all of them",
+                         column="uncertainty.correlation")
+    spread = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sds @ roots
+    build = jax.vmap(space.build)
+    found = draw_coordinates(space, u, spread, draws, seed)
+    return Laws(build(jnp.asarray(found)), build(jnp.asarray(u[None])), ("the stated model",), (1.0,),
+                f"{draws} draws from the stated means and standard deviations.")
