@@ -91,8 +91,8 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
         rows = float((np.asarray(workbench.records.stack.weights) > 0).sum())
         noise = np.sqrt(beside.score / rows)
         found = MissingForce(workbench.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
-                             (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no misfit "
-                             f"that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
+                             (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no "
+                             f"misfit that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
     return dc.replace(found, notes=(*map(str, state.faults), *found.notes))
 
 
