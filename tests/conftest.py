@@ -1,9 +1,11 @@
 """Settings for all tests: 64-bit floats, one cache of compiled programs, figures without a screen, fixed examples."""
 
+import gc
 import os
 from pathlib import Path
 
 import hypothesis
+import pytest
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -16,3 +18,18 @@ os.environ.setdefault("MPLCONFIGDIR", str(ROOT / ".cache" / "matplotlib"))
 
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None, print_blob=True)
 hypothesis.settings.load_profile("fixed")
+
+# Linux gives a process 65,530 memory mappings, each compiled program takes some, and XLA aborts when they run out.
+MAPPINGS = Path("/proc/self/maps")
+MOST = 20_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def forget_programs():
+    """After a file of tests, forget compiled programs where there are too many; those still wanted are on the disk."""
+    yield
+    if MAPPINGS.exists() and MAPPINGS.read_bytes().count(b"\n") > MOST:
+        import jax
+
+        jax.clear_caches()
+        gc.collect()
