@@ -29,6 +29,7 @@ def test_a_chain_that_stopped_goes_on_as_if_it_had_not(tmp_path):
     np.testing.assert_array_equal(run_ensembles(target, SHORT).x, whole.x)
 
 
+@pytest.mark.slow
 def test_nuts_goes_on_too(tmp_path):
     import dataclasses as dc
 

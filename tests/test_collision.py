@@ -45,6 +45,7 @@ def run(law, debris, omega, point, velocity, pressure=1.5e6, attitude=LEVEL, **o
                    np.asarray(velocity, float), {"initial_pressure": pressure}, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", [{}, {"k_w": 900.0, "k_v": 800.0, "share": 0.1, "A": 0.4, "kappa": 3.0}])
 def test_a_plate_of_infinite_mass_is_the_bench(effects):
     """All channels and what is left of the speeds, as `strike` has them."""
@@ -65,6 +66,7 @@ def test_a_plate_of_infinite_mass_is_the_bench(effects):
     assert gap.max() < 1e-2 and np.median(gap) < 1e-5
 
 
+@pytest.mark.slow
 def test_compliant_patch_tends_to_that_of_the_bench():
     """The damper beside the patch's spring is an approximation that vanishes with its relaxation time."""
     law = build(1.3, 1.1, 0.45, 0.25)
@@ -200,6 +202,7 @@ def test_agrees_with_a_second_simulator(friction):
         np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-7 * np.abs(theirs).max())
 
 
+@pytest.mark.slow
 def test_derivatives_agree():
     """Forward mode, reverse mode and differences, by place, velocity and pressure together."""
     law = build(friction=0.2)
@@ -222,6 +225,7 @@ def test_derivatives_agree():
         np.testing.assert_allclose(slopes[k], difference, rtol=2e-4, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_batches_are_loops():
     """`vmap` over speeds gives what one after the other gives."""
     law = build()
@@ -242,6 +246,7 @@ def test_batches_are_loops():
         np.testing.assert_allclose(peak[k], single(speed)[1], rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_ball_that_rolls_and_grips_by_another_solver():
     """A light ball that grips is stiff and takes more steps; a method of order 8 finds the same."""
     law = build(8.0, 8.0, 0.4, 0.5)
@@ -250,6 +255,7 @@ def test_ball_that_rolls_and_grips_by_another_solver():
     np.testing.assert_allclose(plain.angular_momentum, other.angular_momentum, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_feet_of_a_box_are_those_of_a_search():
     """Distance and normal against the nearest of many points of the surface; a mesh of the box is the box."""
     lengths = np.array([2.0, 1.0, 3.0])

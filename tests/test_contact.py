@@ -114,6 +114,7 @@ def test_damping_number_is_exact():
     assert np.all(np.diff(kappa[:200]) < 0)
 
 
+@pytest.mark.slow
 def test_damping_number_derivative():
     """The implicit derivative agrees with central differences of the solution, in both modes."""
     e = np.linspace(0.05, 0.995, 40)
@@ -125,6 +126,7 @@ def test_damping_number_derivative():
     np.testing.assert_array_equal(forward, reverse)
 
 
+@pytest.mark.slow
 def test_damping_number_limits():
     """Nothing at e = 1, with slope -3/2 there; kappa e -> 1 as e -> 0; beyond 1 read as 1; NaN stays NaN."""
     assert float(damping_number(1.0)) == 0.0 and float(damping_number(1.3)) == 0.0

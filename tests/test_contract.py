@@ -137,6 +137,7 @@ class Unfinished(AbstractElasticEffect):
     reference: ClassVar[str] = "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [*IMPACT, EndStop], ids=lambda effect: effect.id)
 def test_contract_is_kept(effect):
     report = check_effect(effect)
@@ -144,6 +145,7 @@ def test_contract_is_kept(effect):
     assert len(report.checks) >= 9 and "keeps its contract" in str(report)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect, clause, words", [
     (Present, "absent at its null", "the force changes by"),
     (Drifting, "absent at its null", "changes by"),
@@ -170,6 +172,7 @@ def test_broken_effects_are_caught(effect, clause, words):
         report.require()
 
 
+@pytest.mark.slow
 def test_other_models_and_records():
     """Another reference model and other conditions can be given; what does not fit is said."""
     conditions = {"initial_pressure": [1e6, 2e6], "approach_speed": [0.3, 0.6]}

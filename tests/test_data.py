@@ -120,6 +120,7 @@ def test_tumble_heldout_records_match_simulator(name):
         assert np.abs(rates - record["y"]).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS | TUMBLE_PLANS))
 def test_campaign_is_made_again(name, tmp_path):
     """The command makes the shipped campaign: the same text, but for a last digit on another platform."""

@@ -156,6 +156,7 @@ def test_another_speed_is_proposed(rivals, tmp_path, capsys):
     assert 7.0 < best["pairs"][0]["distance"] < 10.0 * np.sqrt(61)
 
 
+@pytest.mark.slow
 def test_nothing_separates_is_said(rivals):
     """At the old speed no load or pressure parts them, and the design says so."""
     found = design(rivals, limits={"speed": "0.1 m/s"})
@@ -164,6 +165,7 @@ def test_nothing_separates_is_said(rivals):
     assert draw_next_test(found).axes
 
 
+@pytest.mark.slow
 def test_without_rivals_the_parameters_are_narrowed(rivals):
     """One model: nothing to separate; every parameter is known no worse after the test."""
     found = design(rivals / "rivals" / "1")

@@ -41,6 +41,7 @@ def test_nothing_missing(tmp_path, seed, noise):
     assert found.steps[0].lack_of_fit.p_value > 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "values", "noise"), [
     ("wall-stiffness", {"k_w": 1100.0, "q": 1.0}, {}),
     ("viscous-dashpot", {"c_v": 6.0}, {"rho": 0.6}),
@@ -60,6 +61,7 @@ def test_single_effect_is_found(tmp_path, effect, values, noise):
     assert found.steps[-1].nrmse == pytest.approx(found.noise_nrmse, rel=0.1)
 
 
+@pytest.mark.slow
 def test_pair_is_found(tmp_path):
     found = judge(tmp_path, "pair", {"wall-stiffness": {"k_w": 1300.0, "q": 1.0}, "sensor-highpass": {"tau_s": 0.6}},
                   31, repeats=2)
@@ -67,6 +69,7 @@ def test_pair_is_found(tmp_path):
     assert set(found.effects) == {"wall-stiffness", "sensor-highpass"}
 
 
+@pytest.mark.slow
 def test_end_stop_is_outside_the_catalogue(tmp_path):
     found = judge(tmp_path, "stop", {"x-end-stop": {"k": 1.5e5, "depth": 5.5e-3}}, 41, repeats=2)
     assert found.verdict in ("improved", "unexplained"), found.sentence

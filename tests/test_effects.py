@@ -105,6 +105,7 @@ def test_servo_holds_the_ball(records):
     assert "arm-servo, no separation" in held and held <= {"arm-servo, no separation", "arm-servo", "everything"}
 
 
+@pytest.mark.slow
 def test_null_of_every_effect_changes_nothing():
     """The whole catalogue at its nulls is the reference model, within rounding, steps of the integrator included."""
     given = {"initial_pressure": 1e6, "approach_speed": 0.4, "sequence": 4.0}

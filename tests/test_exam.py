@@ -124,6 +124,7 @@ def test_slip_strengths_are_as_asked(index):
             assert case.strengths[name] == pytest.approx(case.asked[name], rel=0.03)
 
 
+@pytest.mark.slow
 def test_impact_strengths_are_as_asked():
     """The same for an impact case, with a finer integrator and derivatives found anew at every step."""
     case = draw_case(Exam("impact", 2, truths=("one",)), 3)

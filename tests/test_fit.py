@@ -150,6 +150,7 @@ def test_intervals_at_other_levels(fitted):
             fitted.interval(name, level)
 
 
+@pytest.mark.slow
 def test_confounded_parameters_are_said_in_words(campaign):
     found = fit(campaign, "power-law", ["sensor-gain"], fixed={"condition_exponent": 1.0})
     trio = {"effective_mass", "stiffness_force", "sensor-gain.g"}

@@ -93,6 +93,7 @@ def test_against_the_independent_simulator(names):
     np.testing.assert_allclose(found.tangential_force, expected, atol=2e-8)
 
 
+@pytest.mark.slow
 def test_work_converges_with_the_fourth_power_of_the_spacing():
     law = build({"presliding": {"s_0": 1e-3}, "frictional-heating": {"kappa": 60.0}})
     ends = [float(run(law, np.linspace(0.0, 0.012, n)).work[-1]) for n in (13, 25, 49, 1537)]
@@ -161,6 +162,7 @@ def test_contract_says_what_a_model_lacks():
     assert gap.name == "complete" and "requires 'rubber', which Bare" in gap.sentence
 
 
+@pytest.mark.slow
 def test_gradients_agree():
     """Forward = reverse = differences, in all parameters at once, heating among them."""
     slip = np.linspace(0.0, 0.012, 41)

@@ -87,6 +87,7 @@ def test_elastic_impact_loses_nothing():
     np.testing.assert_allclose(ratio, 1.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_printed_forms_in_motion():
     """Eq. 6 delivers 0.847 for 0.8 and 0.725 for 0.5; Eq. 5 at face value gains energy."""
     for asked, delivered in ((0.8, 0.847), (0.5, 0.725)):
@@ -259,6 +260,7 @@ def test_any_valid_parameters_are_finite(shares, log_pressure, speed):
     assert all(np.isfinite(slope).all() for slope in slopes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "limit"), [
     (ContactLaw(Ball()), 1e-5), (ContactLaw(Ball(), (ArmServo(200.0),)), 1e-5),
     (ContactLaw(Ball(), (SensorLag(5e-4),)), 1e-5), (SPACE.build(jnp.asarray(SPACE.coordinates(EVERYTHING))), 2e-4)])
@@ -289,6 +291,7 @@ def test_simulate_refuses_conditions(change, message):
         simulate(ContactLaw(Ball()), conditions, TIMES)
 
 
+@pytest.mark.slow
 def test_simulate_takes_plain_numbers_and_refuses_the_rest():
     """Floats, lists and a reference model alone do; times, laws and masses that do not are named."""
     times = list(TIMES[::20])

@@ -233,6 +233,7 @@ def test_noise_has_stated_deviation_and_correlation(rho, white):
     assert np.std(starts) == pytest.approx(0.25, rel=0.02)
 
 
+@pytest.mark.slow
 def test_campaign_scatters_as_stated_and_repeats_bit_for_bit(tmp_path):
     """Written over true condition and time shift have the stated widths; the same seed writes the same bytes."""
     options = {"pressures": [1e6] * 6, "speeds": [0.6] * 5, "repeats": 4, "interval": 4e-3}
@@ -247,6 +248,7 @@ def test_campaign_scatters_as_stated_and_repeats_bit_for_bit(tmp_path):
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
 
 
+@pytest.mark.slow
 def test_misfit_after_refit():
     """What the reference parameters can take leaves nothing; a scaled amplitude leaves what was wanted."""
     conditions = [CONDITIONS | {"initial_pressure": p} for p in (5e5, 2e6)]

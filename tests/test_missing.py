@@ -100,6 +100,7 @@ def test_blend_has_the_derivatives_of_its_sum():
     np.testing.assert_allclose(jax.jacrev(f)(jnp.asarray(start)), expected, rtol=1e-6, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_derivatives_through_the_solve():
     """Force of an impact by the coefficients: forward, reverse and differences agree; at their null they are absent."""
     free = FREE["impact"][0]

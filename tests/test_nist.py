@@ -63,6 +63,7 @@ def test_one_damping_is_not_enough(name, solves):
     assert int(np.nanargmin(squares)) == solves and squares[1 - solves] > 2 * squares[solves]
 
 
+@pytest.mark.slow
 def test_data_agree_with_themselves():
     """27 problems; deviation and sum of squares go with readings less parameters; every value has 11 digits."""
     assert set(MODELS) == set(PROBLEMS) and len(PROBLEMS) == 27

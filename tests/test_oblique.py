@@ -89,6 +89,7 @@ CASES = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", CASES, ids=lambda e: "+".join(e) or "none")
 @pytest.mark.parametrize("slide", [0.1, 0.5])
 def test_agrees_with_independent_simulator(effects, slide):
@@ -102,6 +103,7 @@ def test_agrees_with_independent_simulator(effects, slide):
         assert np.abs(np.asarray(getattr(found, channel)) - column).max() < 2e-4 * np.abs(column).max(), channel
 
 
+@pytest.mark.slow
 def test_sliding_throughout_takes_the_friction_impulse():
     """Coulomb without grip: the tangential impulse is mu times the normal one, m_eff (1 + e) v_1."""
     base = BASE | {"friction_coefficient": 0.2, "creep_speed": 1e-5}
@@ -129,6 +131,7 @@ def test_spring_reverses_friction_and_a_rigid_patch_does_not():
     assert float(soft.tangential_force.min()) < -0.5
 
 
+@pytest.mark.slow
 def test_gripped_patch_swings_with_its_own_frequency():
     """With friction that never lets go, f = (u_0/omega C) sin(omega t), omega**2 = (1/m_t + 1/m_r)/C."""
     base = BASE | {"friction_coefficient": 500.0, "creep_speed": 1e-3}
@@ -149,6 +152,7 @@ def test_offset_needs_a_ball_that_rolls():
     np.testing.assert_allclose(moved.tangential_force, plain.tangential_force, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_normal_force_is_that_of_a_straight_impact():
     """Friction on the plate does not change the normal motion."""
     conditions, times = set_conditions(), jnp.asarray(TIMES)
@@ -159,6 +163,7 @@ def test_normal_force_is_that_of_a_straight_impact():
         np.testing.assert_allclose(getattr(oblique, channel), getattr(straight, channel), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_energy_balance_closes_over_random_parameters():
     """Change of energy = work of the arm - what contact, slider and rolling took; none of these gives energy back."""
     count, draw = 60, np.random.default_rng(5).uniform
@@ -195,6 +200,7 @@ def test_energy_balance_closes_over_random_parameters():
     assert float(lost.min()) > -1e-9
 
 
+@pytest.mark.slow
 def test_order_of_the_tangential_integrator():
     """Twice as many steps, an eighth of the error, through slip, grip and reversal."""
     law, conditions = build(tangential_compliance={"compliance": 4e-5}), set_conditions(slide=0.15)
@@ -206,6 +212,7 @@ def test_order_of_the_tangential_integrator():
     assert all(6.0 < a / b < 11.0 for a, b in zip(errors[:-1], errors[1:], strict=True)), errors
 
 
+@pytest.mark.slow
 def test_forward_reverse_and_differences_agree():
     """Derivatives of both forces through slip and grip, by parameters and conditions."""
     times = jnp.asarray(TIMES[20:200:3])
@@ -345,6 +352,7 @@ def test_strike_refuses_conditions(change, message):
         run_strike(Striker(Ball(), AdhesionHysteresis()), conditions, TIMES)
 
 
+@pytest.mark.slow
 def test_strike_takes_plain_numbers_and_refuses_the_rest():
     """Floats and lists do; times, laws and masses that do not are named."""
     law = Striker(Ball(), AdhesionHysteresis())

@@ -11,6 +11,9 @@ from ddetumble._errors import InputError
 from ddetumble.inference.models import MODELS, describe_models, resolve_model
 
 
+pytestmark = pytest.mark.slow  # nearly all need the whole page
+
+
 PRESSURE = np.linspace(0.0, 2.5e6, 11)
 MEASURED = np.array([39.8, 41.3, 42.1, 44.8, 48.2, 50.3, 53.5, 57.9, 62.6, 66.2, 70.8])
 PRINTED = np.array([42.1, 43.3, 44.9, 47.1, 49.7, 52.9, 56.5, 60.7, 65.3, 70.4, 75.9])

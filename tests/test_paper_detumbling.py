@@ -29,6 +29,7 @@ def test_demand_by_hand():
     assert np.arcsin(a / 26.8146) - np.arcsin(a / 72.829) == pytest.approx(five.turn, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_stage_before_and_after():
     """The axis stands across the momentum; the step leaves what the table prints, in its direction."""
     table = read_momentum("table-5")

@@ -231,6 +231,7 @@ def test_stated_error_of_equation_8(judged):
     assert err_scaled(LOAD, PRESSURE, MEASURED, np.inf) == pytest.approx(constant, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [0.0, 1 / 3])
 def test_forces_that_are_made(exponent):
     """Forces of a known law with a stated deviation: nothing is missing, or the effect that made them is found."""

@@ -60,6 +60,7 @@ def test_tables():
     assert measure_angle(np.array([1.0, 0, 0]), np.array([1.0, 1e-9, 0])) == pytest.approx(1e-9, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asymmetry", [0.0, 0.1])
 def test_course_by_scipy(asymmetry):
     """Nutation, precession and path of closed form and integrator are those of another formulation in SciPy."""

@@ -32,6 +32,9 @@ from ddetumble.planning.strike_problem import (
 )
 
 
+pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
+
+
 SCENARIOS = sorted((find_data() / "scenarios").glob("*.toml"))
 STAGE = make_debris(Cylinder())
 
@@ -235,7 +238,6 @@ def test_missing_scenario_is_refused(tmp_path):
         read_scenario(tmp_path / "none.toml")
 
 
-@pytest.mark.slow
 def test_sequence_changed_together():
     """The gradient through two impacts and both waits is that of differences; together they need no more impulse."""
     problem = pose([0.06, 0.0, 0.0], force=1500.0, depression=0.025)

@@ -73,6 +73,7 @@ def draw_posterior(target, count=4000, seed=1):
     return rng.multivariate_normal(target.centre, target.covariance, count)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("priors", [None, {"a": (0.5, 0.4), "b": (0.7, 0.3)}])
 def test_left_out_density_is_exact(priors):
     """Reweighted draws and refits give the predictive density of a linear model in closed form."""

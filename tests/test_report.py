@@ -86,6 +86,7 @@ def check_page(path, sentence):
     return page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_page_of_every_verdict(verdict, tmp_path):
     discovery = make_discovery(verdict)
@@ -130,6 +131,7 @@ def test_what_could_have_been_seen_has_a_unit(tmp_path):
     assert "k 12.5 N/m" in " ".join(page.text)
 
 
+@pytest.mark.slow
 def test_three_channels(tmp_path):
     discovery = make_discovery("explained", "impact-e")
     path = write_report(discovery, tmp_path)
@@ -188,6 +190,7 @@ def test_figures_without_numbers(tmp_path):
     assert page.text[0] == discovery.sentence and describe(nothing)
 
 
+@pytest.mark.slow
 def test_many_and_few_records():
     own = make_discovery("explained").steps[0].traces
     many = [dc.replace(trace, record=f"{trace.record}-{i}") for i in range(4) for trace in own]
@@ -328,6 +331,7 @@ def list_labels(figure):
     return tuple([label for label in own if label] for own in labels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strokes", [None, STROKES], ids=["over-slip", "strokes"])
 def test_page_of_slip_records(strokes, tmp_path):
     discovery = make_slip_discovery(strokes)

@@ -32,6 +32,9 @@ from ddetumble.planning.strike_plan import plan_strike
 from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, is_symmetric
 
 
+pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
+
+
 ROOT = Path(__file__).resolve().parent.parent
 SCENARIOS = find_data() / "scenarios"
 STAGE = make_debris(Cylinder())
@@ -153,7 +156,6 @@ def test_weights_of_weigh_are_taken(tmp_path):
     np.testing.assert_allclose(laws.shares(), [0.1875] * 4 + [0.0625] * 4)
 
 
-@pytest.mark.slow
 def test_without_uncertainty_the_plan_stays(planned):
     """Draws that are all the best estimate: the plain plan's score, for the mean and for the tail."""
     problem, plan = planned
@@ -163,7 +165,6 @@ def test_without_uncertainty_the_plan_stays(planned):
         assert robust.allowed and robust.score == pytest.approx(plan.score, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_slopes_of_the_tail_are_those_of_differences(planned):
     """What is planned for and the tail means of all constraints, through every draw."""
     problem, plan = planned
@@ -175,7 +176,6 @@ def test_slopes_of_the_tail_are_those_of_differences(planned):
         np.testing.assert_allclose(slopes[:, k], (ahead - behind) / 2e-4, atol=3e-3 * np.abs(slopes).max())
 
 
-@pytest.mark.slow
 def test_order_of_best_mean_and_tail(planned):
     """Tail >= mean >= best of the draws for any plan; the robust plan keeps the limit that the plain one does not, and
     no plan for all draws does better on average than knowing each.
@@ -197,7 +197,6 @@ def test_order_of_best_mean_and_tail(planned):
     assert robust["tail"].score >= robust["mean"].score - 1e-6
 
 
-@pytest.mark.slow
 def test_equal_models_do_not_matter_and_unlike_ones_do(planned):
     """The same model twice: no difference, no regret. Restitution 0.5 against 0.9: both."""
     problem, plan = planned
@@ -218,7 +217,6 @@ def test_equal_models_do_not_matter_and_unlike_ones_do(planned):
     assert unlike.models["model-0"].momentum.mean > unlike.models["model-1"].momentum.mean
 
 
-@pytest.mark.slow
 def test_command_tells_how_sure_a_plan_is(tmp_path, capsys):
     """Stated parameters: sentences, numbers in plan.json, a figure and a section of the page."""
     text = (SCENARIOS / "paper-case-2.toml").read_text(encoding="utf-8")

@@ -133,6 +133,7 @@ def test_emcee_finds_the_closed_form_of_a_line():
     assert np.corrcoef(flat.T)[0, 1] == pytest.approx(correlation, abs=0.04)
 
 
+@pytest.mark.slow
 def test_nuts_finds_the_closed_form_of_a_line():
     made, mean, covariance = pose_line()
     found = sample(made, sampler="nuts", burn=100, block=200, effective=2000)
@@ -158,6 +159,7 @@ def test_a_limit_cuts_the_posterior_off(sampler):
     assert any("cut off by its lower limit" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_twenty_parameters():
     """A strongly correlated Gaussian in twenty dimensions, started from a covariance that is wrong by a factor."""
     rng = np.random.default_rng(8)
@@ -217,6 +219,7 @@ def test_the_moves_are_all_tested():
     assert len(mix_moves(Proposal(np.zeros(5), np.eye(5), -free, free))) == 3
 
 
+@pytest.mark.slow
 def test_samplers_agree_on_a_campaign(posterior, target):
     """Nuisances integrated out (emcee) and sampled along (NUTS): same means and deviations within Monte Carlo error."""
     assert posterior.converged
@@ -296,6 +299,7 @@ def test_failures_count_as_impossible():
     assert any("could not be computed" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_arviz_reads(folder, tmp_path, capsys):
     import xarray as xr
 
@@ -317,6 +321,7 @@ def test_the_command_writes_what_arviz_reads(folder, tmp_path, capsys):
     assert "something else: seed is 0 there and 9 now" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_settings_of_a_specification(folder, tmp_path, capsys):
     (tmp_path / "fit.toml").write_text(
         f'schema = "ddetumble.fit/1"\ncampaign = "{folder}"\neffects = ["adhesive-offset"]\nseed = 4\n'
@@ -327,6 +332,7 @@ def test_settings_of_a_specification(folder, tmp_path, capsys):
     assert told["target"]["priors"]["adhesive-offset.f_a"] == [0.2, 0.1]
 
 
+@pytest.mark.slow
 def test_every_run_of_a_seed_is_the_same():
     made, _, _ = pose_line()
     one, two = (run_ensembles(made, Settings(seed=5, effective=300)) for _ in range(2))

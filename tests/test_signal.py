@@ -26,6 +26,7 @@ def respond_polynomial(t, constant):
     return x - constant * slope + constant**2 * curve - (a - constant * b + constant**2 * curve) * np.exp(-t / constant)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constant", CONSTANTS)
 @pytest.mark.parametrize("name", ["lag", "low_pass"])
 def test_polynomial_is_exact(name, constant):

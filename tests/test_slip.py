@@ -52,6 +52,7 @@ def test_verdict(case):
         assert abs(estimate.estimate - truth[name]) < 4.0 * estimate.sd, name
 
 
+@pytest.mark.slow
 def test_prediction_at_other_conditions(case, tmp_path):
     """The grown model predicts noise-free records at conditions that no record had, to half of the noise."""
     from ddetumble.exam.simulators.slip import simulate_slip
@@ -68,6 +69,7 @@ def test_prediction_at_other_conditions(case, tmp_path):
     assert (table["tangential_force_sd_new"] > 0.039).all() and (table["tangential_force_sd"] < 0.05).all()
 
 
+@pytest.mark.slow
 def test_outside_the_catalogue(tmp_path):
     """A saw tooth along the slip is not explained, and its wavelength is found."""
     made = make_slip_campaign("c", 77, {"x-stick-slip": {"ratio": 0.03, "wavelength": 2.3e-3}}, BASE, *PLAN)
@@ -79,6 +81,7 @@ def test_outside_the_catalogue(tmp_path):
     assert "repeating every 2.3 mm" in found.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["slip-a", "slip-b", "slip-c", "slip-d"])
 def test_shipped_campaigns(name):
     """One effect, correlated noise, nothing, reversed strokes over time: each as truth.json has it."""
@@ -91,6 +94,7 @@ def test_shipped_campaigns(name):
             assert abs(estimate.estimate - value) < 4 * estimate.sd
 
 
+@pytest.mark.slow
 def test_compare_and_fit():
     """Errors by condition, a constant coefficient beside Eqs. 8 to 11, and an effect that is told."""
     campaign = read_campaign(find_data() / "slip-b")
@@ -118,6 +122,7 @@ def test_known_names_are_checked():
     assert any("'operator_age' is no parameter of the model" in note for note in notes)
 
 
+@pytest.mark.slow
 def test_one_pressure_cannot_tell_k_from_the_loss_angle():
     """Eq. 8 at one pressure fixes one number: said in words, with the test that would tell them apart."""
     campaign = read_campaign(find_data() / "slip-c")
@@ -144,6 +149,7 @@ def test_loads_beyond_the_polynomials_are_flagged(tmp_path):
     assert any("Eq. 10" in note for note in table.attrs["notes"])
 
 
+@pytest.mark.slow
 def test_commands(tmp_path, capsys):
     """The same from a terminal: effects, compare, discover with its page, predict."""
     assert main(["effects"]) == 0 and "frictional-heating" in capsys.readouterr().out
@@ -161,6 +167,7 @@ def test_commands(tmp_path, capsys):
     assert list(pd.read_csv(tmp_path / "p.csv").columns)[:3] == ["record", "slip", "tangential_force"]
 
 
+@pytest.mark.slow
 def test_a_grown_model_is_grown_further(tmp_path):
     """What `fit` wrote is where `discover` goes on from: nothing more is missing, and its effect is no candidate."""
     campaign = read_campaign(find_data() / "slip-b")

@@ -99,6 +99,7 @@ def noisy():
     return record, fit_record(record)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [9.0, 28.0, 36.0])
 def test_recovers_exact_curve(load):
     """Readings without noise give back the coefficients that made them, also where the curve grows with slip."""
@@ -142,6 +143,7 @@ def test_force_and_coefficient(noisy):
     assert other.chi2 == pytest.approx(fit.chi2)
 
 
+@pytest.mark.slow
 def test_coverage():
     """95 % intervals of simulated curves hold the truth as often as a fair coin of 0.95 would; chi-square is one."""
     generator, count = np.random.default_rng(11), 50
@@ -238,6 +240,7 @@ def read_rubber(pressures, seed=2):
 SEVERAL = np.repeat([0.5e6, 1.0e6, 1.5e6, 2.5e6], 8)
 
 
+@pytest.mark.slow
 def test_rubber_at_four_pressures():
     """K and tan delta_L come back, their intervals end where scipy's refits have them, and the product is mentioned."""
     made = read_rubber(SEVERAL)
@@ -265,6 +268,7 @@ def test_rubber_at_one_pressure():
     assert "as a product only" in fit.notes[0]
 
 
+@pytest.mark.slow
 def test_rubber_with_free_ratio():
     """With sigma_0/p_r free K is lost at any number of pressures, and K sigma_0/p_r is not."""
     made = read_rubber(SEVERAL)
@@ -306,6 +310,7 @@ def list_models():
     yield RUBBER[True], r, data, (follow_eq_8(pressure, *r) - data.value) * data.weight
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(3), ids=["slip", "polynomials", "rubber"])
 def test_models(index):
     """Residuals follow the formulas; derivatives forward, in reverse and by differences agree; coordinates go back."""

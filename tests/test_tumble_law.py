@@ -62,6 +62,7 @@ def test_torque_of_ones_own():
     assert np.abs(move(law, TIMES).angular_velocity[:, 2] - RATES[2] - gained).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 1.7])
 def test_nulls_leave_torque_free_motion(ratio):
     """With every effect at its null: the closed form, rates and attitude."""

@@ -91,6 +91,7 @@ quaternions = st.tuples(numbers, numbers, numbers, numbers).map(np.array).filter
 quaternions = quaternions.map(lambda q: q / np.linalg.norm(q))
 
 
+@pytest.mark.slow
 @given(quaternions, quaternions, vectors)
 @settings(max_examples=60)
 def test_rotations(p, q, v):
@@ -106,6 +107,7 @@ def test_rotations(p, q, v):
     assert np.allclose(to_rotation_vector(from_rotation_vector(v)), v, atol=1e-14)  # |v| < pi
 
 
+@pytest.mark.slow
 def test_rotation_derivatives():
     """No turn at all: the exponential and the logarithm have the derivatives of their first term."""
     assert np.allclose(jax.jacfwd(from_rotation_vector)(jnp.zeros(3)), 0.5 * np.eye(4)[:, 1:], atol=1e-15)
@@ -149,6 +151,7 @@ def test_textbook_bodies():
     assert np.allclose(2.0 * shifted, whole.inertia())
 
 
+@pytest.mark.slow
 def test_mesh():
     """A box is exact wherever it stands; a cylinder's mesh converges in order 2; derivatives are right."""
     vertices, faces = make_mesh(4, radius=np.sqrt(0.5))
@@ -199,6 +202,7 @@ def test_no_trimesh(monkeypatch, tmp_path):
 # Closed form
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIONS)
 def test_closed_form_is_integral(name):
     """To 1e-9 over the paper's 2000 s, here and by SciPy (whose own error is of that size)."""
@@ -225,6 +229,7 @@ def test_drift(name):
     assert np.max(np.abs(momentum - momentum[0])) < 1e-10 * np.linalg.norm(momentum[0])
 
 
+@pytest.mark.slow
 def test_symmetric_form():
     """The trigonometric form is the elliptic one for equal moments; both after a year, whose phase has 9 digits."""
     times = np.array([0.0, 1.0, 2000.0, 3.15e7])
@@ -234,6 +239,7 @@ def test_symmetric_form():
     assert measure_turn(closed.attitude[2], plain[0][2]) < 1e-12
 
 
+@pytest.mark.slow
 def test_rates_are_jacobi():
     """Angular velocity where the middle rate starts at 0: SciPy's ellipj in textbook form (Landau, section 37)."""
     times, (a, b, c) = np.linspace(0.0, 50.0, 101), np.diag(THREE)
@@ -272,6 +278,7 @@ def test_spin_about_principal_axis(name):
     assert_same_motion(coast(inertia, START, rate, times), expected, np.tile(rate, (4, 1)), 3e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moments, rate, within", [
     ([400.0, 1000.0 - 1e-9, 1000.0], [0.1, 0.2, 1e-6], 1e-10),  # nearly equal
     ([400.0, 1000.0 - 1e-3, 1000.0], [1e-4, 0.2, 0.1], 1e-10),
@@ -347,6 +354,7 @@ class Drag(eqx.Module):
         return -self.strength * rate
 
 
+@pytest.mark.slow
 def test_torque():
     """A sphere under drag, exactly; a torque that is constant in space adds to the momentum."""
     times = np.linspace(0.0, 100.0, 11)
@@ -378,6 +386,7 @@ def test_torque_derivatives():
     assert np.allclose(forward, differences, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_batch():
     """Under vmap as one by one, by both."""
     rates = jnp.array([[0.1, 0.2, 0.3], [0.0, 0.0, 0.3], [-0.3, 0.2, 0.1]])
@@ -390,6 +399,7 @@ def test_batch():
             assert np.allclose(together.attitude[k], one.attitude, atol=within)
 
 
+@pytest.mark.slow
 def test_failure_is_told():
     """Too few steps, or a torque that is no number: an error, and `failed` where errors cannot be raised."""
     with pytest.raises(ComputationError, match="10 steps of 10"):

@@ -25,7 +25,7 @@ from .workbench import Fitted, Workbench
 PLACES = 121
 CLEAR = 3.0  # standard deviations by which a force is told from zero
 UNSEEN = 0.2  # of its signature: below that, what the model's parameters imitate leaves too little of a shape
-LINES = 200
+WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
 
 Progress = Callable[[str, float], None]
 
@@ -124,7 +124,8 @@ def describe_missing(workbench: Workbench, reference: Fitted, beside: Fitted, be
     shapes = tuple(_describe_shape(bench, one, drawn[0]) for one in drawn)
     alike = tuple(_name(d.wanted[0][0]) for d in drawn[1:] if not _beaten(bench, drawn[0], d))
     laws: list[Law] = []
-    if drawn and ceiling is not None:
+    spare = reference.score - bench.rows
+    if ceiling is not None and reference.score - min(d.loss for d in (*drawn, ceiling)) > WORTH * spare:
         report("looking for simple laws", 0.85)
         terms = [drawn[0].wanted[0][0], *(d.wanted[0][0] for d in drawn[1:] if not _beaten(bench, drawn[0], d))]
         laws = find_laws(bench, normals, terms, min(d.loss for d in (*drawn, ceiling)))
@@ -284,6 +285,8 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
         if last < best.x[-2]:
             notes.append(f"Beyond {_say_value(best.variable, float(last))} there are no samples: there the curve only "
                          "goes on straight.")
+    if share < WORTH:
+        notes.append("That is too little for a law to be looked for.")
     if share < 0.9:
         notes.append(f"{1.0 - share:.0%} of the misfit is left that no force of these variables removes: its cause is "
                      "elsewhere (a sensor, a state of its own, a variable that is not measured).")
