@@ -16,6 +16,7 @@ from ddetumble.cli import app
 
 
 ROOT = Path(__file__).resolve().parent.parent
+PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md")
 PACKAGE = ROOT / "ddetumble"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
@@ -171,7 +172,7 @@ def test_imports_are_lazy():
     assert not HEAVY & set(done.stdout.split()), HEAVY & set(done.stdout.split())
 
 
-@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize("name", PAGES)
 def test_documented_commands_exist(name):
     """Every command in a code block of the documentation is one that exists."""
     known = set(typer.main.get_command(app).commands)  # pyright: ignore
@@ -189,16 +190,20 @@ def test_readme_has_both_commands():
 
 
 def test_readme_links():
-    """Files that README points to exist."""
-    for name in ("README.md", "CONTRIBUTING.md"):
-        links = re.findall(r"\]\(([^)#:\s]+)\)", (ROOT / name).read_text(encoding="utf-8"))
-        assert not [link for link in links if not (ROOT / link).exists()]
+    """Files that the documentation points to exist, and so do the sections of the guide."""
+    for name in PAGES:
+        links = re.findall(r"\]\(([^)#:\s]*)(#[^)\s]+)?\)", (ROOT / name).read_text(encoding="utf-8"))
+        assert not [link for link, _ in links if not ((ROOT / name).parent / link).exists()]
+    heads = re.findall(r"^## (.+)$", (ROOT / "docs" / "guide.md").read_text(encoding="utf-8"), re.MULTILINE)
+    wanted = re.findall(r"docs/guide\.md#([^)\s]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(wanted) > 5 and set(wanted) <= {head.lower().replace(" ", "-") for head in heads}
 
 
 @pytest.mark.slow
 def test_readme_python_runs(tmp_path):
-    """The Python of README runs as it stands."""
+    """The Python of README and guide runs as it stands."""
     *blocks, own = read_blocks(ROOT / "README.md", "python")
+    blocks += read_blocks(ROOT / "docs" / "guide.md", "python")
     assert own in (ROOT / "docs" / "end_stop.py").read_text(encoding="utf-8")  # which test_discover.py runs
     script = tmp_path / "readme.py"
     script.write_text("".join(blocks), encoding="utf-8")
