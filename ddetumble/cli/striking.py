@@ -47,8 +47,10 @@ def plan_impacts(
     if laws is not None and table is not None and aim != "best":
         drawn, wary, share = laws, aim, table.tail
 
-        def revise(now, plan):
+        def plan_warily(now, plan):
             return plan_robust_strike(now, drawn, plan, aim=wary, tail=share)
+
+        revise = plan_warily
 
     with show_progress(f"planning {path.stem}") as report:
         found = plan_sequence(problem, wanted.goal.share, wanted.goal.impacts, starts=wanted.starts, seed=wanted.seed,
