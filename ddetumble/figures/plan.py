@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .labels import clean
-from .style import AFTER, BEFORE, INK, dress, head_figure, new_figure, styled
+from .style import AFTER, BEFORE, INK, SHADES, dress, head_figure, new_figure, styled
 
 
-SHADES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#7a5195", "#66727f")
 BINS = 40
 
 
@@ -73,10 +72,10 @@ def draw_outlook(shares: Mapping[str, np.ndarray], nominal: float, tail: float):
     room = max(0.02 * (whole.max() - whole.min()), 1e-3)
     edges = np.linspace(whole.min() - room, whole.max() + room, BINS + 1)
     for k, (name, own) in enumerate(shares.items()):
-        colour = SHADES[k % len(SHADES)]
-        axes.hist(100 * own, edges, weights=np.full(len(own), 100 / len(own)), histtype="stepfilled", color=colour,
-                  alpha=0.35, label=clean(name, 60))
-        axes.hist(100 * own, edges, weights=np.full(len(own), 100 / len(own)), histtype="step", color=colour, lw=1.4)
+        height, _ = np.histogram(100 * own, edges)
+        axes.stairs(100 * height / len(own), edges, fill=True, color=SHADES[k % len(SHADES)], alpha=0.35,
+                    label=clean(name, 60))
+        axes.stairs(100 * height / len(own), edges, color=SHADES[k % len(SHADES)], lw=1.4)
     axes.axvline(100 * nominal, color=INK, lw=1.4, label="best estimate")
     axes.axvline(100 * tail, color=INK, lw=1.4, ls="--", label="mean of the bad tail")
     axes.set_xlabel("angular momentum left after the first impact [%]")

@@ -9,11 +9,10 @@ import numpy as np
 from ..sampling.posterior import Posterior
 from ..sampling.target import AbstractTarget
 from .labels import clean
-from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, WIDTH, dress, head_figure, new_figure, styled
+from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, SHADES, WIDTH, dress, head_figure, new_figure, styled
 
 
 _MASSES = (0.6827, 0.9545)  # inside the contours
-_SHADES = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#e69f00", "#7a5195", "#66727f")
 _MOST = 10  # parameters of a figure
 _DRAWN = 20000  # draws at most
 
@@ -88,7 +87,7 @@ def draw_traces(posterior: Posterior, count: int = 600):
     along = np.arange(0, steps, every)
     figure = new_figure(0.75 + 1.0 * len(names), WIDTH, gap=0.03)
     panels = figure.subplots(len(names), 1, squeeze=False, sharex=True).ravel()
-    shades = _SHADES[:ensembles]
+    shades = SHADES[:ensembles]
     for k, axes in enumerate(panels):
         dress(axes)
         for e in range(len(shades)):
@@ -129,7 +128,7 @@ def draw_ranks(posterior: Posterior, bins: int = 20):
     rows = -(-len(names) // columns)
     figure = new_figure(0.9 + 1.35 * rows, WIDTH, gap=0.04)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
-    shades = _SHADES[:ensembles]
+    shades = SHADES[:ensembles]
     for k, axes in enumerate(panels):
         if k >= len(names):
             axes.set_axis_off()

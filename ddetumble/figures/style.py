@@ -16,6 +16,7 @@ KIN = "#7fc0ea"
 OTHER = "#a3aeb9"
 FLOOR = "#8a97a5"
 PLACE = "#fbedbd"
+SHADES = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#e69f00", "#7a5195", "#66727f")  # of equals
 WIDTH = 10.0  # of every figure [inch]; a report shows it about 1000 pixels wide
 _FONTS = ("Source Sans 3", "Helvetica Neue", "Arial", "Liberation Sans", "DejaVu Sans")
 

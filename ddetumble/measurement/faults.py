@@ -2,8 +2,8 @@
 
 Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance
 of about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
-readings. A spike stands outside of its neighbours' range and off the cubic through them. Nothing here knows physics: a
-jump, a kink and a peak are none of these.
+readings. A spike stands off a smooth curve on which all readings around it lie. Nothing here knows physics: a jump, a
+kink and a peak are none of these.
 """
 
 import dataclasses as dc
@@ -187,7 +187,12 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
 
 
 def _leave_window(time: np.ndarray, y: np.ndarray, sd: float) -> tuple[int, ...] | None:
-    """Places within a window that are off a cubic on which all others lie; none where there is no such cubic."""
+    """Places within a window that are off a cubic on which all others lie; None where there is no such cubic.
+
+    Args:
+        time, y: of the samples and readings of the window, shape (WINDOW,).
+        sd: standard deviation of the noise, in the readings' unit.
+    """
     t = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
     basis = np.stack([np.ones_like(t), t, t * t, t**3], axis=1)
     for k in range(2, len(t) - 1):  # a step, and a kink where three samples on either side show it
@@ -215,7 +220,7 @@ def _leave_window(time: np.ndarray, y: np.ndarray, sd: float) -> tuple[int, ...]
 
 
 def _stand_outside(time: np.ndarray, y: np.ndarray, sd: float) -> np.ndarray:
-    """Readings off the cubic, the range and the lines of two neighbours on each side, shape (samples,)."""
+    """Readings off the cubic, the range and the lines of two neighbours on each side, shape (samples,); see above."""
     off, middle = _leave_cubic(time, y), y[2:-2]
     around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
     outside = np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle)
