@@ -18,7 +18,7 @@ from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
 from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
 from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.moves import Proposal, mix_moves
+from ddetumble.sampling.moves import Mixture, Proposal, mix_moves
 from ddetumble.sampling.target import draw_inside
 
 
@@ -188,6 +188,39 @@ def test_two_separate_hills_are_both_visited():
     assert found.converged and abs(np.mean(found.x > 1.5) - 0.5) < 0.06
 
 
+def test_a_bent_valley_is_sampled_to_its_ends():
+    """Gaussian along, and a parabola of it plus a Gaussian across (Haario et al. 1999): moments in closed form."""
+    long, bend = 3.0, 0.25
+
+    def valley(x, data):
+        return jnp.array([x[0] / long, x[1] + bend * (x[0] ** 2 - long**2), x[2] - 0.5 * x[1]])
+
+    made = pose_curve(valley, (), ["a", "b", "c"], np.zeros(3), np.diag([1.0, 4.0, 4.0]))  # half as long as it is
+    found = sample(made, effective=4000)
+    assert found.converged
+    b = np.sqrt(1.0 + 2.0 * bend**2 * long**4)
+    for p, sd in zip(found.parameters.values(), (long, b, np.hypot(1.0, 0.5 * b)), strict=True):
+        assert abs(p.mean) < 5 * p.mcse and p.sd == pytest.approx(sd, rel=0.06)
+    ends = found.x[..., 0]
+    assert np.mean(np.abs(ends) > 2 * long) == pytest.approx(2 * stats.norm.sf(2.0), rel=0.12)
+
+
+def test_a_mixture_draws_what_its_density_says_within_its_limits():
+    """Shares of a grid's cells among many draws against the density's integral over them."""
+    low, high = np.array([-1.0, -np.inf]), np.array([2.0, 0.5])
+    made = Mixture([Proposal(np.zeros(2), np.array([[1.0, 0.5], [0.5, 0.6]]), low, high),
+                    Proposal(np.array([1.5, -1.0]), 0.2 * np.eye(2), low, high)], np.array([0.3, 0.7]))
+    again = Mixture.load(made.state(5), low, high)
+    x = again.draw(200_000, np.random.RandomState(2))
+    assert np.all((x >= low) & (x <= high))
+    a, b = (np.linspace(m, n, 601) for m, n in ((-1.0, 2.0), (-8.0, 0.5)))
+    grid = np.stack(np.meshgrid(0.5 * (a[1:] + a[:-1]), 0.5 * (b[1:] + b[:-1]), indexing="ij"), axis=-1)
+    cells = np.exp(made.log_density(grid.reshape(-1, 2))).reshape(600, 600)
+    expected = cells.reshape(6, 100, 6, 100).sum(axis=(1, 3)) / cells.sum()
+    counted, _, _ = np.histogram2d(*x.T, bins=[a[::100], b[::100]])
+    np.testing.assert_allclose(counted / len(x), expected, atol=5 * np.sqrt(0.25 / len(x)))
+
+
 @pytest.mark.parametrize("even", [False, True])
 def test_the_proposal_draws_what_its_density_says(even):
     """Importance weights of its draws, random or evenly spread, give the moments of another distribution."""
@@ -205,7 +238,9 @@ def test_every_move_leaves_the_density_as_it_is(which):
     """In five dimensions, where a wrong power of the jump's length in a move's weight changes every variance."""
     size, walkers, free = 5, 200, np.full(5, np.inf)
     sd = np.geomspace(1.0, 3.0, size)
-    move, _ = mix_moves(Proposal(np.zeros(size), 1.5 * np.diag(sd**2), -free, free))[which]
+    one = Proposal(np.zeros(size), 1.5 * np.diag(sd**2), -free, free)
+    other = Proposal(np.ones(size), 3.0 * np.diag(sd**2), -free, free)
+    move, _ = mix_moves(Mixture([one, other], np.array([0.6, 0.4])), 0.5)[which]
     chain = emcee.EnsembleSampler(walkers, size, lambda x: -0.5 * np.sum((x / sd) ** 2, axis=1), moves=move,
                                   vectorize=True)
     chain._random = random = np.random.RandomState(3)
@@ -216,7 +251,7 @@ def test_every_move_leaves_the_density_as_it_is(which):
 def test_the_moves_are_all_tested():
     """The test above counts them."""
     free = np.full(5, np.inf)
-    assert len(mix_moves(Proposal(np.zeros(5), np.eye(5), -free, free))) == 3
+    assert len(mix_moves(Mixture([Proposal(np.zeros(5), np.eye(5), -free, free)], np.ones(1)), 0.5)) == 3
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from .._errors import InputError
 from ..inference.files import make_plain, write_json
 
 
-SCHEMA = "ddetumble.chain/1"
+SCHEMA = "ddetumble.chain/2"
 PLAN, START = "chain.json", "start.npz"
 
 

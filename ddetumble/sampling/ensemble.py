@@ -10,9 +10,10 @@ import emcee
 import numpy as np
 
 from .._errors import ComputationError, InputError
+from .adaptation import FEW, PARTS, adapt_mixture, start_mixture
 from .checkpoint import ChainFolder
 from .diagnostics import Convergence, judge_chains
-from .moves import Proposal, adapt_proposal, mix_moves, start_proposal
+from .moves import Mixture, mix_moves
 from .target import AbstractTarget, draw_inside
 
 
@@ -98,11 +99,12 @@ class _Ensemble:
         self.target, self.settings = target, settings
         self.random = np.random.RandomState(np.random.SeedSequence([settings.seed, number]).generate_state(8))
         self.evaluations = self.failures = 0
-        self.proposal = start_proposal(target)
+        self.proposal, self.share = start_mixture(target), FEW
         self.sampler: emcee.EnsembleSampler | None = None
         self.state: emcee.State | None = None
 
-    def _density(self, x: np.ndarray) -> np.ndarray:
+    def density(self, x: np.ndarray) -> np.ndarray:
+        """Of points, shape (points, free) to (points,), counted."""
         # Moves of all walkers come at once, others by halves: one size, one compiled program.
         half = self.settings.walkers // 2
         parts = [self.target.log_density(x[k: k + half]) for k in range(0, len(x), half)]
@@ -117,7 +119,7 @@ class _Ensemble:
         rng = np.random.default_rng(self.random.randint(0, 2**32, size=4, dtype=np.uint64))
         x = draw_inside(self.target, rng, self.settings.walkers, 1.2)
         for _ in range(20):
-            value = self._density(x)
+            value = self.density(x)
             bad = ~np.isfinite(value)
             if not bad.any():
                 break
@@ -132,18 +134,18 @@ class _Ensemble:
         keys, rest = block["random_keys"][k], block["random_rest"][k]
         state = ("MT19937", keys, int(rest[0]), int(rest[1]), float(rest[2]))
         self.state = emcee.State(block["x"][k, -1], log_prob=block["log_density"][k, -1], random_state=state)
-        self.proposal = Proposal(block["mean"][k], block["covariance"][k], self.target.low, self.target.high,
-                                 float(block["share"][k]))
+        own = {name: block[name][k] for name in ("portion", "mean", "covariance")}
+        self.proposal = Mixture.load(own, self.target.low, self.target.high)
+        self.share = float(block["share"][k])
 
     def advance(self, steps: int) -> dict[str, np.ndarray]:
         """So many steps; everything that a block holds of this ensemble."""
         settings, free = self.settings, len(self.target.names)
-        self.evaluations = self.failures = 0
         if self.state is None:
             self.begin()
         if self.sampler is None:
-            self.sampler = emcee.EnsembleSampler(settings.walkers, free, self._density, vectorize=True,
-                                                 moves=mix_moves(self.proposal))
+            self.sampler = emcee.EnsembleSampler(settings.walkers, free, self.density, vectorize=True,
+                                                 moves=mix_moves(self.proposal, self.share))
         self.sampler.reset()
         for state in self.sampler.sample(self.state, iterations=steps, skip_initial_state_check=True):
             self.state = state
@@ -151,15 +153,15 @@ class _Ensemble:
         _, keys, place, has, cached = self.state.random_state
         x, value = self.sampler.get_chain(), self.sampler.get_log_prob()
         assert x is not None and value is not None
-        return {"x": x, "log_density": value, "random_keys": np.asarray(keys),
-                "random_rest": np.array([place, has, cached], dtype=float), "mean": self.proposal.mean,
-                "covariance": self.proposal.covariance, "share": np.asarray(self.proposal.share),
-                "counts": np.array([self.evaluations, self.failures, int(self.sampler.backend.accepted.sum())])}
+        counts = np.array([self.evaluations, self.failures, int(self.sampler.backend.accepted.sum())])
+        self.evaluations = self.failures = 0
+        return {"x": x, "log_density": value, "random_keys": np.asarray(keys), "counts": counts,
+                "random_rest": np.array([place, has, cached], dtype=float), "share": np.asarray(self.share),
+                **self.proposal.state(PARTS)}
 
-    def adapt(self, draws: np.ndarray, log_density: np.ndarray) -> None:
+    def adapt(self, proposal: Mixture, share: float) -> None:
         """New proposal after the burn-in."""
-        self.proposal = adapt_proposal(self.target, draws, log_density)
-        self.sampler = None
+        self.proposal, self.share, self.sampler = proposal, share, None
 
 
 def run_ensembles(target: AbstractTarget, settings: Settings, folder: Path | None = None,
@@ -196,9 +198,11 @@ def _run(target: AbstractTarget, settings: Settings, chain: ChainFolder | None, 
     with ThreadPoolExecutor(WORKERS) as pool:
         while True:
             if done == settings.burn and settings.burn:
-                draws, values = (_join(blocks, name)[:, settings.burn // 2:] for name in ("x", "log_density"))
-                for k, ensemble in enumerate(ensembles):
-                    ensemble.adapt(draws[k].reshape(-1, draws.shape[-1]), values[k].reshape(-1))
+                draws = _join(blocks, "x")[:, settings.burn // 2:].reshape(-1, len(target.names))
+                seed = np.random.SeedSequence([settings.seed, settings.ensembles, 1])
+                proposal, share = adapt_mixture(target, ensembles[0].density, draws, seed)
+                for ensemble in ensembles:
+                    ensemble.adapt(proposal, share)
             if is_due(done, settings):
                 convergence = _judge(blocks, settings)
                 if convergence.enough or done >= settings.burn + settings.most:

@@ -1,4 +1,7 @@
-"""Moves of the ensemble: independent proposals from the fit's Gaussian with heavy tails, beside emcee's own."""
+"""Moves of the ensemble: independent proposals from Gaussians with heavy tails, beside emcee's own."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import emcee
 import numpy as np
@@ -11,8 +14,6 @@ TAIL = 5.0  # degrees of freedom of the proposal
 WIDER = (1.1, 2.5)  # than the Gaussian it is made from, of its two parts
 PARTS = (0.85, 0.15)  # of these two: the wide one keeps the tails within reach
 OTHERS = (0.7, 0.3)  # of differential evolution and stretch moves among those that are not independent
-FEW, MANY = 0.5, 0.9  # share of independent moves; many where the proposal is close to the posterior
-CLOSE = 1.0  # standard deviation of the logarithm of posterior over proposal, below which it is
 TRIES = 100
 
 
@@ -23,11 +24,9 @@ class Proposal:
         mean: shape (free,).
         covariance: of the Gaussian that it resembles, shape (free, free).
         low, high: limits, shape (free,).
-        share: of independent moves among all.
     """
 
-    def __init__(self, mean: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.ndarray, share: float = FEW):
-        self.share = share
+    def __init__(self, mean: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.ndarray):
         self.mean, self.covariance, self.low, self.high = mean, covariance, low, high
         scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlation = covariance / np.outer(scale, scale) + 1e-10 * np.eye(len(scale))
@@ -43,15 +42,10 @@ class Proposal:
 
     def draw(self, count: int, rng) -> np.ndarray:
         """Points within the limits, shape (count, free); as good as a few tries make it."""
-        found = self._draw(count, rng)
-        for _ in range(TRIES):
-            outside = np.any((found < self.low) | (found > self.high), axis=1)
-            if not outside.any():
-                break
-            found[outside] = self._draw(int(outside.sum()), rng)
-        return found
+        return _draw_inside(self.draw_anywhere, count, rng, self.low, self.high)
 
-    def _draw(self, count: int, rng) -> np.ndarray:
+    def draw_anywhere(self, count: int, rng) -> np.ndarray:
+        """Points that the limits do not keep in, shape (count, free)."""
         return self.place(rng.standard_normal((count, len(self.mean))), rng.random_sample(count),
                           rng.random_sample(count))
 
@@ -73,10 +67,63 @@ class Proposal:
         wide = np.where(part < PARTS[0], *WIDER)
         return self.mean + (normal @ self.factor.T) * (wide / stretch)[:, None]
 
+
+class Mixture:
+    """Several proposals with the portion that each draws, as a posterior that is bent or has several hills needs them.
+
+    Args:
+        parts: at least one, all within the same limits.
+        portions: of the draws, shape (parts,), with sum 1.
+    """
+
+    def __init__(self, parts: Sequence[Proposal], portions: np.ndarray):
+        self.parts, self.portions = tuple(parts), np.asarray(portions, dtype=float)
+
+    @classmethod
+    def load(cls, state: Mapping[str, np.ndarray], low: np.ndarray, high: np.ndarray) -> "Mixture":
+        """What `state` gave."""
+        some = state["portion"] > 0.0
+        return cls([Proposal(m, c, low, high) for m, c in zip(state["mean"][some], state["covariance"][some],
+                                                              strict=True)], state["portion"][some])
+
+    def state(self, most: int) -> dict[str, np.ndarray]:
+        """Portions, means and covariances of so many parts, those that are not there with portion zero."""
+        rest = most - len(self.parts)
+        mean, covariance = (np.stack([getattr(one, name) for one in self.parts]) for name in ("mean", "covariance"))
+        return {"portion": np.pad(self.portions, (0, rest)), "mean": np.pad(mean, ((0, rest), (0, 0))),
+                "covariance": np.pad(covariance, ((0, rest), (0, 0), (0, 0)))}
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Up to a constant, shape (points, free) to (points,)."""
+        return np.logaddexp.reduce([np.log(portion) + one.log_density(x) - np.sum(np.log(np.diag(one.factor)))
+                                    for one, portion in zip(self.parts, self.portions, strict=True)], axis=0)
+
+    def draw(self, count: int, rng) -> np.ndarray:
+        """Points within the limits, shape (count, free); as good as a few tries make it."""
+        return _draw_inside(self._draw, count, rng, self.parts[0].low, self.parts[0].high)
+
+    def _draw(self, count: int, rng) -> np.ndarray:
+        which = np.searchsorted(np.cumsum(self.portions)[:-1], rng.random_sample(count), side="right")
+        found = self.parts[0].draw_anywhere(count, rng)
+        for k, one in enumerate(self.parts[1:], start=1):
+            mine = which == k
+            found[mine] = one.draw_anywhere(int(mine.sum()), rng)
+        return found
+
     def __call__(self, coordinates: np.ndarray, rng) -> tuple[np.ndarray, np.ndarray]:
         """New places and the logarithm of the ratio of the proposal's densities there and here."""
         new = self.draw(len(coordinates), rng)
         return new, self.log_density(coordinates) - self.log_density(new)
+
+
+def _draw_inside(draw: Callable[[int, Any], np.ndarray], count: int, rng, low: np.ndarray, high: np.ndarray):
+    found = draw(count, rng)
+    for _ in range(TRIES):
+        outside = np.any((found < low) | (found > high), axis=1)
+        if not outside.any():
+            break
+        found[outside] = draw(int(outside.sum()), rng)
+    return found
 
 
 def start_proposal(target: AbstractTarget) -> Proposal:
@@ -84,25 +131,14 @@ def start_proposal(target: AbstractTarget) -> Proposal:
     return Proposal(target.centre, target.covariance, target.low, target.high)
 
 
-def adapt_proposal(target: AbstractTarget, draws: np.ndarray, log_density: np.ndarray) -> Proposal:
-    """The proposal by draws of the first steps; by the fit where they are too few.
+def mix_moves(proposal: Mixture, share: float) -> list[tuple[emcee.moves.Move, float]]:
+    """The moves with the share of steps that each makes.
 
     Args:
-        target: the density.
-        draws: shape (draws, free).
-        log_density: of the target there, shape (draws,).
+        proposal: of the independent moves.
+        share: of these among all.
     """
-    if len(draws) < 20 * draws.shape[1] or not np.all(draws.std(axis=0) > 0):
-        return start_proposal(target)
-    found = Proposal(draws.mean(axis=0), np.atleast_2d(np.cov(draws.T)), target.low, target.high)
-    if np.std(log_density - found.log_density(draws)) < CLOSE:
-        found.share = MANY
-    return found
-
-
-def mix_moves(proposal: Proposal) -> list[tuple[emcee.moves.Move, float]]:
-    """The moves with the share of steps that each makes."""
-    rest = 1.0 - proposal.share
+    rest = 1.0 - share
     # No snooker move: emcee 3.1.6 weighs it with half the exponent that it needs, which narrows posteriors.
-    return [(emcee.moves.MHMove(proposal), proposal.share), (emcee.moves.DEMove(), OTHERS[0] * rest),
+    return [(emcee.moves.MHMove(proposal), share), (emcee.moves.DEMove(), OTHERS[0] * rest),
             (emcee.moves.StretchMove(), OTHERS[1] * rest)]
