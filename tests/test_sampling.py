@@ -1,5 +1,6 @@
 """Posteriors: integrals over nuisances against quadrature, samplers against closed forms and one another."""
 
+import dataclasses as dc
 import json
 
 import emcee
@@ -14,6 +15,7 @@ from ddetumble import fit, pose_curve, pose_fit, sample
 from ddetumble._errors import InputError
 from ddetumble.cli import main
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.figures.posterior import _push_ellipses, _push_marginal
 from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
 from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
@@ -373,3 +375,22 @@ def test_every_run_of_a_seed_is_the_same():
     one, two = (run_ensembles(made, Settings(seed=5, effective=300)) for _ in range(2))
     np.testing.assert_array_equal(one.x, two.x)
     assert not np.array_equal(one.x, run_ensembles(made, Settings(seed=6, effective=300)).x[:, : one.x.shape[1]])
+
+
+def test_the_fits_gaussian_is_drawn_in_public_units():
+    """Where several coordinates make one value, its curve has the deviation of M C M^T and ellipses its covariance."""
+    mix = jnp.asarray([[1.0, 0.0, 2.0], [0.5, 3.0, 0.0], [0.0, 1.0, 1.0]])
+    covariance = np.array([[1.0, 0.3, 0.0], [0.3, 0.5, 0.1], [0.0, 0.1, 2.0]])
+    made = pose_curve(plain, (jnp.eye(3), jnp.zeros(3)), ["a", "b", "c"], [0.2, 0.1, -0.3], covariance)
+    joined = dc.replace(made, values=lambda x, data: mix @ x)
+    public = np.asarray(mix) @ covariance @ np.asarray(mix).T
+    for target, expected in ((made, covariance), (joined, public)):
+        for k in range(3):
+            value, density = _push_marginal(target, k).T
+            mean = np.trapezoid(value * density, value)
+            assert np.trapezoid((value - mean) ** 2 * density, value) == pytest.approx(expected[k, k], rel=2e-3)
+        inner, outer = _push_ellipses(target, 0, 1)
+        own = inner - inner[:-1].mean(axis=0)
+        square = np.einsum("ni,ij,nj->n", own, np.linalg.inv(expected[:2, :2]), own)
+        np.testing.assert_allclose(square, -2 * np.log(1 - 0.6827), rtol=1e-3)
+        assert np.ptp(outer[:, 0]) > np.ptp(inner[:, 0])

@@ -243,8 +243,7 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
     """Turn draws into what people read; arguments as in `Posterior`."""
     public = target.publish(x)
     centre = target.publish(target.centre)
-    step = 1e-4 * np.diag(np.sqrt(np.diag(target.covariance)))
-    slope = (target.publish(target.centre + step) - target.publish(target.centre - step)).T / (2 * np.diag(step))
+    slope = target.slope()
     spread = np.sqrt(np.diag(slope @ target.covariance @ slope.T))
     parameters = {}
     for k, name in enumerate(target.names):

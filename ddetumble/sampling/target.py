@@ -90,6 +90,11 @@ class AbstractTarget(ABC):
                    if kind in ("inverse",) else _publish(kind, x[..., k]) for k, kind in enumerate(self.coordinates)]
         return np.stack(columns, axis=-1)
 
+    def slope(self) -> np.ndarray:
+        """Derivative of the public values by the coordinates at the fit, shape (free, free)."""
+        step = 1e-4 * np.diag(np.sqrt(np.diag(self.covariance)))
+        return (self.publish(self.centre + step) - self.publish(self.centre - step)).T / (2 * np.diag(step))
+
 
 def _publish(kind: str, u: np.ndarray) -> np.ndarray:
     if kind == "log":
