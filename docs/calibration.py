@@ -214,6 +214,17 @@ def rank(job: tuple[str, int, int]) -> list[dict[str, Any]]:
     return rows
 
 
+def hold(job: tuple[str, int, int]) -> list[list[list[bool]]]:
+    """Whether intervals of `fit` hold the truth in the very campaigns that `rank` draws from, over a chunk of runs."""
+    name, first, last = job
+    rows = []
+    for seed in range(first, last):
+        fit, truth = run_one("sampled", name, 10**6 + seed)
+        ends = {n: [fit.interval(n, level) for level in LEVELS] for n in pose("sampled", name)[2]}
+        rows.append([[low <= truth[n] <= high for low, high in own] for n, own in ends.items()])
+    return rows
+
+
 def find_band(count: int, bins: int, level: float = 0.95, trials: int = 4000) -> float:
     """Pointwise level at which the ECDF of `count` uniform ranks stays inside everywhere with probability `level`.
 
@@ -267,11 +278,19 @@ def study_ranks(name: str, count: int, workers: int) -> dict[str, Any]:
     names = pose("sampled", name)[2]
     ranks = np.array([row["ranks"] for row in rows])
     inside = np.mean([row["inside"] for row in rows], axis=0)
-    return {"text": SAMPLED[name].text, "runs": count, "ranks": {n: ranks[:, k].tolist() for k, n in enumerate(names)},
+    return {"text": SAMPLED[name].text, "runs": count, "same": study_same(name, count, workers),
+            "ranks": {n: ranks[:, k].tolist() for k, n in enumerate(names)},
             "uniform": {n: judge_ranks(ranks[:, k], DRAWS + 1)["inside"] for k, n in enumerate(names)},
             "coverage": {n: dict(zip(map(str, LEVELS), inside[k], strict=True)) for k, n in enumerate(names)},
             "longest_time": float(max(row["time"] for row in rows)),
             "nuisances_sampled": int(sum(row["sampled"] for row in rows))}
+
+
+def study_same(name: str, count: int, workers: int) -> dict[str, Any]:
+    """Coverage of the fit's intervals in the campaigns of `study_ranks`: what chance made of these."""
+    names = pose("sampled", name)[2]
+    inside = np.mean([row for part in spread_jobs(hold, name, count, workers) for row in part], axis=0)
+    return {n: dict(zip(map(str, LEVELS), inside[k], strict=True)) for k, n in enumerate(names)}
 
 
 @styled
@@ -331,13 +350,17 @@ def describe(result: Mapping[str, Any], command: str) -> str:
               "![coverage](coverage.png)", "", "## Draws of emcee", "",
               "Simulation-based calibration: truth from the prior, a campaign from the truth, 99 draws from the "
               "posterior; the rank of the truth among them is uniform if everything between prior and draws is right, "
-              "nuisances included. The band holds 95 % of uniform ECDFs everywhere at once.", "",
+              "nuisances included. The band holds 95 % of uniform ECDFs everywhere at once. In brackets what the "
+              "intervals of `fit` hold in the same campaigns: 500 have a standard error of 2.2, 1.3 and 1.0 points, "
+              "and what both share is chance in drawing them.", "",
               "| case | parameter | runs | in the band | 50 % | 90 % | 95 % |",
               "| --- | --- | --- | --- | --- | --- | --- |"]
     for case, found in result["ranks"].items():
         for n, c in found["coverage"].items():
+            same = found["same"][n]
             lines.append(f"| {case} | {n} | {found['runs']} | {'yes' if found['uniform'][n] else 'NO'} | "
-                         + " | ".join(f"{100 * c[str(level)]:.1f} %" for level in LEVELS) + " |")
+                         + " | ".join(f"{100 * c[str(level)]:.1f} % ({100 * same[str(level)]:.1f} %)"
+                                      for level in LEVELS) + " |")
     lines += ["", *(f"- *{case}*: {found['text']}; nuisances sampled rather than integrated analytically in "
                     f"{found['nuisances_sampled']} runs{found.get('remark', '')}."
                     for case, found in result["ranks"].items()), "",
@@ -352,11 +375,16 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=4000)
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--same", action="store_true", help="only the intervals of fit in the campaigns of emcee anew")
     parser.add_argument("--only", choices=sorted(SAMPLED), help="emcee in this case alone, put among what is there")
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
     file = given.output / "result.json"
-    if given.only:
+    if given.same:
+        result = json.loads(file.read_text(encoding="utf-8"))
+        for name, found in result["ranks"].items():
+            found["same"] = study_same(name, found["runs"], given.workers)
+    elif given.only:
         found = study_ranks(given.only, given.runs, given.workers)
         result = json.loads(file.read_text(encoding="utf-8"))
         result["ranks"][given.only] = found
