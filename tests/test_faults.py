@@ -1,6 +1,9 @@
 """Faults of the data, put in by `tests.independent.faults`: found, said, and not mistaken for physics."""
 
+import dataclasses as dc
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from ddetumble._settings import find_data
@@ -12,8 +15,10 @@ from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_s
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.noise import estimate_from_pairs
-from ddetumble.measurement.faults import find_runs, find_spikes, screen_samples
+from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
+from ddetumble.measurement.faults import find_runs, screen_samples
 from ddetumble.measurement.package import read_campaign
+from ddetumble.measurement.spikes import find_spikes
 from tests.independent import faults
 
 
@@ -167,6 +172,42 @@ def test_what_jumps_bends_or_is_coarsely_read_is_no_fault():
     chance = float(np.mean(np.diff(coarse) == 0))
     clipped, held, _ = find_runs(coarse, 0.25, chance, 200, 1e-9)
     assert not held.any() and not clipped.any()
+
+
+def make_pulses(zeros, step, spikes):
+    """Fifteen pulses at three speeds, read in steps of two deviations of their noise, each less a zero of its own."""
+    generator, rows = np.random.default_rng(8), []
+    for k in range(15):
+        time = np.arange(-0.1, 0.4, 0.01)
+        force = 4.0 * (1 + k % 3) * np.sin(np.pi * np.clip(time / 0.25, 0.0, 1.0)) - 0.4 * (time > 0.25)
+        read = step * np.round((force + 0.5 * step * generator.standard_normal(len(time))) / step)
+        read[[place for key, place in spikes if key == k]] += 2.0
+        rows.append(pd.DataFrame({"record": f"r{k}", "time": time, "normal_force": read - zeros * generator.normal()}))
+    records = pd.DataFrame({"record": [f"r{k}" for k in range(15)],
+                            "approach_speed": [0.3 * (1 + k % 3) for k in range(15)]}).set_index("record")
+    return Campaign(
+        name="pulses", title="pulses", family="impact", path=None, known={}, records=records,
+        conditions={"approach_speed": Column("approach_speed", "m/s")}, independent=Column("time", "s"),
+        channels={"normal_force": Column("normal_force", "N", Uncertainty(absolute=step, relative=0.05))},
+        samples=pd.concat(rows, ignore_index=True))
+
+
+@pytest.mark.parametrize("zeros", [0.0, 0.7])
+def test_a_coarse_gauge_with_a_zero_taken_off_every_record_is_not_clipped(zeros):
+    """Equal readings follow one another at rest and at the peak; what is cut off in earnest is still seen."""
+    whole = make_pulses(zeros, 0.03, [])
+    assert not screen_samples(whole)[1]
+    force = whole.samples["normal_force"]
+    cut = dc.replace(whole, samples=whole.samples.assign(normal_force=np.minimum(force, 3.0)))
+    assert {fault.kind for fault in screen_samples(cut)[1]} == {"clipped"}
+
+
+def test_spikes_at_one_time_in_repeats_are_the_experiments():
+    """Five repeats with a reading that sticks out at one time, and two accidents elsewhere: these two are faults."""
+    own, accidents = [(k, 22 + (k == 4)) for k in range(1, 15, 3)], [(3, 30), (8, 14)]
+    cleaned, found = screen_samples(make_pulses(0.0, 0.03, own + accidents))
+    assert [(f.kind, f.records) for f in found] == [("spike", ("r3", "r8"))]
+    assert int(cleaned.samples["normal_force"].isna().sum()) == 2
 
 
 @pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, -1)])

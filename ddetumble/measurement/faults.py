@@ -2,30 +2,22 @@
 
 Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance
 of about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
-readings. A spike stands off a smooth curve on which all readings around it lie. Nothing here knows physics: a jump, a
-kink and a peak are none of these.
+readings. Spikes are in `spikes`.
 """
 
 import dataclasses as dc
-import itertools
-import math
 
 import numpy as np
 
 from .campaign import Campaign
 from .grouping import group_conditions
+from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
 
 
 CHANCE = 1e-4  # expected number, by chance, of what is called a fault
-SPIKE = 7.0  # deviations off the neighbours
-WINDOW = 9  # samples in which a spike is looked for
-SMOOTH = 1.8  # deviations of its other samples from a cubic
 NEAR = 3.0  # deviations below a limit where a reading may have been cut
-MANY = 0.05  # share of a record's readings beyond which spikes are no accidents
 UNEVEN = 0.02  # share of the interval by which intervals may differ
 COPIED = 0.9  # share of equal readings of a copied record
-_LEFT_OUT = tuple(np.array(list(itertools.combinations(range(WINDOW), n)), dtype=int).reshape(math.comb(WINDOW, n), n)
-                  for n in range(3))
 
 
 @dc.dataclass(frozen=True)
@@ -71,6 +63,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
     rows = {str(key): part for key, part in samples.groupby("record", sort=False).indices.items()}
     time = {key: samples[abscissa].to_numpy(dtype=float)[part] for key, part in rows.items()}
     turns = _list_turns(campaign, samples, rows)
+    groups = dict(zip(campaign.record_keys, group_conditions(campaign.records), strict=True))
     for channel in list_screened(campaign):
         values = samples[channel].to_numpy(dtype=float).copy()
         parts = {key: values[part] for key, part in rows.items()}
@@ -93,6 +86,8 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
         for key, x in parts.items():
             own = _measure_roughness(time, {key: x})  # of a record in another unit
             masks["spike"][key] = find_spikes(time[key], x, max(level, own))
+        masks["spike"] = leave_common_spikes(time, masks["spike"], groups)
+        for key, x in parts.items():
             parts[key] = np.where(masks["spike"][key], np.nan, x)
         unit = campaign.channels[channel].unit
         found += _report_samples(channel, unit, masks, limits)
@@ -155,85 +150,6 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
     return clipped, held & ~clipped, limits
 
 
-def find_spikes(time: np.ndarray, x: np.ndarray, sd: float) -> np.ndarray:
-    """Readings that stand off their neighbours, one or two by themselves, shape (samples,).
-
-    Where a sample is far from the cubic through its neighbours, the nine around it are looked at: they are spikes, the
-    fewest of at most two without which the others lie on a cubic within their noise, if they are off it by 7
-    deviations, others lie on both sides, and a cubic with a step and a kink does not go through all nine. Where the
-    nine are not so simple, a spike is what is outside of its neighbours' range, and off the lines through the two on
-    each side (a ramp that ends in a jump goes on along one of them), by as much.
-
-    Args:
-        time: of the samples, shape (samples,), in any unit.
-        x: readings of one record, shape (samples,), NaN where missing.
-        sd: standard deviation of the noise, in the readings' unit.
-    """
-    found = np.zeros(len(x), dtype=bool)
-    there = np.flatnonzero(np.isfinite(x))
-    if len(there) < WINDOW:
-        return found
-    t, y = time[there], x[there]
-    off = np.pad(np.abs(_leave_cubic(t, y)) > 0.5 * SPIKE * sd, 2)
-    near = np.convolve(off, np.ones(5), mode="same") > 0
-    outside = _stand_outside(t, y, sd)
-    for k in np.flatnonzero(near[1:-1]) + 1:
-        first = int(np.clip(k - WINDOW // 2, 0, len(y) - WINDOW))
-        part = slice(first, first + WINDOW)
-        spikes = _leave_window(t[part], y[part], sd)
-        found[there[k]] = outside[k] if spikes is None else k - first in spikes
-    # So many are no accidents.
-    return found if found.mean() <= MANY else np.zeros(len(x), dtype=bool)
-
-
-def _leave_window(time: np.ndarray, y: np.ndarray, sd: float) -> tuple[int, ...] | None:
-    """Places within a window that are off a cubic on which all others lie; None where there is no such cubic.
-
-    Args:
-        time, y: of the samples and readings of the window, shape (WINDOW,).
-        sd: standard deviation of the noise, in the readings' unit.
-    """
-    t = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
-    basis = np.stack([np.ones_like(t), t, t * t, t**3], axis=1)
-    for k in range(2, len(t) - 1):  # a step, and a kink where three samples on either side show it
-        edge = 0.5 * (t[k - 1] + t[k])
-        broken = [t > edge, np.maximum(t - edge, 0.0)] if 3 <= k <= len(t) - 3 else [t > edge]
-        moving = np.concatenate([basis, np.stack(broken, axis=1)], axis=1)
-        rest = y - moving @ np.linalg.lstsq(moving, y)[0]
-        if rest @ rest <= (len(y) - moving.shape[1]) * SMOOTH**2 * sd**2:
-            return ()
-    for out in _LEFT_OUT:
-        kept = np.ones((len(out), len(y)))
-        np.put_along_axis(kept, out, 0.0, axis=1)
-        inverse = np.linalg.inv(np.einsum("ck,ki,kj->cij", kept, basis, basis))
-        rest = y - np.einsum("ki,cij,cj->ck", basis, inverse, (kept * y) @ basis)
-        misfit = np.sum(kept * rest**2, axis=1) / (len(y) - 4.0 - out.shape[1])
-        fine = np.flatnonzero(misfit <= SMOOTH**2 * sd**2)
-        if not len(fine):
-            continue
-        # Where several would do, what all of them leave out.
-        sure = set(range(1, len(y) - 1)).intersection(*out[fine].tolist())
-        best = int(fine[np.argmin(misfit[fine])])
-        wide = sd * np.sqrt(1.0 + np.einsum("ki,ij,kj->k", basis, inverse[best], basis))
-        return tuple(k for k in sure if abs(rest[best][k]) > SPIKE * wide[k])
-    return None
-
-
-def _stand_outside(time: np.ndarray, y: np.ndarray, sd: float) -> np.ndarray:
-    """Readings off the cubic, the range and the lines of two neighbours on each side, shape (samples,); see above."""
-    off, middle = _leave_cubic(time, y), y[2:-2]
-    around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
-    outside = np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle)
-    ahead, behind = middle - 2.0 * y[1:-3] + y[:-4], middle - 2.0 * y[3:-1] + y[4:]
-    outside = np.minimum(outside, np.minimum(np.abs(ahead), np.abs(behind)))
-    bad = (np.abs(off) > SPIKE * sd) & (outside > SPIKE * sd)
-    # What stands off beside a larger one stands off because of it.
-    size = np.where(bad, np.abs(off), 0.0)
-    beside = np.pad(size, 2)
-    bad &= size >= np.max([beside[k:k + len(size)] for k in (0, 1, 3, 4)], axis=0)
-    return np.pad(bad, 2)
-
-
 def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
     """Records whose samples are another's: noise does not repeat itself."""
     assert campaign.samples is not None
@@ -277,18 +193,18 @@ def _measure_equality(parts: dict[str, np.ndarray], sd: float) -> tuple[float, f
     values = np.concatenate(list(parts.values()))
     values = values[np.isfinite(values)]
     tolerance = 1e-9 * float(np.max(np.abs(values), initial=0.0))
-    steps = np.diff(np.unique(values))
-    steps = steps[steps > tolerance]
-    resolution = float(np.min(steps)) if len(steps) else 0.0
-    shares = []
-    for x in parts.values():
+    shares, finest = [], []
+    for x in parts.values():  # each on its own: a zero taken off every record shifts its steps
         x = x[np.isfinite(x)]
         if len(x) < 5:
             continue
+        steps = np.diff(np.unique(x))
+        finest.append(float(np.min(steps[steps > tolerance], initial=np.inf)))
         inner = (x[1:] < x.max() - tolerance) & (x[1:] > x.min() + tolerance) & (x[1:] != 0.0)
         if inner.sum() > 4:
             shares.append(float(np.mean(np.abs(np.diff(x))[inner] <= tolerance)))
     usual = float(np.quantile(shares, 0.25)) if shares else 0.0
+    resolution = float(np.median(finest)) if np.isfinite(finest).any() else 0.0
     return min(max(resolution / (2.0 * np.sqrt(np.pi) * sd), usual, 1e-9), 0.99), tolerance
 
 
@@ -298,21 +214,8 @@ def _measure_roughness(time: dict[str, np.ndarray], parts: dict[str, np.ndarray]
     for key, x in parts.items():
         there = np.isfinite(x)
         if there.sum() > 8:
-            off.append(_leave_cubic(time[key][there], x[there]))
+            off.append(leave_cubic(time[key][there], x[there]))
     return float(np.median(np.abs(np.concatenate(off)))) / 0.6745 if off else 0.0
-
-
-def _leave_cubic(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Each sample but two at either end less the cubic through its four neighbours, in deviations of one sample."""
-    at = np.stack([time[k:len(time) - 4 + k] for k in (0, 1, 3, 4)])
-    y = np.stack([x[k:len(x) - 4 + k] for k in (0, 1, 3, 4)])
-    t = time[2:-2]
-    weights = np.ones_like(at)
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[i] *= (t - at[j]) / (at[i] - at[j])
-    return (x[2:-2] - np.sum(weights * y, axis=0)) / np.sqrt(1.0 + np.sum(weights**2, axis=0))
 
 
 def _median_filter(y: np.ndarray) -> np.ndarray:
