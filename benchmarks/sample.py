@@ -54,6 +54,7 @@ def compare(options):
     from ddetumble.sampling.ensemble import Settings, run_ensembles
 
     ensemble.WORKERS = 1
+    module = load_peer(options.peer)  # before anything that takes long
     campaign = read_campaign(locate(options.campaign))
     fitted = fit(campaign, effects=[options.effect], noise="stated")
     target = pose_fit(fitted)
@@ -65,7 +66,9 @@ def compare(options):
         seconds = time.perf_counter() - began
         ours.append({"seconds": seconds, "effective": chains.convergence.effective, "rhat": chains.convergence.rhat,
                      "evaluations": chains.evaluations, "time": float(chains.convergence.times.max())})
-    peer = Peer(load_peer(options.peer), locate(options.campaign), target, fitted)
+        print(f"ours, seed {seed}: {seconds:.0f} s, {chains.evaluations} densities, "
+              f"{chains.convergence.effective:.0f} independent draws", flush=True)
+    peer = Peer(module, locate(options.campaign), target, fitted)
     rng = np.random.default_rng(0)
     from ddetumble.sampling.target import draw_inside
 
