@@ -198,22 +198,32 @@ def _try_columns(workbench: Workbench, aside: Aside) -> Diagnosis | None:
             if kind == "gain" and workbench.family.free_running and not c < len(records.starts):
                 continue
             misfit = measure_record(workbench, workbench.problem, aside.stated, r, aside.spread, columns)
-            if _fits(misfit, aside) and (best is None or misfit.total < best[0].total):
-                best = misfit, kind, c, columns
+            move = _solve_columns(aside, columns)
+            if kind == "gain" and move[0] > 0.0 and not _fits(misfit, aside):
+                # An amplifier multiplies the noise, too.
+                values = np.asarray(records.stack.values).copy()
+                values[r, c] /= 1.0 + move[0]
+                misfit = _hold(workbench, aside, eqx.tree_at(lambda s: s.values, records.stack, jnp.asarray(values)))
+            if misfit is not None and _fits(misfit, aside) and (best is None or misfit.total < best[0]):
+                best = misfit.total, kind, c, move
     if best is None:
         return None
-    _, kind, c, columns = best
+    _, kind, c, move = best
     channel, unit = records.channels[c], workbench.campaign.channels[records.channels[c]].unit
-    own = aside.stated.own[r]
-    rows = np.block([[columns, own], [np.zeros((own.shape[1], columns.shape[1])), np.eye(own.shape[1])]])
-    right = np.concatenate([aside.stated.residual[r], aside.stated.z[r]])
-    move = np.linalg.lstsq(rows, -right, rcond=None)[0][: columns.shape[1]]
     if kind == "zero":
         return Diagnosis("zero", channel, f"It fits with a zero of its {channel} that is off by {move[0]:.3g} {unit} "
                          f"at the start and {move[0] + move[1]:.3g} {unit} at the end.",
                          "Let the gauge warm up, and take its zero before each test.")
     return Diagnosis("gain", channel, f"It fits if its {channel} reads {1.0 + move[0]:.4g} times what it is.",
                      "Look at range and calibration of the gauge in that test, and repeat it.")
+
+
+def _solve_columns(aside: Aside, columns: np.ndarray) -> np.ndarray:
+    """How much of every further column the record takes, its own nuisances moving along."""
+    own = aside.stated.own[aside.record]
+    rows = np.block([[columns, own], [np.zeros((own.shape[1], columns.shape[1])), np.eye(own.shape[1])]])
+    right = np.concatenate([aside.stated.residual[aside.record], aside.stated.z[aside.record]])
+    return np.linalg.lstsq(rows, -right, rcond=None)[0][: columns.shape[1]]
 
 
 def _try_conditions(workbench: Workbench, aside: Aside) -> Diagnosis | None:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
+from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import whiten
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Stack
@@ -96,11 +97,19 @@ def judge(workbench: Workbench, total: float, degrees: int) -> Misfit:
 
 
 def set_aside(workbench: Workbench, solution: Solution, record: int, out: Collection[int] = ()) -> Aside:
-    """Fit all records but one (and those already `out`), and hold it against them."""
+    """Fit all records but one (and those already `out`), and hold it against them.
+
+    What the record itself drove astray goes back to its first guess, too.
+    """
     gone = {record, *out}
     masked = mask_records(workbench.problem, gone)
     names = solution.names
-    rest = masked.solve(names, solution.u, solution.z, tolerance=1e-2)
+    starts = [(u, solution.z if k == 0 else np.zeros_like(solution.z))
+              for k, u in enumerate(workbench.list_origins(solution.u))]
+    rest = min((masked.solve(names, u, z, tolerance=1e-2) for u, z in starts), key=lambda found: found.chi2)
+    if is_lost(masked, rest):
+        again = solve_growing(masked, names, workbench.guess, tolerance=1e-2)
+        rest = again if again.chi2 < rest.chi2 else rest
     spread = rest.covariance() / np.outer(rest.scales, rest.scales)
     at = settle(workbench.problem, names, rest.u, rest.z)
     plain = at.z.copy()

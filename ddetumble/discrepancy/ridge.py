@@ -90,7 +90,8 @@ def spread_ridge(normal: Normal, weight: np.ndarray) -> np.ndarray:
     blocks = normal.blocks.sum(axis=0) + np.diag(weight**2)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(blocks), 1e-300))
     inverse = np.linalg.inv(blocks * np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
-    return inverse * np.outer(scale, scale)
+    with np.errstate(over="ignore"):  # a direction of which nothing is known
+        return inverse * np.outer(scale, scale)
 
 
 def list_deviations(normal: Normal, base: int) -> np.ndarray:

@@ -3,7 +3,8 @@
 Physics is a smooth trend over the conditions, or shows at an extreme of them, and in repeats alike. A record is at
 fault where the others, fitted without it, leave it far more misfit than any of themselves has, although there are
 records on all sides of it, or a repeat. At an extreme of the conditions it stays, with a warning, unless what is wrong
-with it is plain: a known ratio of units makes it fit.
+with it is plain: a known ratio of units makes it fit, or one gain does down to the noise and the records beside it show
+nothing of it.
 """
 
 import dataclasses as dc
@@ -19,7 +20,8 @@ from .workbench import Fitted, Workbench
 SURE = 1e-5  # chance of a record's misfit, for all records together, below which it is no chance
 ADEQUATE = 0.01
 FACTOR = 3.0  # misfit of a faulty record over that of any other, where the model lacks something too
-FAR = 100.0  # the same where no condition can switch an effect on
+FAR = 100.0  # the same where no condition can switch an effect on, and for a gain that nothing beside it shares
+FEWEST, FARTHER = 3, 1000.0  # records, and the misfit over that of the others where there are no more: two against one
 CLEAR = 4.0  # mean square over noise variance of a record that is said to be at fault
 MOST = 4  # one record in so many, at most
 SAME = 0.03  # share by which values of neighbours may differ and count as the same
@@ -50,7 +52,7 @@ def find_suspects(workbench: Workbench, fitted: Fitted, most: int | None = None)
     count = workbench.records.count
     most = max(1, count // MOST) if most is None else most
     found, out = [], set()
-    while len(found) < most and count - len(out) > 3:
+    while len(found) < most and count - len(out) >= FEWEST:
         suspect = _find_worst(workbench, fitted, out)
         if suspect is None:
             break
@@ -72,7 +74,9 @@ def _find_worst(workbench: Workbench, fitted: Fitted, out: set[int]) -> Suspect 
         return None
     asides = [set_aside(workbench, solution, r, out) for r in order]
     # Without the culprit the others agree best.
-    aside = min(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
+    aside, *others = sorted(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
+    if len(kept) <= FEWEST and any(a.rest.excess < FAR * max(aside.rest.excess, 1.0) for a in others):
+        return None  # nobody can say which of them is wrong
     return _judge(workbench, aside, len(kept))
 
 
@@ -84,10 +88,10 @@ def _judge(workbench: Workbench, aside: Aside, count: int) -> Suspect | None:
         return None
     enclosed = is_enclosed(workbench, aside)
     worse = fine or aside.own.excess > FACTOR * max(others, 1.0)
-    if not worse:
+    if not worse or (count <= FEWEST and aside.own.excess < FARTHER * max(others, 1.0)):
         return None
-    far = workbench.family.free_running and aside.own.excess > FAR * max(others, 1.0)
     diagnosis = diagnose(workbench, aside)
+    far = (workbench.family.free_running or diagnosis.kind == "gain") and aside.own.excess > FAR * max(others, 1.0)
     sure = enclosed or far or diagnosis.kind == "unit"
     if not sure and not fine:
         return None
@@ -146,7 +150,11 @@ def tell_fault(workbench: Workbench, suspect: Suspect, keep: bool) -> Fault:
     if suspect.diagnosis.samples is not None:
         return Fault(kind, (suspect.key,), channel, f"{seen} {text}", "They are left out, and the record is kept.",
                      remedy)
-    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is left out.", remedy, left_out=True)
+    done = "It is left out."
+    if not suspect.enclosed and kind == "gain":
+        done = ("It is left out, although no record lies beyond it: an effect of that size would show in the records "
+                "beside it. Should a repeat read the same, it is none of the gauge's.")
+    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), done, remedy, left_out=True)
 
 
 def _say(size: float) -> str:

@@ -126,7 +126,7 @@ class Workbench:
         self.guess = guess_start(self.campaign, self.space, self.start, self.base)
         return solve_growing(self.problem, self.base, self.guess)
 
-    def _origins(self, base: np.ndarray) -> list[np.ndarray]:
+    def list_origins(self, base: np.ndarray) -> list[np.ndarray]:
         """Where a fit with more effects starts: where the poorer model ended, and without what strayed there.
 
         A parameter may run away to make up for what is missing, to where nothing depends on it any more.
@@ -172,7 +172,7 @@ class Workbench:
         freed = [n for n in self.freed if n.split(".")[0] in effects]
         free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
         best = None
-        jobs = [(problem.solve, o, s, z) for o in self._origins(base) for s in starts]
+        jobs = [(problem.solve, o, s, z) for o in self.list_origins(base) for s in starts]
         if self.lost:
             jobs += [(partial(solve_growing, problem), self.guess, s, None) for s in starts]
         for solve, origin, start, own in jobs:
