@@ -319,6 +319,42 @@ def test_a_wrong_record_at_an_extreme_is_kept_and_named(tmp_path):
     assert f"I cannot tell record {key} from a fault" in found.sentence and "Repeat it" in found.sentence
 
 
+def list_column(folder, name):
+    """Values of a condition by record."""
+    head, rows = faults.read_rows(folder / "records.csv")
+    return {row[0]: float(row[head.index(name)]) for row in rows}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.6, 1.7])
+def test_a_gain_at_a_corner_that_nothing_beside_it_shares_is_a_fault(clean, tmp_path, gain):
+    load, speed = (list_column(clean["slip"], name) for name in ("normal_load", "slip_speed"))
+    key = max(load, key=lambda k: load[k] * speed[k] ** 0.1)
+    found = discover(spoil(clean["slip"], tmp_path / "f", (faults.scale, ["tangential_force"], key, gain)))
+    assert (found.verdict, found.settings["records"]) == ("nothing-missing", 17), found.sentence
+    assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("gain", (key,), True)]
+    assert found.faults[0].done.startswith("It is left out")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("power", [3.0, 6.0])
+def test_a_steep_trend_towards_the_largest_load_loses_no_record(clean, tmp_path, power):
+    load = list_column(clean["slip"], "normal_load")
+    acts = [(faults.scale, ["tangential_force"], key, 1.0 + 0.3 * (x / max(load.values())) ** power)
+            for key, x in load.items()]
+    found = discover(spoil(clean["slip"], tmp_path / "f", *acts))
+    assert found.verdict != "nothing-missing" and not any(f.left_out for f in found.faults), found.sentence
+
+
+@pytest.mark.slow
+def test_two_records_stand_against_a_third(tmp_path):
+    folder = tmp_path / "three"
+    write_tumble_folder(folder, make_tumble_campaign("f", 24, {}, {"inertia_ratio": 0.53}, 3))
+    found = discover(spoil(folder, tmp_path / "f", (faults.scale, RATES, "r02", 1.35)))
+    check(found, "nothing-missing", (), {"inertia_ratio": 0.53})
+    assert [(f.records, f.left_out) for f in found.faults] == [(("r02",), True)]
+
+
 @pytest.mark.slow
 def test_an_end_stop_that_only_the_deepest_tests_feel_loses_no_record(tmp_path):
     folder = tmp_path / "stop"
