@@ -18,7 +18,7 @@ MOST = 400  # failures listed
 
 
 def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict[str, Any]:
-    """Write `scorecard.json`, `report.html`, `README.md` and `power.png` into a folder.
+    """Write `scorecard.json`, `report.html`, `README.md` and, of single effects, `power.png` into a folder.
 
     Args:
         exam: what was asked.
@@ -33,11 +33,12 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
     sentence, sections = tell(marks), describe(exam, rows, marks)
     content = {"exam": exam, "command": show_command(exam, rows), "sentence": sentence, **expand(marks),
                "aims": AIMS, "failures": list_failures(rows), "versions": list_versions()}  # fmt: skip
-    picture = Picture(FIGURE, "Single effects by their strength; bars are 95 % limits of Clopper and Pearson, the "
-                      "dashed line is the level of the test (1 %).", draw_power(marks["power"]))
-    sections[0] = dc.replace(sections[0], figures=(picture,))
+    if marks["singles_in_set"].total:
+        picture = Picture(FIGURE, "Single effects by their strength; bars are 95 % limits of Clopper and Pearson, the "
+                          "dashed line is the level of the test (1 %).", draw_power(marks["power"]))
+        sections[0] = dc.replace(sections[0], figures=(picture,))
+        write_whole(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
     write_page(f"Exam: {exam.family}", sentence, sections, folder, PAGE)
-    write_whole(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
     write_whole(folder / TEXT, format_markdown(f"Exam of the family {exam.family}", sentence, sections).encode())
     write_json(folder / CARD, content)
     return content

@@ -1,5 +1,7 @@
 """Figures of tests to come: what the rivals say of the next one, and what a planned campaign could see."""
 
+import textwrap
+
 import numpy as np
 
 from ..planning.proposals import Design
@@ -10,6 +12,7 @@ from .style import AFTER, BEFORE, GREY, INK, KIN, OTHER, WIDTH, dress, head_figu
 
 
 COLOURS = (AFTER, BEFORE, KIN, OTHER, GREY)
+LINE = 88  # characters of a line below the map
 
 
 @styled
@@ -51,8 +54,10 @@ def draw_next_test(found: Design):
             below.set_ylabel(f"less {clean(found.rivals[0], 30)},\nover noise of a sample")
         grid[-1, column].set_xlabel(across.label)
     handles = [Line2D([], [], color=colour, lw=1.6) for colour, _ in zip(COLOURS, found.rivals, strict=False)]
-    head_figure(figure, handles, [clean(rival, 40) for rival in found.rivals])
-    grid[0, 0].set_title(clean(f"The next test: {describe_test(best, found.limits)}", 150))
+    legend = head_figure(figure, handles, [clean(rival, 40) for rival in found.rivals])
+    # The title of an axes would widen its column.
+    legend.set_title(clean(f"The next test: {describe_test(best, found.limits)}", 150))
+    legend.set_alignment("left")
     return figure
 
 
@@ -98,5 +103,5 @@ def draw_map(found: Visibility):
     unseen = [e.effect for e in found.effects if e.size is None]
     text = "|cos| between what can be seen of two effects; found from the stated size on, with 95 % power."
     text += f" Cannot be seen: {', '.join(unseen)}." if unseen else ""
-    axes.set_xlabel(clean(text, 200), loc="left", color=INK)
+    axes.set_xlabel(textwrap.fill(clean(text, 300), LINE), loc="left", color=INK, multialignment="left")
     return figure
