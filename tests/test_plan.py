@@ -13,7 +13,7 @@ from ddetumble import Ball, CoulombFriction, Cylinder, InputError, Striker, find
 from ddetumble.cli import main
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load_model
-from ddetumble.planning.chain import follow_chain, follow_slopes, refine_sequence
+from ddetumble.planning.chain import follow_chain, follow_slopes, plan_together, read_chain, refine_sequence
 from ddetumble.planning.scenario import pose_problem, read_scenario
 from ddetumble.planning.sequence import bound_impacts, find_floor, find_lever, plan_sequence
 from ddetumble.planning.strike_plan import find_starts, plan_strike
@@ -238,15 +238,21 @@ def test_missing_scenario_is_refused(tmp_path):
         read_scenario(tmp_path / "none.toml")
 
 
-def test_sequence_changed_together():
-    """The gradient through two impacts and both waits is that of differences; together they need no more impulse."""
+@pytest.fixture(scope="module")
+def two():
+    """Two impacts planned one after the other, which leave less than a fifth."""
     problem = pose([0.06, 0.0, 0.0], force=1500.0, depression=0.025)
-    found = plan_sequence(problem, 0.2, 2, starts=2)
+    return problem, plan_sequence(problem, 0.2, 2, starts=2)
+
+
+def test_sequence_changed_together(two):
+    """The gradient through two impacts and both waits is that of differences; together they need no more impulse."""
+    problem, found = two
     faces = np.array([STAGE.surface.face_names().index(plan.face) for plan in found.impacts])
     x = np.stack([plan.x for plan in found.impacts])
     value, slopes = follow_slopes(problem, jnp.asarray(faces), jnp.asarray(x))
-    np.testing.assert_allclose(value[0], found.impulse, rtol=1e-5)
-    np.testing.assert_allclose(np.sqrt(value[1]), found.shares[-1], atol=1e-4)
+    np.testing.assert_allclose(value[:2], [found.impulse, found.duration], rtol=1e-5)
+    np.testing.assert_allclose(np.sqrt(value[2]), found.shares[-1], atol=1e-4)
     for place in ((0, 2), (0, 6), (len(x) - 1, 1)):
         step = np.zeros_like(x)
         step[place] = 1e-4
@@ -256,3 +262,30 @@ def test_sequence_changed_together():
                                    atol=2e-3 * np.abs(slopes).max())
     chain = refine_sequence(problem, found, 0.2)
     assert chain.allowed and chain.impulse <= found.impulse * (1 + 1e-6) and chain.share <= 0.2 * (1 + 1e-3)
+
+
+def test_least_time(two):
+    """Waits go down to what is wanted of the momentum; the plans of the chain do what the chain says."""
+    problem, found = two
+    quick = plan_together(problem, 0.2, 2, aim="time", starts=2)
+    assert quick.reached and quick.shares[-1] <= 0.2 * (1 + 1e-3) and "least time" in quick.together
+    # No wait can be shorter than none: what is left is the contacts and what the share asks of the waits.
+    assert quick.duration < 0.5 * found.duration
+    assert all(min(plan.values.values()) > -1e-5 for plan in quick.impacts)
+    chain = refine_sequence(problem, found, 0.2, "time")
+    again = read_chain(problem, found, chain, 0.2)
+    np.testing.assert_allclose([again.duration, again.impulse, again.shares[-1]],
+                               [chain.duration, chain.impulse, chain.share], rtol=1e-6)
+    assert chain.certificate.gradient_error < 1e-3
+    assert all(not name.startswith("1") for plan in again.impacts for name in plan.certificate.binding)
+
+
+def test_one_impact_less(two):
+    """Where two impacts changed together reach a share that takes three one after the other, two are planned."""
+    problem, found = two
+    least = refine_sequence(problem, found, 0.0, "share").share
+    assert least < found.shares[-1]
+    share = 0.5 * (least + found.shares[-1])
+    fewer = plan_together(problem, share, 3, starts=2)
+    assert len(fewer.impacts) == 2 and fewer.reached and fewer.shares[-1] <= share * (1 + 1e-3)
+    assert len(plan_sequence(problem, share, 3, starts=2).impacts) == 3 and "2 impacts do" in fewer.together

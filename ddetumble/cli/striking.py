@@ -38,6 +38,7 @@ def plan_impacts(
     laws = pose_laws(wanted, path.parent)
     problem = pose_problem(wanted, path.parent, laws)
     from ..planning.ambiguity import assess_plan
+    from ..planning.chain import plan_together
     from ..planning.risk import plan_robust_strike
     from ..planning.sequence import plan_sequence
     from ..report.plan import describe_plan, write_plan
@@ -53,8 +54,13 @@ def plan_impacts(
         revise = plan_warily
 
     with show_progress(f"planning {path.stem}") as report:
-        found = plan_sequence(problem, wanted.goal.share, wanted.goal.impacts, starts=wanted.starts, seed=wanted.seed,
-                              revise=revise, progress=report)
+        goal = wanted.goal
+        if revise is None:
+            found = plan_together(problem, goal.share, goal.impacts, aim=goal.least, starts=wanted.starts,
+                                  seed=wanted.seed, progress=report)
+        else:
+            found = plan_sequence(problem, goal.share, goal.impacts, starts=wanted.starts, seed=wanted.seed,
+                                  revise=revise, progress=report)
         if laws is not None and table is not None and found.impacts:
             report("trying the first impact on all draws")
             assessment = assess_plan(problem, found.impacts[0], laws, tail=table.tail)

@@ -1,6 +1,9 @@
 """A whole sequence as one problem: all impacts and waits change together, with the gradient through all of them."""
 
 import dataclasses as dc
+import re
+from collections.abc import Callable
+from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
@@ -10,9 +13,14 @@ import numpy as np
 from jaxtyping import Array
 from scipy.optimize import minimize
 
-from .sequence import Sequence
-from .strike_plan import ALLOWED, find_bounds
-from .strike_problem import Problem, judge, read_design, strike_debris, with_slopes
+from .sequence import Sequence, measure_share, move_on, plan_sequence
+from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, find_bounds, weigh_constraints
+from .strike_problem import CONSTRAINTS, VARIABLES, Problem, judge, read_design, score, strike_debris, with_slopes
+
+
+AIMS = ("impacts", "impulse", "time")
+IMPULSE, DURATION, SHARE = 0, 1, 2  # places of what `follow_chain` returns before the constraints
+WINDOWS = (1.0, 0.3, 0.1)  # of the longest wait, to which sequences are planned that are to be quick
 
 
 @dc.dataclass(frozen=True)
@@ -21,17 +29,23 @@ class Chain:
 
     Attributes:
         x: shape (impacts, 7), over -1 to 1.
+        faces: shape (impacts,).
         impulse: of all contact forces, their sizes added up [N s].
-        before: the same of the sequence that it was made from [N s].
+        duration: from time 0 to the last separation [s].
         share: of the angular momentum left [-].
         allowed: whether every impact's constraints and the share hold.
+        certificate: of all variables together; names carry the number of the impact.
+        tally: how often all impacts were integrated one after the other, certificate left out.
     """
 
     x: np.ndarray
+    faces: np.ndarray
     impulse: float
-    before: float
+    duration: float
     share: float
     allowed: bool
+    certificate: Certificate
+    tally: Tally
 
 
 def _follow(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoint | None) -> Array:
@@ -42,17 +56,18 @@ def _follow(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoi
         now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, state)
         design = read_design(now, face, variables)
         collision = strike_debris(now, design, adjoint)
-        row = jnp.concatenate([jnp.linalg.norm(collision.impulse)[None], judge(now, design, collision)])
+        row = jnp.concatenate([jnp.linalg.norm(collision.impulse)[None], (design.instant + collision.separation)[None],
+                               judge(now, design, collision)])
         return (collision.attitude, collision.angular_velocity), row
 
     (_, rates), rows = jax.lax.scan(strike, (problem.attitude, problem.angular_velocity), (faces, x))
     left = jnp.sum((problem.debris.inertia @ rates) ** 2) / jnp.sum(start**2)
-    return jnp.concatenate([jnp.sum(rows[:, 0])[None], left[None], jnp.ravel(rows[:, 1:])])
+    return jnp.concatenate([jnp.sum(rows[:, :2], axis=0), left[None], jnp.ravel(rows[:, 2:])])
 
 
 @eqx.filter_jit
 def follow_chain(problem: Problem, faces: Array, x: Array) -> Array:
-    """Sum of the impulses [N s], square of the share of |L| left, and all constraints of all impacts.
+    """Sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints of all impacts.
 
     Args:
         problem: of the first impact.
@@ -60,7 +75,7 @@ def follow_chain(problem: Problem, faces: Array, x: Array) -> Array:
         x: shape (impacts, 7).
 
     Returns:
-        Shape (2 + impacts * constraints,).
+        Shape (3 + impacts * constraints,).
     """
     return _follow(problem, faces, x, None)
 
@@ -71,47 +86,175 @@ def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[Array, Arra
     return with_slopes(lambda x: _follow(problem, faces, x, dfx.ForwardMode()), x)
 
 
-def refine_sequence(problem: Problem, sequence: Sequence, share: float, steps: int = 40) -> Chain:
-    """Change all impacts of a sequence together for the least impulse that leaves no more than a share of the momentum.
+class _Search:
+    """The chain as SciPy asks for it: values and slopes of one point, kept until the next."""
+
+    def __init__(self, problem: Problem, faces: np.ndarray, shape: tuple[int, ...]):
+        self.problem, self.faces, self.shape, self.tally = problem, jnp.asarray(faces), shape, Tally()
+        self.at: tuple[bytes, Any] = (b"", None)
+
+    def look(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self.at[0] != z.tobytes():
+            value, slopes = follow_slopes(self.problem, self.faces, jnp.asarray(z.reshape(self.shape)))
+            self.tally.slopes += 1
+            rows = np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
+            self.at = (z.tobytes(), (np.nan_to_num(np.asarray(value), nan=-1.0), rows))
+        return self.at[1]
+
+    def follow(self, z: np.ndarray) -> np.ndarray:
+        self.tally.values += 1
+        return np.asarray(follow_chain(self.problem, self.faces, jnp.asarray(z.reshape(self.shape))))
+
+
+def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str = "impulse",
+                    steps: int = 40) -> Chain:
+    """Change all impacts of a sequence together for the least of something, no more than a share of |L| being left.
 
     Args:
         problem: of the first impact.
         sequence: planned one impact after the other.
         share: of the angular momentum [-].
+        aim: `impulse`, `time`, or `share` for the least momentum left.
         steps: of sequential quadratic programming at most.
     """
     names = problem.debris.surface.face_names()
     faces = np.array([names.index(plan.face) for plan in sequence.impacts])
     first = np.stack([plan.x for plan in sequence.impacts])
     bounds = np.concatenate([find_bounds(names, int(face)) for face in faces])
-    shape = first.shape
-    seen: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+    search = _Search(problem, faces, first.shape)
+    place = {"impulse": IMPULSE, "time": DURATION, "share": SHARE}[aim]
+    limit = max(share, 1e-6) ** 2
+    unit = {"impulse": max(sequence.impulse, 1e-300), "time": max(sequence.duration, 1e-300), "share": limit}[aim]
+    # Where the momentum left is what is wanted small, it is no constraint as well.
+    held = np.arange(3) == SHARE if aim != "share" else np.zeros(3, bool)
 
-    def look(z):
-        key = z.tobytes()
-        if key not in seen:
-            seen.clear()
-            value, slopes = follow_slopes(problem, jnp.asarray(faces), jnp.asarray(z.reshape(shape)))
-            rows = np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
-            seen[key] = np.nan_to_num(np.asarray(value), nan=-1.0), rows
-        return seen[key]
+    def constrain(value):
+        return np.concatenate([1.0 - value[:3][held] / limit, value[3:]])
 
-    before, limit = sequence.impulse, max(share, 1e-6) ** 2
-
-    def constraints(z):
-        value = look(z)[0]
-        return np.concatenate([[1.0 - value[1] / limit], value[2:]])
-
-    def constraint_slopes(z):
-        slopes = look(z)[1]
-        return np.concatenate([-slopes[1:2] / limit, slopes[2:]])
+    def constrain_slopes(slopes):
+        return np.concatenate([-slopes[:3][held] / limit, slopes[3:]])
 
     found = minimize(
-        lambda z: look(z)[0][0] / before, first.ravel(), jac=lambda z: look(z)[1][0] / before, method="SLSQP",
-        bounds=bounds, constraints={"type": "ineq", "fun": constraints, "jac": constraint_slopes},
-        options={"maxiter": steps, "ftol": 1e-6})
+        lambda z: search.look(z)[0][place] / unit, first.ravel(), jac=lambda z: search.look(z)[1][place] / unit,
+        method="SLSQP", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6},
+        constraints={"type": "ineq", "fun": lambda z: constrain(search.look(z)[0]),
+                     "jac": lambda z: constrain_slopes(search.look(z)[1])})
     best = np.clip(found.x, *bounds.T)
-    value = np.asarray(follow_chain(problem, jnp.asarray(faces), jnp.asarray(best.reshape(shape))))
-    left = float(np.sqrt(value[1]))
-    return Chain(best.reshape(shape), float(value[0]), before, left,
-                 bool(value[2:].min() >= -ALLOWED and left <= share * (1 + 1e-3)))
+    value, slopes = search.look(best)
+    proof = weigh_constraints(
+        lambda z: float(search.follow(z)[place]) / unit, np.concatenate([[value[place] / unit], constrain(value)]),
+        np.concatenate([slopes[place : place + 1] / unit, constrain_slopes(slopes)]), bounds, best, 0.0,
+        constraints=["share left"] * int(held.sum()) + [f"{k + 1}: {name}" for k in range(len(faces))
+                                                        for name in CONSTRAINTS],
+        variables=[f"{k + 1}: {name}" for k in range(len(faces)) for name in VARIABLES])
+    left = float(np.sqrt(max(value[SHARE], 0.0)))
+    return Chain(best.reshape(first.shape), faces, float(value[IMPULSE]), float(value[DURATION]), left,
+                 bool(value[3:].min() >= -ALLOWED and left <= share * (1 + 1e-3)), proof,
+                 Tally(0, search.tally.slopes))
+
+
+def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float, together: str = "") -> Sequence:
+    """A chain as a sequence of plans, each with the chain's certificate as far as it is about that impact."""
+    names, now, time = problem.debris.surface.face_names(), problem, 0.0
+    plans, instants, shares = [], [], []
+    for k, (face, x) in enumerate(zip(chain.faces, chain.x, strict=True)):
+        design = read_design(now, jnp.asarray(face), jnp.asarray(x))
+        collision = strike_debris(now, design)
+        values = np.asarray(judge(now, design, collision))
+        about = _pick(chain.certificate.binding, k + 1)
+        worth = float(score(now, collision.angular_velocity))
+        allowed = bool(values.min() >= -ALLOWED)
+        proof = dc.replace(chain.certificate, binding=about, least=float(values.min()), margin=float(collision.margin))
+        plans.append(StrikePlan(
+            names[int(face)], x, worth, float(score(now, now.angular_velocity)),
+            dict(zip(CONSTRAINTS, map(float, values), strict=True)), design, collision, allowed, proof, chain.tally,
+            ((names[int(face)], worth, allowed),)))
+        instants.append(time + float(design.instant))
+        time = instants[-1] + float(collision.separation)
+        shares.append(measure_share(problem, np.asarray(collision.angular_velocity)))
+        now = move_on(now, plans[-1])
+    impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in plans)
+    reached = all(plan.allowed for plan in plans) and shares[-1] <= share * (1 + 1e-3)
+    return dc.replace(sequence, impacts=tuple(plans), instants=tuple(instants), shares=tuple(shares), impulse=impulse,
+                      reached=reached, together=together)
+
+
+def _pick(binding: dict[str, float], number: int) -> dict[str, float]:
+    """What holds one impact, of what holds the chain: `3: edge`, `lowest 3: instant`, `share left`."""
+    mark = re.compile(rf"(?<!\d){number}: ")
+    return {mark.sub("", name): size for name, size in binding.items() if mark.search(name) or ": " not in name}
+
+
+def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = 4, seed: int = 0,
+                  progress: Callable[[str], object] | None = None) -> Sequence:
+    """Plan impacts one after the other, and change them all together.
+
+    Args:
+        problem, share, most, starts, seed, progress: as of `plan_sequence`.
+        aim: `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
+            `time` the instant of the last separation, from sequences with long and with short waits.
+
+    Returns:
+        The best sequence; that of `plan_sequence` where it does not reach the share or nothing better was found.
+    """
+    tell = progress or (lambda text: None)
+    found = plan_sequence(problem, share, most, starts=starts, seed=seed, progress=progress)
+    if not found.reached:
+        return found
+    if aim == "impacts":
+        return _shorten(problem, found, share, tell)
+    begun = [found]
+    if aim == "time":
+        low, high = np.asarray(problem.limits.window)
+        for part in WINDOWS[1:]:
+            tell(f"waits of at most {low + part * (high - low):.0f} s")
+            hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, low + part * (high - low)]))
+            other = plan_sequence(hasty, share, most, starts=starts, seed=seed, progress=progress)
+            if other.reached:
+                begun.append(_widen(other, part))
+    best, text = found, ""
+    for one in begun:
+        tell(f"all {len(one.impacts)} impacts together")
+        chain = refine_sequence(problem, one, share, aim)
+        if not chain.allowed:
+            continue
+        again = read_chain(problem, one, chain, share)
+        if again.reached and _worth(again, aim) < _worth(best, aim):
+            best = again
+    if best is not found:
+        what = (f"{best.impulse:.1f} N s, one after the other {found.impulse:.1f}" if aim == "impulse" else
+                f"{best.duration:.1f} s, one after the other {found.duration:.1f}")
+        text = f"All impacts were changed together for the least {aim}: {what}."
+    return dc.replace(best, together=text)
+
+
+def _worth(sequence: Sequence, aim: str) -> float:
+    return sequence.impulse if aim == "impulse" else sequence.duration
+
+
+def _widen(sequence: Sequence, part: float) -> Sequence:
+    """Plans within a part of the window, in the variables of the whole window."""
+    def widen(x):
+        y = x.copy()
+        y[-1] = part * (x[-1] + 1.0) - 1.0
+        return y
+
+    return dc.replace(sequence, impacts=tuple(dc.replace(plan, x=widen(plan.x)) for plan in sequence.impacts))
+
+
+def _shorten(problem: Problem, sequence: Sequence, share: float, tell: Callable[[str], object]) -> Sequence:
+    """Leave the last impact out and bring the momentum down with the others, as long as that works."""
+    count, tried = len(sequence.impacts), ""
+    while len(sequence.impacts) > max(sequence.bound, 1):
+        fewer = dc.replace(sequence, impacts=sequence.impacts[:-1], instants=sequence.instants[:-1])
+        tell(f"{len(fewer.impacts)} impacts together")
+        chain = refine_sequence(problem, fewer, share, "share")
+        again = read_chain(problem, sequence, chain, share) if chain.allowed else None
+        if again is None or not again.reached:
+            tried = f"Changed together, {len(fewer.impacts)} of them leave {100 * chain.share:.2f} %."
+            break
+        sequence = again
+    if len(sequence.impacts) == count:
+        return dc.replace(sequence, tried=tried)
+    text = f"Changed together, {len(sequence.impacts)} impacts do what takes {count} one after the other."
+    return dc.replace(sequence, together=text)

@@ -3,7 +3,7 @@ how well.
 """
 
 import dataclasses as dc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -205,35 +205,37 @@ def certify(problem: Problem, face: int, x: np.ndarray, margin: float) -> Certif
 
 
 def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, slopes: np.ndarray, bounds: np.ndarray,
-                      x: np.ndarray, margin: float, step: float = 1e-4) -> Certificate:
+                      x: np.ndarray, margin: float, step: float = 1e-4, *, constraints: Sequence[str] = CONSTRAINTS,
+                      variables: Sequence[str] = VARIABLES) -> Certificate:
     """Certificate of a point.
 
     Args:
         wanted: what is to be small, of the variables; NaN where it cannot be computed, which is left out.
         value: of that and of all constraints, shape (1 + constraints,).
-        slopes: by the seven variables, shape (1 + constraints, 7).
-        bounds: of the variables, shape (7, 2).
+        slopes: by the variables, shape (1 + constraints, variables).
+        bounds: of the variables, shape (variables, 2).
         x: the variables.
         margin: from the contact disc to the nearest edge [m].
         step: of the differences.
+        constraints, variables: their names.
     """
     gradient = slopes[0]
     names, rows = [], []
-    for name, constraint, row in zip(CONSTRAINTS, value[1:], slopes[1:], strict=True):
+    for name, constraint, row in zip(constraints, value[1:], slopes[1:], strict=True):
         if constraint < BINDING:
             names.append(name)
             rows.append(row)
-    for k, name in enumerate(VARIABLES):
+    for k, name in enumerate(variables):
         for end, sign, word in ((bounds[k, 0], 1.0, "lowest"), (bounds[k, 1], -1.0, "highest")):
             if abs(x[k] - end) < BINDING:
                 names.append(f"{word} {name}")
-                rows.append(sign * np.eye(len(VARIABLES))[k])
+                rows.append(sign * np.eye(len(variables))[k])
     size = float(np.linalg.norm(gradient))
     left, multipliers = size, np.zeros(0)
     if rows:
         multipliers, left = nnls(np.stack(rows, axis=1), gradient)
     central = []
-    for move in step * np.eye(len(VARIABLES)):
+    for move in step * np.eye(len(variables)):
         ahead, behind = (wanted(x + sign * move) for sign in (1.0, -1.0))
         central.append((ahead - behind) / (2.0 * step))
     apart = np.abs(gradient - central)

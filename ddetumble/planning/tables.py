@@ -132,6 +132,7 @@ class GoalTable(_Strict):
         momentum, energy, nutation: weights of |L| and of the energy left, and of the nutation angle over 90°.
         impacts: at most so many.
         share: of the angular momentum at which a sequence ends.
+        least: what of a sequence is to be small: the number of impacts, the sum of all impulses, or the time it takes.
     """
 
     momentum: Annotated[StrictFloat | StrictInt, Field(ge=0)] = 1.0
@@ -139,6 +140,7 @@ class GoalTable(_Strict):
     nutation: Annotated[StrictFloat | StrictInt, Field(ge=0)] = 0.0
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = 1
     share: Share = 0.01
+    least: Literal["impacts", "impulse", "time"] = "impacts"
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -203,3 +205,10 @@ class Scenario(_Strict):
     uncertainty: UncertaintyTable | None = None
     seed: Annotated[StrictInt, Field(ge=0)] = 0
     starts: Annotated[StrictInt, Field(ge=1, le=64)] = 4
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        if self.uncertainty is not None and self.uncertainty.plan_for != "best" and self.goal.least != "impacts":
+            raise ValueError("goal.least has to be 'impacts' where uncertainty.plan_for is the mean or the tail: such "
+                             "plans are made one impact after the other")
+        return self

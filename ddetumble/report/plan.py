@@ -50,7 +50,9 @@ def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
     aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
     bound = f" No plan needs fewer than {sequence.bound}." if sequence.bound and share < 1 else ""
     ended = "" if sequence.reached or count == 1 else f" The wanted {100 * share:g} % are not reached."
-    return f"{start}{aim}.{ended}{bound}{frictionless}"
+    told = sequence.together or sequence.tried
+    together = f" {told}" if told else ""
+    return f"{start}{aim}.{ended}{together}{bound}{frictionless}"
 
 
 def list_impact(number: int, instant: float, share: float, problem: Problem, plan: StrikePlan) -> dict[str, Any]:
@@ -166,7 +168,8 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
     result = {
         "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, "possible": bool(impacts),
         "reached": sequence.reached, "wanted_share": share, "share_left": sequence.shares[-1] if impacts else 1.0,
-        "impulse": sequence.impulse, "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
+        "impulse": sequence.impulse, "duration": sequence.duration, "together": sequence.together,
+        "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
@@ -213,7 +216,11 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
             "How well the plan is founded",
             ["Each impact is the best of several starts for itself, from the motion that the one before left; the "
              "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
-             "constraints' share says how nearly each is a first-order optimum."], tables=[proofs]))
+             "constraints' share says how nearly each is a first-order optimum." if not sequence.together else
+             "The impacts were planned one after the other, and then changed all together, with the gradient through "
+             "all of them and the motion between. What is left of that gradient after the binding constraints' share "
+             "says how nearly the whole is a first-order optimum near where it began; another sequence may be better "
+             "still."], tables=[proofs]))
     folder.mkdir(parents=True, exist_ok=True)
     page = write_page(title or "Planned impacts", sentence, sections, folder, "report.html")
     write_whole(folder / "plan.json", (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
