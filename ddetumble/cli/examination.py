@@ -155,6 +155,8 @@ def discover_effects(
         page = write_report(result, folder)
     typer.echo(describe(result))
     typer.echo(f"Report: {page}")
+    if any(step.alternatives for step in result.steps):
+        typer.echo(f"The test that tells them apart: ddetumble design {folder}")
 
 
 def draw_force(

@@ -124,7 +124,8 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
     search = _Search(problem, faces, first.shape)
     place = {"impulse": IMPULSE, "time": DURATION, "share": SHARE}[aim]
     limit = max(share, 1e-6) ** 2
-    unit = {"impulse": max(sequence.impulse, 1e-300), "time": max(sequence.duration, 1e-300), "share": limit}[aim]
+    unit = {"impulse": max(sequence.impulse, 1e-300), "time": max(sequence.duration, 1e-300),
+            "share": max(sequence.shares[-1], 1e-6) ** 2}[aim]
     # Where the momentum left is what is wanted small, it is no constraint as well.
     held = np.arange(3) == SHARE if aim != "share" else np.zeros(3, bool)
 
@@ -246,7 +247,8 @@ def _shorten(problem: Problem, sequence: Sequence, share: float, tell: Callable[
     """Leave the last impact out and bring the momentum down with the others, as long as that works."""
     count, tried = len(sequence.impacts), ""
     while len(sequence.impacts) > max(sequence.bound, 1):
-        fewer = dc.replace(sequence, impacts=sequence.impacts[:-1], instants=sequence.instants[:-1])
+        fewer = dc.replace(sequence, impacts=sequence.impacts[:-1], instants=sequence.instants[:-1],
+                           shares=sequence.shares[:-1])
         tell(f"{len(fewer.impacts)} impacts together")
         chain = refine_sequence(problem, fewer, share, "share")
         again = read_chain(problem, sequence, chain, share) if chain.allowed else None
