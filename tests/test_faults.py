@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ddetumble import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.discrepancy.discovery import discover
@@ -114,6 +115,48 @@ def test_clipped_samples_are_left_out(family, clean, tmp_path):
     kept = np.isfinite(left)
     assert np.allclose(left[kept], np.clip(before, -ceiling, ceiling)[kept])
     assert (~kept & (np.abs(before) < ceiling - 6 * NOISE[family])).sum() < 0.02 * before.size
+
+
+def clip_tumbling(folder, limits):
+    """A tumbling campaign whose gyroscopes end at a limit by axis."""
+    campaign = read_campaign(folder)
+    assert campaign.samples is not None
+    samples = campaign.samples.copy()
+    for rate, limit in zip(RATES, limits, strict=True):
+        samples[rate] = samples[rate].clip(-limit, limit)
+    return dc.replace(campaign, samples=samples)
+
+
+def test_clipped_rates_of_a_slow_nutation():
+    """Fewer than two turns have no close readings: the least step of such records is not the gauge's."""
+    random, time = np.random.default_rng(5), np.arange(300.0)
+    rows = []
+    for key, turn, size in (("a", 165.3, 0.09), ("b", 171.7, 0.08), ("c", 29.37, 0.04)):
+        phase = 2.0 * np.pi * time / turn
+        x, y, z = size * np.cos(phase), size * np.sin(phase), np.full(300, 0.05)
+        rates = np.stack([x, y, z], axis=1) + 2e-5 * random.standard_normal((300, 3))
+        rows.append(pd.DataFrame(np.round(rates, 7), columns=RATES).assign(record=key, time=time))
+    samples = pd.concat(rows, ignore_index=True)
+    for rate in RATES[:2]:
+        samples[rate] = samples[rate].clip(-0.07, 0.07)
+    stated = {rate: Column(rate, "rad/s", Uncertainty(absolute=2e-5)) for rate in RATES}
+    campaign = Campaign("turns", "", "tumble", None, {}, pd.DataFrame(index=pd.Index(list("abc"), name="record")), {},
+                        Column("time", "s"), stated, samples)
+    _, found = screen_samples(campaign)
+    clipped = [f for f in found if f.kind == "clipped"]
+    assert [(f.channel, f.records) for f in clipped] == [(rate, ("a", "b")) for rate in RATES[:2]]
+
+
+def test_a_rate_beyond_the_range_throughout_loses_its_record(clean):
+    """Free spin about the axis is constant: beyond the gauge's range nothing of it is left."""
+    axial = read_campaign(clean["tumble"]).samples.groupby("record", sort=False)[RATES[2]].mean().abs()
+    limit = float(axial.sort_values().iloc[-2:].mean())
+    cleaned, found = screen_samples(clip_tumbling(clean["tumble"], (1.0, 1.0, limit)))
+    assert [(f.kind, f.channel, f.records, f.left_out) for f in found] == [
+        ("clipped", RATES[2], (axial.idxmax(),), False), ("missing", RATES[2], (axial.idxmax(),), True)]
+    assert set(cleaned.record_keys) == set(axial.index) - {axial.idxmax()}
+    with pytest.raises(InputError, match="wider range"):
+        screen_samples(clip_tumbling(clean["tumble"], (1.0, 1.0, 0.5 * float(axial.min()))))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

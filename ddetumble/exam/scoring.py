@@ -93,8 +93,8 @@ def is_right(row: Row) -> bool:
 
 def describe_failure(row: Row) -> str:
     """What is wrong with an answer, in a few words; nothing where it is right."""
-    if row["verdict"] == "failed":
-        return f"failed: {row['error']}"
+    if row["verdict"] in ("failed", "refused"):
+        return f"{row['verdict']}: {row['error']}"
     if is_right(row):
         return ""
     said = row["verdict"] + (f" by {', '.join(row['found'])}" if row["found"] else "")
@@ -128,6 +128,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     errors = [r["heldout_over_noise"] for r in inside if r.get("heldout_over_noise") is not None]
     return {
         "cases": len(rows), "failed": sum(r["verdict"] == "failed" for r in rows),
+        "refused": sum(r["verdict"] == "refused" for r in rows),
         "right": {kind: count_share(map(is_right, pick(rows, kind))) for kind in ("nothing", "one", "two", "outside")},
         "right_by_fault": split_share(rows, name_fault, is_right),
         "reports_by_fault": split_share(rows, name_fault, has_report),

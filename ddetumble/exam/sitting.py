@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._errors import InputError
 from .drawing import Case, Exam, draw_case, write_case
 
 
@@ -33,6 +34,8 @@ def sit(exam: Exam, index: int, keep: Path | None = None) -> dict[str, Any]:
             row["fault_details"] = write_case(exam, case, folder / "campaign")
             row |= answer(exam, case, folder)
             row["error"] = None
+        except InputError as error:  # discover says that such data can tell nothing
+            row |= {"verdict": "refused", "error": str(error)[:600]}
         except Exception as error:  # whatever it is, it is this case's failure and no reason to lose the others
             row |= {"verdict": "failed", "error": f"{type(error).__name__}: {error}"[:600]}
         row["seconds"]["answering"] = round(time.perf_counter() - began, 2)

@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 
 TAPS = 8
 PAIRS = 6  # samples apart, at most
+MOST = 0.9999  # correlation from sample to sample
 
 
 @dc.dataclass(frozen=True)
@@ -159,7 +160,7 @@ def _choose(loss, raw: float, expected: float | None, interval: float, stated_sd
             best, kind = (fit.fun, fit.x, "mixed"), "mixed"
     x = best[1]
     sd = float(np.exp(x[0]))
-    rho = float(1 / (1 + np.exp(-x[1]))) if kind != "white" else 0.0
+    rho = min(float(1 / (1 + np.exp(-x[1]))), MOST) if kind != "white" else 0.0
     white = float(1 / (1 + np.exp(-x[2]))) if kind == "mixed" else 0.0
     level = _level_error(x, kind, loss, interval)
     sentence = {"white": "white", "ar": f"correlated along the trace ({rho:.2f} from sample to sample)",

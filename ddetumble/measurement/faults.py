@@ -9,6 +9,7 @@ import dataclasses as dc
 
 import numpy as np
 
+from .._errors import InputError
 from .campaign import Campaign
 from .grouping import group_conditions
 from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
@@ -82,6 +83,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
             limits[key] = limit
             masks["clipped"][key], masks["held"][key] = clipped, held
             parts[key] = np.where(clipped | held, np.nan, x)
+        _tell_saturated(parts, rows, values, masks, limits)
         level = max(sd, _measure_roughness(time, parts))
         for key, x in parts.items():
             own = _measure_roughness(time, {key: x})  # of a record in another unit
@@ -100,7 +102,8 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
     if copied:
         out = {key for one in copied for key in one.records if one.left_out}
         cleaned = cleaned.select([key for key in cleaned.record_keys if key not in out])
-    return cleaned, (*found, *copied)
+    cleaned, blind = _leave_blind(cleaned)
+    return cleaned, (*found, *copied, *blind)
 
 
 def list_screened(campaign: Campaign) -> list[str]:
@@ -127,7 +130,11 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
     clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
     there = np.flatnonzero(np.isfinite(x))
     y = x[there]
-    if len(y) < 5 or np.ptp(y) <= tolerance:
+    if len(y) < 5:
+        return clipped, held, limits
+    if np.ptp(y) <= tolerance:  # throughout
+        if y[0] != 0.0 and count * chance ** (len(y) - 1) <= CHANCE:
+            held[there] = True
         return clipped, held, limits
     breaks = np.flatnonzero(np.abs(np.diff(y)) > tolerance) + 1
     middle = _median_filter(y)
@@ -188,6 +195,40 @@ def _list_turns(campaign: Campaign, samples, rows) -> dict[str, np.ndarray]:
     return found
 
 
+def _tell_saturated(parts, rows, values: np.ndarray, masks, limits) -> None:
+    """A record that stands still throughout at the largest reading of all is clipped, not held."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    for key, part in rows.items():
+        x = values[part]
+        x = x[np.isfinite(x)]
+        if len(x) and masks["held"][key].any() and not np.isfinite(parts[key]).any() and (
+                abs(abs(x[0]) - largest) <= 1e-9 * largest):
+            masks["clipped"][key], masks["held"][key] = masks["held"][key], masks["clipped"][key]
+            limits[key] = [float(x[0])]
+
+
+def _leave_blind(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
+    """Without the tumbling records that lost a rate altogether: what they start from cannot be known."""
+    assert campaign.samples is not None
+    if campaign.family != "tumble":
+        return campaign, ()
+    found, out = [], set()
+    for channel in (c for c in campaign.channels if c.startswith("angular_velocity_")):
+        seen = campaign.samples[channel].notna().groupby(campaign.samples["record"], sort=False).any()
+        keys = tuple(str(key) for key, there in seen.items() if not there and str(key) not in out)
+        if keys:
+            out |= set(keys)
+            found.append(Fault("missing", keys, channel, f"Nothing is left of {channel} in {_count(keys)}.",
+                               "It is left out." if len(keys) == 1 else "They are left out.",
+                               "Repeat it with a wider range." if len(keys) == 1 else "Repeat them with a wider range.",
+                               left_out=True))
+    kept = [key for key in campaign.record_keys if key not in out]
+    if not kept:
+        raise InputError(f"in campaign {campaign.name!r} nothing is left of {found[0].channel} in any record: the "
+                         "gyroscopes stood at their limit, or still; repeat the tests with a wider range")
+    return (campaign.select(kept), tuple(found)) if out else (campaign, ())
+
+
 def _measure_equality(parts: dict[str, np.ndarray], sd: float) -> tuple[float, float]:
     """Chance that two neighbours are equal, and the difference that counts as none."""
     values = np.concatenate(list(parts.values()))
@@ -199,13 +240,28 @@ def _measure_equality(parts: dict[str, np.ndarray], sd: float) -> tuple[float, f
         if len(x) < 5:
             continue
         steps = np.diff(np.unique(x))
-        finest.append(float(np.min(steps[steps > tolerance], initial=np.inf)))
+        finest.append(_guess_resolution(x, steps[steps > tolerance], tolerance))
         inner = (x[1:] < x.max() - tolerance) & (x[1:] > x.min() + tolerance) & (x[1:] != 0.0)
         if inner.sum() > 4:
             shares.append(float(np.mean(np.abs(np.diff(x))[inner] <= tolerance)))
     usual = float(np.quantile(shares, 0.25)) if shares else 0.0
-    resolution = float(np.median(finest)) if np.isfinite(finest).any() else 0.0
+    finest = [q for q in finest if np.isfinite(q)]
+    resolution = float(np.quantile(finest, 0.25)) if finest else 0.0
     return min(max(resolution / (2.0 * np.sqrt(np.pi) * sd), usual, 1e-9), 0.99), tolerance
+
+
+def _guess_resolution(x: np.ndarray, steps: np.ndarray, tolerance: float) -> float:
+    """Finest step of a record's readings, or less where readings so coarse would have met more often.
+
+    Of n readings spread over R in steps of q about n^2 q / (2 R) pairs are equal; what turns in step with the sampling
+    has no close readings either.
+    """
+    inner = np.sort(x[(x < x.max() - tolerance) & (x > x.min() + tolerance) & (x != 0.0)])
+    finest = float(np.min(steps, initial=np.inf))
+    if len(inner) < 5:
+        return finest
+    met = float(np.sum(np.diff(inner) <= tolerance))
+    return min(finest, 2.0 * float(np.ptp(inner)) * (met + 3.0) / len(inner) ** 2)
 
 
 def _measure_roughness(time: dict[str, np.ndarray], parts: dict[str, np.ndarray]) -> float:
