@@ -126,7 +126,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
     base, intervals = len(bench.names), term.finest
     x = np.linspace(term.low, term.high, 8 * intervals + 1)
     inverse = np.linalg.pinv(evaluate_basis(term, intervals, x) @ smooth(intervals))
-    signed = term.low < 0 < term.high
+    signed = term.low < 0.0
     choices = list(zip(term.parts, np.eye(len(term.parts)), strict=True))
     if len(term.parts) > 1 and "x" not in term.parts:
         choices.insert(0, ("", np.ones(len(term.parts))))
@@ -137,7 +137,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
         for phase, parts in choices:
             best = None
             for shape in _list_shapes(form, term):
-                columns = np.stack(evaluate(form, x, shape, term.high), axis=1)
+                columns = np.stack(evaluate(form, x, shape, term.scale), axis=1)
                 own = inverse @ columns
                 turn = np.zeros((base + len(term.parts) * own.shape[0], base + own.shape[1]))
                 turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
@@ -184,7 +184,7 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     plan = blank_plan(bench.family, bench.records.stack.time.shape[0])
     u, names, amount = bench.start.copy(), [], len(guesses)
     for slot, g in enumerate(guesses):
-        place_law(plan, bench.family, slot, g.term.variable, g.form.kind, g.direction, g.term.high)
+        place_law(plan, bench.family, slot, g.term.variable, g.form.kind, g.direction, g.term.scale)
         own = {"a": g.sizes[0] / (1.0 if amount == 1 or slot == 0 else 4.0)}
         if g.form.kind == "sine":
             own["b"] = g.sizes[1]
@@ -252,7 +252,7 @@ def _publish(bench: FreeBench, solution, g: _Guess, slot: int, mark: str) -> dic
     value = {letter: float(solution.u[bench.space.index[n]]) for letter, n in name.items()}
     free = [letter for letter in "abxln" if name[letter] in place]
     own = covariance[np.ix_([place[name[f]] for f in free], [place[name[f]] for f in free])]
-    scale, power = g.term.high, float(np.exp(value["n"]))
+    scale, power = g.term.scale, float(np.exp(value["n"]))
     unit = bench.ground.variables[g.term.variable]
     # A share's amplitude is in units of the force at the reference; its own unit is that of a pure number.
     direction = np.abs(g.direction[g.direction != 0]).max()

@@ -46,6 +46,11 @@ class Term:
     condition: bool
 
     @property
+    def scale(self) -> float:
+        """Largest size of the variable, SI: positive, whatever its sign."""
+        return max(abs(self.low), abs(self.high))
+
+    @property
     def name(self) -> str:
         """Unique among the terms of a campaign."""
         return f"{self.way} over {self.variable}" + (f" ({' and '.join(self.parts)} apart)" if self.parts[0] else "")

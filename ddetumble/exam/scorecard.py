@@ -86,7 +86,8 @@ def describe(exam: Exam, rows: Sequence[Row], marks: Mapping[str, Any]) -> list[
                               "median.",), tables=(list_widths(marks),)),
         Section("Failures", say_failures(rows, exam), tables=(list_wrong(rows),)),
     ]  # fmt: skip
-    return [dc.replace(part, tables=tuple(t for t in part.tables if t.rows)) for part in parts]
+    parts = [dc.replace(part, tables=tuple(t for t in part.tables if t.rows)) for part in parts]
+    return [part for part in parts if part.tables or part.title == "Failures"]
 
 
 def say_setting(exam: Exam) -> str:
