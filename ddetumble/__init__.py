@@ -54,6 +54,7 @@ _HOMES = {
     "Sphere": "dynamics.bodies", "Mesh": "dynamics.bodies", "read_mesh": "dynamics.bodies",
     "collide": "dynamics.collision", "Debris": "dynamics.surfaces", "make_debris": "dynamics.surfaces",
     "plan_strike": "planning.strike_plan", "plan_sequence": "planning.sequence",
+    "plan_together": "planning.chain",
     "draw_laws": "planning.draws", "plan_robust_strike": "planning.risk", "assess_plan": "planning.ambiguity",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
@@ -143,6 +144,7 @@ if TYPE_CHECKING:
     from .measurement.package import write_campaign as write_campaign
     from .paper import write_paper as write_paper
     from .planning.ambiguity import assess_plan as assess_plan
+    from .planning.chain import plan_together as plan_together
     from .planning.draws import draw_laws as draw_laws
     from .planning.nexttest import design as design
     from .planning.risk import plan_robust_strike as plan_robust_strike

@@ -214,8 +214,8 @@ def _leave_blind(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
         return campaign, ()
     found, out = [], set()
     for channel in (c for c in campaign.channels if c.startswith("angular_velocity_")):
-        seen = campaign.samples[channel].notna().groupby(campaign.samples["record"], sort=False).any()
-        keys = tuple(str(key) for key, there in seen.items() if not there and str(key) not in out)
+        there = {str(key) for key in campaign.samples.loc[campaign.samples[channel].notna(), "record"]}
+        keys = tuple(key for key in campaign.record_keys if key not in there and key not in out)
         if keys:
             out |= set(keys)
             found.append(Fault("missing", keys, channel, f"Nothing is left of {channel} in {_count(keys)}.",

@@ -1,0 +1,129 @@
+"""One page over the folders of a sealed exam: shares added up by family, and every failure.
+
+    python -m docs.exam_table fits/exam
+
+FOLDER holds one folder an exam, as `ddetumble exam` leaves it (`cases.jsonl` and `scorecard.json`); what is added up
+here is counted anew from the cases.
+"""
+
+import argparse
+import json
+import sys
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ddetumble.cli.failures import run_guarded
+from ddetumble.exam.scoring import (
+    SURE_STRENGTH,
+    Row,
+    count_share,
+    describe_failure,
+    is_alarm,
+    is_first,
+    is_in_set,
+    is_pinned,
+    is_right,
+    pick,
+)
+from ddetumble.report.page import write_whole
+
+
+FAMILIES = ("impact", "slip", "tumble")
+INTRODUCTION = (
+    "Every case is simulated by the second implementation (SciPy, not a line shared with the models) and judged blind; "
+    "strength is what a refitted reference model leaves, over the noise, drawn between a half and eight. A quarter of "
+    "the cases has a fault of the bench: a clipped gauge, a drop-out, or a record in a wrong range. In brackets: "
+    "one-sided 95 % limit of Clopper and Pearson on the side that matters, or the share.")
+
+
+def list_counts() -> list[tuple[str, str, Callable[[Sequence[Row]], Sequence[bool]]]]:
+    """What is counted: its name, the aim, and the flags among the rows of a family."""
+    def of_noise(name):
+        return lambda rows: [is_alarm(r) for r in pick(rows, "nothing") if bool(r["noise"]["rho"]) == (name == "ar1")]
+
+    def intervals(rows):
+        inside = [r for r in rows if r["kind"] != "outside" and is_right(r)]
+        return [low <= truth <= high for r in inside for truth, _, low, high in r["intervals"].values()]
+
+    sure = f"strength {SURE_STRENGTH:g} and more"
+    return [
+        ("false alarms, white noise", "≤ 5 %", of_noise("white")),
+        ("false alarms, AR(1) noise", "≤ 5 %", of_noise("ar1")),
+        ("one effect: named first", "", lambda rows: [is_first(r) for r in pick(rows, "one")]),
+        ("one effect: in the set named", "", lambda rows: [is_in_set(r) for r in pick(rows, "one")]),
+        (f"one effect of {sure}: named, or in a set of at most two", "≥ 98 %",
+         lambda rows: [is_pinned(r) for r in pick(rows, "one", SURE_STRENGTH)]),
+        ("two effects: both named or in the sets", "", lambda rows: [is_right(r) for r in pick(rows, "two")]),
+        (f"two effects of {sure}", "≥ 90 %", lambda rows: [is_right(r) for r in pick(rows, "two", SURE_STRENGTH)]),
+        ("outside the catalogue: called explained", "≤ 5 %",
+         lambda rows: [r["verdict"] == "explained" for r in pick(rows, "outside")]),
+        ("outside the catalogue: not seen", "", lambda rows: [not is_alarm(r) for r in pick(rows, "outside")]),
+        ("95 % intervals that hold the truth", "95 %", intervals),
+    ]  # fmt: skip
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """Cases of an exam in their order."""
+    lines = (folder / "cases.jsonl").read_text(encoding="utf-8").splitlines()
+    return sorted((json.loads(line) for line in lines if line.strip()), key=lambda row: row["index"])
+
+
+def tell(folder: Path) -> str:
+    """The page."""
+    rows: dict[str, list[Row]] = {}
+    lines, failures, commands = [], [], []
+    for place in sorted(p for p in folder.iterdir() if (p / "scorecard.json").is_file()):
+        card = json.loads((place / "scorecard.json").read_text(encoding="utf-8"))
+        family, own = card["exam"]["family"], read_rows(place)
+        rows.setdefault(family, []).extend(own)
+        commands.append(f"    {card['command'].replace('DIR', f'{folder.as_posix()}/{place.name}')}")
+        failures += [(place.name, row, what) for row in own if (what := describe_failure(row))]
+    families = [f for f in FAMILIES if f in rows]
+    lines += ["# The sealed exam of `discover`", "", "Made by", "", *commands,
+              f"    python -m docs.exam_table {folder.as_posix()}", "", *textwrap.wrap(INTRODUCTION, 118), "",
+              f"| | {' | '.join(families)} | all | aim |", "| --- |" + " --- |" * (len(families) + 2)]
+    every = [row for f in families for row in rows[f]]
+    for name, aim, find in list_counts():
+        cells = [_show(find(part), aim) for part in (*(rows[f] for f in families), every)]
+        lines.append(f"| {name} | {' | '.join(cells)} | {aim} |")
+    seconds = [sorted(sum(r["seconds"].values()) for r in rows[f]) for f in families]
+    middle = " | ".join(f"{s[len(s) // 2]:.1f}" for s in seconds)
+    lines += [f"| seconds a case, median (beside other work) | {middle} | | |", "",
+              "## What was not answered rightly", "",
+              "| exam | case | hidden (strength) | noise | fault | answer |", "| --- | --- | --- | --- | --- | --- |"]
+    for place, row, what in failures:
+        hidden = ", ".join(f"{n} ({row['strengths'][n]:.2g})" for n in row["effects"]) or "nothing"
+        noise = f"AR(1) {row['noise']['rho']:.2f}" if row["noise"]["rho"] else "white"
+        answer = " ".join(what.split()).replace("|", "\\|")
+        lines.append(f"| {place} | {row['index']} | {hidden} | {noise} | {row['fault'] or 'none'} | {answer} |")
+    return "\n".join(lines) + "\n"
+
+
+def _show(flags: Sequence[bool], aim: str) -> str:
+    share = count_share(flags)
+    if not share.total:
+        return ""
+    text = f"{share.count} of {share.total}"
+    if aim.startswith("≤"):
+        return f"{text} (≤ {100 * share.upper:.1f} %)"
+    if aim.startswith("≥"):
+        return f"{text} (≥ {100 * (1.0 - count_share(not flag for flag in flags).upper):.1f} %)"
+    return f"{text} ({100 * share.count / share.total:.0f} %)"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write FOLDER/README.md; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m docs.exam_table", description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="with one folder an exam")
+    wanted = parser.parse_args(arguments)
+
+    def act() -> None:
+        write_whole(wanted.folder / "README.md", tell(wanted.folder).encode("utf-8"))
+        print(wanted.folder / "README.md")
+
+    return run_guarded(act, arguments or sys.argv[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
