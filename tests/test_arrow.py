@@ -55,6 +55,22 @@ def test_a_parameter_without_effect_does_no_harm():
     np.testing.assert_allclose(found.value[0][0], 2.0, atol=1e-5)
 
 
+@pytest.mark.parametrize("asleep", [1e-5, 1e-8, 1e-12])
+def test_a_parameter_that_is_asleep_holds_nobody_up(asleep):
+    """Its column points where the residual is, and is so short that its own step would leave all bounds."""
+    slope = np.linspace(1.0, 2.0, 20)
+
+    def fn(y, args):
+        dead = (asleep * y[0][1] + 0.1 * y[0][1] ** 2) * jnp.where(jnp.arange(20) == 0, 1.0, 0.0)
+        first = jnp.where(jnp.arange(20) == 0, 40.0, 0.0)
+        return ((slope * (y[0][0] - 3.0) * 10.0 + dead + first)[None], y[1], 0.0 * y[0]), None
+
+    solver = ArrowMarquardt(jnp.asarray(1e-6), jnp.asarray(30))
+    found = optx.least_squares(fn, solver, (jnp.zeros(2), jnp.zeros((1, 1))), has_aux=True, throw=False)
+    expected = 3.0 - 40.0 * slope[0] / (10.0 * np.sum(slope**2))
+    np.testing.assert_allclose(found.value[0][0], expected, atol=2e-3)
+
+
 @pytest.mark.parametrize("most", [1, 3])
 def test_gives_up_after_the_stated_number_of_trials(most):
     """Rosenbrock's valley takes more than three trials; a fit cut off there does not count as converged."""

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool
 
 STALLED = 1e-5  # of the sum of squares
 FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations
+FAINT, DEAD = 1.0, 1e-6  # sum of squares that a typical change of a parameter makes: damped, held, as if it made so much
 
 
 class NormalEquations(eqx.Module):
@@ -39,7 +40,9 @@ class NormalEquations(eqx.Module):
     def solve(self, damping: Array) -> tuple[Array, Array]:
         r"""Step $-(H + \lambda\,\mathrm{diag} H)^{-1} g$ for damping $\lambda$: $\theta$ and $z$."""
         corner = self.corner + damping * _diagonal(self.corner) + 1e-300 * jnp.eye(self.corner.shape[1])
-        square = self.square + damping * _diagonal(self.square)
+        # What hardly acts where it stands would be sent far away, and no step of the others pass until it is not.
+        size = jnp.diag(self.square)
+        square = self.square + jnp.diag(damping * jnp.maximum(size, FAINT) + DEAD)
         factor = jnp.linalg.cholesky(corner)
         both = jnp.concatenate([self.side, self.own[..., None]], axis=-1)
         solved = jax.vmap(lambda f, b: jsl.cho_solve((f, True), b))(factor, both)
