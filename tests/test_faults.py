@@ -12,10 +12,11 @@ from ddetumble.cli import main
 from ddetumble.discrepancy.discovery import discover
 from ddetumble.discrepancy.missing import draw_missing_force
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
 from ddetumble.inference.estimation import fit
-from ddetumble.inference.noise import estimate_from_pairs
+from ddetumble.inference.noise import estimate_from_pairs, estimate_noise
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, screen_samples
 from ddetumble.measurement.package import read_campaign
@@ -279,6 +280,34 @@ def test_noise_is_measured_where_samples_are_missing(correlation):
     noise = estimate_from_pairs(traces, 1e-3, 0.3)
     assert noise.correlation * (1 - noise.white_share) == pytest.approx(correlation, abs=0.05)
     assert noise.sd == pytest.approx(0.3, rel=0.05)
+
+
+QUIET = 12  # samples of a record before first touch
+
+
+def listen(deviation, rho, white, stated, seed):
+    """What is made of eighteen traces of noise whose first samples nothing touches."""
+    random = np.random.default_rng(seed)
+    traces = [draw_noise(random, 200, deviation, rho, white) for _ in range(18)]
+    start = np.array([trace[:QUIET] for trace in traces])
+    quiet = float(np.sqrt(np.sum((start - start.mean(axis=1, keepdims=True)) ** 2) / (start.size - len(start))))
+    return estimate_noise([trace[QUIET:] for trace in traces], 4e-4, 150.0, stated, (quiet, start.size - 18, QUIET))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("rho", "white"), [(0.9, 0.0), (0.85, 0.0), (0.88, 0.3)])
+def test_slow_noise_strays_little_before_the_touch(rho, white, seed):
+    """Twelve neighbours stay near their own mean: that does not make the noise smaller than it is stated to be."""
+    found = listen(0.25, rho, white, 0.25, seed)
+    assert found.sd == pytest.approx(0.25, rel=0.05) and abs(found.correlation - rho) < 0.06
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("deviation", "rho"), [(0.1, 0.0), (0.6, 0.0), (0.6, 0.5), (0.12, 0.4)])
+def test_a_wrongly_stated_noise_is_told(deviation, rho, seed):
+    """The quiet samples and the spectrum together say that the stated size is wrong."""
+    found = listen(deviation, rho, 0.0, 0.25, seed)
+    assert found.sd == pytest.approx(deviation, rel=0.2) and "not the stated" in found.text
 
 
 @pytest.mark.parametrize(("column", "row", "value", "word"), [

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool
 
 STALLED = 1e-5  # of the sum of squares
 FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations
-FAINT, DEAD = 1.0, 1e-6  # sum of squares that a typical change of a parameter makes: damped, held, as if it made so much
+FAINT, DEAD = 1.0, 1e-6  # sum of squares by a typical change of a parameter, at least, as damped and as solved for
 
 
 class NormalEquations(eqx.Module):

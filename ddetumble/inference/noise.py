@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 TAPS = 8
 PAIRS = 6  # samples apart, at most
 MOST = 0.9999  # correlation from sample to sample
+WORTH = 4.0  # in the logarithm of the likelihood, that a further parameter of the noise has to bring
 
 
 @dc.dataclass(frozen=True)
@@ -54,7 +55,7 @@ def _spectrum(frequency: np.ndarray, interval: float, correlation: float, white:
 
 
 def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
-                   quiet_sd: tuple[float, int] | None = None) -> Noise:
+                   quiet_sd: tuple[float, int, int] | None = None) -> Noise:
     """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
 
     Args:
@@ -62,14 +63,13 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         interval: sampling interval [s].
         lowest: lowest frequency that is used [Hz].
         stated_sd: standard deviation that the campaign states, or None.
-        quiet_sd: standard deviation of samples without contact and how many they are; it replaces what is stated where
-            the two disagree beyond doubt.
+        quiet_sd: standard deviation of samples without contact about the mean of each stretch, how many they are, and
+            how long a stretch is; it replaces what is stated where the two disagree beyond doubt, unless noise of the
+            stated size would stray as little over so short a while.
     """
-    expected = stated_sd
+    expected, doubtful = stated_sd, False
     if quiet_sd is not None and stated_sd is not None and quiet_sd[1] >= 30:
-        doubt = max(0.15, 10.0 / np.sqrt(2.0 * quiet_sd[1]))
-        if abs(np.log(quiet_sd[0] / stated_sd)) > doubt:
-            expected = quiet_sd[0]
+        doubtful = abs(np.log(quiet_sd[0] / stated_sd)) > max(0.15, 10.0 / np.sqrt(2.0 * quiet_sd[1]))
     power, frequency = [], []
     for trace in traces:
         n = len(trace)
@@ -92,17 +92,40 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
     weight = 0.5
     raw = np.sqrt(np.mean(power))
 
-    def loss(x, coloured=True, mixed=False):
-        sd = np.exp(x[0])
-        rho = 1 / (1 + np.exp(-x[1])) if coloured else 0.0
-        white = 1 / (1 + np.exp(-x[2])) if mixed else 0.0
+    def weigh(sd, rho, white):
         s = sd**2 * _spectrum(frequency, interval, rho, white)
-        value = weight * np.sum(np.log(s) + power / s)
-        if expected is not None:
-            value += 0.5 * ((x[0] - np.log(expected)) / 0.01) ** 2
-        return value
+        return weight * np.sum(np.log(s) + power / s)
 
-    return _choose(loss, raw, expected, interval, stated_sd)
+    def choose(expected):
+        def loss(x, coloured=True, mixed=False):
+            rho = 1 / (1 + np.exp(-x[1])) if coloured else 0.0
+            white = 1 / (1 + np.exp(-x[2])) if mixed else 0.0
+            value = weigh(np.exp(x[0]), rho, white)
+            return value if expected is None else value + 0.5 * ((x[0] - np.log(expected)) / 0.01) ** 2
+
+        return _choose(loss, raw, expected, interval, stated_sd)
+
+    found = choose(expected)
+    if not doubtful or quiet_sd is None:
+        return found
+    quiet, count, length = quiet_sd
+
+    def judge(noise):
+        spread = noise.sd**2 * _stray(noise.correlation, noise.white_share, length)
+        free = 0.5 * count * (1.0 - noise.correlation) / (1.0 + noise.correlation)
+        return (weigh(noise.sd, noise.correlation, noise.white_share)
+                + 0.5 * free * (np.log(spread / quiet**2) + quiet**2 / spread - 1.0)
+                + WORTH * ((noise.correlation > 0) + (noise.white_share > 0)))
+
+    # A slow drift beside white noise of another size would say the same: the simpler account is believed.
+    other = choose(quiet)
+    return other if judge(other) < judge(found) else found
+
+
+def _stray(correlation: float, white: float, length: int) -> float:
+    """Expected variance of so many neighbours about their own mean, at unit variance."""
+    lag = np.arange(1, length)
+    return 1.0 - 2.0 * (1.0 - white) * float(np.sum((length - lag) * correlation**lag)) / (length * (length - 1.0))
 
 
 def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None) -> Noise:
@@ -144,19 +167,19 @@ def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: f
 
 
 def _choose(loss, raw: float, expected: float | None, interval: float, stated_sd: float | None) -> Noise:
-    """White, autoregressive, or both: what the likelihood wants, each parameter worth 4."""
+    """White, autoregressive, or both: what the likelihood wants, each parameter being worth `WORTH`."""
     start = np.log(raw if expected is None else expected)
     plain = minimize(loss, [np.log(raw)], args=(False,), method="Nelder-Mead", options=dict(xatol=1e-4, fatol=1e-3))
     best, kind = (plain.fun, plain.x, "white"), "white"
     for rho0 in (-0.5, 2.0):
         fit = minimize(loss, [start, rho0], args=(True,), method="Nelder-Mead",
                        options=dict(xatol=1e-3, fatol=1e-3))
-        if fit.fun + 4.0 * (kind == "white") < best[0]:
+        if fit.fun + WORTH * (kind == "white") < best[0]:
             best, kind = (fit.fun, fit.x, "ar"), "ar"
     if kind == "ar":
         fit = minimize(loss, [*best[1], -1.0], args=(True, True), method="Nelder-Mead",
                        options=dict(xatol=1e-3, fatol=1e-3, maxiter=400))
-        if fit.fun + 4.0 < best[0]:
+        if fit.fun + WORTH < best[0]:
             best, kind = (fit.fun, fit.x, "mixed"), "mixed"
     x = best[1]
     sd = float(np.exp(x[0]))

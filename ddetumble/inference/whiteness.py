@@ -115,18 +115,21 @@ def _fit_splines(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.linalg.solve(square, thin.T @ values)
 
 
-def _quiet_deviation(records: Records, channel: int) -> tuple[float, int]:
-    """Standard deviation of the samples before first touch, each record about its own mean, and their number."""
+def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] | None:
+    """Standard deviation of the samples before first touch, each record about its own mean; how many there are of all
+    records, and of one; None where there are none.
+    """
     if records.family in ("slip", "tumble"):
-        return float("nan"), 0
+        return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
-    squares, count = 0.0, 0
+    squares, count, lengths = 0.0, 0, []
     for r, n in enumerate(records.lengths):
         before = values[r, channel, :n][time[r, :n] < -1e-4]
         if len(before) > 3 and records.complete[r, channel]:
             squares += float(np.sum((before - before.mean()) ** 2))
             count += len(before) - 1
-    return (float(np.sqrt(squares / count)), count) if count and squares > 0 else (float("nan"), 0)
+            lengths.append(len(before))
+    return (float(np.sqrt(squares / count)), count, int(np.median(lengths))) if count and squares > 0 else None
 
 
 def changed(before: dict[str, Noise], after: dict[str, Noise]) -> bool:
