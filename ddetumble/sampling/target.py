@@ -170,7 +170,8 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     places = [full.index[name] for name in names]
     low = np.maximum(ends[:, 0], problem.limits[0][places])
     high = np.minimum(ends[:, 1], problem.limits[1][places])
-    for k, name in enumerate(names):
+    # An effect's parameter first: it may be what the reference model's cannot be told from.
+    for k, name in sorted(enumerate(names), key=lambda one: "." not in one[1]):
         if name in known.undetermined and not np.isfinite(high[k] - low[k]):
             raise InputError(f"the records say nothing about {name}, so that there is no posterior to draw from; give "
                              "it a prior or bounds (in fit.toml: [priors], [bounds]), or fix it ([fixed])", column=name)
