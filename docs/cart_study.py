@@ -26,6 +26,7 @@ from ddetumble.inference.files import list_versions, write_json
 from ddetumble.measurement.campaign import Column, Uncertainty
 
 from . import pads
+from .reading import read_columns
 
 
 MODEL = f"{Path(pads.__file__).resolve()}:PadSpring"
@@ -47,23 +48,7 @@ def read_runs(folder: Path) -> dict[str, tuple[float, pd.DataFrame]]:
     Raises:
         InputError: There is no such file or column, or a number is missing.
     """
-    path = Path(folder) / "force_time.csv"
-    if not path.is_file():
-        raise InputError("there is no such file; name the folder that holds force_time.csv", file=path)
-    try:
-        table = pd.read_csv(path)
-    except (OSError, ValueError) as error:
-        raise InputError(f"the file cannot be read as a table: {error}", file=path) from None
-    for column in COLUMNS:
-        if column not in table:
-            raise InputError(f"there is no such column; the file needs {', '.join(COLUMNS)}", file=path, column=column)
-        if column == "run":
-            continue
-        numbers = pd.to_numeric(table[column], errors="coerce")
-        wrong = numbers.isna() & (table[column].notna() if column == "velocity_m_s" else True)
-        if wrong.any():
-            raise InputError("is no number", file=path, column=column, row=int(np.argmax(wrong)) + 2)
-        table[column] = numbers
+    table = read_columns(folder, "force_time.csv", COLUMNS, words=("run",), gaps=("velocity_m_s",))
     return {f"{h:g}mm-{str(run).split()[-1].lower()}": (h * 1e-3, own)
             for (h, run), own in table.groupby(["thickness_mm", "run"], sort=False)}
 

@@ -7,13 +7,13 @@ from jaxtyping import Array
 
 from ddetumble._numerics import safe_power
 from ddetumble.contact.effect import AbstractElasticEffect, AbstractStiffnessEffect, Scalar, parameter
-from ddetumble.contact.law import AbstractReference
+from ddetumble.contact.law import AbstractGasless
 
 
 REFERENCE = 0.04  # m, the thickness at which `stiffness_force` holds
 
 
-class PadSpring(AbstractReference):
+class PadSpring(AbstractGasless):
     r"""A spring without any loss.
 
     $F = F_{50} (\delta/50\,\mathrm{mm})^n (h/40\,\mathrm{mm})^\beta$ with the thickness h of the pad.
@@ -27,14 +27,6 @@ class PadSpring(AbstractReference):
                                  text="power of the depression")
     thickness_exponent: Scalar = parameter("", 0.0, kind="reference", typical=0.3, text="power of the thickness")
     provides: ClassVar[tuple[str, ...]] = ()
-
-    def diameter(self) -> Scalar:
-        """No diameter: 0."""
-        return jnp.zeros(())
-
-    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
-        """No contact disc and no gas."""
-        return jnp.zeros_like(depression), jnp.ones_like(depression)
 
     def elastic(self, contact) -> Scalar:
         """Force of the spring [N]."""

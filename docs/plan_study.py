@@ -120,11 +120,6 @@ def main(states: int = 50, folder: str = "fits/plan-study"):
     place.mkdir(parents=True, exist_ok=True)
     file = place / "states.json"
     rows = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
-    for row in rows:
-        if "near" not in row:  # of a folder that an older version of this study began
-            problem = pose(row["state"])
-            row["near"] = search_from_plan(problem, plan_strike(problem))
-            file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     for number in range(len(rows), states):
         problem = pose(number)
         costs = measure_costs(problem)

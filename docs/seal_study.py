@@ -35,6 +35,7 @@ from ddetumble.inference.strokes import find_turns
 from ddetumble.measurement.campaign import Column, Uncertainty
 
 from . import seal
+from .reading import read_columns
 
 
 MODEL = f"{Path(seal.__file__).resolve()}:PressureThrust"
@@ -59,24 +60,11 @@ def read_runs(folder: Path, ring: str) -> dict[str, pd.DataFrame]:
     Raises:
         InputError: There is no such file, column or ring, or a number is missing.
     """
-    path = Path(folder) / "friction.csv"
-    if not path.is_file():
-        raise InputError("there is no such file; name the folder that holds friction.csv", file=path)
-    try:
-        table = pd.read_csv(path)
-    except (OSError, ValueError) as error:
-        raise InputError(f"the file cannot be read as a table: {error}", file=path) from None
-    for column in COLUMNS:
-        if column not in table:
-            raise InputError(f"there is no such column; the file needs {', '.join(COLUMNS)}", file=path, column=column)
-        numbers = table[column] if column == "seal" else pd.to_numeric(table[column], errors="coerce")
-        if numbers.isna().any():
-            row = int(np.argmax(numbers.isna())) + 2
-            raise InputError("is no number" if column != "seal" else "is empty", file=path, column=column, row=row)
-        table[column] = numbers
+    table = read_columns(folder, "friction.csv", COLUMNS, words=("seal",))
     here = table[table["seal"] == ring]
     if not len(here):
-        raise InputError(f"there is no seal {ring!r}; the file has {', '.join(sorted(set(table['seal'])))}", file=path)
+        raise InputError(f"there is no seal {ring!r}; the file has {', '.join(sorted(set(table['seal'])))}",
+                         file=Path(folder) / "friction.csv")
     return {f"{bar:g}": run.iloc[DISCARDED:].reset_index(drop=True) for bar, run in here.groupby("set_bar")}
 
 

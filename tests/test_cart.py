@@ -63,7 +63,7 @@ def test_the_loop_finds_the_stop(table, tmp_path):
     thin = campaign.records["pad_thickness"] < cart_study.THIN
     found = discover(campaign.select(list(campaign.records.index[thin])), cart_study.MODEL, effects=pads.EFFECTS)
     assert found.effects[0] == "pad-bottom" and found.verdict in ("explained", "improved")
-    assert abs(found.parameters["pad-bottom.k"].estimate / STOP - 1) < 0.1
+    assert abs(found.steps[-1].parameters["pad-bottom.k"].estimate / STOP - 1) < 0.1
 
 
 def test_scatter_of_repeats(table, tmp_path):

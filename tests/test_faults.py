@@ -9,6 +9,7 @@ import pytest
 from ddetumble import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
+from ddetumble.discrepancy.cleaning import begin_cleaning
 from ddetumble.discrepancy.discovery import discover
 from ddetumble.discrepancy.missing import draw_missing_force
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
@@ -152,12 +153,16 @@ def test_a_rate_beyond_the_range_throughout_loses_its_record(clean):
     """Free spin about the axis is constant: beyond the gauge's range nothing of it is left."""
     axial = read_campaign(clean["tumble"]).samples.groupby("record", sort=False)[RATES[2]].mean().abs()
     limit = float(axial.sort_values().iloc[-2:].mean())
-    cleaned, found = screen_samples(clip_tumbling(clean["tumble"], (1.0, 1.0, limit)))
-    assert [(f.kind, f.channel, f.records, f.left_out) for f in found] == [
+    clipped = clip_tumbling(clean["tumble"], (1.0, 1.0, limit))
+    state = begin_cleaning(clipped)
+    assert [(f.kind, f.channel, f.records, f.left_out) for f in state.faults] == [
         ("clipped", RATES[2], (axial.idxmax(),), False), ("missing", RATES[2], (axial.idxmax(),), True)]
-    assert set(cleaned.record_keys) == set(axial.index) - {axial.idxmax()}
+    assert set(state.campaign.record_keys) == set(axial.index) - {axial.idxmax()}
+    assert begin_cleaning(clipped, keep_all=True).campaign is clipped
+    blind = clip_tumbling(clean["tumble"], (1.0, 1.0, 0.5 * float(axial.min())))
+    assert screen_samples(blind)[1][0].kind == "clipped"  # `fit` says so, and takes them as they are
     with pytest.raises(InputError, match="wider range"):
-        screen_samples(clip_tumbling(clean["tumble"], (1.0, 1.0, 0.5 * float(axial.min()))))
+        begin_cleaning(blind)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

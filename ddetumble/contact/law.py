@@ -152,8 +152,20 @@ class Ball(AbstractReference):
         return self.damping_sign * form(restitution, approach_speed)
 
 
+class AbstractGasless(AbstractReference):
+    """A reference model of a soft body without gas: no diameter, no contact disc, no volume."""
+
+    def diameter(self) -> Scalar:
+        """No diameter: 0 [m]."""
+        return jnp.zeros(())
+
+    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
+        """Contact radius 0 [m] and volume ratio 1 [-]."""
+        return jnp.zeros_like(depression), jnp.ones_like(depression)
+
+
 @final
-class PowerLaw(AbstractReference):
+class PowerLaw(AbstractGasless):
     r"""A soft body without gas: $F_k = F_{10}\,(\delta/10\,\mathrm{mm})^n (c/c_0)^\beta$ (Hertz: n = 1.5).
 
     `condition` names the condition $c$ that the stiffness depends on (a campaign's pressure, or a pad's thickness), ''
@@ -173,14 +185,6 @@ class PowerLaw(AbstractReference):
     condition: str = eqx.field(static=True, default="")
     condition_reference: float = eqx.field(static=True, default=1.0)
     provides: ClassVar[tuple[str, ...]] = ("damping",)
-
-    def diameter(self) -> Scalar:
-        """No diameter: 0."""
-        return jnp.zeros(())
-
-    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
-        """No contact disc and no gas."""
-        return jnp.zeros_like(depression), jnp.ones_like(depression)
 
     def elastic(self, contact: Contact) -> Scalar:
         """F_k of the power law [N]."""

@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from .._errors import InputError
 from ..measurement.campaign import Campaign
-from ..measurement.faults import Fault, screen_samples
+from ..measurement.faults import Fault, find_blind, screen_samples
 from .adequacy import LEVEL, bootstrap_p_value, family_p_value, score_directions
 from .misfits import mask_records
 from .rate_units import find_rate_units
@@ -36,15 +37,22 @@ class Cleaned:
 
 
 def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
-    """Look at the samples themselves, before any model."""
+    """Look at the samples themselves, before any model.
+
+    Raises:
+        InputError: No record is left.
+    """
     cleaned, faults = screen_samples(campaign)
-    mistaken = find_rate_units(campaign)
-    out = {key for fault in mistaken for key in fault.records}
-    cleaned, faults = cleaned.select([k for k in cleaned.record_keys if k not in out]), (*faults, *mistaken)
+    lost = (*find_rate_units(campaign), *find_blind(cleaned))
+    faults = (*faults, *lost)
     if keep_all:
         return Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
                                        for f in faults), keep_all=True)
-    return Cleaned(cleaned, faults)
+    out = {key for fault in lost for key in fault.records}
+    kept = [key for key in cleaned.record_keys if key not in out]
+    if not kept:
+        raise InputError(f"no record of campaign {campaign.name!r} can be used: {' '.join(map(str, lost))}")
+    return Cleaned(cleaned.select(kept), faults)
 
 
 def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: bool) -> tuple[Cleaned, bool]:

@@ -38,9 +38,14 @@ class NormalEquations(eqx.Module):
     shared: Array
 
     def solve(self, damping: Array) -> tuple[Array, Array]:
-        r"""Step $-(H + \lambda\,\mathrm{diag} H)^{-1} g$ for damping $\lambda$: $\theta$ and $z$."""
+        r"""Step $-(H + \lambda D + E)^{-1} g$ for damping $\lambda$: $\theta$ (shared,) and $z$ (records, own).
+
+        $D$ is the diagonal of $H$ (Marquardt 1963), of shared parameters at least `FAINT`; $E$ is `DEAD` on the
+        diagonal of shared parameters and 0 elsewhere. Coordinates are in units of their typical change, so that a
+        column of norm 1 changes the sum of squares by 1 over one of these.
+        """
         corner = self.corner + damping * _diagonal(self.corner) + 1e-300 * jnp.eye(self.corner.shape[1])
-        # What hardly acts where it stands would be sent far away, and no step of the others pass until it is not.
+        # What hardly acts where it stands would be sent far away, and no step would pass until damping holds all back.
         size = jnp.diag(self.square)
         square = self.square + jnp.diag(damping * jnp.maximum(size, FAINT) + DEAD)
         factor = jnp.linalg.cholesky(corner)

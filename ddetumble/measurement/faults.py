@@ -9,7 +9,6 @@ import dataclasses as dc
 
 import numpy as np
 
-from .._errors import InputError
 from .campaign import Campaign
 from .grouping import group_conditions
 from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
@@ -102,8 +101,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
     if copied:
         out = {key for one in copied for key in one.records if one.left_out}
         cleaned = cleaned.select([key for key in cleaned.record_keys if key not in out])
-    cleaned, blind = _leave_blind(cleaned)
-    return cleaned, (*found, *copied, *blind)
+    return cleaned, (*found, *copied)
 
 
 def list_screened(campaign: Campaign) -> list[str]:
@@ -157,6 +155,25 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
     return clipped, held & ~clipped, limits
 
 
+def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
+    """Tumbling records that have nothing left of a rate: what they start from cannot be known.
+
+    Args:
+        campaign: without the faulty samples, as `screen_samples` leaves it.
+    """
+    assert campaign.samples is not None
+    found, out = [], set()
+    for channel in (c for c in campaign.channels if campaign.family == "tumble" and c.startswith("angular_velocity_")):
+        there = {str(key) for key in campaign.samples.loc[campaign.samples[channel].notna(), "record"]}
+        keys = tuple(key for key in campaign.record_keys if key not in there and key not in out)
+        if keys:
+            out |= set(keys)
+            it, them = ("It is", "it") if len(keys) == 1 else ("They are", "them")
+            found.append(Fault("missing", keys, channel, f"Nothing is left of {channel} in {_count(keys)}.",
+                               f"{it} left out.", f"Repeat {them} with a wider range.", left_out=True))
+    return tuple(found)
+
+
 def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
     """Records whose samples are another's: noise does not repeat itself."""
     assert campaign.samples is not None
@@ -205,28 +222,6 @@ def _tell_saturated(parts, rows, values: np.ndarray, masks, limits) -> None:
                 abs(abs(x[0]) - largest) <= 1e-9 * largest):
             masks["clipped"][key], masks["held"][key] = masks["held"][key], masks["clipped"][key]
             limits[key] = [float(x[0])]
-
-
-def _leave_blind(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
-    """Without the tumbling records that lost a rate altogether: what they start from cannot be known."""
-    assert campaign.samples is not None
-    if campaign.family != "tumble":
-        return campaign, ()
-    found, out = [], set()
-    for channel in (c for c in campaign.channels if c.startswith("angular_velocity_")):
-        there = {str(key) for key in campaign.samples.loc[campaign.samples[channel].notna(), "record"]}
-        keys = tuple(key for key in campaign.record_keys if key not in there and key not in out)
-        if keys:
-            out |= set(keys)
-            found.append(Fault("missing", keys, channel, f"Nothing is left of {channel} in {_count(keys)}.",
-                               "It is left out." if len(keys) == 1 else "They are left out.",
-                               "Repeat it with a wider range." if len(keys) == 1 else "Repeat them with a wider range.",
-                               left_out=True))
-    kept = [key for key in campaign.record_keys if key not in out]
-    if not kept:
-        raise InputError(f"in campaign {campaign.name!r} nothing is left of {found[0].channel} in any record: the "
-                         "gyroscopes stood at their limit, or still; repeat the tests with a wider range")
-    return (campaign.select(kept), tuple(found)) if out else (campaign, ())
 
 
 def _measure_equality(parts: dict[str, np.ndarray], sd: float) -> tuple[float, float]:

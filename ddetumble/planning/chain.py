@@ -18,9 +18,8 @@ from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, find_bounds, w
 from .strike_problem import CONSTRAINTS, VARIABLES, Problem, judge, read_design, score, strike_debris, with_slopes
 
 
-AIMS = ("impacts", "impulse", "time")
 IMPULSE, DURATION, SHARE = 0, 1, 2  # places of what `follow_chain` returns before the constraints
-WINDOWS = (1.0, 0.3, 0.1)  # of the longest wait, to which sequences are planned that are to be quick
+WINDOWS = (0.3, 0.1)  # of the window, to which further sequences are planned that are to be quick
 
 
 @dc.dataclass(frozen=True)
@@ -207,7 +206,7 @@ def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impa
     begun = [found]
     if aim == "time":
         low, high = np.asarray(problem.limits.window)
-        for part in WINDOWS[1:]:
+        for part in WINDOWS:
             tell(f"waits of at most {low + part * (high - low):.0f} s")
             hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, low + part * (high - low)]))
             other = plan_sequence(hasty, share, most, starts=starts, seed=seed, progress=progress)
