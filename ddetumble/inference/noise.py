@@ -7,13 +7,17 @@ the low-frequency residuals of a model under suspicion.
 import dataclasses as dc
 
 import numpy as np
-from scipy.optimize import minimize
+
+from .noise_kinds import Weighing, weigh_kinds
 
 
 TAPS = 8
 PAIRS = 6  # samples apart, at most
-MOST = 0.9999  # correlation from sample to sample
+MOST = 2000  # frequencies kept apart
 WORTH = 4.0  # in the logarithm of the likelihood, that a further parameter of the noise has to bring
+BELOW = np.array([0.05, 0.15, 0.35, 0.6, 0.9])  # of the lowest frequency used: where the contact's own are
+DRIFT = 3.0  # correlation times over the period of the lowest frequency used: what is slower is no noise
+SLOW = np.array([0.02])  # the same in cycles a sample, where differences of samples are all that is looked at
 
 
 @dc.dataclass(frozen=True)
@@ -47,7 +51,8 @@ class Noise:
         return self.sd**2 * ((1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval))
 
 
-def _spectrum(frequency: np.ndarray, interval: float, correlation: float, white: float) -> np.ndarray:
+def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.ndarray,
+              white: float | np.ndarray) -> np.ndarray:
     """Power per sample at unit variance."""
     phase = np.cos(2 * np.pi * frequency * interval)
     coloured = (1 - correlation**2) / (1 - 2 * correlation * phase + correlation**2)
@@ -90,20 +95,18 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
     power, frequency = np.concatenate(power), np.concatenate(frequency)
     # A Hann window makes neighbouring ordinates correlated: about half of them are independent.
     weight = 0.5
-    raw = np.sqrt(np.mean(power))
 
     def weigh(sd, rho, white):
         s = sd**2 * _spectrum(frequency, interval, rho, white)
         return weight * np.sum(np.log(s) + power / s)
 
-    def choose(expected):
-        def loss(x, coloured=True, mixed=False):
-            rho = 1 / (1 + np.exp(-x[1])) if coloured else 0.0
-            white = 1 / (1 + np.exp(-x[2])) if mixed else 0.0
-            value = weigh(np.exp(x[0]), rho, white)
-            return value if expected is None else value + 0.5 * ((x[0] - np.log(expected)) / 0.01) ** 2
+    frequencies, counts, means = _gather(frequency, power)
 
-        return _choose(loss, raw, expected, interval, stated_sd)
+    def choose(expected):
+        return _describe(weigh_kinds(
+            lambda rho, white: _spectrum(frequencies, interval, rho[:, None], white[:, None]),
+            lambda rho, white: np.log(_spectrum(lowest * BELOW, interval, rho[:, None], white[:, None])).mean(axis=1),
+            weight * counts, means, expected, DRIFT / (lowest * interval)), interval, stated_sd)
 
     found = choose(expected)
     if not doubtful or quiet_sd is None:
@@ -152,71 +155,29 @@ def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: f
                      "too few samples to measure its correlation: taken as white")
     weight = 0.5 / PAIRS  # every sample is in so many pairs
 
-    def loss(x, coloured=True, mixed=False):
-        rho = 1 / (1 + np.exp(-x[1])) if coloured else 0.0
-        white = 1 / (1 + np.exp(-x[2])) if mixed else 0.0
-        together = (1 - white) * rho ** (lag / interval) if coloured else 0.0
-        spread = 2.0 * np.exp(2.0 * x[0]) * (1.0 - together)
-        value = weight * np.sum(np.log(spread) + square / spread)
-        if stated_sd is not None:
-            value += 0.5 * ((x[0] - np.log(stated_sd)) / 0.01) ** 2
-        return value
-
-    found = _choose(loss, float(np.sqrt(np.mean(square) / 2.0)), stated_sd, interval, stated_sd)
+    lags, counts, squares = _gather(lag / interval, square)
+    found = _describe(weigh_kinds(
+        lambda rho, white: 2.0 * (1.0 - (1.0 - white[:, None]) * rho[:, None] ** lags),
+        lambda rho, white: np.log(_spectrum(SLOW / interval, interval, rho[:, None], white[:, None])).mean(axis=1),
+        weight * counts, squares, stated_sd, DRIFT / SLOW[0]), interval, stated_sd)
     return dc.replace(found, text=found.text + "; from pairs of samples, as some are missing or unevenly taken")
 
 
-def _choose(loss, raw: float, expected: float | None, interval: float, stated_sd: float | None) -> Noise:
-    """White, autoregressive, or both: what the likelihood wants, each parameter being worth `WORTH`."""
-    start = np.log(raw if expected is None else expected)
-    plain = minimize(loss, [np.log(raw)], args=(False,), method="Nelder-Mead", options=dict(xatol=1e-4, fatol=1e-3))
-    best, kind = (plain.fun, plain.x, "white"), "white"
-    for rho0 in (-0.5, 2.0):
-        fit = minimize(loss, [start, rho0], args=(True,), method="Nelder-Mead",
-                       options=dict(xatol=1e-3, fatol=1e-3))
-        if fit.fun + WORTH * (kind == "white") < best[0]:
-            best, kind = (fit.fun, fit.x, "ar"), "ar"
-    if kind == "ar":
-        fit = minimize(loss, [*best[1], -1.0], args=(True, True), method="Nelder-Mead",
-                       options=dict(xatol=1e-3, fatol=1e-3, maxiter=400))
-        if fit.fun + WORTH < best[0]:
-            best, kind = (fit.fun, fit.x, "mixed"), "mixed"
-    x = best[1]
-    sd = float(np.exp(x[0]))
-    rho = min(float(1 / (1 + np.exp(-x[1]))), MOST) if kind != "white" else 0.0
-    white = float(1 / (1 + np.exp(-x[2]))) if kind == "mixed" else 0.0
-    level = _level_error(x, kind, loss, interval)
-    sentence = {"white": "white", "ar": f"correlated along the trace ({rho:.2f} from sample to sample)",
-                "mixed": f"correlated along the trace ({rho:.2f}), {white:.0%} of its power white"}[kind]
-    if stated_sd is not None and abs(np.log(sd / stated_sd)) > 0.1:
-        sentence += f"; its size {sd:.3g} is not the stated {stated_sd:.3g}"
-    return Noise(sd, rho, white, interval, stated_sd, level, sentence)
+def _gather(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean `values` of every `x` that occurs, with neighbours taken together where there are many; how many each is."""
+    unique, place = np.unique(np.round(x / max(x.max(), 1e-300), 6), return_inverse=True)
+    place = place * min(MOST, len(unique)) // len(unique)
+    counts = np.bincount(place)
+    return np.bincount(place, x) / counts, counts, np.bincount(place, values) / counts
 
 
-def _level_error(x, kind, loss, interval) -> float:
-    """Standard error of the logarithm of the low-frequency noise power, from the curvature of the likelihood."""
-    flags = {"white": (False, False), "ar": (True, False), "mixed": (True, True)}[kind]
-    n, h = len(x), 2e-2
-    hessian = np.zeros((n, n))
-    for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-                y = np.array(x, dtype=float)
-                y[i] += a * h
-                y[j] += b * h
-                total += a * b * loss(y, *flags)
-            hessian[i, j] = total / (4 * h * h)
-
-    def level(y):
-        rho = 1 / (1 + np.exp(-y[1])) if flags[0] else 0.0
-        white = 1 / (1 + np.exp(-y[2])) if flags[1] else 0.0
-        return 2 * y[0] + np.log(_spectrum(np.array(0.02 / interval), interval, rho, white))
-
-    gradient = np.array([(level(x + h * e) - level(x - h * e)) / (2 * h) for e in np.eye(n)])
-    values, vectors = np.linalg.eigh(hessian)
-    values = np.maximum(values, 1.0)
-    return float(np.sqrt(np.sum((vectors.T @ gradient) ** 2 / values)))
+def _describe(found: Weighing, interval: float, stated_sd: float | None) -> Noise:
+    kind = (f"correlated along the trace ({found.correlation:.2f} from sample to sample)" if not found.white_share else
+            f"correlated along the trace ({found.correlation:.2f}), {found.white_share:.0%} of its power white")
+    text = kind if found.correlation > 0 else "white"
+    if stated_sd is not None and abs(np.log(found.sd / stated_sd)) > 0.1:
+        text += f"; its size {found.sd:.3g} is not the stated {stated_sd:.3g}"
+    return Noise(found.sd, found.correlation, found.white_share, interval, stated_sd, found.log_level_sd, text)
 
 
 def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
