@@ -24,6 +24,13 @@ MAPPINGS = Path("/proc/self/maps")
 MOST = 20_000
 
 
+def pytest_collection_modifyitems(items):
+    """What is left out of every run is left out of the fast one, too."""
+    for item in items:
+        if item.get_closest_marker("study"):
+            item.add_marker("slow")
+
+
 @pytest.fixture(autouse=True, scope="module")
 def forget_programs():
     """After a file of tests, forget compiled programs where there are too many; those still wanted are on the disk."""

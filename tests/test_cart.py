@@ -56,7 +56,7 @@ def test_conversion_finds_touch_zero_and_speed(table, tmp_path):
         assert min(abs((own["time"] - 0.0037) % 0.01).min(), abs((0.0037 - own["time"]) % 0.01).min()) < 0.004
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_loop_finds_the_stop(table, tmp_path):
     table.to_csv(tmp_path / "force_time.csv", index=False)
     campaign = cart_study.convert_runs(cart_study.read_runs(tmp_path))

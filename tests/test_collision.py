@@ -202,7 +202,7 @@ def test_agrees_with_a_second_simulator(friction):
         np.testing.assert_allclose(mine, theirs, rtol=1e-6, atol=1e-7 * np.abs(theirs).max())
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_derivatives_agree():
     """Forward mode, reverse mode and differences, by place, velocity and pressure together."""
     law = build(friction=0.2)
@@ -225,7 +225,7 @@ def test_derivatives_agree():
         np.testing.assert_allclose(slopes[k], difference, rtol=2e-4, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_batches_are_loops():
     """`vmap` over speeds gives what one after the other gives."""
     law = build()

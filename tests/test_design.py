@@ -258,7 +258,7 @@ def test_map_sizes_are_found(tmp_path, capsys):
     assert "could not tell apart" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_channel_is_proposed(tmp_path):
     """Gain of the gauge against a larger contact, conditions held: the depression parts them, the force does not."""
     from ddetumble.contact.law import Ball

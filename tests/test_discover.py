@@ -69,7 +69,7 @@ def test_pair_is_found(tmp_path):
     assert set(found.effects) == {"wall-stiffness", "sensor-highpass"}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_end_stop_is_outside_the_catalogue(tmp_path):
     found = judge(tmp_path, "stop", {"x-end-stop": {"k": 1.5e5, "depth": 5.5e-3}}, 41, repeats=2)
     assert found.verdict in ("improved", "unexplained"), found.sentence

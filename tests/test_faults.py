@@ -336,7 +336,7 @@ def check(found, verdict, effects, values):
         assert abs(e.estimate - truth) < 4.0 * e.sd, name
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_impact_with_one_effect_and_five_faults(grown, tmp_path, capsys):
     """Clipped peaks, spikes, missing samples, a record in another unit and one with a drifting zero, at once."""
     import json
@@ -362,7 +362,7 @@ def test_impact_with_one_effect_and_five_faults(grown, tmp_path, capsys):
     assert "4.448" in " ".join(capsys.readouterr().out.split())
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_zero_that_moves_in_every_impact(clean, tmp_path):
     found = discover(spoil(clean["impact"], tmp_path / "f", (faults.drift_all, "normal_force", 0.75)))
     check(found, "nothing-missing", (), BALL)
@@ -414,6 +414,19 @@ def test_a_gain_at_a_corner_that_nothing_beside_it_shares_is_a_fault(clean, tmp_
 
 
 @pytest.mark.slow
+def test_a_wrong_record_and_a_missing_effect_hide_each_other(tmp_path):
+    """Neither the model without the effect nor the effects found with the record see what is wrong."""
+    folder = tmp_path / "both"
+    write_slip_folder(folder, make_slip_campaign("f", 25, {"viscous-friction": {"c_t": 2.8}}, RUBBER, [7.5, 12.3, 19.6],
+                                                 [0.73e6, 1.71e6], [0.048, 0.285], 1))
+    load, speed, pressure = (list_column(folder, name) for name in ("normal_load", "slip_speed", "internal_pressure"))
+    key = min(load, key=lambda k: load[k] / speed[k] / pressure[k])
+    found = discover(spoil(folder, tmp_path / "f", (faults.scale, ["tangential_force"], key, 0.67)))
+    check(found, "explained", ("viscous-friction",), {"viscous-friction.c_t": 2.8})
+    assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("gain", (key,), True)]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [3.0, 6.0])
 def test_a_steep_trend_towards_the_largest_load_loses_no_record(clean, tmp_path, power):
     load = list_column(clean["slip"], "normal_load")
@@ -432,7 +445,7 @@ def test_two_records_stand_against_a_third(tmp_path):
     assert [(f.records, f.left_out) for f in found.faults] == [(("r02",), True)]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_an_end_stop_that_only_the_deepest_tests_feel_loses_no_record(tmp_path):
     folder = tmp_path / "stop"
     write_campaign_folder(folder, make_campaign(
@@ -456,7 +469,7 @@ def test_slip_with_one_effect_and_a_fault(grown, tmp_path, acts, kind):
     assert [(f.kind, f.records) for f in found.faults] == [(kind, (key,))]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_tumbling_with_faults(clean, grown, tmp_path):
     found = discover(spoil(clean["tumble"], tmp_path / "f", (faults.scale, RATES, "r03", 57.29578)))
     check(found, "nothing-missing", (), {"inertia_ratio": 0.53})

@@ -73,7 +73,7 @@ def test_missing_force(tmp_path):
     assert found.rms_z > 3 and "differs from the gauge" in found.sentence and "something is missing" in found.notes[0]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_gauge_unused(tmp_path, capsys):
     """The force does not depend on the gauge; without one or without pressure it is found all the same, in words."""
     _, campaign = make(tmp_path / "campaign", 5, interval=5e-4)

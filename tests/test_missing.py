@@ -204,7 +204,7 @@ SLIP_BASE = {"adhesion_constant": 0.92, "loss_factor": 0.17, "tensile_strength":
              "slip_scale": 1.0}  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_end_stop_is_drawn_where_it_is(tmp_path):
     """An end stop at another depth, stiffness and power than any shipped: ceiling, shape, place and law."""
     truth = {"k": 2.0e6, "depth": 4.6e-3, "exponent": 1.5}
@@ -232,7 +232,7 @@ def test_nothing_hidden_nothing_drawn(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wavelength", [2.6e-3, 1.3e-3])
+@pytest.mark.parametrize("wavelength", [pytest.param(2.6e-3, marks=pytest.mark.study), 1.3e-3])
 def test_stick_slip_is_drawn_with_its_wavelength(tmp_path, wavelength):
     """A sawtooth in the slip at other wavelengths than the practice's: spectrum, law, and its form among rivals."""
     made = make_slip_campaign("stick", 9, {"x-stick-slip": {"ratio": 0.05, "wavelength": wavelength}}, SLIP_BASE,

@@ -295,6 +295,7 @@ def test_least_time(two):
     assert all(not name.startswith("1") for plan in again.impacts for name in plan.certificate.binding)
 
 
+@pytest.mark.study
 def test_one_impact_less():
     """Where two impacts changed together reach a share that takes three one after the other, two are planned."""
     problem = pose([0.03, 0.02, 0.03], friction=0.2, force=700.0)

@@ -239,7 +239,7 @@ def fits():
     return {name: fit(campaign, "paper", effects) for name, effects in (("right", ["adhesive-offset"]), ("wrong", []))}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_checks_tell_right_from_wrong(fits):
     """A model that lacks an effect is flagged, the right one is not."""
     for name, wanted in (("right", False), ("wrong", True)):

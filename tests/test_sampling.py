@@ -161,7 +161,7 @@ def test_a_limit_cuts_the_posterior_off(sampler):
     assert any("cut off by its lower limit" in note for note in found.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_twenty_parameters():
     """A strongly correlated Gaussian in twenty dimensions, started from a covariance that is wrong by a factor."""
     rng = np.random.default_rng(8)

@@ -53,6 +53,17 @@ def test_verdict(case):
 
 
 @pytest.mark.slow
+def test_presliding_far_below_the_spacing(tmp_path):
+    """Only the first sample of every stroke feels it: named, with its size left open below the spacing."""
+    made = make_slip_campaign("campaign", 51, {"presliding": {"s_0": 4e-8}}, BASE, *PLAN)
+    write_slip_folder(tmp_path / "campaign", made)
+    found = discover(tmp_path / "campaign")
+    assert (found.verdict, found.effects) == ("explained", ("presliding",)), found.sentence
+    estimate = found.steps[-1].parameters["presliding.s_0"]
+    assert abs(estimate.estimate - 4e-8) < 2.0 * estimate.sd and estimate.estimate < 5e-5
+
+
+@pytest.mark.slow
 def test_prediction_at_other_conditions(case, tmp_path):
     """The grown model predicts noise-free records at conditions that no record had, to half of the noise."""
     from ddetumble.exam.simulators.slip import simulate_slip
@@ -69,7 +80,7 @@ def test_prediction_at_other_conditions(case, tmp_path):
     assert (table["tangential_force_sd_new"] > 0.039).all() and (table["tangential_force_sd"] < 0.05).all()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_outside_the_catalogue(tmp_path):
     """A saw tooth along the slip is not explained, and its wavelength is found."""
     made = make_slip_campaign("c", 77, {"x-stick-slip": {"ratio": 0.03, "wavelength": 2.3e-3}}, BASE, *PLAN)

@@ -38,7 +38,7 @@ def ask(truth):
     return pd.concat(frames, ignore_index=True), np.concatenate([record["y"] for record in truth["heldout"]])
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=[NAMES[0], *(pytest.param(name, marks=pytest.mark.study) for name in NAMES[1:])])
 def found(request):
     """A shipped campaign's name, and what discover says of it."""
     return request.param, discover(find_data() / request.param)
@@ -101,7 +101,7 @@ def test_prediction(found, tmp_path):
         predict(tmp_path, conditions.assign(time=conditions["time"] - 1.0))
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_command_line(tmp_path, capsys):
     """discover writes result, model and report of a short campaign; compare says where the model stands."""
     made = make_tumble_campaign("short", 5, {"eddy-current": {"k_e": 4e-6}}, {"inertia_ratio": 0.5}, 3, duration=240.0)
@@ -116,7 +116,7 @@ def test_command_line(tmp_path, capsys):
     capsys.readouterr()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_fit_from_afar(share):
     """2000 s at 10 Hz, begun with a ratio that is 20 % off: dozens of turns out of step, and yet found."""
@@ -201,7 +201,7 @@ def test_what_an_effect_lacks(folder):
         fit(spoilt)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_missing_samples_and_attitude(folder, tmp_path):
     """Gaps are left out; with an attitude of any sign that starts anywhere, the scale factor is found."""
     made = make_tumble_campaign("turned", 4, {"gyro-scale": {"g": 2e-3}}, {"inertia_ratio": 0.5}, 3, duration=200.0,

@@ -9,6 +9,7 @@ from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
 from .adequacy import LEVEL, bootstrap_p_value, family_p_value, score_directions
+from .culprits import Search, find_culprit
 from .misfits import mask_records
 from .rate_units import find_rate_units
 from .suspects import Suspect, find_suspects, tell_fault
@@ -55,19 +56,24 @@ def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
     return Cleaned(cleaned.select(kept), faults)
 
 
-def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: bool) -> tuple[Cleaned, bool]:
+def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: bool,
+                  search: Search | None = None) -> tuple[Cleaned, bool]:
     """Look for records at fault under a model.
 
     Args:
         state: so far.
         workbench, fitted: a model fitted to `state.campaign`.
         final: whether it is what the search ended with, rather than the reference model.
+        search: a model that leaves nothing smooth of another campaign, if any, where none was found of this one.
 
     Returns:
         What is known now, and whether the campaign has changed, so that everything has to be fitted again.
     """
     suspects = find_suspects(workbench, fitted)
     sure = [s for s in suspects if s.sure]
+    if search is not None and not sure:
+        culprit = find_culprit(workbench, fitted, search)
+        sure = [] if culprit is None else [culprit]
     zero = None if sure else find_moving_zeros(workbench, fitted.solution, final)
     doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(workbench, s)]
     new = [tell_fault(workbench, s, state.keep_all) for s in (*sure, *doubtful)]

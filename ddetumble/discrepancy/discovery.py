@@ -56,9 +56,19 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     state = begin_cleaning(campaign, keep_all)
+
+    def begin(campaign):
+        return Workbench(campaign, resolved.reference, effects, resolved.effects, state.zeros)
+
+    def search_again(campaign):
+        report("looking behind a record", 0.87)
+        bench = begin(campaign)
+        last = _search(bench, bench.begin(), lambda text, share: None)[0][-1]
+        return (bench, last.fitted) if last.lack.p_value > LEVEL / 2 else None
+
     for turn in range(ROUNDS):
         report("fitting the reference model", 0.02)
-        workbench = Workbench(state.campaign, resolved.reference, effects, resolved.effects, state.zeros)
+        workbench = begin(state.campaign)
         reference = workbench.begin()
         state, changed = clean_records(state, workbench, reference, False)
         if changed and turn < ROUNDS - 1:
@@ -66,7 +76,8 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         grown, tried, visible = _search(workbench, reference, report)
         if grown[0].lack.rejected and turn < ROUNDS - 1:
             report("looking for records at fault", 0.86)
-            state, changed = clean_records(state, workbench, grown[-1].fitted, True)
+            state, changed = clean_records(state, workbench, grown[-1].fitted, True,
+                                           search_again if grown[-1].lack.rejected else None)
             if changed:
                 continue
         break

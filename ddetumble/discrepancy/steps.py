@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..inference.identifiability import limit_knowledge
+from ..inference.parameters import to_coordinate
 from ..inference.problem import Solution
 from .records import Estimate, Step
 from .search import Grown
@@ -14,6 +15,7 @@ from .traces import make_traces, noise_nrmse, nrmse
 from .workbench import Fitted, Workbench
 
 
+NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square what lies there may fit
 WIDEST = 10.0  # standard deviations that are told, in those beyond which nothing is known
 
 
@@ -35,9 +37,28 @@ def public_estimates(workbench: Workbench, solution: Solution, owners: Sequence[
             continue
         widest = WIDEST * limit_knowledge(workbench.space, name)
         sd = min(float(np.sqrt(max(covariance[k, k], 0.0))), widest)
+        if slot.parameter.singular:
+            sd = max(sd, _reach_null(workbench, solution, name))
         values = workbench.space.public(name, float(solution.u[workbench.space.index[name]]), sd)
         found[name] = Estimate(**values, text=slot.parameter.text)
     return found
+
+
+def _reach_null(workbench: Workbench, solution: Solution, name: str) -> float:
+    """Half the distance to a null at which an amplitude has no slope, where values next to it fit as well; else 0.
+
+    The curvature at the estimate knows nothing of it.
+    """
+    k, weights = workbench.space.index[name], workbench.records.stack.weights
+    parameter, u = workbench.space.slots[k].parameter, solution.u.copy()
+    null = to_coordinate(parameter.coordinate, parameter.default)
+    distance = float(u[k]) - null
+    if distance == 0.0 or solution.residual.shape[1] != weights.shape[1] * weights.shape[2]:
+        return 0.0  # of thinned records
+    u[k] = null + NEXT * distance
+    others = [other for other in solution.names if other != name]
+    near = workbench.problem.solve(others, u, solution.z, tolerance=1e-2)
+    return 0.5 * abs(distance) if near.chi2 - solution.chi2 < LIKELY else 0.0
 
 
 def strongest_correlations(solution: Solution, least: float = 0.1) -> tuple[tuple[str, str, float], ...]:

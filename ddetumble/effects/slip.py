@@ -61,7 +61,7 @@ class LoadExponent(AbstractLoadEffect):
 class Presliding(AbstractRubberEffect):
     r"""Adhesion takes some slip to build up: the Eq. 8 part times $1 - e^{-s/s_0}$, s since the stroke began."""
 
-    s_0: Scalar = parameter("m", 0.0, typical=1e-4, sign=1, starts=(2e-4,), bounds=(0.0, 0.1), singular=True,
+    s_0: Scalar = parameter("m", 0.0, typical=1e-4, sign=1, starts=(2e-4, 5e-6), bounds=(0.0, 0.1), singular=True,
                             text="slip over which friction builds up")
     id: ClassVar[str] = "presliding"
     law: ClassVar[str] = "the Eq. 8 part of mu times 1 - exp(-s/s_0)"

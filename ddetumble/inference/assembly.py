@@ -199,13 +199,16 @@ def fits_campaign(effect: type[AbstractEffect], reference: AbstractModel, campai
 
 
 def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
-    """Interior starting points of an effect's parameters by public name (coordinates), one per shape to scan."""
+    """Interior starting points of an effect's parameters by public name (coordinates).
+
+    One for every combination of the starts of shapes, and of amplitudes that have no slope at their null.
+    """
     amplitudes, shapes = {}, [{}]
     for p in parameters_of(effect):
         name = f"{effect.id}.{p.name}"
         values = [to_coordinate(p.coordinate, v) for v in (p.starts or (p.default + 0.3 * p.typical,))]
-        if p.kind == "shape":
-            if p.free:
+        if p.kind == "shape" or p.singular:
+            if p.free or p.singular:
                 shapes = [{**s, name: v} for s in shapes for v in values]
         else:
             amplitudes[name] = values[0]
