@@ -56,6 +56,7 @@ _HOMES = {
     "plan_strike": "planning.strike_plan", "plan_sequence": "planning.sequence",
     "plan_together": "planning.chain",
     "draw_laws": "planning.draws", "plan_robust_strike": "planning.risk", "assess_plan": "planning.ambiguity",
+    "assess_sequence": "planning.prospect",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
@@ -147,6 +148,7 @@ if TYPE_CHECKING:
     from .planning.chain import plan_together as plan_together
     from .planning.draws import draw_laws as draw_laws
     from .planning.nexttest import design as design
+    from .planning.prospect import assess_sequence as assess_sequence
     from .planning.risk import plan_robust_strike as plan_robust_strike
     from .planning.sequence import plan_sequence as plan_sequence
     from .planning.strike_plan import plan_strike as plan_strike

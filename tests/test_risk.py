@@ -18,6 +18,7 @@ from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load_model
 from ddetumble.planning.ambiguity import assess_plan, summarise_draws
 from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_laws, vary_law
+from ddetumble.planning.prospect import assess_sequence
 from ddetumble.planning.risk import (
     KEPT,
     RobustSearch,
@@ -28,8 +29,19 @@ from ddetumble.planning.risk import (
     smooth_tail,
 )
 from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
-from ddetumble.planning.strike_plan import plan_strike
-from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, is_symmetric
+from ddetumble.planning.sequence import Sequence
+from ddetumble.planning.strike_plan import ALLOWED, plan_strike
+from ddetumble.planning.strike_problem import (
+    CONSTRAINTS,
+    Goal,
+    Limits,
+    Problem,
+    evaluate,
+    is_symmetric,
+    judge,
+    read_design,
+    strike_debris,
+)
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -56,6 +68,36 @@ def planned():
     problem = Problem(LAW, STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.03, 0.06, 0.02]),
                       Limits(force=300.0), Goal(), {}, is_symmetric(STAGE))
     return problem, plan_strike(problem, starts=1)
+
+
+def test_a_sequence_under_every_law(planned):
+    """Three impacts followed one after the other by hand under every draw, from what the same law left before."""
+    problem, plan = planned
+    names = STAGE.surface.face_names()
+    rows = [plan.x, plan.x * 0.7, plan.x * np.array([1.0, 1.0, 1.0, 0.5, 0.5, 1.0, -1.0])]
+    impacts = tuple(dc.replace(plan, x=x) for x in rows)
+    laws = vary_law(LAW, STATED, draws=5, seed=2)
+    found = assess_sequence(problem, Sequence(impacts, (), (), 0.0, True, 1, 0.0), laws, 0.2, tail=0.4)
+    start, left, kept = np.linalg.norm(STAGE.inertia @ problem.angular_velocity), [], []
+    for law in split_laws(laws.draws):
+        now, own, worst = eqx.tree_at(lambda p: p.law, problem, law), [], []
+        for x in rows:
+            design = read_design(now, jnp.asarray(names.index(plan.face)), jnp.asarray(x))
+            end = strike_debris(now, design)
+            worst.append(np.asarray(judge(now, design, end)))
+            now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), now, (end.attitude, end.angular_velocity))
+            own.append(float(np.linalg.norm(STAGE.inertia @ end.angular_velocity) / start))
+        left.append(own)
+        kept.append(worst)
+    left, kept = np.array(left), np.array(kept)
+    np.testing.assert_allclose([one.mean for one in found.after], left.mean(axis=0), rtol=1e-6)
+    np.testing.assert_allclose([one.sd for one in found.after], left.std(axis=0), rtol=1e-4)
+    assert found.after[-1].tail == pytest.approx(np.sort(left[:, -1])[-2:].mean(), rel=1e-6)
+    assert found.reached == pytest.approx(np.mean(left[:, -1] <= 0.2), abs=1e-9) and found.lost == 0.0
+    force = CONSTRAINTS.index("peak force")
+    for k in range(3):
+        assert found.violated.get(f"{k + 1}: peak force", 0.0) == pytest.approx(np.mean(kept[:, k, force] < -ALLOWED))
+    assert f"{100 * left[:, -1].mean():.2f} ±" in found.sentence
 
 
 @pytest.mark.parametrize("tail", [0.05, 0.1, 0.3])

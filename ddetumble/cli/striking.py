@@ -39,11 +39,12 @@ def plan_impacts(
     problem = pose_problem(wanted, path.parent, laws)
     from ..planning.ambiguity import assess_plan
     from ..planning.chain import plan_together
+    from ..planning.prospect import assess_sequence
     from ..planning.risk import plan_robust_strike
     from ..planning.sequence import plan_sequence
     from ..report.plan import describe_plan, write_plan
 
-    table, revise, assessment = wanted.uncertainty, None, None
+    table, revise, assessment, prospect = wanted.uncertainty, None, None, None
     aim = "best" if table is None else table.plan_for
     if laws is not None and table is not None and aim != "best":
         drawn, wary, share = laws, aim, table.tail
@@ -64,9 +65,14 @@ def plan_impacts(
         if laws is not None and table is not None and found.impacts:
             report("trying the first impact on all draws")
             assessment = assess_plan(problem, found.impacts[0], laws, tail=table.tail)
+            if len(found.impacts) > 1:
+                report("trying all impacts on all draws")
+                prospect = assess_sequence(problem, found, laws, goal.share, tail=table.tail)
     write_plan(problem, found, folder, title=wanted.title or path.stem, share=wanted.goal.share, source=path.name,
-               assessment=assessment, plan_for=aim)
+               assessment=assessment, plan_for=aim, prospect=prospect)
     typer.echo(describe_plan(problem, found, wanted.goal.share))
     for sentence in assessment.sentences if assessment is not None else ():
         typer.echo(sentence)
+    if prospect is not None:
+        typer.echo(prospect.sentence)
     typer.echo(f"Written to {folder}")

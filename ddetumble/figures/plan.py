@@ -58,6 +58,36 @@ def draw_contacts(times: Sequence[np.ndarray], normal: Sequence[np.ndarray], fri
 
 
 @styled
+def draw_prospect(best: np.ndarray, low: np.ndarray, high: np.ndarray, tail: np.ndarray, share: float):
+    """The angular momentum left after every impact of a sequence, under the draws.
+
+    Args:
+        best: under the best estimate, shape (impacts,) [-].
+        low, high: 5 and 95 % of the draws.
+        tail: mean over the worst share of the draws.
+        share: that was wanted.
+    """
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+
+    figure = new_figure(3.0)
+    axes = dress(figure.add_subplot())
+    number = np.arange(len(best) + 1)
+    best, low, high, tail = (100 * np.concatenate([[1.0], one]) for one in (best, low, high, tail))
+    axes.fill_between(number, low, high, color=SHADES[0], alpha=0.3, lw=0, label="5 to 95 % of the draws")
+    axes.plot(number, best, color=INK, lw=1.4, marker="o", ms=3, label="best estimate")
+    axes.plot(number, tail, color=INK, lw=1.4, ls="--", label="mean of the bad tail")
+    axes.axhline(100 * share, color=INK, lw=0.8, ls=":", label="wanted")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("impacts")
+    axes.set_ylabel("angular momentum left [%]")
+    head_figure(figure, *axes.get_legend_handles_labels())
+    return figure
+
+
+@styled
 def draw_outlook(shares: Mapping[str, np.ndarray], nominal: float, tail: float):
     """How much of the angular momentum is left under the draws of every model.
 

@@ -47,7 +47,7 @@ class Chain:
     tally: Tally
 
 
-def _follow(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoint | None) -> Array:
+def _strike(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoint | None) -> Array:
     start = problem.debris.inertia @ problem.angular_velocity
 
     def strike(state, one):
@@ -55,13 +55,33 @@ def _follow(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoi
         now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, state)
         design = read_design(now, face, variables)
         collision = strike_debris(now, design, adjoint)
-        row = jnp.concatenate([jnp.linalg.norm(collision.impulse)[None], (design.instant + collision.separation)[None],
-                               judge(now, design, collision)])
+        left = jnp.sum((problem.debris.inertia @ collision.angular_velocity) ** 2) / jnp.sum(start**2)
+        row = jnp.concatenate([jnp.stack([jnp.linalg.norm(collision.impulse), design.instant + collision.separation,
+                                          left]), judge(now, design, collision)])
         return (collision.attitude, collision.angular_velocity), row
 
-    (_, rates), rows = jax.lax.scan(strike, (problem.attitude, problem.angular_velocity), (faces, x))
-    left = jnp.sum((problem.debris.inertia @ rates) ** 2) / jnp.sum(start**2)
-    return jnp.concatenate([jnp.sum(rows[:, :2], axis=0), left[None], jnp.ravel(rows[:, 2:])])
+    return jax.lax.scan(strike, (problem.attitude, problem.angular_velocity), (faces, x))[1]
+
+
+def _follow(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoint | None) -> Array:
+    rows = _strike(problem, faces, x, adjoint)
+    return jnp.concatenate([jnp.sum(rows[:, :SHARE], axis=0), rows[-1, SHARE:SHARE + 1], jnp.ravel(rows[:, 3:])])
+
+
+@eqx.filter_jit
+def follow_impacts(problem: Problem, faces: Array, x: Array) -> Array:
+    """Every impact of a sequence, each from the motion that the one before left.
+
+    Args:
+        problem: of the first impact.
+        faces: shape (impacts,).
+        x: shape (impacts, 7).
+
+    Returns:
+        Shape (impacts, 3 + constraints): impulse [N s], time from the last separation to its own [s], square of the
+        share of |L| left after it, its constraints.
+    """
+    return _strike(problem, faces, x, None)
 
 
 @eqx.filter_jit

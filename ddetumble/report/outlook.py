@@ -3,8 +3,11 @@
 import dataclasses as dc
 from typing import Any
 
-from ..figures.plan import draw_outlook
+import numpy as np
+
+from ..figures.plan import draw_outlook, draw_prospect
 from ..planning.ambiguity import Assessment, Outlook, Spread
+from ..planning.prospect import Prospect
 from .page import Section, Table
 
 
@@ -17,9 +20,13 @@ WORDS = {
 }
 
 
-def list_outlook(found: Assessment, plan_for: str) -> dict[str, Any]:
+def list_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = None) -> dict[str, Any]:
     """As `plan.json` has it, SI; shares of the angular momentum at the start."""
     return {
+        "sequence": None if prospect is None else {
+            "sentence": prospect.sentence, "share_left": [dc.asdict(one) for one in prospect.after],
+            "best_estimate": prospect.best.tolist(), "reached": prospect.reached, "violated": prospect.violated,
+            "lost": prospect.lost},
         "plan_for": plan_for, "tail": found.tail, "note": found.note, "sentences": list(found.sentences),
         "matters": found.matters, "difference": found.difference, "within": found.within,
         "whole": _list_one(found.whole), "models": {name: _list_one(one) for name, one in found.models.items()},
@@ -34,7 +41,7 @@ def _list_one(one: Outlook) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def show_outlook(found: Assessment, plan_for: str) -> Section:
+def show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = None, share: float = 0.0) -> Section:
     """Sentences, the momentum left under every draw, and numbers of every model."""
     rows = [[name, *_show(one)] for name, one in found.models.items()]
     if len(rows) > 1:
@@ -48,8 +55,14 @@ def show_outlook(found: Assessment, plan_for: str) -> Section:
                "Dashed: the mean of the worst share.",
                draw_outlook({name: one.shares for name, one in found.models.items()}, found.whole.nominal,
                             found.whole.momentum.tail))
-    return Section("How sure this is", [*found.sentences, WORDS[plan_for], found.note], figures=[picture],
-                   tables=[table])
+    pictures: list[tuple[str, str, Any]] = [picture]
+    sentences = list(found.sentences)
+    if prospect is not None:
+        low, high, tail = (np.array([getattr(one, name) for one in prospect.after]) for name in ("q05", "q95", "tail"))
+        pictures.append(("prospect", "How much of the angular momentum is left after each impact, under the same draws "
+                         "and with nothing planned again.", draw_prospect(prospect.best, low, high, tail, share)))
+        sentences.insert(1, prospect.sentence)
+    return Section("How sure this is", [*sentences, WORDS[plan_for], found.note], figures=pictures, tables=[table])
 
 
 def _show(one: Outlook) -> list[str]:

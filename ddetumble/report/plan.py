@@ -16,6 +16,7 @@ from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
 from ..planning.ambiguity import Assessment
+from ..planning.prospect import Prospect
 from ..planning.sequence import LEAST_GAIN, Sequence, measure_share
 from ..planning.strike_plan import StrikePlan
 from ..planning.strike_problem import Problem
@@ -144,7 +145,8 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
 
 
 def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "", share: float = 0.01,
-               source: str = "", assessment: Assessment | None = None, plan_for: str = "best") -> Path:
+               source: str = "", assessment: Assessment | None = None, plan_for: str = "best",
+               prospect: Prospect | None = None) -> Path:
     """Write `plan.json` and `report.html` into a folder.
 
     Args:
@@ -156,6 +158,7 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         source: name of the scenario's file.
         assessment: how sure its first impact is.
         plan_for: what it was planned for: the `best` estimate, the `mean` or the `tail` of the draws.
+        prospect: how sure all impacts together are; only beside `assessment`.
 
     Returns:
         Path of the page.
@@ -175,7 +178,7 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
             "constraints": best.values},
-        "uncertainty": None if assessment is None else list_outlook(assessment, plan_for),
+        "uncertainty": None if assessment is None else list_outlook(assessment, plan_for, prospect),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
     time, momentum, nutation = follow_plan(problem, sequence)
@@ -209,8 +212,8 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         Section("Before, between and after", [], figures=figures, tables=[table] if impacts else []),
     ]
     if assessment is not None:
-        sections.append(show_outlook(assessment, plan_for))
-        sentence += " " + assessment.sentences[0]
+        sections.append(show_outlook(assessment, plan_for, prospect, share))
+        sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
         sections.append(Section(
             "How well the plan is founded",
