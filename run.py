@@ -275,7 +275,8 @@ def main(arguments):
         return 0
     python = locate_python(folder)
     if testing:
-        command = [python, "-m", "pytest", "-n", str(count_workers()), "--dist", "loadfile"] + arguments[1:]
+        command = [python, "-m", "pytest", "-n", str(count_workers()), "--dist", "loadfile",
+                   "--no-loadscope-reorder"] + arguments[1:]
         return subprocess.call(command, env=environment(folder), cwd=ROOT)
     return subprocess.call([python, "-m", "ddetumble"] + arguments, env=environment(folder))
 

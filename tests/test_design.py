@@ -329,7 +329,7 @@ def test_another_spin_is_proposed(tmp_path, monkeypatch):
     assert np.linalg.norm(dragged - pushed) / 2e-5 > best.pairs[0].distance > 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
     """Sizes that a map of free spins states are found by discover's test; a gain of all gyros hides in the ratio."""
     starts = [[0.05, 0.0, 0.06], [0.03, 0.02, 0.09], [0.0, 0.04, -0.05]]

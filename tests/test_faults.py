@@ -384,7 +384,7 @@ def test_a_wrong_impact_record_is_left_out(clean, tmp_path, act, kind):
     assert [(f.kind, f.records, f.left_out) for f in found.faults] == [(kind, (key,), True)]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_wrong_record_at_an_extreme_is_kept_and_named(tmp_path):
     write(tmp_path / "c", "impact", {}, repeats=1)
     head, rows = faults.read_rows(tmp_path / "c" / "records.csv")
@@ -426,7 +426,7 @@ def test_a_wrong_record_and_a_missing_effect_hide_each_other(tmp_path):
     assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("gain", (key,), True)]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("power", [3.0, 6.0])
 def test_a_steep_trend_towards_the_largest_load_loses_no_record(clean, tmp_path, power):
     load = list_column(clean["slip"], "normal_load")
