@@ -40,7 +40,8 @@ def tell(rows: list[dict], python: str) -> str:
     lines = [f"# {passed} of {len(rows)} long tests pass", "",
              "Tests of a minute or more, which the test command leaves out. Made on two cores by", "",
              "    python -m docs.long_tests -o fits/long-tests", "",
-             f"with Python {python}; the other versions are in `result.json`. Seconds hold the compiling of what is not yet in the cache.", "",
+             f"with Python {python}; the other versions are in `result.json`. Seconds hold the compiling of what "
+             "is not yet in the cache.", "",
              "| test | outcome | seconds |", "| --- | --- | ---: |"]
     return "\n".join([*lines, *(f"| `{r['test']}` | {r['outcome']} | {r['seconds']:.0f} |" for r in rows), ""])
 
