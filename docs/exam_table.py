@@ -3,7 +3,8 @@
     python -m docs.exam_table fits/exam
 
 FOLDER holds one folder an exam, as `ddetumble exam` leaves it (`cases.jsonl` and `scorecard.json`); what is added up
-here is counted anew from the cases.
+here is counted anew from the cases. A folder's `note.txt`, if it has one, stands on the page: what a reader has to know
+of how it was made.
 """
 
 import argparse
@@ -72,12 +73,14 @@ def read_rows(folder: Path) -> list[Row]:
 def tell(folder: Path) -> str:
     """The page."""
     rows: dict[str, list[Row]] = {}
-    lines, failures, commands = [], [], []
+    lines, failures, commands, notes = [], [], [], []
     for place in sorted(p for p in folder.iterdir() if (p / "scorecard.json").is_file()):
         card = json.loads((place / "scorecard.json").read_text(encoding="utf-8"))
         family, own = card["exam"]["family"], read_rows(place)
         rows.setdefault(family, []).extend(own)
         commands.append(f"    {card['command'].replace('DIR', f'{folder.as_posix()}/{place.name}')}")
+        note = place / "note.txt"
+        notes += [f"- `{place.name}`: {' '.join(note.read_text(encoding='utf-8').split())}"] if note.is_file() else []
         failures += [(place.name, row, what) for row in own if (what := describe_failure(row))]
     families = [f for f in FAMILIES if f in rows]
     lines += ["# The sealed exam of `discover`", "", "Made by", "", *commands,
@@ -90,7 +93,7 @@ def tell(folder: Path) -> str:
     seconds = [sorted(sum(r["seconds"].values()) for r in rows[f]) for f in families]
     middle = " | ".join(f"{s[len(s) // 2]:.1f}" for s in seconds)
     lines += [f"| seconds a case, median (beside other work) | {middle} | | |", "",
-              "## What was not answered rightly", "",
+              *(["## How it was made", "", *notes, ""] if notes else []), "## What was not answered rightly", "",
               "| exam | case | hidden (strength) | noise | fault | answer |", "| --- | --- | --- | --- | --- | --- |"]
     for place, row, what in failures:
         hidden = ", ".join(f"{n} ({row['strengths'][n]:.2g})" for n in row["effects"]) or "nothing"

@@ -64,6 +64,19 @@ def test_presliding_far_below_the_spacing(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_fit_that_stops_short_gains_no_effect(tmp_path):
+    """Two speeds leave a valley in which the fit of a strong Stribeck effect may stop: nothing else is named for it."""
+    base = {"adhesion_constant": 0.9346840387478539, "loss_factor": 0.1624918320527941,
+            "slip_scale": 0.9053571529804284}
+    strong = {"stribeck": {"A": 2.6007038135223097, "u_s": 0.04690796180666758}}
+    made = make_slip_campaign("campaign", 1306007763, strong, base, [6.621, 8.697, 13.86, 23.7], [911100.0, 1455000.0],
+                              [0.05214, 0.2503], length=8e-3, interval=5e-5, numbered=True, rho=0.7255737936307904)
+    write_slip_folder(tmp_path / "campaign", made)
+    found = discover(tmp_path / "campaign")
+    assert (found.verdict, found.effects) == ("explained", ("stribeck",)), found.sentence
+
+
+@pytest.mark.slow
 def test_prediction_at_other_conditions(case, tmp_path):
     """The grown model predicts noise-free records at conditions that no record had, to half of the noise."""
     from ddetumble.exam.simulators.slip import simulate_slip

@@ -106,6 +106,13 @@ def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[
             more = free_shapes(workbench, more)
         if len(more.fitted.effects) > 1:
             more = prune(workbench, more)
+        if more.fitted.effects == grown[-1].fitted.effects:
+            # The addition only helped a fit along that had stopped short.
+            gain = grown[-1].fitted.score - more.fitted.score
+            grown[-1] = dc.replace(grown[-1], fitted=more.fitted, lack=more.lack, scores=more.scores)
+            if gain < SURE:
+                break
+            continue
         grown.append(more)
         if workbench.measure_again(more.fitted):
             grown = [_again(workbench, g) for g in grown]

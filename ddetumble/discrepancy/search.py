@@ -272,6 +272,12 @@ def prune(workbench: Workbench, grown: Grown) -> Grown:
         simpler = workbench.fit(rest, [{}], _without(workbench, fitted, effect), fitted.solution.z)
         if simpler is not None and merit(simpler) < merit(fitted):
             fitted = simpler
+    if len(fitted.effects) > 1:
+        # The last one helps beyond the fit without it, which may have stopped short: from here it may go on.
+        rest = workbench.fit(fitted.effects[:-1], [{}], _without(workbench, fitted, fitted.effects[-1]),
+                             fitted.solution.z)
+        if rest is not None and rest.score < fitted.score + SURE:
+            fitted = rest
     if fitted is grown.fitted:
         return grown
     lack, scores = workbench.judge(fitted)
