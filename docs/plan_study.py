@@ -1,13 +1,13 @@
 """Plans of one impact by gradient against differential evolution, on random tumbling states.
 
-    python docs/plan_study.py [STATES] [FOLDER]
+    python docs/plan_study.py [STATES] [FOLDER] [--plans-only]
 
 The reference: SciPy's differential evolution over face and seven variables, violations as an exact penalty, then rounds
 of a dense local sample (Sobol points in a box that is halved) until a round improves by less than 0.02 %. Costs are
 counted in integrated impacts; a gradient counts as many as it was measured to take on this machine. The closed forms
 that choose the starts are counted by their measured time too. As differential evolution may end in another optimum than
 the plan, local rounds are also made from the plan itself: `near` is what they gain, over its score. States that are
-already in the folder are kept.
+already in the folder are kept; `--plans-only` plans them anew beside the references that are there.
 """
 
 import json
@@ -22,7 +22,8 @@ from scipy.stats import qmc
 
 from ddetumble import Ball, CoulombFriction, Cylinder, Striker
 from ddetumble.dynamics.surfaces import make_debris
-from ddetumble.planning.strike_plan import StrikePlan, find_bounds, find_starts, plan_strike
+from ddetumble.planning.guesses import find_bounds, find_starts
+from ddetumble.planning.strike_plan import StrikePlan, plan_strike
 from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, evaluate_slopes, is_symmetric
 
 
@@ -103,7 +104,7 @@ def measure_costs(problem: Problem) -> dict[str, float]:
 
     actions = {"impact": lambda: np.asarray(evaluate(problem, face, x)),
                "gradient": lambda: np.asarray(evaluate_slopes(problem, face, x)[0]),
-               "starts": lambda: find_starts(problem, 4)}
+               "starts": lambda: find_starts(problem, 3)}
     spent: dict[str, list[float]] = {name: [] for name in actions}
     for _ in range(TIMES):  # in turn, so that what else the machine does hits all alike
         for name, action in actions.items():
@@ -114,17 +115,20 @@ def measure_costs(problem: Problem) -> dict[str, float]:
     return {name: least[name] / least["impact"] for name in ("gradient", "starts")}
 
 
-def main(states: int = 50, folder: str = "fits/plan-study"):
+def main(states: int = 50, folder: str = "fits/plan-study", plans_only: bool = False):
     """Study so many states and write `states.json` and a summary."""
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     file = place / "states.json"
     rows = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+    known = [{"score": row["reference"], "impacts": row["reference_impacts"], "last_gain": row["last_gain"]}
+             for row in rows]
+    rows = [] if plans_only else rows
     for number in range(len(rows), states):
         problem = pose(number)
         costs = measure_costs(problem)
         plan = plan_strike(problem)
-        reference = find_reference(problem)
+        reference = known[number] if number < len(known) else find_reference(problem)
         impacts = plan.tally.values + costs["gradient"] * plan.tally.slopes + costs["starts"]
         rows.append({"state": number, "plan": plan.score, "allowed": plan.allowed, "reference": reference["score"],
                      "behind": plan.score / reference["score"] - 1.0, "impacts": impacts,
@@ -151,4 +155,5 @@ def main(states: int = 50, folder: str = "fits/plan-study"):
 
 
 if __name__ == "__main__":
-    main(*(kind(value) for kind, value in zip((int, str), sys.argv[1:], strict=False)))
+    words = [word for word in sys.argv[1:] if word != "--plans-only"]
+    main(*(kind(value) for kind, value in zip((int, str), words, strict=False)), plans_only="--plans-only" in sys.argv)

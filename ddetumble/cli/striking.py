@@ -75,4 +75,6 @@ def plan_impacts(
         typer.echo(sentence)
     if prospect is not None:
         typer.echo(prospect.sentence)
+    elif assessment is not None and len(found.impacts) > 1:
+        typer.echo("Under no draw of the contact could all impacts be struck one after the other.")
     typer.echo(f"Written to {folder}")

@@ -25,6 +25,9 @@ def find_culprit(workbench: Workbench, fitted: Fitted, search: Search) -> Suspec
     Args:
         workbench, fitted: a model that leaves a misfit.
         search: a model that leaves nothing smooth of a campaign and where it was found, or None.
+
+    Returns:
+        The record, judged under that model; None where none carries most of the misfit, or it is not beyond doubt.
     """
     keys, count = workbench.records.keys, workbench.records.count
     if count <= FEWEST:

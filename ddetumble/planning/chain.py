@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Array
 from scipy.optimize import minimize
 
+from .guesses import find_bounds
 from .sequence import Sequence, measure_share, move_on, plan_sequence
-from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, find_bounds, weigh_constraints
+from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, weigh_constraints
 from .strike_problem import CONSTRAINTS, VARIABLES, Problem, judge, read_design, score, strike_debris, with_slopes
 
 
@@ -63,9 +64,9 @@ def _strike(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoi
     return jax.lax.scan(strike, (problem.attitude, problem.angular_velocity), (faces, x))[1]
 
 
-def _follow(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoint | None) -> Array:
-    rows = _strike(problem, faces, x, adjoint)
-    return jnp.concatenate([jnp.sum(rows[:, :SHARE], axis=0), rows[-1, SHARE:SHARE + 1], jnp.ravel(rows[:, 3:])])
+def _add_up(rows: Array) -> Array:
+    end, constraints = rows[-1, SHARE:SHARE + 1], jnp.ravel(rows[:, SHARE + 1:])
+    return jnp.concatenate([jnp.sum(rows[:, :SHARE], axis=0), end, constraints])
 
 
 @eqx.filter_jit
@@ -84,25 +85,17 @@ def follow_impacts(problem: Problem, faces: Array, x: Array) -> Array:
     return _strike(problem, faces, x, None)
 
 
-@eqx.filter_jit
 def follow_chain(problem: Problem, faces: Array, x: Array) -> Array:
-    """Sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints of all impacts.
-
-    Args:
-        problem: of the first impact.
-        faces: shape (impacts,).
-        x: shape (impacts, 7).
-
-    Returns:
-        Shape (3 + impacts * constraints,).
+    """Sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints of all impacts:
+    `follow_impacts` added up, shape (3 + impacts * constraints,).
     """
-    return _follow(problem, faces, x, None)
+    return _add_up(follow_impacts(problem, faces, x))
 
 
 @eqx.filter_jit
 def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[Array, Array]:
     """The same with derivatives by all variables of all impacts, the second shape (values, impacts, 7)."""
-    return with_slopes(lambda x: _follow(problem, faces, x, dfx.ForwardMode()), x)
+    return with_slopes(lambda x: _add_up(_strike(problem, faces, x, dfx.ForwardMode())), x)
 
 
 class _Search:
@@ -111,6 +104,7 @@ class _Search:
     def __init__(self, problem: Problem, faces: np.ndarray, shape: tuple[int, ...]):
         self.problem, self.faces, self.shape, self.tally = problem, jnp.asarray(faces), shape, Tally()
         self.at: tuple[bytes, Any] = (b"", None)
+        self.passed: list[tuple[np.ndarray, np.ndarray]] = []
 
     def look(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.at[0] != z.tobytes():
@@ -118,6 +112,7 @@ class _Search:
             self.tally.slopes += 1
             rows = np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
             self.at = (z.tobytes(), (np.nan_to_num(np.asarray(value), nan=-1.0), rows))
+            self.passed.append((z.copy(), self.at[1][0]))
         return self.at[1]
 
     def follow(self, z: np.ndarray) -> np.ndarray:
@@ -126,7 +121,7 @@ class _Search:
 
 
 def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str = "impulse",
-                    steps: int = 40) -> Chain:
+                    steps: int = 80) -> Chain:
     """Change all impacts of a sequence together for the least of something, no more than a share of |L| being left.
 
     Args:
@@ -134,7 +129,8 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
         sequence: planned one impact after the other.
         share: of the angular momentum [-].
         aim: `impulse`, `time`, or `share` for the least momentum left.
-        steps: of sequential quadratic programming at most.
+        steps: of sequential quadratic programming at most. Where they end outside what is allowed, the best that was
+            passed and is allowed is taken.
     """
     names = problem.debris.surface.face_names()
     faces = np.array([names.index(plan.face) for plan in sequence.impacts])
@@ -159,7 +155,13 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
         method="SLSQP", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6},
         constraints={"type": "ineq", "fun": lambda z: constrain(search.look(z)[0]),
                      "jac": lambda z: constrain_slopes(search.look(z)[1])})
+    def is_allowed(value):
+        return bool(value[3:].min() >= -ALLOWED and np.sqrt(max(value[SHARE], 0.0)) <= share * (1 + 1e-3))
+
     best = np.clip(found.x, *bounds.T)
+    if not is_allowed(search.look(best)[0]):
+        best = min((value[place], k, z) for k, (z, value) in enumerate([(best, np.full(3, np.inf)), *search.passed])
+                   if k == 0 or is_allowed(value))[2]
     value, slopes = search.look(best)
     proof = weigh_constraints(
         lambda z: float(search.follow(z)[place]) / unit, np.concatenate([[value[place] / unit], constrain(value)]),
@@ -169,8 +171,7 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
         variables=[f"{k + 1}: {name}" for k in range(len(faces)) for name in VARIABLES])
     left = float(np.sqrt(max(value[SHARE], 0.0)))
     return Chain(best.reshape(first.shape), faces, float(value[IMPULSE]), float(value[DURATION]), left,
-                 bool(value[3:].min() >= -ALLOWED and left <= share * (1 + 1e-3)), proof,
-                 Tally(0, search.tally.slopes))
+                 is_allowed(value), proof, Tally(0, search.tally.slopes))
 
 
 def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float, together: str = "") -> Sequence:
@@ -205,7 +206,7 @@ def _pick(binding: dict[str, float], number: int) -> dict[str, float]:
     return {mark.sub("", name): size for name, size in binding.items() if mark.search(name) or ": " not in name}
 
 
-def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = 4, seed: int = 0,
+def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = 3, seed: int = 0,
                   progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, and change them all together.
 

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from .draws import Laws, split_laws
-from .strike_plan import LOST, StrikePlan, Tally, find_bounds, weigh_constraints
+from .guesses import find_bounds
+from .strike_plan import LOST, StrikePlan, Tally, weigh_constraints
 from .strike_problem import CONSTRAINTS, Problem, evaluate, evaluate_slopes, read_design, score, strike_debris
 
 

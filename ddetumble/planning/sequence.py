@@ -145,7 +145,7 @@ def move_on(problem: Problem, plan: StrikePlan) -> Problem:
                        (plan.collision.attitude, plan.collision.angular_velocity))
 
 
-def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 4, seed: int = 0,
+def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 3, seed: int = 0,
                   revise: Callable[[Problem, StrikePlan], StrikePlan] | None = None,
                   progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.

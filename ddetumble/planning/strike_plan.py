@@ -9,10 +9,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize, nnls
-from scipy.stats import qmc
 
 from .._errors import ComputationError
 from ..dynamics.outcome import Collision
+from .guesses import DRAWS, find_bounds, find_starts
 from .strike_problem import (
     CONSTRAINTS,
     VARIABLES,
@@ -22,16 +22,12 @@ from .strike_problem import (
     evaluate_slopes,
     read_design,
     score,
-    screen,
     strike_debris,
 )
 
 
-DRAWS = 2048  # designs that are looked at by closed forms, on all faces together
-APART = 0.6  # distance of two starts on one face, in variables over -1 to 1
 BINDING = 1e-4  # scaled constraint, or distance of a variable from its bound, that counts as none
 ALLOWED = 1e-5  # by which a scaled constraint may be missed
-WRAPS = ("side", "sphere")  # faces whose first coordinate goes round
 LOST = 10.0  # score of what cannot be computed
 
 
@@ -92,33 +88,6 @@ class StrikePlan:
     scores: tuple[tuple[str, float, bool], ...]
 
 
-def find_bounds(names: tuple[str, ...], face: int) -> np.ndarray:
-    """Lowest and highest value of the seven variables, shape (7, 2); an angle may go beyond half a turn."""
-    bounds = np.tile([-1.0, 1.0], (len(VARIABLES), 1))
-    if names[face] in WRAPS:
-        bounds[0] = [-2.0, 2.0]
-    return bounds
-
-
-def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0) -> list[tuple[int, np.ndarray]]:
-    """Faces and variables of the most promising designs that are apart from each other, the best first."""
-    count = len(problem.debris.surface.face_names())
-    x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
-    # Half of the designs come without tangential speed and along the moment that is wanted: others are rarely best.
-    x[::2, 3:5] *= 0.1
-    faces = np.arange(draws) % count
-    found = np.asarray(screen(problem, jnp.asarray(faces), jnp.asarray(x)))
-    worth = found[:, 0] + 3.0 * np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
-    worth = np.where(np.isfinite(worth), worth, np.inf)
-    chosen: list[int] = []
-    for k in np.argsort(worth):
-        if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > APART for j in chosen):
-            chosen.append(int(k))
-        if len(chosen) == starts:
-            break
-    return [(int(faces[k]), x[k]) for k in chosen]
-
-
 class _Search:
     """The problem as SciPy asks for it; each design is integrated once for its values and once for its derivatives."""
 
@@ -157,14 +126,14 @@ def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int 
     return best, search.values(best)
 
 
-def plan_strike(problem: Problem, *, starts: int = 4, draws: int = DRAWS, seed: int = 0,
+def plan_strike(problem: Problem, *, starts: int = 3, draws: int = DRAWS, seed: int = 0,
                 progress: Callable[[str], object] | None = None) -> StrikePlan:
     """Plan one impact.
 
     Args:
         problem: what is given, allowed and wanted.
         starts: how many of the designs that closed forms find promising are refined on the integrated impact.
-        draws: how many designs the closed forms look at, all at once under `vmap`.
+        draws: how many designs the closed forms look at in every round, all at once under `vmap`.
         seed: of their places.
         progress: told one line at a time.
 
