@@ -121,7 +121,9 @@ def test_tumble_heldout_records_match_simulator(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS | TUMBLE_PLANS))
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.study] if name in OBLIQUE_PLANS and name != "oblique-c" else [])
+    for name in sorted(PLANS | SLIP_PLANS | OBLIQUE_PLANS | TUMBLE_PLANS)])
 def test_campaign_is_made_again(name, tmp_path):
     """The command makes the shipped campaign: the same text, but for a last digit on another platform."""
     plans, make, write, _ = next(family for family in FAMILIES if name in family[0])

@@ -110,6 +110,7 @@ def posed(rivals):
     return prepare(models, limits, list_extras(models[0]))
 
 
+@pytest.mark.slow
 def test_gradient(posed):
     """The gradient of the separation by the envelope theorem is that of differences of refitted distances."""
     layout, test = posed
@@ -297,7 +298,7 @@ def make_spins(folder, monkeypatch, effects, starts):
     return read_campaign(folder)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_another_spin_is_proposed(tmp_path, monkeypatch):
     """Drag against a constant torque, both about the axis of one spin: others part them, as SciPy has it."""
     from ddetumble.contact.torque import RigidBody

@@ -29,6 +29,7 @@ def holds(found, name, truth):
     return abs(e.estimate - truth) < 4.0 * e.sd
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise"), [(11, {}), (12, {"rho": 0.7}), (13, {"rho": 0.85, "white_share": 0.4}),
                                              (14, {"setting_scatter": 0.01})])
 def test_nothing_missing(tmp_path, seed, noise):
@@ -78,6 +79,7 @@ def test_end_stop_is_outside_the_catalogue(tmp_path):
     assert place.range[0] == pytest.approx(5.5e-3, rel=0.1)
 
 
+@pytest.mark.slow
 def test_result_has_every_field_and_predicts(tmp_path):
     import pandas as pd
 
@@ -102,7 +104,7 @@ def test_result_has_every_field_and_predicts(tmp_path):
     assert (error**2).mean() ** 0.5 < 0.5 * noise
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_an_effect_of_ones_own_explains_what_the_catalogue_lacks(tmp_path, capsys):
     """The story of README.md: the ten lines of docs/end_stop.py remove the misfit."""
     effect = f"{find_data().parent / 'docs' / 'end_stop.py'}:EndStop"

@@ -87,6 +87,7 @@ def records():
     return dict(zip(keys, table, strict=True)), separated
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_agrees_with_independent_simulator(records, case):
     """Within 1e-5 (see TOLERANCES) of every channel's peak, before, in and after contact, finely or coarsely."""

@@ -374,7 +374,8 @@ def test_zero_that_moves_in_every_impact(clean, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("act", "kind"), [
-    ((faults.scale, ["normal_force"], 1.1), "gain"), ((faults.shift, ["normal_force"], 5), "clock"),
+    pytest.param((faults.scale, ["normal_force"], 1.1), "gain", marks=pytest.mark.study),
+    ((faults.shift, ["normal_force"], 5), "clock"),
 ])
 def test_a_wrong_impact_record_is_left_out(clean, tmp_path, act, kind):
     key = middle(clean["impact"])
@@ -436,7 +437,7 @@ def test_a_steep_trend_towards_the_largest_load_loses_no_record(clean, tmp_path,
     assert found.verdict != "nothing-missing" and not any(f.left_out for f in found.faults), found.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_two_records_stand_against_a_third(tmp_path):
     folder = tmp_path / "three"
     write_tumble_folder(folder, make_tumble_campaign("f", 24, {}, {"inertia_ratio": 0.53}, 3))

@@ -40,6 +40,7 @@ def fitted(campaign):
     return fit(campaign, effects=["wall-stiffness"])
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth(fitted, tmp_path):
     truth = BASE | {"wall-stiffness.k_w": 1500.0}
     inside = total = 0

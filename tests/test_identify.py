@@ -114,6 +114,7 @@ def test_refused(tmp_path, capsys):
         identify(campaign, "power-law")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rho", [0.0, 0.85])
 def test_smoothing(rho):
     """The curve, and its derivative, lie within their stated deviations of the truth; the size of the noise counts."""

@@ -71,6 +71,7 @@ def is_finite(impact):
     return all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(impact))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spring", SPRINGS)
 def test_restitution_is_realised(spring):
     """The closed form: rebound over approach is the restitution asked for, whatever spring, mass, pressure, speed."""
@@ -80,6 +81,7 @@ def test_restitution_is_realised(spring):
     np.testing.assert_allclose(ratio, GRID[:, 0], rtol=0, atol=3e-6 if spring == "power 0.8" else 1e-6)
 
 
+@pytest.mark.slow
 def test_elastic_impact_loses_nothing():
     """Restitution 1 comes back at the speed of approach."""
     ratio, fine = rebound(Ball(), (), GRID[:4].at[:, 0].set(1.0))
@@ -103,6 +105,7 @@ def test_impulse_is_change_of_momentum():
     np.testing.assert_allclose(impulse, 1.3 * (0.4 + found.rebound_speed), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_tolerance_is_obeyed():
     """The error falls with the tolerance, four digits for five, and the separation converges with it."""
     rtol = 10.0 ** -np.arange(4.0, 11.0)
@@ -128,6 +131,7 @@ def test_records_of_any_length(end):
         np.testing.assert_allclose(short.separation, end, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_before_and_after_contact():
     """Nothing at t <= 0 and after separation; the gas at P0 before, all of it back after."""
     found = strike(ContactLaw(Ball()), collect(1e6, 0.4))

@@ -83,6 +83,7 @@ def differences(f, x, h):
     return np.stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in np.eye(len(x))], axis=-1)
 
 
+@pytest.mark.slow
 def test_blend_has_the_derivatives_of_its_sum():
     """The rule that is written out, forward and reverse, against differences; by the variables too."""
     rng = np.random.default_rng(3)
@@ -123,6 +124,7 @@ def test_derivatives_through_the_solve():
     np.testing.assert_allclose(reverse, weight @ np.asarray(forward), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_slip_force_adds_what_its_splines_say():
     """Friction with a free force less friction without is the sum of splines, in closed form."""
     free = FREE["slip"][0]

@@ -51,7 +51,7 @@ def test_notebook_is_stripped(path):
     assert not any(cell.outputs or cell.execution_count for cell in notebook.cells if cell.cell_type == "code")
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_story_runs(tmp_path, kernel):
     """From a clean kernel in an empty folder: the hidden effect is found, it predicts, and one of the user's works."""
     (path,) = NOTEBOOKS

@@ -54,6 +54,7 @@ def test_two_steps_of_a_half_sine():
     assert sample_steps(1e-4) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_own_impacts_take_momentum():
     """A heavier arm and a faster one take more, near the instant's m_red (1 + e) v times the arm."""
     rows = strike_stage(read_momentum("table-5").before)

@@ -9,15 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ddetumble import Ball, CoulombFriction, Cylinder, InputError, Striker, find_data
+from ddetumble import Ball, CoulombFriction, Cylinder, InputError, PowerLaw, RubberFriction, Striker, find_data
 from ddetumble.cli import main
+from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load_model
 from ddetumble.planning.chain import follow_chain, follow_slopes, plan_together, read_chain, refine_sequence
 from ddetumble.planning.guesses import find_starts
-from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
+from ddetumble.planning.scenario import mount_law, pose_laws, pose_problem, read_scenario
 from ddetumble.planning.sequence import bound_impacts, find_floor, find_lever, plan_sequence
-from ddetumble.planning.strike_plan import plan_strike
+from ddetumble.planning.strike_plan import plan_strike, weigh_constraints
 from ddetumble.planning.strike_problem import (
     CONSTRAINTS,
     Goal,
@@ -74,6 +75,52 @@ def test_axial_momentum_stays_without_friction():
     assert find_floor(problem) == pytest.approx(floor)
     assert plan.allowed and plan.score == pytest.approx(floor, rel=1e-3)
     assert plan.score >= floor * (1 - 1e-9)
+
+
+@pytest.mark.parametrize("shape, floor", [
+    (Box(1000.0, np.array([2.0, 2.0, 3.0])), 0.0),  # an axis of its inertia, but normal forces turn it about that
+    (Sphere(1000.0, 1.0), 1.0), (Cylinder(), 0.8)])
+def test_what_no_normal_force_can_take(shape, floor):
+    """It is the surface that says so: a cylinder's axis, all of a sphere, nothing of a square box. No impact takes
+    anything off a sphere without friction, so no number of them is a bound.
+    """
+    debris = make_debris(shape)
+    rates = np.array([0.3, 0.0, 0.4]) / np.diag(np.asarray(debris.inertia)) if floor < 1 else [0.1, 0.0, 0.0]
+    problem = dc.replace(pose(rates), debris=debris, symmetric=is_symmetric(debris))
+    assert find_floor(problem) == pytest.approx(floor)
+    assert (bound_impacts(problem, 0.01) >= 1) == (floor < 1)
+    # Moments about each of these directions, of a normal force anywhere.
+    surface = debris.surface
+    for k, place in enumerate(np.random.default_rng(0).uniform(-0.9, 0.9, (40, 2))):
+        point = surface.place(jnp.asarray(k % len(surface.face_names())), jnp.asarray(place))
+        moment = jnp.cross(point, surface.find_foot(point).normal)
+        np.testing.assert_allclose(surface.find_pivots() @ moment, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("goal", [Goal(0.0, 1.0, 0.0), Goal(0.2, 0.3, 0.5)])
+def test_energy_and_nutation_as_goals(goal):
+    """What a plan brings down is what is asked, by its definition; no worse than a plan for the momentum is at it."""
+    problem = pose([0.05, 0.0, 0.02], 0.2, goal=goal)
+
+    def worth(rates):
+        rates, (a, _, c) = np.asarray(rates), np.diag(np.asarray(STAGE.inertia))
+        momentum, energy = np.linalg.norm([a, a, c] * rates), rates @ ([a, a, c] * rates)
+        start = np.array([0.05, 0.0, 0.02])
+        nutation = np.arccos(abs(c * rates[2]) / momentum) / (np.pi / 2)
+        return (float(goal.momentum) * momentum / np.linalg.norm([a, a, c] * start)
+                + float(goal.energy) * energy / (start @ ([a, a, c] * start)) + float(goal.nutation) * nutation)
+
+    plan = plan_strike(problem, starts=2)
+    other = plan_strike(dc.replace(problem, goal=Goal()), starts=2)
+    assert plan.allowed and plan.score == pytest.approx(worth(plan.collision.angular_velocity), rel=1e-6)
+    assert plan.score <= worth(other.collision.angular_velocity) + 1e-4 and plan.score < plan.untouched
+
+
+def test_a_certificate_without_differences_certifies_nothing():
+    """Where nothing beside the plan can be integrated, its gradient counts as wholly wrong."""
+    slopes = np.eye(8, 7)
+    proof = weigh_constraints(lambda x: np.nan, np.ones(8), slopes, np.tile([-1.0, 1.0], (7, 1)), np.zeros(7), 0.1)
+    assert proof.gradient_error == 1.0
 
 
 def test_certificate_of_a_plan_that_limits_hold():
@@ -232,6 +279,20 @@ def test_a_fitted_model_is_planned_with(tmp_path):
                     encoding="utf-8")
     with pytest.raises(InputError, match="one of slip records"):
         pose_problem(read_scenario(file), tmp_path)
+
+
+def test_laws_that_a_plan_cannot_use_are_refused(tmp_path):
+    """Eq. 10 at the loads of an impact; a fitted power law without the thickness that it reads."""
+    scenario = read_scenario(find_data() / "scenarios" / "paper-case-2.toml")
+    with pytest.raises(InputError, match="--model eq8 or coulomb"):
+        mount_law(scenario, None, RubberFriction().extend(()))
+    law = mount_law(scenario, None, CoulombFriction(0.31).extend(()))
+    assert float(law.reference.friction.friction_coefficient) == 0.31
+    pad = PowerLaw(condition="thickness", condition_reference=0.02).extend(())
+    with pytest.raises(InputError, match="reads 'thickness'"):
+        mount_law(scenario, pad, None)
+    ball = scenario.ball.model_copy(update={"conditions": {"thickness": 0.03}})
+    assert mount_law(scenario.model_copy(update={"ball": ball}), pad, None).reference.ball.condition == "thickness"
 
 
 def test_every_design_that_approaches_is_integrated():

@@ -344,7 +344,7 @@ def test_report_of_a_posterior(fits, tmp_path):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_checks_of_tumbling_records():
     """Sparse records, whose mesh is longer than they are, keep it whole; free starts count on neither side."""
     interval = 10.0

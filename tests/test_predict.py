@@ -164,6 +164,7 @@ def test_malformed(reference, tmp_path, capsys, text, words):
     assert not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.slow
 def test_no_model(tmp_path):
     with pytest.raises(InputError, match=r"no model.json"):
         predict(tmp_path, pd.DataFrame({"record": ["x"], "time": [0.0]}))

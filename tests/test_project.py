@@ -92,6 +92,7 @@ def test_lint():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_types():
     """Pyright finds nothing in the package."""
     done = run("-m", "pyright", "--pythonpath", sys.executable)

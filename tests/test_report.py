@@ -172,6 +172,7 @@ def test_text_from_data_files_is_escaped(tmp_path):
     assert "\x1b" not in describe(discovery)
 
 
+@pytest.mark.slow
 def test_figures_without_numbers(tmp_path):
     nan = math.nan
     discovery = make_discovery("unexplained")
@@ -251,6 +252,7 @@ def test_generic_page(tmp_path):
         write_page("t", "s", [Section("x", figures=[("../up", "c", draw_line())])], tmp_path)
 
 
+@pytest.mark.slow
 def test_comparison(tmp_path):
     step = make_discovery("unexplained").steps[0]
     path = write_comparison("The model misses.", {"paper": step.traces}, tmp_path, status=["campaign impact-f"])
@@ -393,6 +395,7 @@ def test_parts_of_a_slip_record():
     assert find_strokes(make_discovery("explained").steps[0].traces[0]) == [slice(None)]
 
 
+@pytest.mark.slow
 def test_friction_peaks(tmp_path):
     discovery = make_friction_peaks()
     check_page(write_report(discovery, tmp_path), discovery.sentence)
@@ -411,6 +414,7 @@ def test_comparison_of_slip_records(tmp_path):
     check_page(write_comparison("The model misses.", {"paper": bare}, tmp_path / "bare"), "The model misses.")
 
 
+@pytest.mark.slow
 def test_text_from_slip_data_is_escaped(tmp_path):
     evil, discovery = "<script>x</script>$\\frac{1}$", make_slip_discovery(STROKES)
     steps = [dc.replace(step, traces=tuple(dc.replace(trace, record=evil + trace.record) for trace in step.traces))

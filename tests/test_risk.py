@@ -98,6 +98,11 @@ def test_a_sequence_under_every_law(planned):
     for k in range(3):
         assert found.violated.get(f"{k + 1}: peak force", 0.0) == pytest.approx(np.mean(kept[:, k, force] < -ALLOWED))
     assert f"{100 * left[:, -1].mean():.2f} ±" in found.sentence
+    # A ball that recedes strikes nothing: under no draw is that sequence struck to its end.
+    ways = [np.array([0.1, up, -1.0, 0.0, 0.0, 0.0, 0.0]) for up in (-0.5, 0.5)]  # on one of them the body comes near
+    ends = [assess_sequence(problem, Sequence((impacts[0], dc.replace(impacts[1], x=x)), (), (), 0.0, True, 1, 0.0),
+                            laws, 0.2) for x in ways]
+    assert sum(end is None for end in ends) == 1
 
 
 @pytest.mark.parametrize("tail", [0.05, 0.1, 0.3])

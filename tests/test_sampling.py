@@ -72,6 +72,7 @@ def pose_line(**more):
     return made, mean, covariance
 
 
+@pytest.mark.slow
 def test_the_integral_is_that_of_quadrature(target):
     """One record's nuisances (load and pressure) by Gauss-Hermite quadrature of the model as it is."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(16)
@@ -145,6 +146,7 @@ def test_nuts_finds_the_closed_form_of_a_line():
     assert found.statistics["divergences"] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["emcee", "nuts"])
 def test_a_limit_cuts_the_posterior_off(sampler):
     """A normal with mean at -1 cut off at 0, of known mean and quantile; with a prior on the other one."""
@@ -190,6 +192,7 @@ def test_two_separate_hills_are_both_visited():
     assert found.converged and abs(np.mean(found.x > 1.5) - 0.5) < 0.06
 
 
+@pytest.mark.slow
 def test_a_bent_valley_is_sampled_to_its_ends():
     """Gaussian along, and a parabola of it plus a Gaussian across (Haario et al. 1999): moments in closed form."""
     long, bend = 3.0, 0.25

@@ -10,6 +10,9 @@ from ddetumble import InputError, check_effect, read_campaign
 from docs import seal, seal_study
 
 
+pytestmark = pytest.mark.slow  # one study is in nearly all of them
+
+
 TRUTH = {"area_factor": 1.004, "adhesive-offset.f_a": 4.0, "seal-load.mu": 0.01, "seal-lag.a": 8.0, "seal-lag.b": 0.02,
          "seal-lag.s_0": 0.8e-3, "thrust-offset.F_0": 1.3}  # fmt: skip
 NOISE = 0.1  # N

@@ -39,6 +39,7 @@ def case(request, tmp_path_factory):
     return effects, folder, discover(folder)
 
 
+@pytest.mark.slow
 def test_verdict(case):
     """Nulls, singles and the pair; nothing else is named, and the intervals hold the truth."""
     effects, _, found = case
@@ -63,7 +64,7 @@ def test_presliding_far_below_the_spacing(tmp_path):
     assert abs(estimate.estimate - 4e-8) < 2.0 * estimate.sd and estimate.estimate < 5e-5
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_fit_that_stops_short_gains_no_effect(tmp_path):
     """Two speeds leave a valley in which the fit of a strong Stribeck effect may stop: nothing else is named for it."""
     base = {"adhesion_constant": 0.9346840387478539, "loss_factor": 0.1624918320527941,

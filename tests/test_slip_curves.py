@@ -119,6 +119,7 @@ def test_signs_are_fixed():
         assert any("(c, d) and (-c, -d) make the same curve" in note for note in fit.notes)
 
 
+@pytest.mark.slow
 def test_deviations(noisy):
     """Standard deviations and correlations are those of scipy's linear theory."""
     record, fit = noisy

@@ -88,7 +88,7 @@ def test_commands_know_own_effects(tmp_path, capsys):
     assert "cannot be read" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_fit_with_an_own_effect(tmp_path, capsys):
     """By its id; the result can be read again."""
     source, _ = write_template("soft-pad", "contact", tmp_path)

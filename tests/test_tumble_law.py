@@ -41,6 +41,7 @@ def test_catalogue():
     assert type(resolve_model("paper", "tumble").reference) is type(resolve_model("rigid-body", "tumble").reference)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [*TUMBLE, *TUMBLE_PROBES], ids=lambda effect: effect.id)
 def test_contract(effect):
     """Every effect and probe: absent at its null, alive, compiled = eager."""

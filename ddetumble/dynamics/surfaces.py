@@ -57,6 +57,10 @@ class AbstractSurface(eqx.Module):
     def reach(self) -> Array:
         """Largest distance of the surface from the centre of mass [m]."""
 
+    @abstractmethod
+    def find_pivots(self) -> Array:
+        """Directions about which no normal force has a moment, as all normals meet that axis, shape (pivots, 3) [-]."""
+
 
 @final
 class CylinderSurface(AbstractSurface):
@@ -95,6 +99,10 @@ class CylinderSurface(AbstractSurface):
         """To the rim."""
         return jnp.sqrt(self.radius**2 + 0.25 * self.length**2)
 
+    def find_pivots(self) -> Array:
+        """The axis."""
+        return jnp.array([[0.0, 0.0, 1.0]])
+
 
 @final
 class SphereSurface(AbstractSurface):
@@ -124,6 +132,10 @@ class SphereSurface(AbstractSurface):
     def reach(self) -> Array:
         """The radius."""
         return self.radius
+
+    def find_pivots(self) -> Array:
+        """All: every normal meets the centre."""
+        return jnp.eye(3)
 
 
 @final
@@ -167,6 +179,10 @@ class Polytope(AbstractSurface):
     def reach(self) -> Array:
         """To the farthest corner."""
         return self.radius
+
+    def find_pivots(self) -> Array:
+        """None."""
+        return jnp.zeros((0, 3))
 
 
 def make_polytope(corners: Any, normals: Any, names: tuple[str, ...] = ()) -> Polytope:

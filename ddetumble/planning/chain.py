@@ -16,7 +16,17 @@ from scipy.optimize import minimize
 from .guesses import find_bounds
 from .sequence import Sequence, measure_share, move_on, plan_sequence
 from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, weigh_constraints
-from .strike_problem import CONSTRAINTS, VARIABLES, Problem, judge, read_design, score, strike_debris, with_slopes
+from .strike_problem import (
+    CONSTRAINTS,
+    MISSED,
+    VARIABLES,
+    Problem,
+    judge,
+    read_design,
+    score,
+    strike_debris,
+    with_slopes,
+)
 
 
 IMPULSE, DURATION, SHARE = 0, 1, 2  # places of what `follow_chain` returns before the constraints
@@ -59,6 +69,9 @@ def _strike(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoi
         left = jnp.sum((problem.debris.inertia @ collision.angular_velocity) ** 2) / jnp.sum(start**2)
         row = jnp.concatenate([jnp.stack([jnp.linalg.norm(collision.impulse), design.instant + collision.separation,
                                           left]), judge(now, design, collision)])
+        # A ball that does not approach strikes nothing, which its approach says; anything else has to end.
+        ended = ~collision.failed & (collision.separated | (collision.approach_speed <= MISSED * now.limits.approach))
+        row = jnp.where(ended, row, jnp.nan)
         return (collision.attitude, collision.angular_velocity), row
 
     return jax.lax.scan(strike, (problem.attitude, problem.angular_velocity), (faces, x))[1]
@@ -80,7 +93,7 @@ def follow_impacts(problem: Problem, faces: Array, x: Array) -> Array:
 
     Returns:
         Shape (impacts, 3 + constraints): impulse [N s], time from the last separation to its own [s], square of the
-        share of |L| left after it, its constraints.
+        share of |L| left after it, its constraints; NaN from the first on that could not be integrated to its end.
     """
     return _strike(problem, faces, x, None)
 
@@ -111,7 +124,11 @@ class _Search:
             value, slopes = follow_slopes(self.problem, self.faces, jnp.asarray(z.reshape(self.shape)))
             self.tally.slopes += 1
             rows = np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
-            self.at = (z.tobytes(), (np.nan_to_num(np.asarray(value), nan=-1.0), rows))
+            found = np.asarray(value)
+            if not np.isfinite(found).all():  # far worse than where it began, and not allowed
+                worst = 10.0 * self.passed[0][1][:3] if self.passed else np.full(3, 1e6)
+                found = np.concatenate([worst, np.full(found.size - 3, -1.0)])
+            self.at = (z.tobytes(), (found, rows))
             self.passed.append((z.copy(), self.at[1][0]))
         return self.at[1]
 
@@ -184,7 +201,7 @@ def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float,
         values = np.asarray(judge(now, design, collision))
         about = _pick(chain.certificate.binding, k + 1)
         worth = float(score(now, collision.angular_velocity))
-        allowed = bool(values.min() >= -ALLOWED)
+        allowed = bool(values.min() >= -ALLOWED and collision.separated and not collision.failed)
         proof = dc.replace(chain.certificate, binding=about, least=float(values.min()), margin=float(collision.margin))
         plans.append(StrikePlan(
             names[int(face)], x, worth, float(score(now, now.angular_velocity)),

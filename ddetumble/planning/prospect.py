@@ -17,7 +17,7 @@ from .draws import Laws
 from .risk import pose_draws
 from .sequence import Sequence
 from .strike_plan import ALLOWED
-from .strike_problem import CONSTRAINTS, Problem
+from .strike_problem import CONSTRAINTS, MISSED, Problem
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -62,7 +62,8 @@ def assess_sequence(problem: Problem, sequence: Sequence, laws: Laws, share: flo
     best = np.asarray(follow_impacts(eqx.tree_at(lambda p: p.law, problem, laws.main), faces, x))
     rows = np.stack([np.asarray(follow_impacts(one, faces, x)) for one in pose_draws(problem, laws)])
     weights = laws.shares()
-    whole = np.isfinite(rows).all(axis=(1, 2))
+    approach = rows[:, :, SHARE + 1 + CONSTRAINTS.index("approach")]
+    whole = np.isfinite(rows).all(axis=(1, 2)) & ~(approach <= MISSED - 1.0).any(axis=1)
     if not whole.any():
         return None
     lost = float(weights[~whole].sum())

@@ -17,9 +17,10 @@ from .._errors import InputError
 from .._numerics import scalar
 from .._rotation import rotate_back
 from ..contact.effect import parameters_of
+from ..contact.friction import DIVERGES_ABOVE
 from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw
-from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw
+from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw, RubberFriction
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import Debris, make_debris
 from ..inference.archive import load_model
@@ -128,7 +129,15 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
             raise InputError("this contact model has no effective_mass; leave it out", column="arm.mass")
         reference = eqx.tree_at(lambda one: one.effective_mass, reference, scalar(arm.mass))
     assert isinstance(friction.reference, AbstractFriction)
+    if isinstance(friction.reference, RubberFriction):
+        raise InputError("the slip term of Eqs. 9 and 10 grows without limit at the loads of an impact (above "
+                         f"{DIVERGES_ABOVE:.1f} N); fit the slip records with --model eq8 or coulomb",
+                         column="ball.friction_model")
     given = {*reference.provides, *friction.reference.provides, *GIVEN, *ball.conditions}
+    condition = getattr(reference, "condition", "")
+    if condition and condition not in given:
+        raise InputError(f"the fitted power law reads {condition!r}: give its value there, such as "
+                         f"conditions = {{ {condition} = 1 }}", column="ball.conditions")
     for effect in own:
         for name in effect.requires:
             if name not in given:

@@ -2,17 +2,18 @@
 
 import dataclasses as dc
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from scipy.stats import qmc
 
 from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
-from ..contact.gripping import Patch, find_height
+from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate
 from .strike_plan import StrikePlan, plan_strike
 from .strike_problem import Problem
@@ -21,6 +22,7 @@ from .strike_problem import Problem
 LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
 SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
 PRESSURES = np.linspace(0.0, 1.0, 5)
+RUBBED = np.array([0.03, 0.1, 0.3, 1.0])  # of the depression and of the speed, at which friction is looked at
 
 
 @dc.dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Sequence:
         impulse: of all contact forces, their sizes added up [N s].
         reached: whether the wanted share was reached.
         bound: fewest impacts that could do it, whatever the plan; 0 where none can be given.
-        floor: share that frictionless impacts cannot go below; 0 on bodies without an axis of revolution.
+        floor: share that frictionless impacts cannot go below; 0 on surfaces without an axis of revolution.
         refused: the best further impact where it was not worth its while or not allowed, and the sequence ended.
         together: what changing all impacts at once made of it, in a sentence; '' where that was not done.
         tried: what one impact less would leave, as far as was found, in a sentence.
@@ -64,32 +66,40 @@ def measure_share(problem: Problem, rates: np.ndarray) -> float:
 
 
 def find_floor(problem: Problem) -> float:
-    """Share of the momentum along an axis of revolution, which a normal force cannot take [-]."""
-    if not problem.symmetric:
+    """Share of the momentum about an axis of revolution of the surface, or a sphere's centre, which a normal force
+    cannot take [-]; 0 where free motion moves momentum into that axis and out of it.
+    """
+    pivots = np.asarray(problem.debris.surface.find_pivots())
+    if len(pivots) < 3 and not problem.symmetric:
         return 0.0
     momentum = np.asarray(problem.debris.inertia) @ np.asarray(problem.angular_velocity)
-    return float(abs(momentum[2]) / np.linalg.norm(momentum))
+    return float(np.linalg.norm(pivots @ momentum) / np.linalg.norm(momentum))
 
 
 @eqx.filter_jit
-def _press(problem: Problem, speeds, pressures):
-    """Impulse, peak force, peak depression, friction over load, on a body that does not give way."""
-    normal, reference = problem.law.normal, problem.law.reference
+def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: Array, pressures: Array) -> Array:
+    """Impulse, peak force, peak depression, largest friction over load, on a body that does not give way."""
+    normal, reference = law.normal, law.reference
     times = jnp.linspace(0.0, 0.5, 2)
 
     def one(speed, pressure):
-        conditions = {**problem.conditions, "approach_speed": speed, "initial_pressure": pressure}
+        conditions = {**given, "approach_speed": speed, "initial_pressure": pressure}
         end = simulate(normal, conditions, times).separation
         impact = simulate(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=jnp.asarray(0.5))
-        contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(5e-3),
-                                 jnp.zeros(()), jnp.zeros((len(normal.stateful()),)))
-        load = jnp.maximum(contact.elastic_force, 1e-6)
-        patch = Patch(jnp.zeros(()), jnp.asarray(5e-3), contact.contact_radius,
-                      find_height(reference.ball.diameter(), jnp.zeros(())), contact.pressure, load,
-                      conditions | {"tangential_speed": problem.limits.speed})
-        friction = problem.law.limit(patch, problem.limits.speed, jnp.zeros(()), jnp.zeros(())) / load
+
+        def rub(depression, slip):
+            contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), depression, jnp.zeros(()),
+                                     jnp.zeros((len(normal.stateful()),)))
+            load = jnp.maximum(contact.elastic_force, 1e-6)
+            patch = Patch(jnp.zeros(()), depression, contact.contact_radius,
+                          find_height(reference.ball.diameter(), jnp.zeros(())), contact.pressure, load,
+                          conditions | {"tangential_speed": slip})
+            return law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / load
+
+        friction = jax.vmap(jax.vmap(rub, (0, None)), (None, 0))(
+            deepest * RUBBED, speed * RUBBED)
         return jnp.stack([reference.ball.inertia() * (speed + impact.rebound_speed), jnp.max(impact.normal_force),
-                          jnp.max(impact.depression), friction])
+                          jnp.max(impact.depression), jnp.max(friction)])
 
     return jax.vmap(jax.vmap(one, (0, None)), (None, 0))(speeds, pressures)
 
@@ -98,18 +108,23 @@ def bound_impacts(problem: Problem, share: float) -> int:
     r"""Fewest impacts that can leave a share of the momentum: no impact takes more than $J (\ell + \mu R)$.
 
     $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$
-    the largest lever arm of a normal force, $\mu$ friction over load at 5 mm and full speed, $R$ the body's reach.
+    the largest lever arm of a normal force, $\mu$ the largest friction over load (over pressures, depressions and
+    speeds), $R$ the body's reach. The body never turns faster than its momentum at the start about its least axis:
+    bodies that impacts spin up on the way are left out.
 
     Returns:
-        0 where the arm drives the ball, so that an impact has no largest impulse.
+        0 where none can be given: the arm drives the ball, so that an impact has no largest impulse, or no impact has
+        a moment at all.
     """
     if any(isinstance(effect, AbstractDriveEffect) for effect in problem.law.effects):
         return 0
     limits, surface = problem.limits, problem.debris.surface
-    rates = np.linalg.norm(np.asarray(problem.angular_velocity))
-    fastest = float(limits.speed) + float(rates) * float(surface.reach())
+    inertia = np.asarray(problem.debris.inertia)
+    size = float(np.linalg.norm(inertia @ np.asarray(problem.angular_velocity)))
+    fastest = float(limits.speed) + size / float(np.linalg.eigvalsh(inertia)[0]) * float(surface.reach())
     low, high = np.asarray(limits.pressure)
-    found = np.asarray(_press(problem, jnp.asarray(fastest * SPEEDS), jnp.asarray(low + PRESSURES * (high - low))))
+    found = np.asarray(_press(problem.law, problem.conditions, limits.depression, jnp.asarray(fastest * SPEEDS),
+                              jnp.asarray(low + PRESSURES * (high - low))))
     allowed = (found[..., 1] <= float(limits.force)) & (found[..., 2] <= float(limits.depression))
     # The next speed of the grid, which is not allowed any more, is a bound from above.
     allowed[:, 1:] |= allowed[:, :-1].copy()
@@ -118,7 +133,8 @@ def bound_impacts(problem: Problem, share: float) -> int:
     friction = float(found[..., 3].max())
     lever = find_lever(problem)
     most = impulse * (lever + friction * float(surface.reach()))
-    size = float(np.linalg.norm(np.asarray(problem.debris.inertia) @ np.asarray(problem.angular_velocity)))
+    if not most > 1e-9 * size:
+        return 0
     return max(1, math.ceil(size * (1.0 - share) / most - 1e-9))
 
 

@@ -45,7 +45,8 @@ class Certificate:
 
     Attributes:
         stationarity: what is left of the gradient after the binding constraints' share, over the gradient [-].
-        gradient_error: largest difference of the gradient from central differences, over the gradient [-].
+        gradient_error: largest difference of the gradient from central differences, over the gradient [-]; 1 where
+            no difference could be computed.
         binding: names of the constraints and bounds that hold the plan, with their multipliers [-].
         least: smallest of the scaled constraints [-].
         margin: from the contact disc to the nearest edge [m].
@@ -208,6 +209,7 @@ def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, 
         ahead, behind = (wanted(x + sign * move) for sign in (1.0, -1.0))
         central.append((ahead - behind) / (2.0 * step))
     apart = np.abs(gradient - central)
-    error = np.max(apart, initial=0.0, where=np.isfinite(apart)) / size if size > 0 else 0.0
+    known = np.isfinite(apart)
+    error = (np.max(apart, initial=0.0, where=known) / size if size > 0 else 0.0) if known.any() else 1.0
     return Certificate(float(left) / size if size > 0 else 0.0, float(error),
                        dict(zip(names, map(float, multipliers), strict=True)), float(value[1:].min()), margin)

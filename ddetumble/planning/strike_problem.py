@@ -31,6 +31,7 @@ VARIABLES = ("first coordinate", "second coordinate", "speed along the normal", 
              "second tangential speed", "pressure", "instant")
 CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "reachable side", "nothing else hit")
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384
+MISSED = 1e-3  # share of the least approach speed, below which a ball strikes nothing
 TINY = 1e-7  # share of the momentum below which its size is rounded off
 PATH = np.linspace(0.1, 1.0, 6)  # shares of the clearance time at which the ball's path is looked at
 
@@ -252,7 +253,7 @@ def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
     collision = strike_debris(problem, design, adjoint)
     values = jnp.concatenate([score(problem, collision.angular_velocity)[None], judge(problem, design, collision)])
     # A ball that does not approach strikes nothing: only its approach is told.
-    missed = collision.approach_speed <= 1e-3 * problem.limits.approach
+    missed = collision.approach_speed <= MISSED * problem.limits.approach
     blank = jnp.zeros_like(values).at[0].set(score(problem, problem.angular_velocity)).at[2].set(
         collision.approach_speed / problem.limits.approach - 1.0)
     bad = (collision.failed | ~collision.separated) & ~missed

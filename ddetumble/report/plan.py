@@ -33,27 +33,37 @@ COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2"}
 def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
     """What was found, in one or two sentences."""
     floor, count = sequence.floor, len(sequence.impacts)
-    frictionless = (" A normal force has no moment about the axis of a body of revolution: "
-                    f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone."
-                    if floor > 1e-3 else "")
+    frictionless = ""
+    if floor > 1e-3:
+        frictionless = (
+            " A normal force has no moment about a sphere's centre: all of this momentum goes by friction alone."
+            if len(problem.debris.surface.find_pivots()) == 3 else
+            " A normal force has no moment about the axis of a body of revolution: "
+            f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone.")
     if not count:
-        best = sequence.refused
-        why = "no impact is allowed"
-        if best is not None and best.allowed:
-            why = (f"the best single impact changes what is wanted by {100 * (1 - best.score / best.untouched):.2f} %, "
-                   f"less than {100 * LEAST_GAIN:.0f} %")
-        elif best is not None:
-            name = min(best.values, key=lambda one: best.values[one])
-            why = f"the nearest design still violates: {name}"
-        return f"This cannot be done: {why}.{frictionless}"
+        return f"This cannot be done: {_say_why(sequence)}.{frictionless}"
     left = 100 * sequence.shares[-1]
     start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {left:.2f} % of the angular momentum"
     aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
-    bound = f" No plan needs fewer than {sequence.bound}." if sequence.bound and share < 1 else ""
-    ended = "" if sequence.reached or count == 1 else f" The wanted {100 * share:g} % are not reached."
+    bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound and share < 1 else ""
+    ended = "" if sequence.reached else f" The wanted {100 * share:g} % are not reached"
+    ended += f": {_say_why(sequence)}." if ended and sequence.refused is not None else "." if ended else ""
     told = sequence.together or sequence.tried
     together = f" {told}" if told else ""
     return f"{start}{aim}.{ended}{together}{bound}{frictionless}"
+
+
+def _say_why(sequence: Sequence) -> str:
+    """Why no further impact was planned."""
+    best = sequence.refused
+    further = "a further" if sequence.impacts else "the best single"
+    if best is None:
+        return "no impact is allowed"
+    if best.allowed:
+        return (f"{further} impact changes what is wanted by {100 * (1 - best.score / best.untouched):.2f} %, "
+                f"less than {100 * LEAST_GAIN:.0f} %")
+    name = min(best.values, key=lambda one: best.values[one])
+    return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"
 
 
 def list_impact(number: int, instant: float, share: float, problem: Problem, plan: StrikePlan) -> dict[str, Any]:
