@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import CAMPAIGN, MODEL, folder_option
+from .options import CAMPAIGN, MODEL, OWN, folder_option
 from .places import locate_campaign, prepare_file, prepare_folder, write_table
 from .progress import show_progress
 
@@ -155,7 +155,7 @@ def discover_effects(
         page = write_report(result, folder)
     typer.echo(describe(result))
     typer.echo(f"Report: {page}")
-    if any(step.alternatives for step in result.steps):
+    if result.steps[-1].alternatives:
         typer.echo(f"The test that tells them apart: ddetumble design {folder}")
 
 
@@ -168,8 +168,10 @@ def draw_force(
     effect: Annotated[
         list[str] | None,
         typer.Option("-e", "--effect", metavar="EFFECT",
-                     help="Fit this effect with the model: an id of the catalogue or FILE.py:NAME; may be repeated."),
+                     help="Fit this effect with the model: an id of the catalogue, or of --effects-from, or "
+                     "FILE.py:NAME; may be repeated."),
     ] = None,
+    effects_from: Annotated[Path | None, OWN] = None,
     keep_all: Annotated[bool, KEEP] = False,
 ):
     """Draw the missing force: how much of the misfit any force of depression, rate, slip, time or pressure could remove
@@ -183,10 +185,11 @@ def draw_force(
     folder = prepare_folder(output or Path(f"{measured.name}-missing"))
     from ..discrepancy.missing import draw_missing_force
     from ..inference.files import list_versions, write_json
-    from ..inference.models import resolve_effect
+    from ..inference.models import list_effects, resolve_effect
     from ..report import write_missing
 
-    own = [resolve_effect(name) for name in effect or ()]
+    held = list_effects(effects_from) if effects_from is not None else ()
+    own = [resolve_effect(name, held) for name in effect or ()] or list(held)
     with show_progress(f"looking at {measured.name}") as report:
         for one in own:
             _prove_contract(one, model, measured.family)

@@ -79,6 +79,10 @@ def map_campaign(
     value: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE UNIT", help="Of a parameter of the reference model.")
     ] = None,
+    effects_from: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.py", help="A file of yours with effects, which are mapped beside the catalogue."),
+    ] = None,
     length: Annotated[str | None, typer.Option(metavar="'30 ms'", help="Of a record.")] = None,
     interval: Annotated[str | None, typer.Option(metavar="'0.1 ms'", help="Between samples.")] = None,
     output: Annotated[
@@ -96,11 +100,13 @@ def map_campaign(
         raise InputError("a campaign says itself what it measures; --channel, --uncertainty, --value, --length and "
                          "--interval go with a table of planned tests", file=path)
     target = None if output is None else prepare_folder(output)
+    from ..inference.models import list_effects
     from ..planning.visibility import map_effects
 
+    own = list_effects(effects_from) if effects_from is not None else ()
     with show_progress(f"mapping {path.stem}") as report:
-        found = map_effects(path, model, channels=channel, uncertainties=uncertainty, values=value, length=length,
-                            interval=interval, progress=report)
+        found = map_effects(path, model, effects=own, channels=channel, uncertainties=uncertainty, values=value,
+                            length=length, interval=interval, progress=report)
     typer.echo(found.text())
     if target is not None:
         from ..figures import draw_map, render_png

@@ -1,8 +1,9 @@
 """Simple laws that would draw a missing force: a few forms of one variable, alone and in pairs, by held-out error.
 
-Every form is tried over a grid of its shape at the linearised model, and the best are fitted inside the equation of
-motion, shapes and all. The list is exhaustive over the forms, the phases and the variables that the flexible terms did
-not rule out. Amplitudes carry the unit that their form asks for.
+Every form is tried over a grid of its shape at the linearised model, for all phases and for the variables that the
+flexible terms did not rule out (conditions, which are one value a record, excepted). The best few are fitted inside the
+equation of motion, shapes and all; where none comes near the flexible force, the best is tried with a few partners.
+A law whose length is not determined is none. Amplitudes carry the unit that their form asks for.
 """
 
 import dataclasses as dc
@@ -24,6 +25,7 @@ from .terms import Term, evaluate_basis, place_law, smooth, with_plan
 REFINED = 5  # forms that are fitted to the end
 PARTNERS = 3  # of the best, in pairs
 GRID = 24
+VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing
 # Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
 # determines would else go anywhere when that is left out, and the linear step with it.
 PRIORS = {"x": (0.5, 0.5), "n": (float(np.log(1.5)), 0.4)}
@@ -203,6 +205,9 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     if solution.failed or not np.isfinite(solution.chi2):
         return None
     solution = cut(solution, len(bench.names) + len(names))
+    sd = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance())), strict=True))
+    if any(not sd[name] <= VAGUE for name in names if name.split(".")[1].startswith("l_")):
+        return None
     loss = leave_out(solution, bench.groups)
     losses = np.array([loss[bench.groups == g].sum() for g in np.unique(bench.groups)])
     parameters = {}

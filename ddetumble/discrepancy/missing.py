@@ -302,7 +302,8 @@ def summarise_missing(found: MissingForce) -> str:
     if found.ceiling is None or not found.shapes:
         return "No force of the variables that were tried removes any of it."
     share = found.share(found.ceiling[1])
-    text = (f"A free force inside the equation of motion removes {share:.0%} of the misfit on what was left out: "
+    text = (f"A free force inside the equation of motion removes {share:.0%} of the reference model's misfit on what "
+            "was left out: "
             f"{_say_shape(found.shapes[0])}")
     if found.laws:
         law = found.laws[0]
@@ -317,6 +318,8 @@ def _say_shape(shape: Shape) -> str:
                                                         "approach_speed", "sequence"):
         way = "a share of the friction"
     name = NAMES.get(shape.variable, shape.variable.replace("_", " "))
+    if shape.variable == "time" and shape.way.startswith(("torque", "drag")):
+        name = "time"  # a body that tumbles touches nothing
     phases = [p for p in shape.parts if p in ("loading", "unloading", "forward", "backward")]
     return f"{way} that depends on the {name}" + (f", {' and '.join(phases)} apart" if phases else "")
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from .._errors import ComputationError
-from ..contact.effect import parameters_of
+from ..contact.effect import AbstractEffect, parameters_of
 from ..discrepancy.adequacy import LEVEL
 from ..discrepancy.candidates import ALIKE
 from ..discrepancy.search import DECISIVE
@@ -139,7 +139,8 @@ class _Signature:
     column: np.ndarray
 
 
-def map_effects(plan: Campaign | str | Path, model: str = "paper", *, channels: Sequence[str] | None = None,
+def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
+                channels: Sequence[str] | None = None,
                 uncertainties: Sequence[str] | None = None, values: Sequence[str] | None = None,
                 length: str | None = None, interval: str | None = None, progress: Progress | None = None
                 ) -> Visibility:
@@ -149,6 +150,7 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, channels: 
         plan: a campaign or its folder, of which conditions, times, noise and uncertainties count; or a table of planned
             tests (`read_plan`, which says what the other arguments are).
         model: reference model, see `ddetumble.inference.models`; a fitted folder brings its values.
+        effects: of one's own, mapped beside the catalogue.
         channels, uncertainties, values, length, interval: of a table.
         progress: called with a sentence and the share done.
 
@@ -165,7 +167,7 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, channels: 
         campaign = plan if isinstance(plan, Campaign) else read_campaign(plan)
         resolved, planned = resolve_model(model, name_family(campaign)), False
     report("computing the reference model", 0.05)
-    bench = Workbench(campaign, resolved.reference, (), resolved.effects)
+    bench = Workbench(campaign, resolved.reference, tuple(effects), resolved.effects)
     solution = _stand(bench, planned)
     count = len(bench.directions((), depth=float(solution.state.max())))
     goal = float(np.sqrt(stats.chi2.isf(-np.expm1(np.log1p(-LEVEL / 2) / count), 1)) + stats.norm.ppf(POWER))
