@@ -105,12 +105,13 @@ def measure_scatter(records: pd.DataFrame, samples: pd.DataFrame) -> dict[str, f
 
 
 class Part(NamedTuple):
-    """One part of the study: its name, what was left out, what `discover` said, and how far repeats differ."""
+    """One part of the study: its name, what was left out, what `discover` said, how far repeats differ, conditions."""
 
     name: str
     left_out: str
     found: Discovery
     scatter: dict[str, float]
+    conditions: list[dict[str, float]]
 
 
 def run_study(folder: Path, report: Callable[[str, float], None]) -> list[Part]:
@@ -126,7 +127,8 @@ def run_study(folder: Path, report: Callable[[str, float], None]) -> list[Part]:
         some = campaign.select(list(campaign.records.index[own]))
         found = discover(some, MODEL, effects=pads.EFFECTS,
                          progress=lambda text, share, a=begun, n=name: report(f"{n}: {text}", a + 0.5 * share))
-        parts.append(Part(name, left_out, found, measure_scatter(some.records, some.samples)))
+        parts.append(Part(name, left_out, found, measure_scatter(some.records, some.samples),
+                          some.records.to_dict("records")))
     return parts
 
 
@@ -150,10 +152,16 @@ def tell_story(parts: list[Part]) -> str:
             lines.append(f"| {name} | {100 * step.nrmse:.1f} % | {100 * step.heldout_nrmse:.1f} % | "
                          f"{step.heldout_nrmse / noise:.1f} |")
         lines += ["", *(f"- {name}: {e.estimate:.4g} \u00b1 {e.sd:.2g} {e.unit}".rstrip() for name, e in
-                        found.steps[-1].parameters.items()), "",
+                        found.steps[-1].parameters.items()), *tell_onset(part), "",
+                  *(["What `discover` notes:", "", *(f"- {note}" for note in found.notes), ""] if found.notes else []),
                   f"![measured and modelled]({part.name.replace(' ', '-')}.png)", ""]
     scatter = ", ".join(f"{100 * x:.0f} % ({name})" for part in parts for name, x in part.scatter.items())
+    thick = parts[0].found.steps
     lines += ["## What this does not show", "",
+              f"- The damping is there (the misfit of the fit falls from {100 * thick[0].nrmse:.1f} to "
+              f"{100 * thick[1].nrmse:.1f} % with {thick[1].added}), but on thicknesses left out it gains little, "
+              f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[1].heldout_nrmse:.2f} %: between thicknesses the "
+              "spring itself differs by more." if len(thick) > 1 else "- Nothing was added on the thick pads.",
               "- Only the thinnest pad is struck through: what it meets behind the pad cannot be foretold from the "
               "others, so that there runs are left out, and one thickness says nothing about how the onset depends on "
               "it.",
@@ -162,6 +170,17 @@ def tell_story(parts: list[Part]) -> str:
               "here.",
               "- The mass is not stated upstream; it is fitted.", ""]
     return "\n".join(lines)
+
+
+def tell_onset(part: Part) -> list[str]:
+    """Where a bottom is met on a pad of one thickness; what it is made up of, one thickness does not tell."""
+    found = {name.split(".")[-1]: e.estimate for name, e in part.found.steps[-1].parameters.items()
+             if name.startswith("pad-bottom.")}
+    heights = np.unique([s["pad_thickness"] for s in part.conditions])
+    if not found or len(heights) > 1:
+        return []
+    return [f"- onset of pad-bottom, depth + share h: {1e3 * (found['depth'] + found['share'] * heights[0]):.1f} mm "
+            "(of the fitted spring's depression; only this sum is determined)"]
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,11 +1,13 @@
 """Does the proposed test tell rivals apart? Confounded campaigns, one proposed test, one drawn at random.
 
-    python docs/next_test.py -o fits/next-test [--cases 5] [--seed 0]
+    python docs/next_test.py -o fits/next-test [--cases 16] [--seed 0]
 
 Campaigns with one hidden effect and settings so close together that rivals remain are drawn by the independent
 simulator and judged by `discover`. Where at least two models are left with the truth among them, `design` proposes a
-test; the simulator makes it, and in its place a test drawn at random within the same limits (as many records). Each is
-added to the campaign, and `discover` judges again: the set is split where the truth alone is left of it.
+test and how often it has to be repeated; the simulator makes that many records of it, and in its place as many of a
+test drawn at random within the same limits. Each is added to the campaign, and `discover` judges again: the set is
+split where the truth alone is left of it. Where `design` says that nothing within the limits separates the rivals, no
+test is made.
 Writes `result.json` and `README.md`.
 """
 
@@ -20,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -42,7 +45,7 @@ BASE = {
     "slip": {"adhesion_constant": 0.9, "loss_factor": 0.16, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
              "slip_scale": 1.0},
 }  # fmt: skip
-MOST = 3  # records of a test
+MOST = 24  # records of a test at most; none was asked for more
 
 
 def make_case(family: str, effects: dict, seed: int, name: str, settings: tuple | None = None, count: int = 2) -> dict:
@@ -106,7 +109,9 @@ def judge_case(number: int, seed: int, folder: Path) -> dict:
     best = found.proposals[0]
     row |= {"sentence": found.sentence, "distance": [p.distance for p in best.pairs], "repeats": best.repeats,
             "limits": {x.name: [x.low, x.high] for x in found.limits if x.free}}
-    count = min(best.repeats or 1, MOST)
+    if best.repeats is None:
+        return row
+    count = min(best.repeats, MOST)
     generator = np.random.default_rng([seed, number])
     names = ("initial_pressure", "approach_speed") if family == "impact" else (
         "normal_load", "internal_pressure", "slip_speed")  # fmt: skip
@@ -123,16 +128,23 @@ def judge_case(number: int, seed: int, folder: Path) -> dict:
 
 def summarise(rows: list[dict], tried: int, seconds: float) -> str:
     """The README of the study."""
+    def limit(number):
+        low, high = stats.binomtest(number, max(len(done), 1)).proportion_ci(0.9)
+        return f"{100 * low:.0f} to {100 * high:.0f} %"
+
     done = [r for r in rows if "proposed" in r]
+    stuck = [r for r in rows if "sentence" in r and "proposed" not in r]
     count = {kind: sum(r[kind]["split"] for r in done) for kind in ("proposed", "random")}
     lines = [
         "# The next test",
         "",
         f"`python docs/next_test.py -o fits/next-test --cases {tried}` drew {tried} campaigns with one hidden effect "
-        f"and settings close together; in {len(done)} of them `discover` could not tell the truth from its rivals. One "
-        f"test (with its repeats) that `ddetumble design` proposed left the truth alone in {count['proposed']} of "
-        f"{len(done)}, one drawn at random "
-        f"within the same limits in {count['random']} of {len(done)}.",
+        f"and settings close together (chosen so that effects are confounded; the sealed exam's campaigns hardly ever "
+        f"are); in {len(done) + len(stuck)} of them `discover` could not tell the truth from its rivals. In "
+        f"{len(stuck)} of these `ddetumble design` said that no test within the limits separates them. In the others, "
+        f"one proposed test, repeated as often as it asked for, left the truth alone in {count['proposed']} of "
+        f"{len(done)} ({limit(count['proposed'])}), one drawn at random within the same limits, repeated as often, in "
+        f"{count['random']} of {len(done)} ({limit(count['random'])}; 90 % intervals of Clopper and Pearson).",
         "",
         "| hidden | rivals before | proposed | left | at random | left |",
         "| --- | --- | --- | --- | --- | --- |",
@@ -144,8 +156,9 @@ def summarise(rows: list[dict], tried: int, seconds: float) -> str:
             some = f"{r[kind]['records']} record{'s' if r[kind]['records'] > 1 else ''}"
             cells += [f"{at} ({some})", ", ".join(r[kind]["left"]) or "none"]
         lines.append("| " + " | ".join(cells) + " |")
-    others = [r for r in rows if "proposed" not in r]
-    lines += ["", "Not counted, as nothing was confounded or the truth was not found: "
+    others = [r for r in rows if "sentence" not in r]
+    lines += ["", *(f"- {next(iter(r['hidden']))} (rivals: {', '.join(r['rivals'])}): {r['sentence']}" for r in stuck),
+              "", "Not counted, as nothing was confounded or the truth was not found: "
               + "; ".join(f"{next(iter(r['hidden']))} ({r['verdict']}: {', '.join(r['rivals']) or 'none'})"
                           for r in others) + "." if others else "", "",
               f"Conditions in SI units. {seconds:.0f} s.", ""]
@@ -156,7 +169,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--cases", type=int, default=5, help="campaigns to draw")
+    parser.add_argument("--cases", type=int, default=16, help="campaigns to draw")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)

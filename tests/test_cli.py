@@ -1,6 +1,7 @@
 """The command line: help, exit codes, one sentence for every failure, quiet where nobody watches."""
 
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -89,6 +90,19 @@ def test_bad_input(arguments, capsys, monkeypatch, tmp_path):
     output = capsys.readouterr()
     assert_sentence(output.err)
     assert output.out == "" and os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.study
+def test_the_demo_ends_with_a_plan(tmp_path, capsys):
+    """The whole story as the README has it: paper, discovery, and a strike with what was learnt."""
+    assert main(["demo", "-o", str(tmp_path / "demo")]) == 0
+    told = capsys.readouterr().out
+    for folder in ("paper", "discovery", "plan"):
+        assert (tmp_path / "demo" / folder / "report.html").stat().st_size > 10_000, folder
+    plan = json.loads((tmp_path / "demo" / "plan" / "plan.json").read_text(encoding="utf-8"))
+    assert plan["possible"] and 0.0 < plan["share_left"] < 0.8 and plan["uncertainty"]
+    assert "Missing was" in told and "of the angular momentum out" in told
+    assert str(tmp_path / "demo" / "discovery" / "report.html") in told.strip().splitlines()[-1]
 
 
 def test_process():

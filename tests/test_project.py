@@ -16,7 +16,7 @@ from ddetumble.cli import app
 
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md")
+PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md", "docs/scenario.md")
 PACKAGE = ROOT / "ddetumble"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
@@ -198,6 +198,18 @@ def test_readme_links():
     heads = re.findall(r"^## (.+)$", (ROOT / "docs" / "guide.md").read_text(encoding="utf-8"), re.MULTILINE)
     wanted = re.findall(r"docs/guide\.md#([^)\s]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
     assert len(wanted) > 5 and set(wanted) <= {head.lower().replace(" ", "-") for head in heads}
+
+
+def test_scenario_page_is_current(tmp_path):
+    """`docs/scenario.md` lists the keys that are read, and the smallest scenario on it can be planned with."""
+    from ddetumble.planning.scenario import pose_problem, read_scenario
+    from docs.scenario_page import PAGE, write_page
+
+    text = PAGE.read_text(encoding="utf-8")
+    assert text == write_page()
+    file = tmp_path / "smallest.toml"
+    file.write_text(re.findall(r"```toml\n(.*?)```", text, re.DOTALL)[0], encoding="utf-8")
+    assert float(pose_problem(read_scenario(file), tmp_path).angular_velocity[0]) == 0.05
 
 
 @pytest.mark.slow

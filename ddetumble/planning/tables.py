@@ -21,9 +21,10 @@ class DebrisTable(_Strict):
     """`[debris]`: shape and how it moves at time 0.
 
     Attributes:
-        shape: `cylinder` (with `radius`, `length`), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).
+        shape: `cylinder` (`radius`, `length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`,
+            `scale`).
         mass: [kg].
-        radius, length: [m].
+        radius, length: of a cylinder; the radius of a sphere, too [m].
         lengths: along body x, y, z [m].
         file: of a closed convex mesh, from the scenario's own folder on.
         scale: metres per unit of the mesh.
@@ -63,7 +64,8 @@ class BallTable(_Strict):
 
     Attributes:
         model: folder of a fit to impacts, or to oblique impacts (with its friction); '' for the paper's ball.
-        friction_model: folder of a fit to slip records.
+        friction_model: folder of a fit to slip records, by `--model eq8` or `coulomb` (Eq. 10 grows without limit at
+            the loads of an impact).
         restitution: of the paper's ball.
         friction: constant coefficient where no friction model is named.
         conditions: what else the model's effects read, by name, SI: `sequence`, the number of the impact on this ball.
@@ -81,8 +83,10 @@ class ArmTable(_Strict):
 
     Attributes:
         mass: apparent at the tip along the normal [kg]; that of the fitted model where it is not given.
-        tangential_mass: apparent across it [kg]; as `mass` where it is not given.
-        clamped: whether the mount keeps the ball from turning.
+        tangential_mass: apparent across it [kg]; where it is not given, that of an oblique fit, if `mass` is not given
+            either, else as along the normal.
+        clamped: whether the mount keeps the ball from turning; where not, it turns with the rolling mass of an oblique
+            fit, or 0.5 kg.
         speed: largest [m/s].
         chaser: direction from the debris to the chaser, inertial.
         cone_degrees: largest angle between that and the outward normal at the place that is struck.
@@ -131,7 +135,7 @@ class GoalTable(_Strict):
     Attributes:
         momentum, energy, nutation: weights of |L| and of the energy left, and of the nutation angle over 90°.
         impacts: at most so many.
-        share: of the angular momentum at which a sequence ends.
+        share: of the angular momentum at which a sequence ends; what the report measures a plan by.
         least: what of a sequence is to be small: the number of impacts, the sum of all impulses, or the time it takes.
     """
 
@@ -193,6 +197,12 @@ class UncertaintyTable(_Strict):
 
 class Scenario(_Strict):
     """Content of `SCENARIO.toml`; its tables are `[debris]`, `[ball]`, `[arm]`, `[limits]`, `[goal]`, `[uncertainty]`.
+
+    Attributes:
+        schema_: version of this format, `"ddetumble.plan/1"`.
+        title: of the report.
+        seed: of the places where the search starts, and of the draws.
+        starts: promising designs that are refined on the integrated impact; more find a better optimum now and then.
     """
 
     schema_: Literal["ddetumble.plan/1"] = Field(alias="schema")

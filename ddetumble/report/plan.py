@@ -45,7 +45,7 @@ def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
     left = 100 * sequence.shares[-1]
     start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {left:.2f} % of the angular momentum"
     aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
-    bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound and share < 1 else ""
+    bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound > 1 else ""
     ended = "" if sequence.reached else f" The wanted {100 * share:g} % are not reached"
     ended += f": {_say_why(sequence)}." if ended and sequence.refused is not None else "." if ended else ""
     told = sequence.together or sequence.tried
@@ -60,7 +60,8 @@ def _say_why(sequence: Sequence) -> str:
     if best is None:
         return "no impact is allowed"
     if best.allowed:
-        return (f"{further} impact changes what is wanted by {100 * (1 - best.score / best.untouched):.2f} %, "
+        gain = max(0.0, 1.0 - best.score / best.untouched)
+        return (f"{further} impact changes what is wanted by {100 * gain:.2f} %, "
                 f"less than {100 * LEAST_GAIN:.0f} %")
     name = min(best.values, key=lambda one: best.values[one])
     return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"

@@ -1,0 +1,69 @@
+"""Plan every shipped scenario: `python -m docs.plan_scenarios -o fits/plans`.
+
+Runs `ddetumble plan` on each file of `data/scenarios` and keeps its `plan.json` and a table of what came of them.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from ddetumble import find_data
+from ddetumble.cli import main as run_command
+from ddetumble.inference.files import list_versions, write_json
+
+
+def plan_all(folder: Path) -> list[dict]:
+    """Plan each and keep its result; returns a row each."""
+    rows = []
+    for path in sorted((find_data() / "scenarios").glob("*.toml")):
+        with tempfile.TemporaryDirectory() as place:
+            began = time.perf_counter()
+            if run_command(["plan", str(path), "-o", place]) != 0:
+                raise SystemExit(f"{path.name} could not be planned")
+            seconds = time.perf_counter() - began
+            plan = json.loads((Path(place) / "plan.json").read_text(encoding="utf-8"))
+            shutil.copyfile(Path(place) / "plan.json", folder / f"{path.stem}.json")
+        rows.append({
+            "scenario": path.stem, "sentence": plan["sentence"], "reached": plan["reached"],
+            "impacts": len(plan["impacts"]), "bound": plan["fewest_impacts"], "left": plan["share_left"],
+            "wanted": plan["wanted_share"], "duration": plan["duration"], "impulse": plan["impulse"],
+            "stationarity": max((one["certificate"]["stationarity"] for one in plan["impacts"]), default=None),
+            "gradient_error": max((one["certificate"]["gradient_error"] for one in plan["impacts"]), default=None),
+            "seconds": round(seconds, 1)})
+    return rows
+
+
+def tell(rows: list[dict]) -> str:
+    """The page."""
+    lines = ["# The shipped scenarios, planned", "",
+             "Made by `python -m docs.plan_scenarios -o fits/plans`; each `NAME.json` is what `ddetumble plan "
+             "data/scenarios/NAME.toml` wrote. Stationarity is the largest share of the gradient that the binding "
+             "constraints leave, over all impacts; the error is that of the gradient against differences.", "",
+             "| scenario | impacts (at least) | left | wanted | time [s] | impulse [N s] | stationarity | error | "
+             "seconds |", "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]
+    for r in rows:
+        proof = ("", "") if r["stationarity"] is None else (f"{r['stationarity']:.0e}", f"{r['gradient_error']:.0e}")
+        count = f"{r['impacts']}" + ("" if r["bound"] is None else f" ({r['bound']})")
+        lines.append(f"| `{r['scenario']}` | {count} | {100 * r['left']:.2f} % | {100 * r['wanted']:g} % | "
+                     f"{r['duration']:.1f} | {r['impulse']:.1f} | {proof[0]} | {proof[1]} | {r['seconds']:.0f} |")
+    return "\n".join([*lines, "", *(f"- `{r['scenario']}`: {r['sentence']}" for r in rows), ""])
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    given = parser.parse_args(arguments)
+    given.output.mkdir(parents=True, exist_ok=True)
+    rows = plan_all(given.output)
+    write_json(given.output / "result.json", {"scenarios": rows, "versions": list_versions()})
+    (given.output / "README.md").write_text(tell(rows), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

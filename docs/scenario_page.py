@@ -1,0 +1,109 @@
+"""Write `docs/scenario.md`, every key of `SCENARIO.toml` and of `plan.json`: `python -m docs.scenario_page`.
+
+The keys, defaults and their meaning are read off `ddetumble.planning.tables`, so that the page cannot differ from what
+is checked.
+"""
+
+import inspect
+import re
+import sys
+from pathlib import Path
+
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from ddetumble.planning import tables
+
+
+PAGE = Path(__file__).resolve().parent / "scenario.md"
+TABLES = (("", tables.Scenario), ("debris", tables.DebrisTable), ("ball", tables.BallTable), ("arm", tables.ArmTable),
+          ("limits", tables.LimitTable), ("goal", tables.GoalTable), ("uncertainty", tables.UncertaintyTable),
+          ("uncertainty.parameters.NAME", tables.SpreadTable))
+INTRODUCTION = """\
+# What `ddetumble plan` reads and writes
+
+Made by `python -m docs.scenario_page`. A scenario is one TOML file; numbers are SI, angles in degrees where the key
+says so. Keys that are not listed are refused, with their name. The smallest scenario:
+
+```toml
+schema = "ddetumble.plan/1"
+
+[debris]
+angular_velocity = [0.05, 0.0, 0.02]
+```
+
+What a plan takes for granted: the body is rigid, convex and free. The arm's velocity and the direction to the chaser
+are in the frame in which the debris' centre of mass rests: after an impact the chaser follows the drift, which
+`plan.json` states. The ball alone must keep clear of the rest of the body, not the arm behind it. A ball that reaches
+over an edge is left out: the contact disc keeps `limits.edge` from every edge. The arm pushes with its apparent mass;
+it drives the ball as well where the fitted model holds `arm-servo`. `plan_for = "mean"` and `"tail"` plan each impact
+of a sequence for itself.
+"""
+RESULT = """\
+## `plan.json`
+
+| key | meaning |
+| --- | --- |
+| `schema` | `ddetumble.plan-result/1` |
+| `scenario`, `title`, `version` | file, its title, version of ddetumble |
+| `sentence` | the answer in words |
+| `possible`, `reached` | whether any impact helps; whether the wanted share is reached |
+| `wanted_share`, `share_left`, `axial_share` | of the angular momentum: wanted, left, what no normal force can take |
+| `impulse`, `duration` | sizes of all contact impulses added up [N s]; from time 0 to the last separation [s] |
+| `fewest_impacts` | lower bound on their number; null where none can be given |
+| `together` | what changing all impacts at once gained |
+| `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
+| `refused` | the best further impact, where it is not allowed or not worth its while |
+| `uncertainty` | distribution of the momentum left, by model, and whether it matters which is true |
+
+An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `impulse` and `angular_momentum` are
+inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives.
+`certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
+`gradient_error` its largest difference from central differences.
+"""
+
+
+def read_attributes(table: type) -> dict[str, str]:
+    """Meaning of every key, off the docstring."""
+    text = re.sub(r"\n\s{8,}", " ", inspect.cleandoc(table.__doc__ or "").partition("Attributes:\n")[2])
+    found = {}
+    for line in text.splitlines():
+        names, colon, meaning = line.strip().partition(": ")
+        if colon:
+            found |= {name.strip(): meaning for name in names.split(",")}
+    return found
+
+
+def show_default(field: FieldInfo) -> str:
+    """The default as TOML has it; empty where the key is required."""
+    value = field.default
+    if value is PydanticUndefined:
+        return "required"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if value is None or value in ((), {}) or not isinstance(value, (str, int, float, tuple)):
+        return ""
+    if isinstance(value, tuple):
+        return f"`[{', '.join(f'{x:g}' for x in value)}]`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
+
+
+def write_page() -> str:
+    """The page."""
+    lines = [INTRODUCTION]
+    for name, table in TABLES:
+        meanings = read_attributes(table)
+        title = f"## `[{name}]`" if name else "## At the top"
+        lines += [title, "", "| key | default | meaning |", "| --- | --- | --- |"]
+        for key, field in table.model_fields.items():
+            if name == "" and key in dict(TABLES):
+                continue
+            shown = field.alias or key
+            lines.append(f"| `{shown}` | {show_default(field)} | {meanings[key].replace('|', chr(92) + '|')} |")
+        lines.append("")
+    return "\n".join([*lines, RESULT])
+
+
+if __name__ == "__main__":
+    PAGE.write_text(write_page(), encoding="utf-8")
+    sys.stdout.write(f"{PAGE.name}\n")
