@@ -26,8 +26,17 @@ from .page import Section, Table, write_page, write_whole
 
 SCHEMA = "ddetumble.plan-result/1"
 PLACES = 120  # times drawn between two impacts
+ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
+FOUNDED = {
+    "alone": "Each impact is the best of several starts for itself, from the motion that the one before left; the "
+             "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
+             "constraints' share says how nearly each is a first-order optimum.",
+    "together": "The impacts were planned one after the other, and then changed all together, with the gradient "
+                "through all of them and the motion between. What is left of that gradient after the binding "
+                "constraints' share says how nearly the whole is a first-order optimum near where it began; another "
+                "sequence may be better still."}
 AFTERWARDS = 30.0  # s, of free motion drawn at either end
-COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2"}
+COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
 
 def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
@@ -140,6 +149,10 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
     size = max(float(np.linalg.norm(momentum)), 1e-300)
     arrows.append({"tail": [0.0, 0.0, 0.0], "head": (1.3 * reach * momentum / size).tolist(),
                    "colour": COLOURS["momentum"], "label": "momentum before"})
+    if sequence.impacts:
+        left = np.asarray(problem.debris.inertia @ sequence.impacts[-1].collision.angular_velocity)
+        arrows.append({"tail": [0.0, 0.0, 0.0], "head": (1.3 * reach * left / size).tolist(),
+                       "colour": COLOURS["after"], "label": "after"})
     largest = max((float(jnp.linalg.norm(plan.collision.impulse)) for plan in sequence.impacts), default=1.0)
     for number, plan in enumerate(sequence.impacts, 1):
         push = np.asarray(rotate_back(plan.design.attitude, plan.collision.impulse))
@@ -218,23 +231,21 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
           ", ".join(f"{start['score']:.4f}" for start in one["starts"])] for one in impacts])
     sections = [
         Section("Where to strike", [
-            make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before. Orange: the "
-            "impulse of each impact, its head at the point of contact. Drag to turn."]),
+            make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
+            "the last impact, to the same scale. Orange: the impulse of each impact, its head at the point of contact. "
+            "Drag to turn."]),
         Section("Before, between and after", [], figures=figures, tables=[table] if impacts else []),
     ]
     if assessment is not None:
         sections.append(show_outlook(assessment, plan_for, prospect, share))
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
+        rough = [one["impact"] for one in impacts if one["certificate"]["stationarity"] > ROUGH]
+        doubt = f"No first-order optimum to {ROUGH:.0%} of the gradient: impact {', '.join(map(str, rough))}." if (
+            rough) else ""
         sections.append(Section(
             "How well the plan is founded",
-            ["Each impact is the best of several starts for itself, from the motion that the one before left; the "
-             "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
-             "constraints' share says how nearly each is a first-order optimum." if not sequence.together else
-             "The impacts were planned one after the other, and then changed all together, with the gradient through "
-             "all of them and the motion between. What is left of that gradient after the binding constraints' share "
-             "says how nearly the whole is a first-order optimum near where it began; another sequence may be better "
-             "still."], tables=[proofs]))
+            [*([doubt] if doubt else []), FOUNDED["together" if sequence.together else "alone"]], tables=[proofs]))
     folder.mkdir(parents=True, exist_ok=True)
     page = write_page(title or "Planned impacts", sentence, sections, folder, "report.html")
     write_whole(folder / "plan.json", (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
