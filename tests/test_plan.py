@@ -14,6 +14,7 @@ from ddetumble._rotation import rotate
 from ddetumble.cli import main
 from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
+from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load_model
 from ddetumble.planning.chain import follow_chain, follow_slopes, plan_together, read_chain, refine_sequence
 from ddetumble.planning.guesses import find_starts
@@ -294,6 +295,55 @@ def test_laws_that_a_plan_cannot_use_are_refused(tmp_path):
         mount_law(scenario, pad, None)
     ball = scenario.ball.model_copy(update={"conditions": {"thickness": 0.03}})
     assert mount_law(scenario.model_copy(update={"ball": ball}), pad, None).reference.ball.condition == "thickness"
+
+
+def test_a_fit_of_oblique_impacts_brings_its_friction_and_its_mount():
+    """Normal law, friction, effects, creep speed; its masses where the scenario's arm has none of its own."""
+    scenario = read_scenario(find_data() / "scenarios" / "paper-case-2.toml")
+    fitted = Striker(Ball(effective_mass=3.0), CoulombFriction(0.4), tangential_mass=2.0, rolling_mass=0.3,
+                     creep_speed=0.02).extend((TangentialCompliance(5e-5),))
+    own = scenario.model_copy(update={"arm": scenario.arm.model_copy(update={"mass": None, "clamped": False})})
+    law = mount_law(own, fitted, None)
+    assert [float(x) for x in (law.reference.ball.inertia(), law.reference.tangential_mass, law.reference.rolling_mass,
+                               law.reference.creep_speed, law.reference.friction.friction_coefficient)] == [
+        3.0, 2.0, 0.3, 0.02, 0.4]
+    assert [type(one) for one in law.effects] == [TangentialCompliance]
+    mounted = mount_law(scenario, fitted, None).reference
+    assert float(mounted.ball.inertia()) == float(mounted.tangential_mass) == 10.0 and mounted.rolling_mass > 1e8
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("shape", ['shape = "box"\nlengths = [1.0, 2.0, 3.0]', 'shape = "sphere"\nradius = 1.0'])
+def test_other_convex_bodies_are_planned_for(tmp_path, shape):
+    """Through the command: allowed, gradients right, and the momentum after is what the impulse makes of it.
+
+    Of a sphere friction alone takes momentum, so that no more than the friction limit's moment goes.
+    """
+    file = tmp_path / "case.toml"
+    file.write_text(f'''schema = "ddetumble.plan/1"
+[debris]
+{shape}
+angular_velocity = [0.06, 0.02, 0.03]
+[arm]
+mass = 8.0
+[limits]
+force = 1000.0
+''', encoding="utf-8")
+    assert main(["plan", str(file), "-o", str(tmp_path / "plan")]) == 0
+    plan = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
+    one, = plan["impacts"]
+    assert one["allowed"] and one["certificate"]["gradient_error"] < 5e-3 and plan["share_left"] < 0.95
+    inertia = np.asarray(make_debris(Box(1000.0, np.array([1.0, 2.0, 3.0])) if "box" in shape
+                                     else Sphere(1000.0, 1.0)).inertia)
+    before = inertia @ [0.06, 0.02, 0.03]
+    after = np.linalg.norm(one["angular_momentum"])
+    assert after == pytest.approx(np.linalg.norm(inertia @ one["angular_velocity"]), rel=1e-6)
+    assert plan["share_left"] == pytest.approx(after / np.linalg.norm(before), rel=1e-6)
+    impulse = np.linalg.norm(one["impulse"])
+    assert np.linalg.norm(before) - after <= impulse * np.linalg.norm(one["point"]) * (1 + 1e-6) + 0.06 * impulse
+    if "sphere" in shape:
+        assert plan["axial_share"] == 1.0 and "sphere's centre" in plan["sentence"]
+        assert np.linalg.norm(before) - after <= (0.218 / np.hypot(1.0, 0.218) + 0.06) * impulse
 
 
 def test_every_design_that_approaches_is_integrated():
