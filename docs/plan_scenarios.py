@@ -14,6 +14,7 @@ from pathlib import Path
 from ddetumble import find_data
 from ddetumble.cli import main as run_command
 from ddetumble.inference.files import list_versions, write_json
+from ddetumble.report.plan import ENDED
 
 
 def plan_all(folder: Path) -> list[dict]:
@@ -31,8 +32,8 @@ def plan_all(folder: Path) -> list[dict]:
             "scenario": path.stem, "sentence": plan["sentence"], "reached": plan["reached"],
             "impacts": len(plan["impacts"]), "bound": plan["fewest_impacts"], "left": plan["share_left"],
             "wanted": plan["wanted_share"], "duration": plan["duration"], "impulse": plan["impulse"],
-            "stationarity": max((one["certificate"]["stationarity"] for one in plan["impacts"]), default=None),
-            "gradient_error": max((one["certificate"]["gradient_error"] for one in plan["impacts"]), default=None),
+            **{name: max((one["certificate"][name] for one in plan["impacts"] if one["score"] > ENDED), default=None)
+               for name in ("stationarity", "gradient_error")},
             "seconds": round(seconds, 1)})
     return rows
 
@@ -42,7 +43,8 @@ def tell(rows: list[dict]) -> str:
     lines = ["# The shipped scenarios, planned", "",
              "Made by `python -m docs.plan_scenarios -o fits/plans`; each `NAME.json` is what `ddetumble plan "
              "data/scenarios/NAME.toml` wrote. Stationarity is the largest share of the gradient that the binding "
-             "constraints leave, over all impacts; the error is that of the gradient against differences.", "",
+             "constraints leave, over all impacts but those that leave next to nothing (where |L| is nought it has no "
+             "gradient); the error is that of the gradient against differences.", "",
              "| scenario | impacts (at least) | left | wanted | time [s] | impulse [N s] | stationarity | error | "
              "seconds |", "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]
     for r in rows:

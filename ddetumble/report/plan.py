@@ -27,6 +27,7 @@ from .page import Section, Table, write_page, write_whole
 SCHEMA = "ddetumble.plan-result/1"
 PLACES = 120  # times drawn between two impacts
 ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
+ENDED = 1e-3  # share of the score before, below which nothing is left to gain
 FOUNDED = {
     "alone": "Each impact is the best of several starts for itself, from the motion that the one before left; the "
              "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
@@ -240,16 +241,27 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         sections.append(show_outlook(assessment, plan_for, prospect, share))
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
-        rough = [one["impact"] for one in impacts if one["certificate"]["stationarity"] > ROUGH]
-        doubt = f"No first-order optimum to {ROUGH:.0%} of the gradient: impact {', '.join(map(str, rough))}." if (
-            rough) else ""
         sections.append(Section(
             "How well the plan is founded",
-            [*([doubt] if doubt else []), FOUNDED["together" if sequence.together else "alone"]], tables=[proofs]))
+            [FOUNDED["together" if sequence.together else "alone"], *list_doubts(sequence)], tables=[proofs]))
     folder.mkdir(parents=True, exist_ok=True)
     page = write_page(title or "Planned impacts", sentence, sections, folder, "report.html")
     write_whole(folder / "plan.json", (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
     return page
+
+
+def list_doubts(sequence: Sequence) -> list[str]:
+    """Which impacts are no first-order optimum, and of which the gradient says nothing."""
+    done = [k for k, plan in enumerate(sequence.impacts, 1) if plan.score <= ENDED * plan.untouched]
+    rough = [k for k, plan in enumerate(sequence.impacts, 1)
+             if plan.certificate.stationarity > ROUGH and k not in done]
+    told = []
+    if done:
+        told.append(f"Impact {', '.join(map(str, done))} leaves next to nothing: there is nothing more to gain, and "
+                    "where a size is nought it has no gradient.")
+    if rough:
+        told.append(f"No first-order optimum to {ROUGH:.0%} of the gradient: impact {', '.join(map(str, rough))}.")
+    return told
 
 
 def _list(vector) -> str:
