@@ -46,7 +46,8 @@ def run(law, debris, omega, point, velocity, pressure=1.5e6, attitude=LEVEL, **o
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effects", [{}, {"k_w": 900.0, "k_v": 800.0, "share": 0.1, "A": 0.4, "kappa": 3.0}])
+@pytest.mark.parametrize("effects", [{}, {"k_w": 900.0, "k_v": 800.0, "share": 0.1, "A": 0.4, "kappa": 3.0},
+                                     {"k_s": 400.0}])  # an arm that drives: the bench's is checked by SciPy
 def test_a_plate_of_infinite_mass_is_the_bench(effects):
     """All channels and what is left of the speeds, as `strike` has them."""
     law = build(1.3, 1.1, 0.45, 0.25, **effects)
