@@ -1,20 +1,27 @@
-"""Draw the pictures of README.md from a shipped campaign: `python -m docs.make_images`, from the repository's root."""
+"""Draw the pictures of README.md from a shipped campaign and a shipped scenario: `python -m docs.make_images`, from the
+repository's root.
+"""
 
 import io
 from pathlib import Path
 
 from ddetumble import discover, find_data
 from ddetumble.figures import draw_fit, draw_ledger, draw_ranking, render_png
+from ddetumble.figures.plan import draw_motion
+from ddetumble.planning.chain import plan_together
+from ddetumble.planning.scenario import pose_problem, read_scenario
+from ddetumble.report.plan import describe_plan, follow_plan
 
 
 CAMPAIGN = "impact-b"
+SCENARIO = "fast-coning"
 FOLDER = Path(__file__).resolve().parent / "images"
 DPI = 110
 GAP = 30  # between figures [pixels]
 
 
 def main() -> None:
-    """Discover, draw, and write `discovery.png` and `ranking.png`."""
+    """Discover, plan, draw, and write `discovery.png`, `ranking.png` and `plan.png`."""
     found = discover(find_data() / CAMPAIGN)
     models = {"reference model": found.steps[0].traces}
     if found.effects:
@@ -23,6 +30,12 @@ def main() -> None:
     write_picture([draw_fit(models, count=4)], FOLDER / "discovery.png")
     write_picture([draw_ranking(found.candidates, found.effects), draw_ledger(found)], FOLDER / "ranking.png")
     print(found.sentence)
+    path = find_data() / "scenarios" / f"{SCENARIO}.toml"
+    scenario = read_scenario(path)
+    problem, goal = pose_problem(scenario, path.parent), scenario.goal
+    planned = plan_together(problem, goal.share, goal.impacts, aim=goal.least, starts=scenario.starts)
+    write_picture([draw_motion(*follow_plan(problem, planned), planned.instants)], FOLDER / "plan.png")
+    print(describe_plan(problem, planned, goal.share))
 
 
 def write_picture(figures, path: Path) -> None:
