@@ -1,11 +1,11 @@
 """Does the proposed test tell rivals apart? Confounded campaigns, one proposed test, one drawn at random.
 
-    python docs/next_test.py -o fits/next-test [--cases 16] [--seed 0]
+    python docs/next_test.py -o fits/next-test [--cases 40] [--seed 0]
 
 Campaigns with one hidden effect and settings so close together that rivals remain are drawn by the independent
 simulator and judged by `discover`. Where at least two models are left with the truth among them, `design` proposes a
-test and how often it has to be repeated; the simulator makes that many records of it, and in its place as many of a
-test drawn at random within the same limits. Each is added to the campaign, and `discover` judges again: the set is
+test and how often it has to be repeated; the simulator makes one record of it, and that many, and in its place as many
+of a test drawn at random within the same limits. Each is added to the campaign, and `discover` judges again: the set is
 split where the truth alone is left of it. Where `design` says that nothing within the limits separates the rivals, no
 test is made.
 Writes `result.json` and `README.md`.
@@ -119,10 +119,15 @@ def judge_case(number: int, seed: int, folder: Path) -> dict:
         settings = tuple(float(conditions[n]) for n in names)
         more = make_case(family, effects, 100 * seed + number + (50 if kind == "random" else 70), "more", settings,
                          count if family == "slip" else (count + 1) // 2)
-        again = discover(write_case(extend_case(case, more, count), family, folder / kind))
-        left = sorted(set(confuse(again)) & set(rivals))
-        row[kind] = {"conditions": dict(zip(names, settings, strict=True)), "records": count, "verdict": again.verdict,
-                     "effects": list(again.effects), "left": left, "split": left == [name]}
+        row[kind] = {"conditions": dict(zip(names, settings, strict=True))}
+        for often, records in {"once": 1, "repeated": count}.items():
+            if often == "repeated" and records == 1:
+                row[kind][often] = row[kind]["once"]
+                continue
+            again = discover(write_case(extend_case(case, more, records), family, folder / f"{kind}-{often}"))
+            left = sorted(set(confuse(again)) & set(rivals))
+            row[kind][often] = {"records": records, "verdict": again.verdict, "effects": list(again.effects),
+                                "left": left, "split": left == [name]}
     return row
 
 
@@ -134,7 +139,12 @@ def summarise(rows: list[dict], tried: int, seconds: float) -> str:
 
     done = [r for r in rows if "proposed" in r]
     stuck = [r for r in rows if "sentence" in r and "proposed" not in r]
-    count = {kind: sum(r[kind]["split"] for r in done) for kind in ("proposed", "random")}
+    count = {(kind, often): sum(r[kind][often]["split"] for r in done)
+             for kind in ("proposed", "random") for often in ("once", "repeated")}
+
+    def tell(kind, often):
+        return f"{count[kind, often]} of {len(done)} ({limit(count[kind, often])})"
+
     lines = [
         "# The next test",
         "",
@@ -142,19 +152,22 @@ def summarise(rows: list[dict], tried: int, seconds: float) -> str:
         f"and settings close together (chosen so that effects are confounded; the sealed exam's campaigns hardly ever "
         f"are); in {len(done) + len(stuck)} of them `discover` could not tell the truth from its rivals. In "
         f"{len(stuck)} of these `ddetumble design` said that no test within the limits separates them. In the others, "
-        f"one proposed test, repeated as often as it asked for, left the truth alone in {count['proposed']} of "
-        f"{len(done)} ({limit(count['proposed'])}), one drawn at random within the same limits, repeated as often, in "
-        f"{count['random']} of {len(done)} ({limit(count['random'])}; 90 % intervals of Clopper and Pearson).",
+        "the proposed test, repeated as often as it asked for, left the truth alone in "
+        f"{tell('proposed', 'repeated')}, one drawn at random within the same limits, repeated as often, in "
+        f"{tell('random', 'repeated')}. A single "
+        f"record did so in {tell('proposed', 'once')} and {tell('random', 'once')}. In brackets: 90 % intervals of "
+        "Clopper and Pearson.",
         "",
-        "| hidden | rivals before | proposed | left | at random | left |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| hidden | rivals before | proposed | left by one record | by all | at random | left by one record | by all |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for r in done:
         cells = [next(iter(r["hidden"])), ", ".join(r["rivals"])]
         for kind in ("proposed", "random"):
             at = ", ".join(f"{n} {v:.3g}" for n, v in r[kind]["conditions"].items())
-            some = f"{r[kind]['records']} record{'s' if r[kind]['records'] > 1 else ''}"
-            cells += [f"{at} ({some})", ", ".join(r[kind]["left"]) or "none"]
+            number = r[kind]["repeated"]["records"]
+            cells += [f"{at} ({number} record{'s' if number > 1 else ''})",
+                      *(", ".join(r[kind][often]["left"]) or "none" for often in ("once", "repeated"))]
         lines.append("| " + " | ".join(cells) + " |")
     others = [r for r in rows if "sentence" not in r]
     lines += ["", *(f"- {next(iter(r['hidden']))} (rivals: {', '.join(r['rivals'])}): {r['sentence']}" for r in stuck),
@@ -169,7 +182,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("--cases", type=int, default=16, help="campaigns to draw")
+    parser.add_argument("--cases", type=int, default=40, help="campaigns to draw")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
@@ -178,8 +191,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             row = judge_case(number, options.seed, Path(folder))
         rows.append(row)
-        print(number, row["hidden"], row["rivals"], {k: row[k]["left"] for k in ("proposed", "random") if k in row},
-              f"{time.perf_counter() - began:.0f} s", flush=True)
+        left = {k: row[k]["repeated"]["left"] for k in ("proposed", "random") if k in row}
+        print(number, row["hidden"], row["rivals"], left, f"{time.perf_counter() - began:.0f} s", flush=True)
         for file, text in (("result.json", json.dumps(rows, indent=1) + "\n"),
                            ("README.md", summarise(rows, number + 1, time.perf_counter() - began))):
             draft = options.output / f"{file}.part"

@@ -16,6 +16,8 @@ from .workbench import Fitted, Workbench
 SURE = 9.0  # a held-out difference of so many noise variances is not chance
 DECISIVE = 50.0
 MOST = 3
+FINALISTS = 5  # additions that are fitted to the end at most
+SHORT = 2  # beside them, of those that stopped short with a better fit
 
 
 @dc.dataclass(frozen=True)
@@ -145,11 +147,20 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
 
 def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], before: Fitted, order: list[str]
            ) -> dict[str, Fitted]:
-    """Fit the finalists to the end: those that come near the best of the screening, or might have with more steps."""
+    """Fit the finalists to the end: those that come near the best of the screening, or might have with more steps.
+
+    A fit that stopped short may fit far better and yet predict left-out conditions badly, as its held-out loss is that
+    of a linearisation about a place which is no optimum: those that fit better than the best by much are finalists,
+    too.
+    """
     best = screened[order[0]].score
     near = {e: DECISIVE if screened[e].solution.converged else max(0.25 * (before.score - best), DECISIVE)
             for e in order}
-    finalists = [e for e in order if screened[e].score - best <= near[e]][:5]
+    finalists = [e for e in order if screened[e].score - best <= near[e]][:FINALISTS]
+    fits = screened[order[0]].solution.chi2 - DECISIVE
+    short = [e for e in order if not screened[e].solution.converged and screened[e].solution.chi2 < fits]
+    short = sorted(set(short) - set(finalists), key=lambda e: screened[e].solution.chi2)[:SHORT]
+    finalists += short
 
     def one(effect):
         if screened[effect].solution is before.solution:
