@@ -27,6 +27,7 @@ from .page import Section, Table, write_page, write_whole
 SCHEMA = "ddetumble.plan-result/1"
 PLACES = 120  # times drawn between two impacts
 ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
+SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen
 ENDED = 1e-3  # share of the score before, below which nothing is left to gain
 FOUNDED = {
     "alone": "Each impact is the best of several starts for itself, from the motion that the one before left; the "
@@ -149,11 +150,12 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
     momentum = np.asarray(problem.debris.inertia @ problem.angular_velocity)
     size = max(float(np.linalg.norm(momentum)), 1e-300)
     arrows.append({"tail": [0.0, 0.0, 0.0], "head": (1.3 * reach * momentum / size).tolist(),
-                   "colour": COLOURS["momentum"], "label": "momentum before"})
+                   "colour": COLOURS["momentum"], "label": "momentum before", "at": "head"})
     if sequence.impacts:
         left = np.asarray(problem.debris.inertia @ sequence.impacts[-1].collision.angular_velocity)
-        arrows.append({"tail": [0.0, 0.0, 0.0], "head": (1.3 * reach * left / size).tolist(),
-                       "colour": COLOURS["after"], "label": "after"})
+        if np.linalg.norm(left) > SHOWN * size:
+            arrows.append({"tail": [0.0, 0.0, 0.0], "head": (1.3 * reach * left / size).tolist(),
+                           "colour": COLOURS["after"], "label": "after", "at": "head"})
     largest = max((float(jnp.linalg.norm(plan.collision.impulse)) for plan in sequence.impacts), default=1.0)
     for number, plan in enumerate(sequence.impacts, 1):
         push = np.asarray(rotate_back(plan.design.attitude, plan.collision.impulse))
@@ -233,8 +235,8 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
     sections = [
         Section("Where to strike", [
             make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
-            "the last impact, to the same scale. Orange: the impulse of each impact, its head at the point of contact. "
-            "Drag to turn."]),
+            "the last impact, to the same scale, where enough is left. Orange: the impulse of each impact, its head at "
+            "the point of contact. Drag to turn."]),
         Section("Before, between and after", [], figures=figures, tables=[table] if impacts else []),
     ]
     if assessment is not None:

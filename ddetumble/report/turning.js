@@ -18,18 +18,18 @@
     }
     pen.globalAlpha = 1.0;
   }
-  function arrow(tail, head, colour, label) {
+  function arrow(tail, head, colour, label, at) {
     line([tail, head], colour, 3);
     const a = project(tail), b = project(head), way = Math.atan2(b[1] - a[1], b[0] - a[0]);
     pen.fillStyle = colour; pen.beginPath(); pen.moveTo(b[0], b[1]);
     for (const turn of [2.7, -2.7]) pen.lineTo(b[0] + 12 * Math.cos(way + turn), b[1] + 12 * Math.sin(way + turn));
-    pen.fill(); pen.fillText(label, a[0] + 6, a[1] - 6);
+    pen.fill(); pen.fillText(label, (at === "head" ? b : a)[0] + 6, (at === "head" ? b : a)[1] - 6);
   }
   function draw() {
     pen.clearRect(0, 0, canvas.width, canvas.height);
     pen.font = "15px sans-serif";
     for (const one of data.lines) line(one, "#66727f", 1.4);
-    for (const one of data.arrows) arrow(one.tail, one.head, one.colour, one.label);
+    for (const one of data.arrows) arrow(one.tail, one.head, one.colour, one.label, one.at);
   }
   canvas.addEventListener("pointerdown", function (event) {
     last = [event.clientX, event.clientY]; moving = false; canvas.setPointerCapture(event.pointerId);
