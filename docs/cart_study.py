@@ -151,6 +151,10 @@ def tell_story(parts: list[Part]) -> str:
                 f" (not to be told from {rivals})" if rivals else "")
             lines.append(f"| {name} | {100 * step.nrmse:.1f} % | {100 * step.heldout_nrmse:.1f} % | "
                          f"{step.heldout_nrmse / noise:.1f} |")
+        alone = sorted((c for c in found.candidates if c.explains > 0.01), key=lambda c: -c.explains)[:4]
+        lines += ["", "Alone, beside the spring: " + "; ".join(
+            f"{c.effect} removes {100 * c.explains:.0f} % of the misfit of the fit, left-out error "
+            f"{100 * c.heldout_nrmse:.2f} %" for c in alone) + "."]
         lines += ["", *(f"- {name}: {e.estimate:.4g} \u00b1 {e.sd:.2g} {e.unit}".rstrip() for name, e in
                         found.steps[-1].parameters.items()), *tell_onset(part), "",
                   *(["What `discover` notes:", "", *(f"- {note}" for note in found.notes), ""] if found.notes else []),
@@ -159,9 +163,9 @@ def tell_story(parts: list[Part]) -> str:
     thick = parts[0].found.steps
     lines += ["## What this does not show", "",
               f"- The damping is there (the misfit of the fit falls from {100 * thick[0].nrmse:.1f} to "
-              f"{100 * thick[1].nrmse:.1f} % with {thick[1].added}), but on thicknesses left out it gains little, "
-              f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[1].heldout_nrmse:.2f} %: between thicknesses the "
-              "spring itself differs by more." if len(thick) > 1 else "- Nothing was added on the thick pads.",
+              f"{100 * thick[1].nrmse:.1f} % with {thick[1].added}), but on thicknesses left out it gains less, "
+              f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[1].heldout_nrmse:.2f} %: three thicknesses differ by "
+              "more than the damping does, and which law of damping it is they do not settle." if len(thick) > 1 else "- Nothing was added on the thick pads.",
               "- Only the thinnest pad is struck through: what it meets behind the pad cannot be foretold from the "
               "others, so that there runs are left out, and one thickness says nothing about how the onset depends on "
               "it.",

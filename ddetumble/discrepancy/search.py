@@ -156,9 +156,10 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
     best = screened[order[0]].score
     near = {e: DECISIVE if screened[e].solution.converged else max(0.25 * (before.score - best), DECISIVE)
             for e in order}
-    finalists = [e for e in order if screened[e].score - best <= near[e]][:FINALISTS]
+    moved = [e for e in order if screened[e].solution is not before.solution]  # the others do nothing
+    finalists = [e for e in moved if screened[e].score - best <= near[e]][:FINALISTS] or order[:1]
     fits = screened[order[0]].solution.chi2 - DECISIVE
-    short = [e for e in order if not screened[e].solution.converged and screened[e].solution.chi2 < fits]
+    short = [e for e in moved if not screened[e].solution.converged and screened[e].solution.chi2 < fits]
     short = sorted(set(short) - set(finalists), key=lambda e: screened[e].solution.chi2)[:SHORT]
     finalists += short
 
