@@ -162,10 +162,11 @@ def tell_story(parts: list[Part]) -> str:
     scatter = ", ".join(f"{100 * x:.0f} % ({name})" for part in parts for name, x in part.scatter.items())
     thick = parts[0].found.steps
     lines += ["## What this does not show", "",
-              f"- The damping is there (the misfit of the fit falls from {100 * thick[0].nrmse:.1f} to "
-              f"{100 * thick[1].nrmse:.1f} % with {thick[1].added}), but on thicknesses left out it gains less, "
-              f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[1].heldout_nrmse:.2f} %: three thicknesses differ by "
-              "more than the damping does, and which law of damping it is they do not settle." if len(thick) > 1 else "- Nothing was added on the thick pads.",
+              (f"- The damping is there (the misfit of the fit falls from {100 * thick[0].nrmse:.1f} to "
+               f"{100 * thick[1].nrmse:.1f} % with {thick[1].added}), but on thicknesses left out it gains less, "
+               f"{100 * thick[0].heldout_nrmse:.2f} to {100 * thick[1].heldout_nrmse:.2f} %: three thicknesses differ "
+               "by more than the damping does, and which law of damping it is they do not settle.")
+              if len(thick) > 1 else "- Nothing was added on the thick pads.",
               "- Only the thinnest pad is struck through: what it meets behind the pad cannot be foretold from the "
               "others, so that there runs are left out, and one thickness says nothing about how the onset depends on "
               "it.",
