@@ -5,7 +5,6 @@ Runs `ddetumble plan` on each file of `data/scenarios` and keeps its `plan.json`
 
 import argparse
 import json
-import shutil
 import sys
 import tempfile
 import time
@@ -17,6 +16,9 @@ from ddetumble.inference.files import list_versions, write_json
 from ddetumble.report.plan import ENDED
 
 
+ROOT = Path(__file__).resolve().parent.parent
+
+
 def plan_all(folder: Path) -> list[dict]:
     """Plan each and keep its result; returns a row each."""
     rows = []
@@ -26,8 +28,10 @@ def plan_all(folder: Path) -> list[dict]:
             if run_command(["plan", str(path), "-o", place]) != 0:
                 raise SystemExit(f"{path.name} could not be planned")
             seconds = time.perf_counter() - began
-            plan = json.loads((Path(place) / "plan.json").read_text(encoding="utf-8"))
-            shutil.copyfile(Path(place) / "plan.json", folder / f"{path.stem}.json")
+            # Whatever names a file of this checkout names it from its root on.
+            text = (Path(place) / "plan.json").read_text(encoding="utf-8").replace(f"{ROOT.as_posix()}/", "")
+        plan = json.loads(text)
+        (folder / f"{path.stem}.json").write_text(text, encoding="utf-8")
         rows.append({
             "scenario": path.stem, "sentence": plan["sentence"], "reached": plan["reached"],
             "impacts": len(plan["impacts"]), "bound": plan["fewest_impacts"], "left": plan["share_left"],

@@ -11,7 +11,7 @@ from ddetumble._errors import InputError
 from ddetumble.inference.models import MODELS, describe_models, resolve_model
 
 
-pytestmark = pytest.mark.slow  # nearly all need the whole page
+pytestmark = pytest.mark.slow
 
 
 PRESSURE = np.linspace(0.0, 2.5e6, 11)
@@ -71,12 +71,14 @@ def integrate_peak(mass, e, pressure, dashpot=0.0, speed=0.4):
     return max(own[0], *(force(max(a, 0.0), b) for a, b in found.sol(fine).T)), found.t[-1]
 
 
+@pytest.mark.study
 def test_contradictions_are_all_there(points):
     assert sorted(points) == [1, 2, 3, 4, 5, 6, 7, 8, 9, 12, 13]
     for point in points.values():
         assert point["sentence"] and point["printed"] and point["found"] and point["used"]
 
 
+@pytest.mark.study
 def test_forces_of_the_readings(points):
     values = points[1]["values"]
     assert values["area"] == pytest.approx(4.6, abs=0.05)
@@ -85,6 +87,7 @@ def test_forces_of_the_readings(points):
     assert values["ours"] == pytest.approx(46.0, abs=0.05)
 
 
+@pytest.mark.study
 def test_pressure_falls_with_a_constant_perimeter(points):
     values = points[3]["values"]
     assert values["ratio_perimeter"] == pytest.approx(0.94, abs=0.005)
@@ -93,12 +96,14 @@ def test_pressure_falls_with_a_constant_perimeter(points):
     assert values["ratio_area"] > 1.0
 
 
+@pytest.mark.study
 def test_restitution_of_equation_6(points):
     values = points[4]["values"]
     assert values["delivered_0.8"] == pytest.approx(0.847, abs=0.0005)
     assert values["delivered_0.5"] == pytest.approx(0.725, abs=0.0005)
 
 
+@pytest.mark.study
 def test_errors_of_table_3(points):
     values = points[7]["values"]
     assert values["largest_percent"] == pytest.approx(7.2, abs=0.05)
@@ -107,6 +112,7 @@ def test_errors_of_table_3(points):
     assert values["mean_percent"] == pytest.approx(5.4, abs=0.05)
 
 
+@pytest.mark.study
 def test_abscissae_of_table_3(points):
     values = points[8]["values"]
     # The list says "within 2.4 %": 2.34 %.
@@ -116,6 +122,7 @@ def test_abscissae_of_table_3(points):
     assert min(values, key=values.get) == "0-2.5"
 
 
+@pytest.mark.study
 def test_duration_of_an_impact(points, written):
     values = points[9]["values"]
     assert 0.03 <= values["shortest"] < values["longest"] <= 0.0425
@@ -124,6 +131,7 @@ def test_duration_of_an_impact(points, written):
     assert integrate_peak(mass, 0.7, 1.0e6)[1] == pytest.approx(values["longest"], rel=1e-3)
 
 
+@pytest.mark.study
 def test_sign_of_equation_5(points):
     # Run backwards, the impact comes with R v1 and leaves with v1.
     kappa = solve_kappa(0.7)
@@ -133,6 +141,7 @@ def test_sign_of_equation_5(points):
     assert ratio > 1
 
 
+@pytest.mark.study
 def test_four_peaks_with_one_mass(written):
     judged = written[2]["figure-8"]
     mass, e = judged["parameters"]["effective_mass"]["estimate"], judged["fixed"]["restitution"]
@@ -154,6 +163,7 @@ def test_growth_with_pressure():
     assert 0 < error < 0.1
 
 
+@pytest.mark.study
 def test_left_out_errors_by_plain_loops(written):
     judged = written[2]["table-3"]
     factor, curves = np.empty(11), {degree: np.empty(11) for degree in (1, 2, 3)}
@@ -171,6 +181,7 @@ def test_left_out_errors_by_plain_loops(written):
         assert find_row(judged, label)["heldout_nrmse"] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.study
 def test_left_out_error_of_our_model(written):
     """Nothing but the mass is free, and the row without gas has no part in it: a plain loop over SciPy impacts."""
     judged = written[2]["table-3"]
@@ -189,6 +200,7 @@ def test_left_out_error_of_our_model(written):
     assert row["heldout_worst"] == pytest.approx(1.0)
 
 
+@pytest.mark.study
 def test_verdicts_are_honest(written):
     figure, table = written[2]["figure-8"], written[2]["table-3"]
     assert figure["verdict"] == "undecided"
@@ -204,6 +216,7 @@ def test_verdicts_are_honest(written):
     assert any(row["model"].startswith("pressures read as gauge") for row in table["rows"])
 
 
+@pytest.mark.study
 def test_page_and_figures(written):
     page, told, _ = written
     text = page.read_text(encoding="utf-8")
@@ -215,6 +228,7 @@ def test_page_and_figures(written):
     assert "is not printed" in text and "is an assumption" in text
 
 
+@pytest.mark.study
 def test_friction_in_the_page(written, points):
     table = written[2]["table-4"]
     assert table["family"] == "slip" and table["friction_over_load"]["mean"] == pytest.approx(0.218, abs=5e-4)

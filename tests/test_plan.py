@@ -423,6 +423,10 @@ def test_one_impact_less():
     fewer = plan_together(problem, share, 3, starts=2)
     assert len(fewer.impacts) == 2 and fewer.reached and fewer.shares[-1] <= share * (1 + 1e-3)
     assert len(plan_sequence(problem, share, 3, starts=2).impacts) == 3 and "2 impacts do" in fewer.together
+    # Where no more than two are allowed, one after the other they miss the share, and together they reach it.
+    assert not plan_sequence(problem, share, 2, starts=2).reached
+    pressed = plan_together(problem, share, 2, starts=2)
+    assert pressed.reached and len(pressed.impacts) == 2 and "changed together" in pressed.together
     assert "of them leave" in plan_together(problem, 0.95 * least, 3, starts=2).tried
 
 

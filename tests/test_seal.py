@@ -10,7 +10,7 @@ from ddetumble import InputError, check_effect, read_campaign
 from docs import seal, seal_study
 
 
-pytestmark = pytest.mark.slow  # one study is in nearly all of them
+pytestmark = pytest.mark.study  # one study is in nearly all of them
 
 
 TRUTH = {"area_factor": 1.004, "adhesive-offset.f_a": 4.0, "seal-load.mu": 0.01, "seal-lag.a": 8.0, "seal-lag.b": 0.02,

@@ -233,12 +233,13 @@ def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impa
             `time` the instant of the last separation, from sequences with long and with short waits.
 
     Returns:
-        The best sequence; that of `plan_sequence` where it does not reach the share or nothing better was found.
+        The best sequence; that of `plan_sequence` where nothing better was found. Where it does not reach the share in
+        `most` impacts, that many are changed together for the least momentum left.
     """
     tell = progress or (lambda text: None)
     found = plan_sequence(problem, share, most, starts=starts, seed=seed, progress=progress)
     if not found.reached:
-        return found
+        return _press_on(problem, found, share, most, tell)
     if aim == "impacts":
         return _shorten(problem, found, share, tell)
     begun = [found]
@@ -278,6 +279,19 @@ def _widen(sequence: Sequence, part: float) -> Sequence:
         return y
 
     return dc.replace(sequence, impacts=tuple(dc.replace(plan, x=widen(plan.x)) for plan in sequence.impacts))
+
+
+def _press_on(problem: Problem, sequence: Sequence, share: float, most: int, tell: Callable[[str], object]) -> Sequence:
+    """As many impacts as are allowed, which one after the other leave too much, changed together for the least left."""
+    if len(sequence.impacts) < max(most, 2) or len(sequence.impacts) < sequence.bound:
+        return sequence
+    tell(f"{len(sequence.impacts)} impacts together")
+    chain = refine_sequence(problem, sequence, share, "share")
+    text = f"One after the other these leave {100 * sequence.shares[-1]:.2f} %; they were changed together."
+    again = read_chain(problem, sequence, chain, share, text) if chain.allowed else None
+    if again is None or not again.reached:
+        return dc.replace(sequence, tried=f"Changed together, they leave {100 * chain.share:.2f} %.")
+    return again
 
 
 def _shorten(problem: Problem, sequence: Sequence, share: float, tell: Callable[[str], object]) -> Sequence:
