@@ -418,7 +418,7 @@ def test_one_impact_less():
     problem = pose([0.03, 0.02, 0.03], friction=0.2, force=700.0)
     found = plan_sequence(problem, 0.01, 2, starts=2)
     least = refine_sequence(problem, found, 0.01, "share").share
-    assert least < 0.9 * found.shares[-1]
+    assert least < 0.97 * found.shares[-1]
     share = 0.5 * (least + found.shares[-1])
     fewer = plan_together(problem, share, 3, starts=2)
     assert len(fewer.impacts) == 2 and fewer.reached and fewer.shares[-1] <= share * (1 + 1e-3)
