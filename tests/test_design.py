@@ -9,7 +9,7 @@ import pytest
 
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
-from ddetumble.discrepancy.search import DECISIVE
+from ddetumble.discrepancy.holdout import DECISIVE
 from ddetumble.discrepancy.workbench import Workbench
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder

@@ -14,10 +14,11 @@ from ..measurement.package import read_campaign
 from .adequacy import LEVEL
 from .candidates import could_have_shown, describe_candidates
 from .cleaning import ROUNDS, begin_cleaning, clean_records
+from .holdout import SURE
 from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
 from .records import Discovery, MissingForce, Place
-from .search import MOST, SURE, Grown, Tried, free_shapes, grow, merit, prune, try_effects
+from .search import MOST, Grown, Tried, free_shapes, grow, merit, prune, try_effects
 from .steps import describe_noise, describe_step, list_loose, noise_over_signal
 from .wording import explain, mention_faults
 from .workbench import Fitted, Workbench

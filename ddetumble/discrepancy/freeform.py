@@ -16,9 +16,8 @@ from .._errors import ComputationError, InputError
 from ..effects.free import COUNT, FREE, GROUNDS
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.problem import Problem, Solution
-from .holdout import compare_losses
+from .holdout import DECISIVE, SURE, compare_losses
 from .ridge import Normal, choose_ridge, gather_normal, hold_out, solve_ridge, spread_ridge
-from .search import DECISIVE, SURE
 from .terms import Term, coarsen, list_terms, place_terms, smooth, with_plan
 from .workbench import Fitted, Workbench
 

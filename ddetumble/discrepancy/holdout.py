@@ -8,6 +8,8 @@ from ..inference.problem import Solution
 from ..inference.stack import Records
 
 
+SURE = 9.0  # a held-out difference of so many noise variances is not chance
+DECISIVE = 50.0
 QUARTER = 0.25  # of a left-out record, from which what it starts from is fitted
 
 
@@ -86,3 +88,8 @@ def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tu
     if n < 2:
         return float(sums.sum()), float("inf")
     return float(sums.sum()), float(np.sqrt(n / (n - 1) * np.sum((sums - sums.mean()) ** 2)))
+
+
+def is_beaten(difference: float, error: float) -> bool:
+    """Whether a paired difference is a defeat: at least 9 noise variances and two standard errors, or 50."""
+    return difference >= DECISIVE or (difference >= SURE and difference >= 2 * error)

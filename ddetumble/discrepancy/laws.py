@@ -15,10 +15,9 @@ from .._errors import ComputationError
 from ..effects.free import blank_plan
 from ..inference.problem import Problem
 from .freeform import FreeBench, cut
-from .holdout import leave_out
+from .holdout import SURE, leave_out
 from .records import Estimate, Law, Shape
 from .ridge import Normal, hold_out, solve_ridge
-from .search import SURE
 from .terms import Term, evaluate_basis, place_law, smooth, with_plan
 
 

@@ -14,9 +14,10 @@ from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
+from .holdout import DECISIVE, SURE
 from .laws import find_laws
 from .records import Law, MissingForce, Shape
-from .search import DECISIVE, SURE, try_effects
+from .search import try_effects
 from .terms import Term, evaluate_basis
 from .wording import NAMES, UNITS, name_value
 from .workbench import Fitted, Workbench

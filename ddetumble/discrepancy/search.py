@@ -8,16 +8,15 @@ import numpy as np
 from ..contact.effect import parameters_of
 from ..inference.assembly import default_starts
 from .adequacy import Score
-from .holdout import compare_losses
+from .holdout import DECISIVE, SURE, compare_losses, is_beaten
 from .records import LackOfFit
 from .workbench import Fitted, Workbench
 
 
-SURE = 9.0  # a held-out difference of so many noise variances is not chance
-DECISIVE = 50.0
 MOST = 3
 FINALISTS = 5  # additions that are fitted to the end at most
-SHORT = 2  # beside them, of those that stopped short with a better fit
+MORE = 2  # beside them, of those that fit better and predict worse
+FAR = 0.25  # share of the misfit removed by the best, by which another has to remove more
 
 
 @dc.dataclass(frozen=True)
@@ -149,9 +148,9 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
            ) -> dict[str, Fitted]:
     """Fit the finalists to the end: those that come near the best of the screening, or might have with more steps.
 
-    A fit that stopped short may fit far better and yet predict left-out conditions badly, as its held-out loss is that
-    of a linearisation about a place which is no optimum: those that fit better than the best by much are finalists,
-    too.
+    Those that fit far better than the best are finalists, too, although they predict left-out conditions worse: where
+    a fit stopped short, its held-out loss is that of a linearisation about a place which is no optimum; where it did
+    not, the two judgements contradict each other, which is to be said (`find_alternatives`).
     """
     best = screened[order[0]].score
     near = {e: DECISIVE if screened[e].solution.converged else max(0.25 * (before.score - best), DECISIVE)
@@ -159,9 +158,9 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
     moved = [e for e in order if screened[e].solution is not before.solution]  # the others do nothing
     finalists = [e for e in moved if screened[e].score - best <= near[e]][:FINALISTS] or order[:1]
     fits = screened[order[0]].solution.chi2 - DECISIVE
-    short = [e for e in moved if not screened[e].solution.converged and screened[e].solution.chi2 < fits]
-    short = sorted(set(short) - set(finalists), key=lambda e: screened[e].solution.chi2)[:SHORT]
-    finalists += short
+    better = [e for e in moved if fits_better(screened[e], screened[order[0]], before)
+              or (not screened[e].solution.converged and screened[e].solution.chi2 < fits)]
+    finalists += sorted(set(better) - set(finalists), key=lambda e: screened[e].solution.chi2)[:MORE]
 
     def one(effect):
         if screened[effect].solution is before.solution:
@@ -175,6 +174,12 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
     return dict(workbench.map(one, finalists))
 
 
+def fits_better(one: Fitted, best: Fitted, before: Fitted) -> bool:
+    """Whether `one` removes far more of the misfit than `best`, its further parameters counted."""
+    costs = [f.solution.chi2 + SURE * len(f.solution.names) for f in (before, best, one)]
+    return costs[1] - costs[2] > max(DECISIVE, FAR * (costs[0] - costs[1]))
+
+
 def compare_additions(workbench: Workbench, tried: Tried, effect: str) -> tuple[float, float]:
     """Paired held-out difference of an addition from the best one, and its standard error (noise variances)."""
     best = tried.order[0]
@@ -186,14 +191,16 @@ def compare_additions(workbench: Workbench, tried: Tried, effect: str) -> tuple[
 def find_alternatives(workbench: Workbench, tried: Tried, current: Fitted) -> tuple[tuple[str, float, float], ...]:
     """Every other effect that the best does not beat on held-out conditions, with the paired difference.
 
-    Beaten means: worse by at least 9 noise variances and two standard errors, or by 50.
+    One that fits far better than the best and predicts worse is not beaten either: of a model that is not all, held-out
+    conditions alone may favour an effect for what else is missing.
     """
     close = []
+    best = tried.refined[tried.order[0]]
     for effect in tried.order[1:]:
         if effect not in tried.refined or tried.refined[effect].solution is current.solution:
             continue
         difference, error = compare_additions(workbench, tried, effect)
-        if difference < SURE or (difference < DECISIVE and difference < 2 * error):
+        if not is_beaten(difference, error) or fits_better(tried.refined[effect], best, current):
             close.append((effect, difference, error))
     return tuple(close)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..inference.families import Family
 from ..measurement.faults import Fault
+from .holdout import is_beaten
 from .records import UNSEEN, Discovery, Estimate, Place, Step
 
 
@@ -119,6 +120,9 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     elif found.verdict == "explained":
         sentence += (" No other effect of the catalogue predicts left-out "
                      f"{'records' if family.free_running else 'conditions'} as well.")
+    notes += [f"{a['effect']} fits these records better than {s.added}, and predicts left-out ones worse: while the "
+              "model is not all, neither is settled." for s in found.steps for a in s.alternatives
+              if is_beaten(a["heldout_difference"], a["standard_error"])]
     unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
     if unseen:
         they = "they do" if len(unseen) > 1 else "it does"

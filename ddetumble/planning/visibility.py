@@ -23,7 +23,7 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractEffect, parameters_of
 from ..discrepancy.adequacy import LEVEL
 from ..discrepancy.candidates import ALIKE
-from ..discrepancy.search import DECISIVE
+from ..discrepancy.holdout import DECISIVE
 from ..discrepancy.workbench import Workbench
 from ..inference.arrow import profile_own
 from ..inference.assembly import default_starts

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 
+from ..discrepancy.holdout import is_beaten
 from ..discrepancy.records import Discovery
 from ..figures.labels import clean, format_error, format_number, format_p, format_share
 from ..figures.views import choose_view
@@ -95,9 +96,13 @@ def _show_candidates(discovery: Discovery) -> str:
         little = f"{format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
         lines.append(f"  and {len(rest)} more that explain {little}: report.html and result.json list all")
     for step in discovery.steps:
-        for effect, difference, error, _ in list_alternatives(step.alternatives):
+        rows = list_alternatives(step.alternatives)
+        for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
+            beaten = is_beaten(item["heldout_difference"], item["standard_error"])
+            why = "but it fits these records better: neither is settled" if beaten else (
+                "this campaign cannot tell them apart")  # fmt: skip
             lines.append(_wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
-                               f"+- {error}; this campaign cannot tell them apart", "  "))  # fmt: skip
+                               f"+- {error}; {why}", "  "))  # fmt: skip
     return "\n".join(lines)
 
 
