@@ -13,6 +13,7 @@ import re
 import statistics
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -42,7 +43,7 @@ INTRODUCTION = (
     "cannot reach half the noise within their limits (such as inflation-growth and gyro-scale) are not drawn.")
 DRAWN = {  # effects outside the catalogue whose law has a size that the drawn one can be held against
     "x-end-stop": ("depth", "depth", r"\bd(?: 1)? = ([\d.e-]+)"),
-    "x-stick-slip": ("wavelength", "wavelength", r"\bl = ([\d.e-]+)"),
+    "x-stick-slip": ("wavelength", "wavelength", r"\bl(?: 1)? = ([\d.e-]+)"),
 }
 FREE = ("A free force", "No force of")  # how the sentence about the missing force begins
 
@@ -149,10 +150,11 @@ def show_power(folder: Path) -> list[str]:
 
 def show_drawn(folder: Path) -> list[str]:
     """What the flexible force made of every effect outside the catalogue, and how near its sizes are to the truth."""
-    lines, apart = [], {name: [] for name in DRAWN}
+    lines, apart, hidden = [], {name: [] for name in DRAWN}, Counter[str]()
     for place in sorted(p for p in folder.iterdir() if (p / "cases.jsonl").is_file()):
         for row in pick(read_rows(place), "outside"):
             name, values = next(iter(row["effects"].items()))
+            hidden[name] += 1
             text = next((row["sentence"][at:] for start in FREE if (at := row["sentence"].find(start)) >= 0), "")
             text = text.partition(" Left out as faulty")[0]
             if name in DRAWN and (found := re.search(DRAWN[name][2], text)):
@@ -162,7 +164,8 @@ def show_drawn(folder: Path) -> list[str]:
                          f"{text.replace('|', chr(92) + '|')} |")
     if not lines:
         return []
-    told = [f"The {word} of `{name}` is drawn within {100 * max(apart[name]):.1f} % in all {len(apart[name])} cases."
+    told = [f"The {word} of `{name}` is drawn within {100 * max(apart[name]):.1f} % in {len(apart[name])} of "
+            f"{hidden[name]} cases" + ("; in the rest no law was found." if len(apart[name]) < hidden[name] else ".")
             for name, (word, _, _) in DRAWN.items() if apart[name]]
     return ["## What was drawn of forces that no catalogue holds", "", " ".join(told), "",
             "| exam | case | hidden, SI | verdict | what `discover` says of the missing force |",

@@ -1,6 +1,8 @@
 """The missing force: splines and ridges by theory, and forces that the independent simulator hid, drawn blind."""
 
+import dataclasses as dc
 import json
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,7 @@ from ddetumble import Ball, InputError, draw_missing_force, find_data, simulate
 from ddetumble.cli import main
 from ddetumble.contact.sliding import AdhesionHysteresis
 from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate, sketch_law
+from ddetumble.discrepancy.missing import find_lone, summarise_missing
 from ddetumble.discrepancy.records import Estimate, Law, MissingForce, Shape
 from ddetumble.discrepancy.ridge import Normal, hold_out, solve_ridge, spread_ridge
 from ddetumble.discrepancy.terms import Term, coarsen, evaluate_basis, smooth
@@ -274,6 +277,18 @@ def test_law_is_drawn_on_its_shape():
     assert sketch_law(missing.laws[0], invent("share").shapes[0], 0) is None
     assert missing.share(2500.0) == pytest.approx(0.25)
     assert missing.share(5000.0) == 0.0
+
+
+@pytest.mark.parametrize(("excess", "lone"), [
+    ([0.0, 500.0, 0.0], ("r2", "r3")), ([30.0, 500.0, 20.0], ("r2", "r3")), ([30.0, 500.0, 30.0], ()),
+    ([500.0, -5.0, 40.0], ("r0", "r1")), ([0.0, 0.0, 500.0], ("r4",))])
+def test_one_condition_alone_shows_it(excess, lone):
+    weights = np.ones((8, 1, 10))  # three rows of padding
+    records = SimpleNamespace(stack=SimpleNamespace(weights=weights), count=5, keys=("r0", "r1", "r2", "r3", "r4"))
+    workbench = SimpleNamespace(records=records, groups=np.array([0, 0, 1, 1, 2]))
+    assert find_lone(np.array([20.0, 20.0, 10.0]) + excess, workbench) == lone
+    text = summarise_missing(dc.replace(invent(), lone=lone))
+    assert ("Measure beside it" in text) == bool(lone) and all(key in text for key in lone)
 
 
 def test_page_is_written_and_escaped(tmp_path):

@@ -26,6 +26,7 @@ from .workbench import Fitted, Workbench
 PLACES = 121
 CLEAR = 3.0  # standard deviations by which a force is told from zero
 UNSEEN = 0.2  # of its signature: below that, what the model's parameters imitate leaves too little of a shape
+LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
 WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
 
 Progress = Callable[[str, float], None]
@@ -136,9 +137,24 @@ def describe_missing(workbench: Workbench, reference: Fitted, beside: Fitted, be
         # A simple law is a force too: where it predicts better than splines, the ceiling is no lower.
         top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min(losses)
     found = MissingForce(bench.family, beside.effects, reference.score, beside.score, best, top, bench.rows, shapes,
-                         alike, tuple(laws))
+                         alike, tuple(laws), lone=find_lone(bench.before, workbench))
     sentence, notes = explain_missing(found, bench)
     return dc.replace(found, sentence=sentence, notes=notes)
+
+
+def find_lone(losses: np.ndarray, workbench: Workbench) -> tuple[str, ...]:
+    """Records of the one condition in which nearly all the misfit lies; none where several show it.
+
+    Args:
+        losses: held out, of every condition, in noise variances.
+        workbench: whose records they are.
+    """
+    rows = (np.asarray(workbench.records.stack.weights)[: workbench.records.count] > 0).sum(axis=(1, 2))
+    excess = np.array([loss - rows[workbench.groups == g].sum() for g, loss in enumerate(losses)])
+    first = int(np.argmax(excess))
+    if len(excess) < 2 or excess[first] < LONE * np.maximum(excess, 0.0).sum():
+        return ()
+    return tuple(workbench.records.keys[r] for r in np.flatnonzero(workbench.groups == first))
 
 
 def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
@@ -286,6 +302,8 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
         if last < best.x[-2]:
             notes.append(f"Beyond {_say_value(best.variable, float(last))} there are no samples: there the curve only "
                          "goes on straight.")
+    if found.lone:
+        notes.append(_say_lone(found))
     if share < WORTH:
         notes.append("That is too little for a law to be looked for.")
     if share < 0.9:
@@ -309,7 +327,14 @@ def summarise_missing(found: MissingForce) -> str:
     if found.laws:
         law = found.laws[0]
         text += f"; {law.text} draws it ({'; '.join(name_value(n, e) for n, e in law.parameters.items())})"
-    return text + "."
+    return f"{text}. {_say_lone(found)}" if found.lone else f"{text}."
+
+
+def _say_lone(found: MissingForce) -> str:
+    one = len(found.lone) == 1
+    return (f"Nearly all of the misfit lies in {'record' if one else 'records'} {' and '.join(found.lone)}"
+            + ("" if one else ", of one condition")
+            + ": the others can hardly confirm the share removed, or a law. Measure beside it.")
 
 
 def _say_shape(shape: Shape) -> str:

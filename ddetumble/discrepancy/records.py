@@ -225,6 +225,7 @@ class MissingForce:
         floor: number of samples.
         shapes: one-variable forces, best first; those that the best does not beat are in `alike`.
         laws: simple laws, best first.
+        lone: records of the one condition in which nearly all the misfit lies; empty where several show it.
         sentence, notes: in plain words.
     """
 
@@ -240,6 +241,7 @@ class MissingForce:
     laws: tuple[Law, ...]
     sentence: str = ""
     notes: tuple[str, ...] = ()
+    lone: tuple[str, ...] = ()
 
     def share(self, loss: float) -> float:
         """Share of the reference model's misfit that is removed where this loss is left."""
