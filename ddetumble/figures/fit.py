@@ -12,6 +12,9 @@ from .style import FLOOR, GREY, INK, WIDTH, colour_models, dress, head_figure, n
 from .views import choose_view, find_span, find_strokes
 
 
+BESIDE = 33  # characters of a panel's conditions and of its record's name that have room side by side
+
+
 @styled
 def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, count: int = 8):
     """Records spread over the conditions, each with the models through it and, below, the residual over the noise.
@@ -68,8 +71,12 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
         title = describe_conditions(trace.conditions, names[:3]) or clean(trace.record, 20)
         upper.set_title(title, fontsize=9.5 if len(title) < 24 else 8.5 if len(title) < 28 else 8.0)
-        if names:
-            upper.set_title(clean(trace.record, 10), loc="right", color=GREY, fontsize=8)
+        key = clean(trace.record, 10) if names else ""
+        if len(title) + len(key) > BESIDE:
+            upper.annotate(key, (1.0, 1.0), (-2, -2), "axes fraction", textcoords="offset points", ha="right", va="top",
+                           color=GREY, fontsize=8)
+        elif key:
+            upper.set_title(key, loc="right", color=GREY, fontsize=8)
         upper.tick_params(labelbottom=False)
         upper.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
         lower.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
