@@ -14,7 +14,8 @@ from scipy.interpolate import BSpline
 from ddetumble import Ball, InputError, draw_missing_force, find_data, simulate
 from ddetumble.cli import main
 from ddetumble.contact.sliding import AdhesionHysteresis
-from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate, sketch_law
+from ddetumble.discrepancy.holdout import compare_losses
+from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate, find_rivals, order_laws, sketch_law
 from ddetumble.discrepancy.missing import find_lone, summarise_missing
 from ddetumble.discrepancy.records import Estimate, Law, MissingForce, Shape
 from ddetumble.discrepancy.ridge import Normal, hold_out, solve_ridge, spread_ridge
@@ -230,6 +231,18 @@ def test_end_stop_is_drawn_where_it_is(tmp_path):
 
 
 @pytest.mark.slow
+def test_end_stop_that_one_condition_reaches(tmp_path):
+    """Left-out conditions cannot tell laws apart there; the place and the power are drawn all the same."""
+    truth = {"k": 2.0e5, "depth": 6.4e-3, "exponent": 1.5}
+    write_campaign_folder(tmp_path, make_campaign("stop", 5, {"x-end-stop": truth}, BASE, *IMPACT))
+    found = draw_missing_force(tmp_path, catalogue=False)
+    law = found.laws[0]
+    assert found.lone and law.forms[0].startswith("onset")
+    onset = law.parameters["d" if "d" in law.parameters else "d 1"]
+    assert abs(onset.estimate - truth["depth"]) < 3 * onset.sd
+
+
+@pytest.mark.slow
 def test_nothing_hidden_nothing_drawn(tmp_path):
     write_campaign_folder(tmp_path, make_campaign("null", 8, {}, BASE, *IMPACT))
     found = draw_missing_force(tmp_path, catalogue=False)
@@ -263,7 +276,7 @@ def invent(way="force", notes=()):
     x = np.linspace(0.0, 8e-3, 121)
     law = Law("k (depression - d)+", ("depression",), ("force",), ("",), ("onset",),
               {"k": Estimate(1e5, 1e3, 9.8e4, 1.02e5, "N/m"), "d": Estimate(5e-3, 1e-5, 4.98e-3, 5.02e-3, "m")},
-              1050.0, np.array([500.0, 550.0]), 2, True, 0.0, 0.0)
+              1050.0, np.array([500.0, 550.0]), 1000.0, 2, True, 0.0, 0.0)
     shape = Shape("depression", way, ("",), x, 1e5 * np.maximum(x - 5e-3, 0.0)[None], np.full((1, 121), 2.0),
                   np.full(121, 1 / 121), "N", 18, 0.9, 1020.0, 0.0, 0.0, 5.1e-3, False, np.zeros((3, 0)))
     return MissingForce("impact", (), 3000.0, 3000.0, ("wall-stiffness", 2500.0), (("force over depression",), 1010.0),
@@ -289,6 +302,30 @@ def test_one_condition_alone_shows_it(excess, lone):
     assert find_lone(np.array([20.0, 20.0, 10.0]) + excess, workbench) == lone
     text = summarise_missing(dc.replace(invent(), lone=lone))
     assert ("Measure beside it" in text) == bool(lone) and all(key in text for key in lone)
+
+
+@pytest.mark.parametrize(("plain", "bent", "first", "rivals"), [
+    # One condition decides what is left out: chance, so that the fit does, at 9 noise variances a parameter.
+    ([(10, 10, 10, 5000), 300.0], [(10, 10, 10, 8000), 166.0], "bent", []),
+    ([(10, 10, 10, 5000), 190.0], [(10, 10, 10, 8000), 166.0], "bent", ["plain"]),
+    ([(10, 10, 10, 5000), 170.0], [(10, 10, 10, 8000), 166.0], "plain", ["bent"]),
+    ([(10, 10, 10, 8000), 170.0], [(10, 10, 10, 5000), 166.0], "plain", ["bent"]),  # a bend that nothing asks for
+    # All conditions say the same: then no fit is good enough.
+    ([(30, 30, 31, 31), 300.0], [(60, 61, 62, 60), 166.0], "plain", []),
+    ([(60, 61, 62, 60), 166.0], [(30, 30, 31, 31), 300.0], "bent", []),
+])
+def test_which_law_comes_first(plain, bent, first, rivals):
+    bench = SimpleNamespace(compare=lambda one, other: compare_losses(one, other, np.arange(len(one))))
+    laws = [dc.replace(invent().laws[0], text=text, losses=np.array(losses, float), loss=float(sum(losses)), chi2=chi2,
+                       count=count) for text, (losses, chi2), count in (("plain", plain, 2), ("bent", bent, 3))]
+    ranked = order_laws(bench, laws)
+    assert ranked[0].text == first and len(ranked) == 2
+    compared = [ranked[0], *(dc.replace(law, difference=d, standard_error=e) for law in ranked[1:]
+                             for d, e in [bench.compare(law.losses, ranked[0].losses)])]
+    assert [law.text for law in find_rivals(compared)] == rivals
+    longer = dc.replace(ranked[0], text=f"{first} + more", count=ranked[0].count + 1)
+    assert [law.text for law in find_rivals([*compared, longer])] == rivals
+    assert order_laws(bench, []) == []
 
 
 def test_page_is_written_and_escaped(tmp_path):

@@ -10,6 +10,7 @@ from ..inference.stack import Records
 
 SURE = 9.0  # a held-out difference of so many noise variances is not chance
 DECISIVE = 50.0
+BEYOND = 1e12  # noise variances: a prediction that is this far off is any
 QUARTER = 0.25  # of a left-out record, from which what it starts from is fitted
 
 
@@ -25,7 +26,7 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     for out, step in _step_aside(solution, groups, columns, residual):
         moved = residual[out] + (columns[out] @ step if columns.shape[2] else 0.0)
         with np.errstate(over="ignore"):  # what this condition alone told is anything without it
-            loss[out] = np.sum(moved**2, axis=1)
+            loss[out] = np.fmin(np.sum(moved**2, axis=1), BEYOND)
     return loss
 
 

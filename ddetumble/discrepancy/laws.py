@@ -15,15 +15,16 @@ from .._errors import ComputationError
 from ..effects.free import blank_plan
 from ..inference.problem import Problem
 from .freeform import FreeBench, cut
-from .holdout import SURE, leave_out
+from .holdout import DECISIVE, SURE, leave_out
 from .records import Estimate, Law, Shape
-from .ridge import Normal, hold_out, solve_ridge
+from .ridge import Normal, hold_out, measure_ridge, solve_ridge
 from .terms import Term, evaluate_basis, place_law, smooth, with_plan
 
 
 REFINED = 5  # forms that are fitted to the end
 PARTNERS = 3  # of the best, in pairs
 GRID = 24
+HALF = 0.5
 VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing
 # Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
 # determines would else go anywhere when that is left out, and the linear step with it.
@@ -81,7 +82,8 @@ class _Guess:
     loss: float
 
 
-def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term], ceiling: float) -> list[Law]:
+def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term], ceiling: float,
+              lone: bool = False) -> list[Law]:
     """Simple laws in the variables of `terms`, best first.
 
     Args:
@@ -89,12 +91,14 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
         normals: of every term at its finest.
         terms: whose variables and directions are tried.
         ceiling: held-out loss of the best flexible force: pairs are tried where no single law comes near it.
+        lone: whether one condition alone shows the misfit. No other can predict it: laws are then those that take at
+            least half of it away where they are fitted.
     """
     guesses = []
     for term in terms:
         if term.condition:
             continue
-        guesses += _screen(bench, normals[term.name], term)
+        guesses += _screen(bench, normals[term.name], term, lone)
     guesses = sorted(guesses, key=lambda g: g.loss)
     best: dict[tuple[str, str], _Guess] = {}
     for guess in guesses:
@@ -102,13 +106,15 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     chosen = list(best.values())[:REFINED]
     fitted = [(law, (g,)) for g, law in zip(chosen, bench.workbench.map(lambda g: _fit(bench, (g,)), chosen),
                                             strict=True) if law is not None]
-    fitted = sorted(fitted, key=lambda item: _merit(item[0]))
-    if fitted and fitted[0][0].loss > ceiling + SURE:
-        first = fitted[0][1][0]
+    laws = order_laws(bench, [law for law, _ in fitted])
+    if laws and laws[0].loss > ceiling + SURE:
+        first = next(guess[0] for law, guess in fitted if law is laws[0])
         others = [g for g in best.values() if g.form is not first.form][:PARTNERS]
         pairs = bench.workbench.map(lambda g: _fit(bench, (first, g)), others)
         fitted += [(law, (first, g)) for g, law in zip(others, pairs, strict=True) if law is not None]
-    laws = sorted((law for law, _ in fitted if bench.helps(bench.before, law.losses)), key=_merit)
+    excess = bench.model.solution.chi2 - bench.rows
+    laws = order_laws(bench, [law for law, _ in fitted if bench.helps(bench.before, law.losses)
+                              or (lone and law.chi2 < bench.rows + HALF * excess)])
     if not laws:
         return []
     found = []
@@ -118,11 +124,35 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     return found
 
 
-def _merit(law: Law) -> float:
-    return law.loss + SURE * law.count
+def order_laws(bench: FreeBench, laws: Sequence[Law]) -> list[Law]:
+    """Laws by held-out error; before them the one that fits best of those that it does not tell from the best.
+
+    One condition that reaches further than all others decides the held-out errors of all laws alike, by a step that is
+    linear: their differences are then less than twice their standard error, and say nothing. 9 noise variances are the
+    price of a parameter.
+    """
+    ranked = sorted(laws, key=lambda law: law.loss + SURE * law.count)
+    near = [law for law in ranked if not is_told(*bench.compare(law.losses, ranked[0].losses))]
+    first = min(near, key=_cost, default=None)
+    return ranked if first is None else [first, *(law for law in ranked if law is not first)]
 
 
-def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
+def is_told(difference: float, error: float) -> bool:
+    """Whether left-out conditions tell a worse law from a better one beyond chance."""
+    return difference >= SURE and difference >= 2.0 * error
+
+
+def find_rivals(laws: Sequence[Law]) -> list[Law]:
+    """Laws that neither left-out conditions nor the fit tell from the first, but for the first with a term more."""
+    return [law for law in laws[1:] if not is_told(law.difference, law.standard_error)
+            and _cost(law) - _cost(laws[0]) < DECISIVE and not law.text.startswith(laws[0].text + " + ")]
+
+
+def _cost(law: Law) -> float:
+    return law.chi2 + SURE * law.count
+
+
+def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_Guess]:
     """Every form over a grid of its shape, with the linearised model."""
     base, intervals = len(bench.names), term.finest
     x = np.linspace(term.low, term.high, 8 * intervals + 1)
@@ -143,9 +173,11 @@ def _screen(bench: FreeBench, normal: Normal, term: Term) -> list[_Guess]:
                 turn = np.zeros((base + len(term.parts) * own.shape[0], base + own.shape[1]))
                 turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
                 small = normal.turn(turn)
-                loss = float(hold_out(small, np.zeros(base + own.shape[1])).sum())
+                count = own.shape[1]
+                loss = (measure_ridge(small, np.zeros(base + count)) + SURE * (count + len(form.shapes)) if lone
+                        else float(hold_out(small, np.zeros(base + count)).sum()))
                 if np.isfinite(loss) and (best is None or loss < best.loss):
-                    sizes = solve_ridge(small, np.zeros(base + own.shape[1]))[base:] * bench.scale
+                    sizes = solve_ridge(small, np.zeros(base + count))[base:] * bench.scale
                     best = _Guess(form, term, phase, parts @ term.directions, shape, sizes, loss)
             if best is not None:
                 found.append(best)
@@ -215,7 +247,7 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     texts = [_write(g, bench.family) for g in guesses]
     return Law(" + ".join(texts), tuple(g.term.variable for g in guesses), tuple(g.term.way for g in guesses),
                tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses), parameters, float(losses.sum()),
-               losses, len(names), bool(solution.converged), 0.0, 0.0)
+               losses, float(solution.chi2), len(names), bool(solution.converged), 0.0, 0.0)
 
 
 def _write(guess: _Guess, family: str) -> str:

@@ -15,7 +15,7 @@ from ..measurement.package import read_campaign
 from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
 from .holdout import DECISIVE, SURE
-from .laws import find_laws
+from .laws import find_laws, find_rivals
 from .records import Law, MissingForce, Shape
 from .search import try_effects
 from .terms import Term, evaluate_basis
@@ -126,18 +126,19 @@ def describe_missing(workbench: Workbench, reference: Fitted, beside: Fitted, be
     shapes = tuple(_describe_shape(bench, one, drawn[0]) for one in drawn)
     alike = tuple(_name(d.wanted[0][0]) for d in drawn[1:] if not _beaten(bench, drawn[0], d))
     laws: list[Law] = []
+    lone = find_lone(bench.before, workbench)
     spare = reference.score - bench.rows
     if ceiling is not None and reference.score - min(d.loss for d in (*drawn, ceiling)) > WORTH * spare:
         report("looking for simple laws", 0.85)
         terms = [drawn[0].wanted[0][0], *(d.wanted[0][0] for d in drawn[1:] if not _beaten(bench, drawn[0], d))]
-        laws = find_laws(bench, normals, terms, min(d.loss for d in (*drawn, ceiling)))
+        laws = find_laws(bench, normals, terms, min(d.loss for d in (*drawn, ceiling)), bool(lone))
     losses = [*(d.loss for d in drawn), *([] if ceiling is None else [ceiling.loss]), *(law.loss for law in laws)]
     top = None
     if ceiling is not None:
         # A simple law is a force too: where it predicts better than splines, the ceiling is no lower.
         top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min(losses)
     found = MissingForce(bench.family, beside.effects, reference.score, beside.score, best, top, bench.rows, shapes,
-                         alike, tuple(laws), lone=find_lone(bench.before, workbench))
+                         alike, tuple(laws), lone=lone)
     sentence, notes = explain_missing(found, bench)
     return dc.replace(found, sentence=sentence, notes=notes)
 
@@ -279,16 +280,20 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
     sentence += f" Alone, {_say_shape(best)} does best"
     if best.begins is not None:
         sentence += f"; it is told from zero from {_say_value(best.variable, best.begins)} on"
-    sentence += "."
+    sentence += f". {_say_lone(found)}" if found.lone else "."
     if found.laws:
         law = found.laws[0]
         values = "; ".join(name_value(n, e) for n, e in law.parameters.items())
-        sentence += (f" The simplest law that draws it: {law.text} ({values}), which removes "
-                     f"{found.share(law.loss):.0%}.")
-        rivals = [r for r in found.laws[1:] if r.difference < SURE or (
-            r.difference < DECISIVE and r.difference < 2 * r.standard_error)]
+        sentence += f" The simplest law that draws it: {law.text} ({values}), "
+        sentence += "as fitted to that condition." if found.lone else f"which removes {found.share(law.loss):.0%}."
+        rivals = find_rivals(found.laws)
         if rivals:
             sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
+        better = min((r for r in found.laws if r not in rivals), key=lambda r: r.loss)
+        if better.loss < law.loss - DECISIVE and not found.lone:
+            notes.append(f"{better.text} removes {found.share(better.loss):.0%} of the misfit on left-out {where}, "
+                         "within chance of that, but fits the records worse by "
+                         f"{better.chi2 - law.chi2:.0f} noise variances.")
     if found.alike:
         notes.append(f"Left-out {where} do not tell it apart from {'; '.join(found.alike)}.")
     if best.centred:
@@ -302,8 +307,6 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
         if last < best.x[-2]:
             notes.append(f"Beyond {_say_value(best.variable, float(last))} there are no samples: there the curve only "
                          "goes on straight.")
-    if found.lone:
-        notes.append(_say_lone(found))
     if share < WORTH:
         notes.append("That is too little for a law to be looked for.")
     if share < 0.9:

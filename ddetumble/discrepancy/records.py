@@ -154,9 +154,10 @@ class Law:
         variables, ways, phases, forms: of its terms: variable, direction, phase (`` for both), name of the form.
         parameters: estimates by symbol, SI.
         loss, losses: held out, all and by condition, in noise variances.
+        chi2: of the fit to all records, in noise variances.
         count: parameters that were fitted.
         converged: state of the optimiser.
-        difference, standard_error: of the held-out loss from that of the best law.
+        difference, standard_error: of the held-out loss from that of the first law.
     """
 
     text: str
@@ -167,6 +168,7 @@ class Law:
     parameters: Mapping[str, Estimate]
     loss: float
     losses: np.ndarray
+    chi2: float
     count: int
     converged: bool
     difference: float

@@ -76,6 +76,13 @@ def solve_ridge(normal: Normal, weight: np.ndarray, out: int | None = None) -> n
     return -scale * np.linalg.solve(scaled, scale * sides)
 
 
+def measure_ridge(normal: Normal, weight: np.ndarray) -> float:
+    """Loss of all conditions at the least loss, in noise variances."""
+    theta = solve_ridge(normal, weight)
+    blocks, sides = normal.blocks.sum(axis=0), normal.sides.sum(axis=0)
+    return float(normal.squares.sum() + 2.0 * theta @ sides + theta @ blocks @ theta)
+
+
 def hold_out(normal: Normal, weight: np.ndarray) -> np.ndarray:
     """Loss of every condition under the fit without it, shape (conditions,), in noise variances."""
     losses = np.zeros(len(normal.squares))

@@ -55,10 +55,14 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
         for law in missing.laws:
             values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
                                for n, e in law.parameters.items())
-            rows.append((clean(law.text), clean(values, 300), format_share(missing.share(law.loss)),
+            rows.append((clean(law.text), clean(values, 300),
+                         "–" if missing.lone else format_share(missing.share(law.loss)),
                          f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
+                         format_number(law.chi2 - missing.laws[0].chi2),
                          "yes" if law.converged else "no"))
-        tables.append(Table(("simple law", "parameters (SI)", "misfit removed", "behind the first", "converged"), rows,
-                            "Laws that would draw it, fitted inside the equation of motion; the simpler comes first "
-                            "where left-out conditions do not tell."))
+        tables.append(Table(("simple law", "parameters (SI)", "misfit removed", "behind the first", "fits worse by",
+                             "converged"), rows,
+                            "Laws that would draw it, fitted inside the equation of motion, in noise variances. Of "
+                            "those that left-out conditions do not tell apart the one that fits best comes first; a "
+                            "parameter costs 9."))
     return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]
