@@ -18,7 +18,7 @@ from ddetumble.discrepancy.holdout import compare_losses
 from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate, find_rivals, order_laws, sketch_law
 from ddetumble.discrepancy.missing import find_lone, summarise_missing
 from ddetumble.discrepancy.records import Estimate, Law, MissingForce, Shape
-from ddetumble.discrepancy.ridge import Normal, hold_out, solve_ridge, spread_ridge
+from ddetumble.discrepancy.ridge import Normal, hold_out, measure_ridge, solve_ridge, spread_ridge
 from ddetumble.discrepancy.terms import Term, coarsen, evaluate_basis, smooth
 from ddetumble.dynamics.slide import slide
 from ddetumble.effects.free import (
@@ -200,6 +200,8 @@ def test_holding_out_is_solving_again_without():
     np.testing.assert_allclose(
         solve_ridge(normal, weight), np.linalg.lstsq(whole, -np.concatenate([*right, np.zeros(6)]), rcond=None)[0],
         rtol=1e-8)
+    least = np.concatenate(rows) @ solve_ridge(normal, weight) + np.concatenate(right)
+    assert measure_ridge(normal, weight) == pytest.approx(np.sum(least**2), rel=1e-10)
 
 
 # Forces that the independent simulator hid
@@ -315,17 +317,16 @@ def test_one_condition_alone_shows_it(excess, lone):
     ([(60, 61, 62, 60), 166.0], [(30, 30, 31, 31), 300.0], "bent", []),
 ])
 def test_which_law_comes_first(plain, bent, first, rivals):
-    bench = SimpleNamespace(compare=lambda one, other: compare_losses(one, other, np.arange(len(one))))
     laws = [dc.replace(invent().laws[0], text=text, losses=np.array(losses, float), loss=float(sum(losses)), chi2=chi2,
                        count=count) for text, (losses, chi2), count in (("plain", plain, 2), ("bent", bent, 3))]
-    ranked = order_laws(bench, laws)
+    ranked = order_laws(laws)
     assert ranked[0].text == first and len(ranked) == 2
     compared = [ranked[0], *(dc.replace(law, difference=d, standard_error=e) for law in ranked[1:]
-                             for d, e in [bench.compare(law.losses, ranked[0].losses)])]
+                             for d, e in [compare_losses(law.losses, ranked[0].losses, np.arange(4))])]
     assert [law.text for law in find_rivals(compared)] == rivals
     longer = dc.replace(ranked[0], text=f"{first} + more", count=ranked[0].count + 1)
     assert [law.text for law in find_rivals([*compared, longer])] == rivals
-    assert order_laws(bench, []) == []
+    assert order_laws([]) == []
 
 
 def test_page_is_written_and_escaped(tmp_path):
@@ -341,6 +342,8 @@ def test_figure_marks_place_and_shares():
     curve, bars = figure.axes[:2]
     assert curve.get_xlabel() == "depression [mm]"
     assert [round(bar.get_width()) for bar in bars.patches] == [25, 98, 99, 100]
+    alone = draw_missing_shape(dc.replace(invent(), lone=("r1",))).axes[1]  # where no other condition can judge a law
+    assert [round(bar.get_width()) for bar in alone.patches] == [25, 99, 100]
 
 
 # Bad input

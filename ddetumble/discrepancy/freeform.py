@@ -16,7 +16,7 @@ from .._errors import ComputationError, InputError
 from ..effects.free import COUNT, FREE, GROUNDS
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.problem import Problem, Solution
-from .holdout import DECISIVE, SURE, compare_losses
+from .holdout import SURE, compare_losses, is_beaten
 from .ridge import Normal, choose_ridge, gather_normal, hold_out, solve_ridge, spread_ridge
 from .terms import Term, coarsen, list_terms, place_terms, smooth, with_plan
 from .workbench import Fitted, Workbench
@@ -277,8 +277,7 @@ class FreeBench:
 
     def helps(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Whether the second predicts left-out conditions better, beyond chance."""
-        gain, error = self.compare(one, other)
-        return gain > SURE and (gain > 2.0 * error or gain > DECISIVE)
+        return is_beaten(*self.compare(one, other))
 
 
 def cut(solution: Solution, count: int) -> Solution:

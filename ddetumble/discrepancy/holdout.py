@@ -10,7 +10,7 @@ from ..inference.stack import Records
 
 SURE = 9.0  # a held-out difference of so many noise variances is not chance
 DECISIVE = 50.0
-BEYOND = 1e12  # noise variances: a prediction that is this far off is any
+BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 QUARTER = 0.25  # of a left-out record, from which what it starts from is fitted
 
 
@@ -93,4 +93,9 @@ def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tu
 
 def is_beaten(difference: float, error: float) -> bool:
     """Whether a paired difference is a defeat: at least 9 noise variances and two standard errors, or 50."""
-    return difference >= DECISIVE or (difference >= SURE and difference >= 2 * error)
+    return difference >= DECISIVE or is_told(difference, error)
+
+
+def is_told(difference: float, error: float) -> bool:
+    """Whether a paired difference is beyond chance: at least 9 noise variances and two standard errors."""
+    return difference >= SURE and difference >= 2.0 * error

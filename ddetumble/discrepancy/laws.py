@@ -1,4 +1,5 @@
-"""Simple laws that would draw a missing force: a few forms of one variable, alone and in pairs, by held-out error.
+"""Simple laws that would draw a missing force: a few forms of one variable, alone and in pairs, by held-out error
+and, where that does not tell, by the fit.
 
 Every form is tried over a grid of its shape at the linearised model, for all phases and for the variables that the
 flexible terms did not rule out (conditions, which are one value a record, excepted). The best few are fitted inside the
@@ -15,7 +16,7 @@ from .._errors import ComputationError
 from ..effects.free import blank_plan
 from ..inference.problem import Problem
 from .freeform import FreeBench, cut
-from .holdout import DECISIVE, SURE, leave_out
+from .holdout import DECISIVE, SURE, compare_losses, is_told, leave_out
 from .records import Estimate, Law, Shape
 from .ridge import Normal, hold_out, measure_ridge, solve_ridge
 from .terms import Term, evaluate_basis, place_law, smooth, with_plan
@@ -24,7 +25,7 @@ from .terms import Term, evaluate_basis, place_law, smooth, with_plan
 REFINED = 5  # forms that are fitted to the end
 PARTNERS = 3  # of the best, in pairs
 GRID = 24
-HALF = 0.5
+TAKEN = 0.5  # least share of a misfit of one condition that a law of it takes away
 VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing
 # Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
 # determines would else go anywhere when that is left out, and the linear step with it.
@@ -106,25 +107,25 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     chosen = list(best.values())[:REFINED]
     fitted = [(law, (g,)) for g, law in zip(chosen, bench.workbench.map(lambda g: _fit(bench, (g,)), chosen),
                                             strict=True) if law is not None]
-    laws = order_laws(bench, [law for law, _ in fitted])
+    laws = order_laws([law for law, _ in fitted])
     if laws and laws[0].loss > ceiling + SURE:
         first = next(guess[0] for law, guess in fitted if law is laws[0])
         others = [g for g in best.values() if g.form is not first.form][:PARTNERS]
         pairs = bench.workbench.map(lambda g: _fit(bench, (first, g)), others)
         fitted += [(law, (first, g)) for g, law in zip(others, pairs, strict=True) if law is not None]
     excess = bench.model.solution.chi2 - bench.rows
-    laws = order_laws(bench, [law for law, _ in fitted if bench.helps(bench.before, law.losses)
-                              or (lone and law.chi2 < bench.rows + HALF * excess)])
+    laws = order_laws([law for law, _ in fitted if bench.helps(bench.before, law.losses)
+                        or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)])
     if not laws:
         return []
     found = []
     for law in laws:
-        difference, error = bench.compare(law.losses, laws[0].losses)
+        difference, error = _compare(law, laws[0])
         found.append(dc.replace(law, difference=difference, standard_error=error if law is not laws[0] else 0.0))
     return found
 
 
-def order_laws(bench: FreeBench, laws: Sequence[Law]) -> list[Law]:
+def order_laws(laws: Sequence[Law]) -> list[Law]:
     """Laws by held-out error; before them the one that fits best of those that it does not tell from the best.
 
     One condition that reaches further than all others decides the held-out errors of all laws alike, by a step that is
@@ -132,20 +133,19 @@ def order_laws(bench: FreeBench, laws: Sequence[Law]) -> list[Law]:
     price of a parameter.
     """
     ranked = sorted(laws, key=lambda law: law.loss + SURE * law.count)
-    near = [law for law in ranked if not is_told(*bench.compare(law.losses, ranked[0].losses))]
+    near = [law for law in ranked if not is_told(*_compare(law, ranked[0]))]
     first = min(near, key=_cost, default=None)
     return ranked if first is None else [first, *(law for law in ranked if law is not first)]
-
-
-def is_told(difference: float, error: float) -> bool:
-    """Whether left-out conditions tell a worse law from a better one beyond chance."""
-    return difference >= SURE and difference >= 2.0 * error
 
 
 def find_rivals(laws: Sequence[Law]) -> list[Law]:
     """Laws that neither left-out conditions nor the fit tell from the first, but for the first with a term more."""
     return [law for law in laws[1:] if not is_told(law.difference, law.standard_error)
             and _cost(law) - _cost(laws[0]) < DECISIVE and not law.text.startswith(laws[0].text + " + ")]
+
+
+def _compare(law: Law, best: Law) -> tuple[float, float]:
+    return compare_losses(law.losses, best.losses, np.arange(len(law.losses)))
 
 
 def _cost(law: Law) -> float:

@@ -14,7 +14,7 @@ from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
-from .holdout import DECISIVE, SURE
+from .holdout import DECISIVE, is_beaten
 from .laws import find_laws, find_rivals
 from .records import Law, MissingForce, Shape
 from .search import try_effects
@@ -159,8 +159,7 @@ def find_lone(losses: np.ndarray, workbench: Workbench) -> tuple[str, ...]:
 
 
 def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
-    difference, error = bench.compare(other.losses, best.losses)
-    return difference >= DECISIVE or (difference >= SURE and difference >= 2.0 * error)
+    return is_beaten(*bench.compare(other.losses, best.losses))
 
 
 def _name(term: Term) -> str:
@@ -284,12 +283,12 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
     if found.laws:
         law = found.laws[0]
         values = "; ".join(name_value(n, e) for n, e in law.parameters.items())
-        sentence += f" The simplest law that draws it: {law.text} ({values}), "
+        sentence += f" A simple law draws it: {law.text} ({values}), "
         sentence += "as fitted to that condition." if found.lone else f"which removes {found.share(law.loss):.0%}."
         rivals = find_rivals(found.laws)
         if rivals:
             sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
-        better = min((r for r in found.laws if r not in rivals), key=lambda r: r.loss)
+        better = min((r for r in found.laws if r.chi2 > law.chi2 + DECISIVE), key=lambda r: r.loss, default=law)
         if better.loss < law.loss - DECISIVE and not found.lone:
             notes.append(f"{better.text} removes {found.share(better.loss):.0%} of the misfit on left-out {where}, "
                          "within chance of that, but fits the records worse by "

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..contact.effect import AbstractEffect, parameters_of
 from .adequacy import score_directions
-from .holdout import compare_losses
+from .holdout import compare_losses, is_beaten
 from .records import Place
 from .workbench import Fitted, Workbench
 
@@ -107,7 +107,7 @@ def locate(workbench: Workbench, base: Fitted, probes: dict[str, Fitted]) -> lis
         gain, error = compare_losses(base.loss, best.loss, workbench.groups)
         excess = max(base.solution.chi2 - _rows(workbench, base), 1.0)
         share = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
-        if gain > max(9.0, 2 * error) or gain > 50.0:
+        if is_beaten(gain, error):
             places.append(_place(workbench, name, best, share))
     return places + residual_places(workbench, base)
 

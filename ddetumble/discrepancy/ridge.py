@@ -77,7 +77,7 @@ def solve_ridge(normal: Normal, weight: np.ndarray, out: int | None = None) -> n
 
 
 def measure_ridge(normal: Normal, weight: np.ndarray) -> float:
-    """Loss of all conditions at the least loss, in noise variances."""
+    """Least loss of all conditions together, in noise variances, without what the prior adds; `weight` as above."""
     theta = solve_ridge(normal, weight)
     blocks, sides = normal.blocks.sum(axis=0), normal.sides.sum(axis=0)
     return float(normal.squares.sum() + 2.0 * theta @ sides + theta @ blocks @ theta)

@@ -131,8 +131,8 @@ def _draw_bars(axes, missing: MissingForce):
                                                   missing.catalogue[1], KIN)]
     if missing.effects:
         rows.append((f"with {clean(' and '.join(missing.effects), 28)}", missing.model, OTHER))
-    if missing.laws:
-        rows.append(("simplest law", missing.laws[0].loss, GREY))
+    if missing.laws and not missing.lone:
+        rows.append(("simple law", missing.laws[0].loss, GREY))
     rows.append((f"{clean(missing.shapes[0].way, 20)} over\none variable", missing.shapes[0].loss, AFTER))
     if missing.ceiling is not None:
         rows.append(("ceiling", missing.ceiling[1], INK))
