@@ -112,7 +112,8 @@ def make_step(name, base, effects, added, rejected):
     parameters |= {f"{effect}.{key}": estimate(value, 0.012, units.get(key, ""))
                    for effect, own in effects.items() for key, value in own.items()}
     fit = LackOfFit(9.3 if rejected else 1.03, 212.0, 1e-9 if rejected else 0.41, 0.05, rejected,
-                    2e-5 if rejected else 0.63, "Chi-square of the residuals smoothed over a tenth of the contact.")
+                    1e-9 if rejected else 0.41, 2e-5 if rejected else 0.63, 0.7,
+                    "Chi-square of the residuals smoothed over a tenth of the contact.")
     names = list(parameters)
     correlations = tuple((names[i], names[j], 0.96 * (-0.83) ** (i + j)) for j in range(len(names)) for i in range(j))
     alternatives = () if added is None else (
@@ -179,7 +180,7 @@ def make_peaks(verdict="undecided"):
         for (record, value), p in zip(peaks, (1.0, 1.5, 2.0, 2.5), strict=True)
     )  # fmt: skip
     nan = math.nan
-    fit = LackOfFit(2.1, 2.0, 0.12, 0.05, False, nan, "Too few records for a test of the shape.")
+    fit = LackOfFit(2.1, 2.0, 0.12, 0.05, False, 0.12, nan, nan, "Too few records for a test of the shape.")
     step = Step(None, (), 2.1, 0.021, nan, (), fit, {"effective_mass": estimate(1.3, 0.05, "kg")}, (), traces, True)
     return Discovery("figure-8", "Peak forces of Figure 8", "impact", "ab" * 32, "paper", verdict, (), (step,),
                      make_candidates(), (), 0.017, {"peak_normal_force": {"stated_sd": nan, "sd": 1.0}},
@@ -211,8 +212,8 @@ def make_slip_traces(base, effects, strokes=None):
 
 def make_slip_discovery(strokes=None, **changes):
     """A discovery on slip records, over slip or with strokes over time; further fields replace what is made up."""
-    fit = LackOfFit(6.2, 180.0, 1e-9, 0.05, True, 1e-6, "Chi-square of the smooth part of the residuals.")
-    well = LackOfFit(1.01, 178.0, 0.44, 0.05, False, 0.51)
+    fit = LackOfFit(6.2, 180.0, 1e-9, 0.05, True, 1e-9, 1e-6, 0.3, "Chi-square of the smooth part of the residuals.")
+    well = LackOfFit(1.01, 178.0, 0.44, 0.05, False, 0.44, 0.51, 0.6)
     found = {"adhesion_constant": estimate(0.96, 0.02), "loss_factor": estimate(0.181, 0.02),
              "slip_scale": estimate(1.002, 0.002)}  # fmt: skip
     grown = found | {"stribeck.A": estimate(0.3, 0.03), "stribeck.u_s": estimate(0.06, 0.05, "m/s"),

@@ -1,9 +1,10 @@
 """Is anything missing? Lack of fit of a model against noise and setting errors, at a stated level.
 
-Two statistics share the level. The first looks everywhere: the part of the whitened residuals that is smooth over a
+Three statistics share the level. The first looks everywhere: the part of the whitened residuals that is smooth over a
 contact (splines of each record, and what the parameters could still change), with the nuisances' own misfit; under a
 complete model it is chi-square, spread a little further by what is not known about the noise's correlation. The second
-looks where physics would put it: the largest efficient score of any effect or probe that is not in the model.
+looks where physics would put it: the largest efficient score of any effect or probe that is not in the model. The third
+looks at what the settings of the records had to swallow: how far they were moved from what was written down.
 """
 
 import dataclasses as dc
@@ -15,9 +16,9 @@ from ..inference.noise import Noise, whiten
 from ..inference.problem import Problem, Solution
 from ..inference.whiteness import list_spans, spline_columns
 from .records import LackOfFit
+from .shifts import LEVEL, combine_p_values, measure_shifts
 
 
-LEVEL = 0.01
 DRAWS = 4000  # of the parametric bootstrap
 
 
@@ -72,21 +73,24 @@ def judge_fit(problem: Problem, solution: Solution, bases: list[np.ndarray], noi
         bases: of `smooth_bases`.
         noise: by channel.
         score_p_value: family-wise p-value of the largest score outside the model.
-        level: probability of a false alarm, shared by the two statistics.
+        level: probability of a false alarm, shared by the three statistics.
     """
     total, degrees = measure_smooth(problem, solution, bases)
     ratio = total / max(degrees, 1.0)
     spread = max(n.log_level_sd for n in noise.values())
     sd = np.sqrt(2.0 / max(degrees, 1.0) + spread**2)
-    p = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1.0)) / sd))
-    rejected = bool(p < level / 2 or score_p_value < level / 2)
+    smooth = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1.0)) / sd))
+    shifts = [shift.p_value for shift in measure_shifts(problem.records, solution)]
+    settings = combine_p_values(shifts)
+    p = combine_p_values((smooth, score_p_value, settings))
     within = problem.space.family.free_running
     how = (f", calibrated within records by a parametric bootstrap of {DRAWS} draws of the whitened noise" if within
            else "")
-    what = "" if within else " and setting errors"
-    text = (f"chi-square of the smooth part of whitened residuals{what} over {degrees:.0f} degrees of "
-            f"freedom (noise level known to {spread:.1%}), and the largest efficient score of any effect or probe{how}")
-    return LackOfFit(ratio, degrees, p, level, rejected, score_p_value, text)
+    moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
+    text = (f"the smallest p-value, counted three times, of three statistics: chi-square of the smooth part of "
+            f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to {spread:.1%}); the "
+            f"largest efficient score of any effect or probe outside the model{how}{moved}")
+    return LackOfFit(ratio, degrees, p, level, p < level, smooth, score_p_value, settings, text)
 
 
 @dc.dataclass(frozen=True)

@@ -8,10 +8,11 @@ import numpy as np
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
-from .adequacy import LEVEL, bootstrap_p_value, family_p_value, score_directions
+from .adequacy import bootstrap_p_value, family_p_value, score_directions
 from .culprits import Search, find_culprit
 from .misfits import mask_records
 from .rate_units import find_rate_units
+from .shifts import EACH
 from .suspects import Suspect, find_suspects, tell_fault
 from .workbench import Fitted, Workbench
 from .zeros import find_moving_zeros, tell_zero
@@ -118,4 +119,4 @@ def _stands_alone(workbench: Workbench, suspect: Suspect) -> bool:
     depth = float(solution.state.max())
     scores = score_directions(problem, solution, workbench.directions((), depth=depth))
     calibrate = bootstrap_p_value if workbench.family.free_running else family_p_value
-    return calibrate(scores, workbench.noise) >= LEVEL / 2
+    return calibrate(scores, workbench.noise) >= EACH

@@ -17,10 +17,11 @@ from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .places import residual_places
-from .records import Estimate, LackOfFit, Place, Trace
+from .records import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
+from .shifts import hold_settings, is_moved, measure_shifts
 from .steps import describe_noise, public_estimates
-from .traces import list_channels, make_traces, noise_nrmse, nrmse, nrmse_by_channel
-from .wording import LONG
+from .traces import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel
+from .wording import LONG, say_level
 from .workbench import Workbench
 
 
@@ -46,6 +47,8 @@ class Comparison:
         where: places that hold most of the misfit.
         noise: by channel.
         traces: model beside measurement, every record and channel.
+        shifts: how far the settings of the records were moved.
+        held_nrmse: `nrmse` with every condition as it is written down; None where no setting was moved beyond chance.
         notes: sentences on records outside the model's range.
     """
 
@@ -67,6 +70,8 @@ class Comparison:
     where: tuple[Place, ...]
     noise: Mapping[str, Mapping[str, Any]]
     traces: tuple[Trace, ...]
+    shifts: tuple[SettingShift, ...] = ()
+    held_nrmse: float | None = None
     notes: tuple[str, ...] = ()
 
     def text(self) -> str:
@@ -80,6 +85,9 @@ class Comparison:
                 for name, e in self.parameters.items()]
         if rows:
             parts.append("\n".join(["Refitted:", *rows]))
+        if self.shifts:
+            parts.append("\n".join(["Settings moved by the fit, in stated deviations:", *(
+                f"  {s.name}: {s.rms:.2g} rms, {s.largest:+.2g} at most (record {s.record})" for s in self.shifts)]))
         parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items())]))
         return "\n\n".join(parts)
 
@@ -88,9 +96,9 @@ class Comparison:
         plain = {}
         for field in dc.fields(self):
             value = getattr(self, field.name)
-            if field.name != "traces":
+            if field.name not in ("traces", "shifts"):
                 plain[field.name] = value.to_dict("records") if isinstance(value, pd.DataFrame) else value
-        return make_plain(plain)
+        return make_plain({**plain, "nuisances": list_shifts(self.shifts)})
 
     def save(self, folder) -> Path:
         """Write `compare.json` into a folder; returns its path."""
@@ -155,12 +163,17 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     where = tuple(residual_places(bench, fitted))
     degrees = max(float(used.sum()) - len(solution.names), 1.0)
     name = resolved.name if not is_fitted(model) else str(Path(model).name)
+    shifts, floor = measure_shifts(bench.records, solution), noise_nrmse(traces)
+    held = None
+    if is_moved(shifts):
+        held = measure_error(bench.records, hold_settings(bench.problem, solution).channels)
     return Comparison(
         campaign.name, campaign.title, campaign.sha256, model, tuple(solution.names),
-        _say(name, campaign, channels, records, where, lack), lack, float(solution.chi2) / degrees, nrmse(traces),
-        noise_nrmse(traces), channels, records, _by_condition(campaign, traces, bench.groups), residuals,
+        _say(name, campaign, channels, records, where, lack, shifts, held, floor), lack,
+        float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
+        _by_condition(campaign, traces, bench.groups), residuals,
         public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces,
-        bench.warnings)
+        shifts, held, bench.warnings)
 
 
 def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:
@@ -269,7 +282,7 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
 
 
 def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.DataFrame, where: Sequence[Place],
-         lack: LackOfFit) -> str:
+         lack: LackOfFit, shifts: Sequence[SettingShift], held: float | None, floor: float) -> str:
     """The outcome in words."""
     ratio = float(np.sqrt(np.mean(channels["ratio"] ** 2)))
     worst = records.loc[records["ratio"].idxmax()]
@@ -280,9 +293,8 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
         if name in campaign.conditions:
             setting.append(f"{worst[name] * scale:.3g} {unit}, ")
     if not lack.rejected:
-        p = min(lack.p_value, lack.score_p_value)
         return (f"The model `{model}` leaves {ratio:.2f} times the noise, and nothing but noise as far as this "
-                f"campaign shows (p = {p:.2g}).")
+                f"campaign shows (p = {lack.p_value:.2g}).")
     place = ""
     if where:
         spot = max(where, key=lambda w: w.share)
@@ -292,6 +304,6 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
         phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading", "backward") else ""
         place = (f"; the residuals of {spot.channel} are largest at {spot.variable.replace('_', ' ')} "
                  f"{spot.range[0] * scale:.3g} to {spot.range[1] * scale:.3g} {unit}".rstrip() + phase)
-    shown = f"{ratio:.3f}" if abs(ratio - 1.0) < 0.05 else f"{ratio:.3g}"
-    return (f"The model `{model}` leaves {shown} times the noise: something is missing. Worst record "
+    left = say_level(ratio * floor, floor, shifts, held)
+    return (f"The model `{model}` leaves {left}: something is missing. Worst record "
             f"{worst['record']} ({''.join(setting)}{worst['ratio']:.3g} times the noise){place}.")

@@ -11,14 +11,15 @@ from ..inference.families import find_family, name_family
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
-from .adequacy import LEVEL
 from .candidates import could_have_shown, describe_candidates
 from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .holdout import SURE
 from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
 from .records import Discovery, MissingForce, Place
-from .search import MOST, Grown, Tried, free_shapes, grow, merit, prune, try_effects
+from .references import ALONE, Search, choose_reference, mention_references, stacks_up, try_references
+from .search import MOST, Grown, Tried, free_shapes, grow, merit, predicts_better, prune, try_effects
+from .shifts import EACH, LEVEL
 from .steps import describe_noise, describe_step, list_loose, noise_over_signal
 from .wording import explain, mention_faults
 from .workbench import Fitted, Workbench
@@ -64,8 +65,8 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     def search_again(campaign):
         report("looking behind a record", 0.87)
         bench = begin(campaign)
-        last = _search(bench, bench.begin(), lambda text, share: None)[0][-1]
-        return (bench, last.fitted) if last.lack.p_value > LEVEL / 2 else None
+        last = _search(bench, bench.begin(), lambda text, share: None).grown[-1]
+        return (bench, last.fitted) if last.lack.smooth_p_value > EACH else None
 
     for turn in range(ROUNDS):
         report("fitting the reference model", 0.02)
@@ -74,7 +75,8 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         state, changed = clean_records(state, workbench, reference, False)
         if changed and turn < ROUNDS - 1:
             continue
-        grown, tried, visible = _search(workbench, reference, report)
+        found = _search(workbench, reference, report)
+        grown = found.grown
         if grown[0].lack.rejected and turn < ROUNDS - 1:
             report("looking for records at fault", 0.86)
             state, changed = clean_records(state, workbench, grown[-1].fitted, True,
@@ -82,22 +84,42 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
             if changed:
                 continue
         break
-    verdict, where, grown, beside = _decide(workbench, grown, visible)
-    missing = _draw(workbench, grown, tried, beside, report) if verdict in ("improved", "unexplained") else None
+    name, rivals = resolved.name, ()
+    if stacks_up(found):
+        report("trying the other reference models", 0.88)
+        rivals = try_references(resolved, state.campaign, effects, state.zeros,
+                                lambda bench, alone: _search(bench, alone, lambda text, share: None))
+        better = choose_reference(found, rivals)
+        found, name = (_grow_on(found, MOST, report), name) if better is None else (better.search, better.name)
+    workbench, grown, tried = found.workbench, found.grown, found.tried
+    verdict, where, grown, beside = _decide(workbench, grown, found.visible)
+    if not workbench.holds_out:
+        verdict, grown = _decide_within(verdict, grown)
+    missing = None
+    if verdict in ("improved", "unexplained"):
+        missing = _draw(workbench, grown, tried, beside, report)
     report("writing it down", 0.97)
-    found = _assemble(workbench, resolved.name, grown, tried, verdict, where, missing, began)
-    return mention_faults(found, state.faults)
+    discovery = _assemble(workbench, name, grown, tried, verdict, where, missing, began)
+    if rivals:
+        discovery = mention_references(discovery, resolved.name, rivals)
+    return mention_faults(discovery, state.faults)
 
 
-def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[list[Grown], Tried, bool]:
-    """The steps of the loop, every first addition, and whether the campaign could have shown an effect."""
+def _search(workbench: Workbench, reference: Fitted, report: Progress) -> Search:
+    """The steps of the loop up to two effects, every first addition, and whether the campaign could have shown one."""
     report("looking for what is missing", 0.15)
     lack, scores = workbench.judge(reference)
     grown = [Grown(reference, lack, scores)]
     tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
                         lambda text, share: report(text, 0.2 + 0.4 * share))
-    first = tried
-    while grown[-1].lack.rejected and len(grown) <= MOST:
+    return _grow_on(Search(workbench, grown, tried, could_have_shown(workbench, scores)), ALONE, report)
+
+
+def _grow_on(search: Search, most: int, report: Progress) -> Search:
+    """The same with up to `most` additions."""
+    workbench, grown = search.workbench, list(search.grown)
+    first = search.tried if len(grown) == 1 else None
+    while grown[-1].lack.rejected and len(grown) <= most:
         report("growing the model", min(0.6 + 0.1 * len(grown), 0.85))
         more = grow(workbench, grown[-1], first=first)
         first = None
@@ -107,6 +129,7 @@ def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[
             more = free_shapes(workbench, more)
         if len(more.fitted.effects) > 1:
             more = prune(workbench, more)
+        more = dc.replace(more, fitted=workbench.finish(more.fitted))
         if more.fitted.effects == grown[-1].fitted.effects:
             # The addition only helped a fit along that had stopped short.
             gain = grown[-1].fitted.score - more.fitted.score
@@ -114,15 +137,23 @@ def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[
             if gain < SURE:
                 break
             continue
+        if not predicts_better(workbench, grown[-1].fitted, more.fitted):
+            break
         grown.append(more)
         if workbench.measure_again(more.fitted):
             grown = [_again(workbench, g) for g in grown]
-    return grown, tried, could_have_shown(workbench, scores)
+            if not predicts_better(workbench, grown[-2].fitted, grown[-1].fitted):
+                grown.pop()
+                break
+    return dc.replace(search, grown=grown)
 
 
 def _draw(workbench: Workbench, grown: list[Grown], tried: Tried, beside: Fitted, report: Progress
           ) -> MissingForce | str:
     """The missing force itself, or why there is none: no verdict depends on it."""
+    if not workbench.holds_out:
+        return ("The missing force was not drawn: it is known by what it removes on conditions that are left out, and "
+                "there are too few to leave one out.")
     best = tried.order[0]
     again = workbench.repeat(tried.refined[best]) if best in tried.refined else tried.screened[best]
     try:
@@ -148,7 +179,7 @@ def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[st
         probes = fit_probes(workbench, reference.fitted, reference.scores)
         return "unexplained", locate(workbench, reference.fitted, probes), grown, reference.fitted
     plain = not final.lack.rejected and len(final.fitted.effects) == 1
-    if plain and reference.lack.p_value < PLAIN:
+    if plain and reference.lack.smooth_p_value < PLAIN:
         return "explained", locate(workbench, reference.fitted, {}), grown, final.fitted
     probes = fit_probes(workbench, reference.fitted, reference.scores)
     best = min(probes.values(), key=merit, default=None)
@@ -163,6 +194,18 @@ def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[st
         return "explained", locate(workbench, reference.fitted, {}), grown, final.fitted
     where = locate(workbench, final.fitted, fit_probes(workbench, final.fitted, final.scores))
     return "improved", where, grown, final.fitted
+
+
+def _decide_within(verdict: str, grown: list[Grown]) -> tuple[str, list[Grown]]:
+    """Verdict where no condition can be left out: one effect that no other comes near, or nothing is decided.
+
+    A fit prefers some effect always. Without a condition to confirm it, only an effect that removes all of the misfit
+    by itself, and beats every other by 50 noise variances within the records, is named.
+    """
+    alone = verdict == "explained" and len(grown[-1].fitted.effects) == 1 and not grown[-1].alternatives
+    if verdict in ("explained", "improved") and not alone:
+        return "undecided", grown[:1]
+    return verdict, grown
 
 
 def _list_rivals(grown: list[Grown]) -> list[Fitted]:
@@ -183,7 +226,7 @@ def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdi
         candidates=tuple(candidates), where=tuple(where), noise_nrmse=noise_over_signal(steps[0].traces),
         noise=describe_noise(workbench), sentence="", notes=(), settings={
             "level": LEVEL, "records": workbench.records.count, "samples": int(workbench.records.lengths.sum()),
-            "conditions": int(workbench.groups.max()) + 1, "seconds": round(time.perf_counter() - began, 2)},
+            "conditions": workbench.conditions, "seconds": round(time.perf_counter() - began, 2)},
         missing=missing if isinstance(missing, MissingForce) else None,
         model_state={"workbench": workbench, "solution": grown[-1].fitted.solution, "rivals": _list_rivals(grown)},
     )

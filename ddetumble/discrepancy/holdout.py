@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..inference.problem import Solution
+from .._errors import ComputationError
+from ..inference.problem import Problem, Solution
 from ..inference.stack import Records
 
 
@@ -43,6 +44,46 @@ def forecast(records: Records, solution: Solution, groups: np.ndarray) -> np.nda
     return loss
 
 
+def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every record by the model fitted without its condition, its own settings adjusted within their uncertainty.
+
+    Parameters and settings by one Gauss-Newton step (as in `leave_out`), then the exact model. Of records that run on
+    from where they start, the first quarter gives what they start from, and the rest counts (as in `forecast`).
+
+    Returns:
+        Channels, shape (records, channels, samples), SI, NaN in records that could not be computed; and which samples
+        count, shape (records, samples).
+    """
+    records, free_running = problem.records, problem.space.family.free_running
+    time = np.asarray(records.stack.time)[: records.count]
+    count, samples = time.shape
+    early = _find_early(records, solution) if free_running else np.zeros((count, solution.residual.shape[1]), bool)
+    u = np.broadcast_to(solution.u, (count, len(solution.u))).copy()
+    z = solution.z.copy()
+    columns = [problem.space.index[name] for name in solution.names]
+    for out, step in _step_aside(solution, groups, *solution.projected()):
+        u[np.ix_(out, columns)] += step * solution.scales
+        for r in np.flatnonzero(out):
+            rows = early[r] if free_running else slice(None)
+            z[r] += _adjust_own(solution, int(r), rows, step)
+    try:
+        at = problem.solve(solution.names, u, z, moving=False)
+    except ComputationError:
+        return np.full((count, len(records.channels), samples), np.nan), ~early[:, :samples]
+    failed = np.isin(records.keys, at.failed)[:, None, None]
+    return np.where(failed, np.nan, at.channels), ~early[:, :samples]
+
+
+def _adjust_own(solution: Solution, record: int, rows, step: np.ndarray) -> np.ndarray:
+    """Change of a record's nuisances that suits its `rows` best, under their priors, after a step of the parameters."""
+    own = solution.own[record]
+    moved = solution.residual[record] + (solution.shared[record] @ step if solution.shared.shape[2] else 0.0)
+    columns = np.concatenate([own[rows], np.eye(own.shape[1])])
+    right = np.concatenate([moved[rows], solution.z[record]])
+    scale = np.linalg.norm(columns, axis=0)
+    return np.linalg.lstsq(columns / scale, -right, rcond=1e-12)[0] / scale
+
+
 def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, residual: np.ndarray
                 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """For every condition which records are its own, and the step of the parameters that leaves it out."""
@@ -70,14 +111,10 @@ def _find_early(records: Records, solution: Solution) -> np.ndarray:
 
 def _predict_rest(solution: Solution, record: int, early: np.ndarray, step: np.ndarray) -> float:
     """Loss of a record past its first quarter, to which its nuisances are fitted, as if of the whole record."""
-    used = np.any(solution.own[record] != 0, axis=1)
-    moved = solution.residual[record] + (solution.shared[record] @ step if solution.shared.shape[2] else 0.0)
     own = solution.own[record]
-    rows = np.concatenate([own[early], np.eye(own.shape[1])])
-    right = np.concatenate([moved[early], solution.z[record]])
-    scale = np.linalg.norm(rows, axis=0)
-    change = np.linalg.lstsq(rows / scale, -right, rcond=1e-12)[0] / scale
-    rest = (moved + own @ change)[~early & used]
+    used = np.any(own != 0, axis=1)
+    moved = solution.residual[record] + (solution.shared[record] @ step if solution.shared.shape[2] else 0.0)
+    rest = (moved + own @ _adjust_own(solution, record, early, step))[~early & used]
     return float(np.sum(rest**2)) * max(float(used.sum()), 1.0) / max(rest.size, 1)
 
 

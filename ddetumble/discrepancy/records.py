@@ -1,7 +1,7 @@
 """What the discovery of missing physics hands to reports and files: plain records, no computation."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,16 +57,41 @@ class Estimate:
 
 
 @dc.dataclass(frozen=True)
+class SettingShift:
+    """How far one setting (a condition, or the time origin) was moved from what was written down.
+
+    Attributes:
+        name: of the condition, or `time`.
+        stated: standard deviation that the campaign states, SI, the median over records.
+        rms, largest: shifts in stated deviations: their root mean square over records, and the largest with its sign.
+        record: key of the record with the largest.
+        p_value: chance of so large shifts where the settings are as uncertain as stated. A fit pulls settings back to
+            what is written down, so that true errors are larger than the shifts, and the p-value is on the safe side.
+        shifts: of every record, in stated deviations, shape (records,).
+    """
+
+    name: str
+    stated: float
+    rms: float
+    largest: float
+    record: str
+    p_value: float
+    shifts: np.ndarray = dc.field(repr=False, compare=False)
+
+
+@dc.dataclass(frozen=True)
 class LackOfFit:
     """Whether a misfit beyond noise and setting errors is left.
 
     Attributes:
-        statistic: value of the statistic (chi-square of the smooth part of the residuals over its degrees of freedom).
+        statistic: chi-square of the smooth part of the residuals over its degrees of freedom.
         degrees: degrees of freedom.
-        p_value: of the statistic.
+        p_value: that decides: of the smallest of the three below, counted three times (Bonferroni).
         level: level at which it is judged.
-        rejected: whether the model lacks something.
+        rejected: whether the model lacks something: `p_value` below `level`.
+        smooth_p_value: of the statistic.
         score_p_value: family-wise p-value of the largest score of any effect not in the model.
+        settings_p_value: of how far the settings of the records were moved from what was written down.
         text: how it was computed, one sentence.
     """
 
@@ -75,7 +100,9 @@ class LackOfFit:
     p_value: float
     level: float
     rejected: bool
+    smooth_p_value: float
     score_p_value: float
+    settings_p_value: float
     text: str = ""
 
 
@@ -94,6 +121,9 @@ class Step:
         correlations: strongest correlations, (name, name, value).
         traces: model beside measurement, every record and channel.
         converged: state of the optimiser.
+        shifts: how far the settings of the records were moved.
+        held_nrmse: `nrmse` of the model refitted with every condition as it is written down; None where the shifts are
+            no further than chance moves them.
     """
 
     added: str | None
@@ -107,6 +137,8 @@ class Step:
     correlations: tuple[tuple[str, str, float], ...]
     traces: tuple[Trace, ...]
     converged: bool
+    shifts: tuple[SettingShift, ...] = ()
+    held_nrmse: float | None = None
 
 
 @dc.dataclass(frozen=True)
@@ -282,6 +314,7 @@ class Discovery:
         sentence: plain words: what is missing, how sure, what to measure next.
         notes: further sentences (what was assumed, what could not be seen).
         faults: of the data, and what was done about them.
+        references: other reference models that were tried beside the one that was asked for, and how far they came.
         settings: level, versions, timings.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         model_state: the fitted model itself, for saving and predicting; not part of the record.
@@ -303,6 +336,7 @@ class Discovery:
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = dc.field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+    references: tuple[Mapping[str, Any], ...] = ()
     missing: MissingForce | None = None
     model_state: Any = dc.field(default=None, repr=False, compare=False)
 
@@ -337,7 +371,8 @@ class Discovery:
             "effects": list(self.effects), "sentence": self.sentence,
             "steps": [{
                 "added": s.added, "effects": list(s.effects), "chi2_reduced": s.chi2_reduced, "nrmse": s.nrmse,
-                "heldout_nrmse": s.heldout_nrmse, "alternatives": [a["effect"] for a in s.alternatives],
+                "heldout_nrmse": s.heldout_nrmse, "held_nrmse": s.held_nrmse,
+                "nuisances": list_shifts(s.shifts), "alternatives": [a["effect"] for a in s.alternatives],
                 "paired_differences": [dict(a) for a in s.alternatives], "converged": s.converged,
                 "lack_of_fit": dc.asdict(s.lack_of_fit),
             } for s in self.steps],
@@ -353,9 +388,16 @@ class Discovery:
             "where": [{k: v for k, v in dc.asdict(w).items() if v is not None} for w in self.where],
             "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
             "correlations": [list(c) for c in last.correlations],
-            "lack_of_fit": dc.asdict(first), "noise": {k: dict(v) for k, v in self.noise.items()},
+            "nuisances": list_shifts(last.shifts), "lack_of_fit": dc.asdict(first),
+            "noise": {k: dict(v) for k, v in self.noise.items()},
             "missing_force": None if self.missing is None else self.missing.to_dict(),
+            "references": [dict(r) for r in self.references],
             "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
             "sha256": self.sha256, "settings": dict(self.settings),
         })
 
+
+def list_shifts(shifts: Sequence[SettingShift]) -> dict[str, dict[str, Any]]:
+    """Shifts of the settings by name, as `result.json` has them: SI, and stated deviations."""
+    return {s.name: {"stated": s.stated, "rms_shift": s.rms, "largest_shift": s.largest, "record": s.record,
+                     "p_value": s.p_value} for s in shifts}

@@ -161,17 +161,34 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
     better = [e for e in moved if fits_better(screened[e], screened[order[0]], before)
               or (not screened[e].solution.converged and screened[e].solution.chi2 < fits)]
     finalists += sorted(set(better) - set(finalists), key=lambda e: screened[e].solution.chi2)[:MORE]
+    # What a shape that the screening held would still gain is not known before it is free.
+    finalists += [e for e in moved if e not in finalists and list_held(workbench, e)]
 
     def one(effect):
         if screened[effect].solution is before.solution:
             return effect, dc.replace(current, effects=(*current.effects, effect))
-        start = screened[effect].solution.u
-        fitted = workbench.fit((*current.effects, effect), [{}], start, screened[effect].solution.z)
+        fitted = fit_with_shapes(workbench, screened[effect], effect)
         if fitted is None or fitted.solution.chi2 > current.solution.chi2:
             fitted = dc.replace(current, effects=(*current.effects, effect))
         return effect, fitted
 
     return dict(workbench.map(one, finalists))
+
+
+def list_held(workbench: Workbench, effect: str) -> list[str]:
+    """Names of an effect's shapes that are held at their default (the power of a wall's stiffness) until they help."""
+    names = [f"{effect}.{p.name}" for p in parameters_of(workbench.whole(effect)) if not p.free]
+    return [name for name in names if name not in workbench.freed]
+
+
+def fit_with_shapes(workbench: Workbench, rough: Fitted, effect: str, thinned: bool = False) -> Fitted | None:
+    """Fit a model to the end, and with the held shapes of `effect` free where that predicts better."""
+    found = workbench.fit(rough.effects, [{}], rough.solution.u, rough.solution.z, thinned=thinned)
+    held = list_held(workbench, effect)
+    if found is None or not held:
+        return found
+    wider = workbench.fit(rough.effects, [{}], found.solution.u, found.solution.z, extra=held, thinned=thinned)
+    return wider if wider is not None and merit(wider) < merit(found) - SURE else found
 
 
 def fits_better(one: Fitted, best: Fitted, before: Fitted) -> bool:
@@ -217,6 +234,11 @@ def helps(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
     return gain > SURE and (gain > 2 * error or float(np.mean(by_group > 0)) >= 0.6 or gain > DECISIVE)
 
 
+def predicts_better(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
+    """Whether an addition does not raise the error on what was left out; true where nothing can be left out."""
+    return not workbench.holds_out or workbench.measure_left_out(grown) <= workbench.measure_left_out(current)
+
+
 def grow(workbench: Workbench, current: Grown, report: Callable[[str, float], None] = lambda text, share: None,
          first: Tried | None = None) -> Grown | None:
     """Add the effect that helps most; None where none helps. With two or more effects, swaps are tried too."""
@@ -226,10 +248,17 @@ def grow(workbench: Workbench, current: Grown, report: Callable[[str, float], No
     chosen = tried.refined[tried.order[0]]
     if not helps(workbench, base, chosen):
         return None
+    keep_free(workbench, chosen)
     if len(chosen.effects) > 1:
         chosen, tried, base = swap_effects(workbench, chosen, tried, base, report)
     lack, scores = workbench.judge(chosen)
     return Grown(chosen, lack, scores, tried, find_alternatives(workbench, tried, base))
+
+
+def keep_free(workbench: Workbench, chosen: Fitted) -> None:
+    """From here on the shapes that a chosen model has free are free in every fit that has the effect."""
+    held = [name for effect in chosen.effects for name in list_held(workbench, effect)]
+    workbench.freed = (*workbench.freed, *(name for name in held if name in chosen.solution.names))
 
 
 def swap_effects(workbench: Workbench, chosen: Fitted, tried: Tried, base: Fitted, report
@@ -252,6 +281,7 @@ def swap_effects(workbench: Workbench, chosen: Fitted, tried: Tried, base: Fitte
             simpler = len(best.solution.names) < len(chosen.solution.names)
             if merit(best) < merit(chosen) - (1e-6 if simpler else SURE):
                 chosen, tried, base, changed = best, again, start, True
+                keep_free(workbench, chosen)
         if not changed:
             break
     return chosen, tried, base
@@ -261,8 +291,8 @@ def free_shapes(workbench: Workbench, grown: Grown) -> Grown:
     """Free shapes that are held at their default (the power of a wall's stiffness) where that predicts better."""
     fitted = grown.fitted
     for effect in fitted.effects:
-        held = [f"{effect}.{p.name}" for p in parameters_of(workbench.whole(effect)) if not p.free]
-        if not held or held[0] in workbench.freed:
+        held = list_held(workbench, effect)
+        if not held:
             continue
         wider = workbench.fit(fitted.effects, [{}], fitted.solution.u, fitted.solution.z, extra=held)
         if wider is not None and merit(wider) < merit(fitted) - SURE and helps(workbench, fitted, wider):

@@ -1,6 +1,5 @@
 """One model of the loop as a plain record: errors, parameters, correlations, traces."""
 
-import dataclasses as dc
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,8 +10,9 @@ from ..inference.parameters import to_coordinate
 from ..inference.problem import Solution
 from .records import Estimate, Step
 from .search import Grown
-from .traces import make_traces, noise_nrmse, nrmse
-from .workbench import Fitted, Workbench
+from .shifts import hold_settings, is_moved, measure_shifts
+from .traces import make_traces, measure_error, noise_nrmse, nrmse
+from .workbench import Workbench
 
 
 NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square what lies there may fit
@@ -70,33 +70,16 @@ def strongest_correlations(solution: Solution, least: float = 0.1) -> tuple[tupl
     return tuple(sorted((p for p in pairs if abs(p[2]) >= least), key=lambda p: -abs(p[2])))
 
 
-def finish_fit(workbench: Workbench, fitted: Fitted) -> Fitted:
-    """The same fit at a tight tolerance."""
-    solution = workbench.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
-    if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
-        return fitted
-    return dc.replace(fitted, solution=solution)
-
-
-def whitened_share(workbench: Workbench, fitted: Fitted) -> float:
-    """rms residual over rms signal implied by a fit's whitened chi-square (exact for white noise)."""
-    assert workbench.campaign.samples is not None
-    main = workbench.records.channels[0]
-    noise = workbench.noise[main].sd
-    rows = max(float((fitted.solution.residual != 0).sum()), 1.0)
-    signal = float(np.sqrt(np.nanmean(workbench.campaign.samples[main].to_numpy() ** 2)))
-    return float(np.sqrt(fitted.solution.chi2 / rows)) * noise / max(signal, 1e-300)
-
-
 def describe_step(workbench: Workbench, grown: Grown, before: Grown | None) -> Step:
     """The record of one step."""
-    fitted = finish_fit(workbench, grown.fitted) if before is not None else grown.fitted
-    solution = fitted.solution
-    object.__setattr__(grown, "fitted", fitted)
+    fitted, solution = grown.fitted, grown.fitted.solution
     traces = make_traces(workbench.campaign, workbench.records, solution, workbench.noise)
-    error = nrmse(traces)
     rows = float((np.asarray(workbench.records.stack.weights) > 0).sum())
-    held_out = error * float(np.sqrt(fitted.forecast.sum() / max(solution.chi2, 1e-300)))
+    shifts = measure_shifts(workbench.records, solution)
+    held = None
+    if is_moved(shifts):
+        there = hold_settings(workbench.problem, solution)
+        held = measure_error(workbench.records, there.channels)
     added = None
     if before is not None:
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])
@@ -104,9 +87,10 @@ def describe_step(workbench: Workbench, grown: Grown, before: Grown | None) -> S
                          for e, d, s in grown.alternatives)
     return Step(
         added=added, effects=fitted.effects, chi2_reduced=solution.chi2 / max(rows - len(solution.names), 1.0),
-        nrmse=error, heldout_nrmse=max(held_out, 0.0), alternatives=alternatives, lack_of_fit=grown.lack,
-        parameters=public_estimates(workbench, solution), correlations=strongest_correlations(solution),
-        traces=traces, converged=solution.converged)
+        nrmse=nrmse(traces), heldout_nrmse=workbench.measure_left_out(fitted), alternatives=alternatives,
+        lack_of_fit=grown.lack, parameters=public_estimates(workbench, solution),
+        correlations=strongest_correlations(solution), traces=traces, converged=solution.converged,
+        shifts=shifts, held_nrmse=held)
 
 
 def noise_over_signal(traces) -> float:

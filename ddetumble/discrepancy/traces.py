@@ -48,6 +48,25 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
     return tuple(traces)
 
 
+def measure_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> float:
+    """rms of measured minus modelled over that of the measured signal; of several channels, their root mean square.
+
+    Args:
+        records: the stack that was fitted.
+        channels: model, shape (records, channels, samples), SI.
+        used: samples that count beside those that the fit leaves out, shape (records, samples); all where not given.
+    """
+    count = records.count
+    values = np.asarray(records.stack.values)[:count]
+    there = np.asarray(records.stack.weights)[:count] > 0
+    if used is not None:
+        there = there & used[:, None, :]
+    above = np.sum(np.where(there, values - channels, 0.0) ** 2, axis=(0, 2))
+    below = np.sum(np.where(there, values, 0.0) ** 2, axis=(0, 2))
+    return _combine({str(c): float(np.sqrt(a / b)) if b > 0 else float("nan")
+                     for c, (a, b) in enumerate(zip(above, below, strict=True))})
+
+
 def list_channels(traces: Sequence[Trace]) -> tuple[str, ...]:
     """Channels of traces, in their order."""
     return tuple(dict.fromkeys(trace.channel for trace in traces))

@@ -8,7 +8,8 @@ import numpy as np
 from ..inference.families import Family
 from ..measurement.faults import Fault
 from .holdout import is_beaten
-from .records import UNSEEN, Discovery, Estimate, Place, Step
+from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step
+from .shifts import EACH
 
 
 CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", "depression": "depression",
@@ -16,6 +17,7 @@ CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", 
 CHANNEL_WORDS |= {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
 CHANNEL_WORDS |= {f"attitude_{a}": f"attitude component {a}" for a in (*"wxyz", *"0123")}
 LONG = 2.0  # s, from which times are said in seconds
+ALONE = 0.8  # share of a misfit from which an effect removes most of it
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
          "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0),
          "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0),
@@ -52,6 +54,11 @@ def describe_place(place: Place) -> str:
     return text
 
 
+def _count_conditions(found: Discovery) -> str:
+    count = found.settings["conditions"]
+    return "one condition" if count == 1 else f"{count} conditions"
+
+
 def _join(words: list[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
@@ -65,8 +72,22 @@ def _chance(p: float) -> str:
     return f"p = {p:.1g}" if p >= 1e-6 else "p < 1e-6"
 
 
-def _times(step: Step, noise: float) -> str:
-    return f"{step.nrmse / max(noise, 1e-300):.2f}"
+def _level(step: Step, noise: float) -> str:
+    return say_level(step.nrmse, noise, step.shifts, step.held_nrmse)
+
+
+def say_level(error: float, noise: float, shifts: Sequence[SettingShift], held: float | None) -> str:
+    """`1.05 times the noise`; where settings had to move, also with the settings as they are written down."""
+    text = f"{error / max(noise, 1e-300):.2f} times the noise"
+    moved = [s for s in shifts if s.p_value * len(shifts) < EACH]
+    if not moved:
+        return text
+    worst = max(moved, key=lambda s: abs(s.largest))
+    name = "time origin" if worst.name == "time" else NAMES.get(worst.name, worst.name.replace("_", " "))
+    why = f"its {name} was moved by up to {abs(worst.largest):.2g} stated deviations, of record {worst.record}"
+    if held is None or not np.isfinite(held):
+        return f"{text} ({why})"
+    return f"{text} ({held / max(noise, 1e-300):.2f} with the settings as they are written down: {why})"
 
 
 def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tuple[str, tuple[str, ...]]:
@@ -79,11 +100,12 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     if family.free_running:
         absorbs = " and ".join([*(name.replace("_", " ") for name in first.parameters), "the initial rates"])
     lack = first.lack_of_fit
-    records = f"{found.settings['records']} records"
-    misfit = (f"it leaves {_times(first, found.noise_nrmse)} times the noise, more than chance allows "
-              f"({_chance(min(lack.p_value, lack.score_p_value))})")
+    records = f"{found.settings['records']} records" if found.settings["records"] != 1 else "one record"
+    every = records if found.settings["records"] == 1 else f"all {records}"
+    misfit = f"it leaves {_level(first, found.noise_nrmse)}, more than chance allows ({_chance(lack.p_value)})"
+    some = np.isfinite(first.heldout_nrmse)
     if found.verdict == "nothing-missing":
-        sentence = (f"Nothing is missing: the model {model!r} fits all {records} to the noise "
+        sentence = (f"Nothing is missing: the model {model!r} fits {every} to the noise "
                     f"(lack of fit p = {lack.p_value:.2g}, level {lack.level:g}).")
         best = [c for c in found.candidates if c.visible > UNSEEN and c.smallest_detectable]
         if best:
@@ -91,23 +113,34 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
             sentence += " It would have shown " + _join(
                 [f"{n} of {v:.3g} {c.units.get(n, '')}".rstrip()
                  for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
+    elif found.verdict == "undecided" and lack.rejected:
+        fits = [c for c in found.candidates if c.explains > ALONE]
+        which = (f"{_join([c.effect for c in fits])} alone would remove most of that" if fits else
+                 "no single effect of the catalogue removes most of that")
+        sentence = (f"Undecided: the model {model!r} fails ({misfit}), and {records} at {_count_conditions(found)} "
+                    f"cannot tell what is missing: {which}, and no condition can be left out to check it. With three "
+                    f"conditions or more one can: {family.remedies}.")
     elif found.verdict == "undecided":
         sentence = (f"Undecided: these {records} are too few or too short; no effect of the catalogue at three times "
                     "the noise could have been shown. Measure more records.")
     elif found.verdict == "explained":
         was, them = ("was", "it") if len(found.effects) == 1 else ("were", "them")
+        held_out = (f"the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
+                    f"{last.heldout_nrmse:.2%} (noise {found.noise_nrmse:.2%})" if some else
+                    f"that is evidence within {records} at {_count_conditions(found)}, which no other condition "
+                    "confirms")
         sentence = (f"Missing {was} {_join(list(found.effects))} ({_values(last, found.effects)}). Without {them} the "
-                    f"model {model!r} fails: {misfit}; with {them} {_times(last, found.noise_nrmse)} times the "
-                    f"noise is left, and the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
-                    f"{last.heldout_nrmse:.2%} (noise {found.noise_nrmse:.2%}).")
+                    f"model {model!r} fails: {misfit}; with {them} {_level(last, found.noise_nrmse)} is "
+                    f"left, and {held_out}.")
     elif found.verdict == "improved":
         verbs, them = ("helps but is", "it") if len(found.effects) == 1 else ("help but are", "them")
         sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all: the model {model!r} alone "
-                    f"leaves {_times(first, found.noise_nrmse)} times the noise, with {them} "
-                    f"{_times(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
+                    f"leaves {_level(first, found.noise_nrmse)}, with {them} "
+                    f"{_level(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
     else:
+        on = " on left-out conditions" if some else ""
         sentence = (f"Something is missing that the catalogue does not hold: the model {model!r} fails "
-                    f"({misfit}), and none of its {len(found.candidates)} effects explains it on left-out conditions.")
+                    f"({misfit}), and none of its {len(found.candidates)} effects explains it{on}.")
     if found.verdict in ("improved", "unexplained") and found.where:
         sentence += f" The misfit sits in the {describe_place(found.where[0])}."
     if family.free_running:
@@ -118,12 +151,12 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         sentence += (f" This campaign cannot tell it apart from {_join(alike)}: "
                      f"{family.remedies}.")
     elif found.verdict == "explained":
-        sentence += (" No other effect of the catalogue predicts left-out "
-                     f"{'records' if family.free_running else 'conditions'} as well.")
+        what = f"predicts left-out {'records' if family.free_running else 'conditions'}" if some else "fits"
+        sentence += f" No other effect of the catalogue {what} as well."
     notes += [f"{a['effect']} fits these records better than {s.added}, and predicts left-out ones worse: while the "
               "model is not all, neither is settled." for s in found.steps for a in s.alternatives
               if is_beaten(a["heldout_difference"], a["standard_error"])]
-    unseen = [c.effect for c in found.candidates if c.visible < UNSEEN]
+    unseen = [c.effect for c in found.candidates if c.visible < UNSEEN and c.effect not in found.effects]
     if unseen:
         they = "they do" if len(unseen) > 1 else "it does"
         notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "

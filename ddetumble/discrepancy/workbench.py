@@ -18,10 +18,11 @@ from ..inference.problem import WORKERS, Problem, Solution
 from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
-from ..measurement.grouping import group_conditions
+from ..measurement.grouping import can_leave_out, count_conditions, group_conditions
 from .adequacy import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
-from .holdout import forecast, leave_out
+from .holdout import forecast, leave_out, predict_left_out
 from .records import LackOfFit
+from .traces import measure_error
 
 
 THIN = 768  # samples a record on which candidates are screened
@@ -77,6 +78,8 @@ class Workbench:
         self.by_id = {e.id: e for e in (*self.known, *self.probes)}
         self.family = self.space.family
         self.groups = group_conditions(campaign.records)
+        self.conditions = count_conditions(campaign.records)
+        self.holds_out = can_leave_out(campaign.records, self.family.free_running)
         self._stack({})
         if self.records.lengths.sum() < len(campaign.samples if campaign.samples is not None else ()):
             self.warnings = (*self.warnings, f"So many samples are thinned evenly to at most {FEWER} a record; `fit` "
@@ -165,10 +168,21 @@ class Workbench:
         self.bases = smooth_bases(self.problem, solution.end)
         return self._file(fitted.effects, solution)
 
+    def finish(self, fitted: Fitted) -> Fitted:
+        """The same fit, of all samples, to a tight tolerance."""
+        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
+        if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
+            return fitted
+        return self._file(fitted.effects, solution)
+
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
-            tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False) -> Fitted | None:
-        """Fit the reference model with `effects` from several starts and keep the best; None if none worked."""
-        problem = self.thin if screening and self.thin is not None else self.problem
+            tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False, thinned: bool = False
+            ) -> Fitted | None:
+        """Fit the reference model with `effects` from several starts and keep the best; None if none worked.
+
+        `screening` takes few steps, to thinned records where there are such; `thinned` takes these alone.
+        """
+        problem = self.thin if (screening or thinned) and self.thin is not None else self.problem
         freed = [n for n in self.freed if n.split(".")[0] in effects]
         free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
         best = None
@@ -196,6 +210,18 @@ class Workbench:
         loss = leave_out(solution, self.groups)
         ahead = forecast(problem.records, solution, self.groups) if self.family.free_running else loss
         return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem)
+
+    def measure_left_out(self, fitted: Fitted) -> float:
+        """Error of `fitted` on what it was not fitted to, rms over rms signal: the same for steps and candidates.
+
+        Every condition is predicted by the model fitted without it, its own settings adjusted within their stated
+        uncertainty (`predict_left_out`). NaN where there are too few conditions, or a prediction could not be computed.
+        """
+        if not self.holds_out:
+            return float("nan")
+        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
+        channels, used = predict_left_out(problem, fitted.solution, self.groups)
+        return measure_error(problem.records, channels, used)
 
     def map(self, function, items: Sequence) -> list:
         """Apply a function to items on the cores there are."""

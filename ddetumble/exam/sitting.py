@@ -23,8 +23,12 @@ def sit(exam: Exam, index: int, keep: Path | None = None) -> dict[str, Any]:
     Returns:
         Plain numbers, text and lists. What fails in a case is told in its `error`, and the exam goes on.
     """
+    return sit_case(exam, draw_case(exam, index), keep)
+
+
+def sit_case(exam: Exam, case: Case, keep: Path | None = None) -> dict[str, Any]:
+    """The same for a case that is drawn already; arguments and result as those of `sit`."""
     began, spent = time.perf_counter(), time.process_time()
-    case = draw_case(exam, index)
     row = describe_case(case)
     with tempfile.TemporaryDirectory(prefix="ddetumble-exam-") as draft:
         folder = keep or Path(draft)
@@ -65,7 +69,8 @@ def answer(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
     return {
         "verdict": found.verdict, "found": list(found.effects),
         "sets": [[str(s.added), *(str(a["effect"]) for a in s.alternatives)] for s in found.steps[1:]],
-        "p_values": [first.p_value, first.score_p_value, last.lack_of_fit.p_value, last.lack_of_fit.score_p_value],
+        "p_values": [first.smooth_p_value, first.score_p_value, last.lack_of_fit.smooth_p_value,
+                     last.lack_of_fit.score_p_value],
         "intervals": hold_to_truth(estimates, name_truth(case.setting["base"], case.effects)),
         "heldout_over_noise": predict_elsewhere(exam, case, folder / "discovery"),
         "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,

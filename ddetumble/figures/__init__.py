@@ -11,6 +11,7 @@ from .power import draw_power
 from .predictive import draw_left_out, draw_predictive
 from .ranking import draw_ranking
 from .residuals import draw_record_errors, draw_residual_map
+from .shifts import draw_shifts
 from .style import new_figure, render_png, styled
 
 
@@ -33,6 +34,7 @@ __all__ = [
     "draw_ranks",
     "draw_record_errors",
     "draw_residual_map",
+    "draw_shifts",
     "draw_traces",
     "new_figure",
     "render_png",

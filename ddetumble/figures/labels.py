@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -109,6 +109,22 @@ def describe_conditions(conditions: Mapping[str, float], names: Iterable[str] = 
         own = "along" if name == "tangential_speed" else shown.unit  # a second speed needs a word, not a unit
         words.append(f"{number} {own}" if name in _MAIN else f"{shown.name} {number}")
     return " · ".join(words)
+
+
+def name_step(steps: Sequence, number: int, model: str) -> str:
+    """A model of the loop: the reference, or what came and went at that step: `+ adhesion, − gas-leak`.
+
+    Args:
+        steps: of the discovery.
+        number: of the step, 0 for the reference model.
+        model: name of the reference model.
+    """
+    if not number:
+        return clean(model, 34)
+    step, before = steps[number], steps[number - 1].effects
+    new = [f"+ {clean(effect, 34)}" for effect in step.effects if effect not in before]
+    gone = [f"− {clean(effect, 34)}" for effect in before if effect not in step.effects]
+    return ", ".join((*new, *gone)) or f"+ {clean(step.added, 34)}"
 
 
 def format_number(value, digits: int = 3) -> str:

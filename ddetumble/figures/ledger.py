@@ -3,7 +3,7 @@
 import math
 
 from ..discrepancy.records import Discovery, Step
-from .labels import clean, format_error, format_number, say_p
+from .labels import clean, format_error, format_number, name_step, say_p
 from .style import AFTER, BEFORE, FLOOR, GREY, INK, PALE, WIDTH, dress, head_figure, new_figure, styled
 
 
@@ -55,7 +55,8 @@ def draw_ledger(discovery: Discovery):
                       xytext=(0, 2), textcoords="offset points", va="bottom", color=INK, fontsize=9.5)
         axes.annotate(_describe_fit(step), (beside, row), xytext=(0, -2), textcoords="offset points", va="top",
                       color=GREY, fontsize=8.5)
-    names = [f"reference: {clean(discovery.model, 24)}"] + [f"+ {clean(step.added, 30)}" for step in steps[1:]]
+    names = [f"reference: {clean(discovery.model, 24)}"] + [
+        name_step(steps, number, discovery.model) for number in range(1, len(steps))]
     axes.set_yticks(range(len(steps)), names)
     axes.set_ylim(len(steps) - 0.45, -0.55)
     axes.tick_params(axis="y", length=0, labelsize=10)

@@ -8,6 +8,9 @@ from .labels import clean, say_p
 from .style import AFTER, FAINT, GREY, INK, KIN, OTHER, PALE, WIDTH, dress, head_figure, new_figure, styled
 
 
+CHANCE = 0.05  # p-value from which what an effect removes may be chance
+
+
 @styled
 def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), confused: Sequence[str] | None = None):
     """One bar an effect: the share of the misfit above noise that it removes; a diamond for what can be seen of it.
@@ -32,7 +35,8 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     edges = {"unseen": PALE, "kin": "white"}
     used = []
     for row, candidate in enumerate(candidates):
-        unseen = math.isfinite(candidate.visible) and candidate.visible < UNSEEN
+        # What removes a misfit beyond chance is seen, however little of its signature at the null survives.
+        unseen = math.isfinite(candidate.visible) and candidate.visible < UNSEEN and candidate.p_value > CHANCE
         kind = "chosen" if candidate.effect in chosen else "kin" if candidate.effect in confused else "other"
         kind = "unseen" if unseen and kind == "other" else kind
         used.append(kind)
@@ -42,7 +46,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
         if math.isfinite(candidate.visible):
             axes.plot(100 * candidate.visible, row, marker="D", ms=5.5, mfc="white", mec=GREY if unseen else INK,
                       mew=1.2, zorder=4, clip_on=False)
-        text = "cannot be seen" if unseen else say_p(candidate.p_value)
+        text = "cannot be seen" if unseen else say_p(candidate.p_value) if share > 0 else "–"
         axes.text(103, row, text, va="center", fontsize=8.5, color=GREY if unseen or candidate.p_value > 0.05 else INK)
     axes.set_yticks(range(len(candidates)), [clean(candidate.effect, 36) for candidate in candidates])
     for label, kind in zip(axes.get_yticklabels(), used, strict=True):

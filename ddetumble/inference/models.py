@@ -27,10 +27,13 @@ class BuiltinModel:
     Attributes:
         text: which equations it is, one sentence.
         make: builds the template.
+        rival: whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
+            themselves, or feed energy in, are none.
     """
 
     text: str
     make: Callable[[], AbstractModel]
+    rival: bool = True
 
 
 @dc.dataclass(frozen=True)
@@ -64,13 +67,13 @@ MODELS: dict[str, BuiltinModel] = {
         "Eq. 7 as printed: b = depression/4 in the area alone, Eq. 2 with its doubled core, Eq. 6; a tenth of the "
         "force.",
         lambda: Ball(contact_radius_coefficient=scalar(0.25), volume_coefficient=math.pi / 4, doubled_core=True,
-                     damping_form="printed")),
+                     damping_form="printed"), rival=False),
     "paper-quarter": BuiltinModel(
         "Eq. 7 with b = depression/4 in the volume too, doubled core, Eq. 6; the perimeter is not kept.",
-        lambda: Ball(contact_radius_coefficient=scalar(0.25), doubled_core=True, damping_form="printed")),
+        lambda: Ball(contact_radius_coefficient=scalar(0.25), doubled_core=True, damping_form="printed"), rival=False),
     "paper-eq5-sign": BuiltinModel(
         "as paper, with the sign of Eq. 5 at face value: damping lowers the force while loading and feeds energy in.",
-        lambda: Ball(damping_sign=-1.0)),
+        lambda: Ball(damping_sign=-1.0), rival=False),
     "matunaga": BuiltinModel(
         "Eq. 1: a truncated sphere at constant pressure, with exact damping.",
         lambda: Ball(truncated=True)),
@@ -82,7 +85,7 @@ SLIP_MODELS: dict[str, BuiltinModel] = {
     "paper": BuiltinModel("Eqs. 8 to 11 with e = 1: friction at zero slip is that of Eq. 8 alone.", RubberFriction),
     "paper-printed": BuiltinModel(
         "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
-        lambda: RubberFriction(printed=True)),
+        lambda: RubberFriction(printed=True), rival=False),
     "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", AdhesionHysteresis),
     "coulomb": BuiltinModel("a constant coefficient of friction.", CoulombFriction),
 }  # fmt: skip

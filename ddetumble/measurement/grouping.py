@@ -5,13 +5,38 @@ import pandas as pd
 
 
 GAP = 0.03  # neighbouring settings further apart than this share of their value are different conditions
+FEWEST = 3  # conditions with which one can be left out and the others still say how anything depends on them
 
 
 def group_conditions(records: pd.DataFrame) -> np.ndarray:
+    """Number of the unit that is left out together with each record, shape (records,).
+
+    The unit is the condition (`label_conditions`); where there are too few of them, every record is one of its own.
+    """
+    groups = label_conditions(records)
+    return groups if groups.max() + 1 >= FEWEST else np.arange(len(records))
+
+
+def can_leave_out(records: pd.DataFrame, free_running: bool = False) -> bool:
+    """Whether whole conditions can be left out of a fit: there are at least three.
+
+    Args:
+        records: conditions of the records.
+        free_running: whether every record runs on from a start of its own, and is a condition by itself: two do.
+    """
+    return len(records) >= 2 if free_running else count_conditions(records) >= FEWEST
+
+
+def count_conditions(records: pd.DataFrame) -> int:
+    """How many conditions records were measured at."""
+    return int(label_conditions(records).max()) + 1
+
+
+def label_conditions(records: pd.DataFrame) -> np.ndarray:
     """Number of the condition to which each record belongs, shape (records,).
 
     Settings scatter about nominal values: along each condition, sorted values are cut where neighbours differ by more
-    than 3 %. The order in a series is no condition.
+    than 3 %. The order in a series is no condition. Without any condition all records belong to the same.
     """
     labels = []
     for name in records.columns:
@@ -25,10 +50,8 @@ def group_conditions(records: pd.DataFrame) -> np.ndarray:
         label[order[1:]] = np.cumsum(np.diff(ordered) / size > GAP)
         labels.append(label)
     if not labels:
-        return np.arange(len(records))
-    _, groups = np.unique(np.stack(labels, axis=1), axis=0, return_inverse=True)
-    groups = np.ravel(groups)
-    return groups if groups.max() >= 2 else np.arange(len(records))
+        return np.zeros(len(records), dtype=int)
+    return np.ravel(np.unique(np.stack(labels, axis=1), axis=0, return_inverse=True)[1])
 
 
 def name_conditions(records: pd.DataFrame, groups: np.ndarray) -> list[dict[str, float]]:

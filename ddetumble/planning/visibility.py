@@ -21,9 +21,9 @@ from scipy import stats
 
 from .._errors import ComputationError
 from ..contact.effect import AbstractEffect, parameters_of
-from ..discrepancy.adequacy import LEVEL
 from ..discrepancy.candidates import ALIKE
 from ..discrepancy.holdout import DECISIVE
+from ..discrepancy.shifts import EACH
 from ..discrepancy.workbench import Workbench
 from ..inference.arrow import profile_own
 from ..inference.assembly import default_starts
@@ -170,7 +170,7 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: S
     bench = Workbench(campaign, resolved.reference, tuple(effects), resolved.effects)
     solution = _stand(bench, planned)
     count = len(bench.directions((), depth=float(solution.state.max())))
-    goal = float(np.sqrt(stats.chi2.isf(-np.expm1(np.log1p(-LEVEL / 2) / count), 1)) + stats.norm.ppf(POWER))
+    goal = float(np.sqrt(stats.chi2.isf(-np.expm1(np.log1p(-EACH) / count), 1)) + stats.norm.ppf(POWER))
     jobs = [(effect, f"{effect.id}.{p.name}", start) for effect in bench.catalogue for p in parameters_of(effect)
             if p.kind != "shape" for start in default_starts(effect)]
     done: list[int] = []
@@ -332,7 +332,7 @@ def _explain(bench: Workbench, effects: Sequence[Visible], alike: Sequence[tuple
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
                        for v in [bench.space.public(n, float(bench.start[bench.space.index[n]]), 0.0)])
     return sentence, (
-        f"Found with 95 % power by the family-wise test of discover (level {LEVEL / 2:g}); noise white and as stated, "
+        f"Found with 95 % power by the family-wise test of discover (level {EACH:g}); noise white and as stated, "
         "nuisances as stated.",
         f"Two effects look alike from |cos| {ALIKE:g} on; told apart from {DECISIVE:.0f} noise variances on.",
         *([f"The reference model stands at {values}, or where samples that are there put it."] if values else []),

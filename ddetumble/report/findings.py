@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..discrepancy.records import UNSEEN, Discovery, Place, Step, Trace
+from ..discrepancy.records import UNSEEN, Discovery, Place, SettingShift, Step, Trace
 from ..figures.binning import is_peaks, list_channels
 from ..figures.labels import (
     clean,
@@ -14,6 +14,7 @@ from ..figures.labels import (
     format_p,
     format_share,
     format_value,
+    name_step,
     say_p,
 )
 from ..figures.views import View, choose_view
@@ -26,6 +27,7 @@ from .words import (
     say_model,
     say_place,
     say_verdict,
+    share_at_step,
     show_estimate,
 )
 
@@ -85,15 +87,19 @@ def build_sections(discovery: Discovery) -> list[Section]:
     """The parts of the page, in the order in which a reader asks for them."""
     sections = []
     if discovery.steps:
-        models = {"reference model": discovery.steps[0].traces}
+        first, last = discovery.steps[0], discovery.steps[-1]
+        models = {"reference model": first.traces}
         if len(discovery.steps) > 1:
-            models[say_model(discovery)] = discovery.steps[-1].traces
+            models[say_model(discovery)] = last.traces
         sections.append(_show_steps(discovery))
         if discovery.faults:
             sections.append(_show_faults(discovery))
         if any(models.values()):
             sections.append(show_fits(models))
             sections.append(show_failures(models, discovery.noise, discovery.where))
+            shifts = {label: step.shifts for label, step in zip(models, (first, last), strict=False)}
+            if all(shifts.values()):
+                sections.append(show_shifts(shifts))
         elif discovery.where:
             view = choose_view(family=discovery.family)
             sections.append(Section("Where the model fails", points=[say_place(one, view) for one in discovery.where]))
@@ -167,6 +173,33 @@ def show_failures(
     return Section("Where the model fails" if where else "Where the residuals sit", points=points, figures=pictures)
 
 
+def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
+    """How far the settings of the records were moved, against what is stated."""
+    from .. import figures
+
+    rows = [
+        (*((clean(label),) if len(models) > 1 else ()), describe_shift(shift.name),
+         f"{format_number(shift.stated * describe_quantity(shift.name).scale)} {describe_quantity(shift.name).unit}",
+         format_number(shift.rms, 2), f"{shift.largest:+.2g}", clean(shift.record), format_p(shift.p_value))
+        for label, shifts in models.items() for shift in shifts
+    ]  # fmt: skip
+    header = (*(("model",) if len(models) > 1 else ()), "setting", "stated sd", "rms shift / sd", "largest shift / sd",
+              "record", "p")  # fmt: skip
+    caption = (
+        "Every record's settings may move from what was written down, at a price that their stated uncertainty sets. "
+        "Shifts far beyond two stated deviations are a finding: the model fails and the settings make up for it, or "
+        "they scatter more than stated."
+    )
+    alt = "Shift of every setting in every record, in stated deviations."
+    picture = Picture("settings", caption, figures.draw_shifts(models), alt)
+    return Section("How far the settings were moved", figures=[picture], tables=[Table(header, rows)])
+
+
+def describe_shift(name: str) -> str:
+    """Name of a setting in words."""
+    return "time origin" if name == "time" else describe_quantity(name).name
+
+
 def _measure_miss(traces: Sequence[Trace], channel: str) -> float:
     """Mean square of the residuals of a channel over its noise."""
     import numpy as np
@@ -200,10 +233,10 @@ def _show_steps(discovery: Discovery) -> Section:
     from .. import figures
 
     rows = [
-        (clean(f"+ {step.added}" if step.added else discovery.model), format_number(step.chi2_reduced),
+        (name_step(discovery.steps, number, discovery.model), format_number(step.chi2_reduced),
          format_error(step.nrmse), format_error(step.heldout_nrmse), format_error(discovery.noise_nrmse),
          "yes" if step.lack_of_fit.rejected else "no", "yes" if step.converged else "no")
-        for step in discovery.steps
+        for number, step in enumerate(discovery.steps)
     ]  # fmt: skip
     table = Table(("model", "χ² / dof", "error", "held-out error", "noise floor", "misfit left", "converged"), rows)
     caption = (
@@ -228,14 +261,18 @@ def _show_ranking(discovery: Discovery) -> Section:
         error = one.standard_error
         difference = f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}"
         kin = ", ".join(map(clean, one.indistinguishable_from))
-        rows.append((clean(one.effect), format_share(one.explains, 1), format_share(one.visible),
-                     format_p(one.p_value), format_error(one.heldout_nrmse), difference, detectable or "–",
+        later = share_at_step(discovery, one.effect)
+        gain = (format_share(one.explains, 1), format_p(one.p_value)) if later is None else (
+            f"{format_share(later[1], 1)} at step {later[0]}", "–")  # fmt: skip
+        rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse), difference,
+                     detectable or "–",
                      kin or "–"))  # fmt: skip
-    header = ("effect", "explains", "visible", "p", "held-out error", "behind the best, held out",
+    header = ("effect", "explains", "p", "visible", "held-out error", "behind the best, held out",
               "smallest detectable", "cannot be told from")  # fmt: skip
     tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", frozenset(marked))]
     paragraphs = [
-        "Explains: share of the misfit above noise that the effect alone removes after a refit. Visible: share of its "
+        "Explains: share of the misfit above noise that the effect alone removes after a refit; of an effect that came "
+        "in at a later step, the share that this step removed. Visible: share of its "
         f"own signature that is left when {view.free} and the records' settings are free to imitate it; below "
         f"{100 * UNSEEN:g} % this campaign cannot see it."
     ]
@@ -303,12 +340,15 @@ def _show_faults(discovery: Discovery) -> Section:
 def _show_judgement(discovery: Discovery) -> Section:
     """How the verdict was reached: the test at each step, the noise, and what was assumed."""
     rows = [
-        (clean(f"+ {step.added}" if step.added else discovery.model), format_number(step.lack_of_fit.statistic),
-         format_number(step.lack_of_fit.degrees), format_p(step.lack_of_fit.p_value), f"{step.lack_of_fit.level:g}",
-         "rejected" if step.lack_of_fit.rejected else "not rejected", format_p(step.lack_of_fit.score_p_value))
-        for step in discovery.steps
+        (name_step(discovery.steps, number, discovery.model), format_number(step.lack_of_fit.statistic),
+         format_number(step.lack_of_fit.degrees), format_p(step.lack_of_fit.smooth_p_value),
+         format_p(step.lack_of_fit.score_p_value), format_p(step.lack_of_fit.settings_p_value),
+         format_p(step.lack_of_fit.p_value), f"{step.lack_of_fit.level:g}",
+         "rejected" if step.lack_of_fit.rejected else "not rejected")
+        for number, step in enumerate(discovery.steps)
     ]  # fmt: skip
-    header = ("model", "statistic", "degrees of freedom", "p", "level", "verdict", "p of the largest score")
+    header = ("model", "χ² / dof, smooth part", "dof", "p of it", "p of the largest score", "p of the settings",
+              "p that decides", "level", "verdict")  # fmt: skip
     tables = [Table(header, rows, "Lack of fit beyond noise and setting errors.")] if rows else []
     noise = []
     for channel, one in discovery.noise.items():

@@ -4,10 +4,17 @@ import textwrap
 from collections.abc import Sequence
 
 from ..discrepancy.holdout import is_beaten
-from ..discrepancy.records import Discovery
-from ..figures.labels import clean, format_error, format_number, format_p, format_share
+from ..discrepancy.records import Candidate, Discovery
+from ..figures.labels import clean, format_error, format_number, format_p, format_share, name_step
 from ..figures.views import choose_view
-from .words import count_records, list_alternatives, say_place, say_verdict, show_estimate
+from .words import (
+    count_records,
+    list_alternatives,
+    say_place,
+    say_verdict,
+    share_at_step,
+    show_estimate,
+)
 
 
 WIDTH = 100
@@ -67,11 +74,11 @@ def align(header: Sequence[str], rows: Sequence[Sequence[str]], sides: str) -> s
 
 def _show_steps(discovery: Discovery) -> str:
     rows = []
-    for step in discovery.steps:
+    for number, step in enumerate(discovery.steps):
         fit = step.lack_of_fit
         misfit = f"{'yes' if fit.rejected else 'no'} (p {format_p(fit.p_value)})"
-        name = f"+ {clean(step.added, 34)}" if step.added else clean(discovery.model, 34)
-        rows.append((name, format_number(step.chi2_reduced), format_error(step.nrmse),
+        rows.append((name_step(discovery.steps, number, discovery.model), format_number(step.chi2_reduced),
+                     format_error(step.nrmse),
                      format_error(step.heldout_nrmse), format_error(discovery.noise_nrmse), misfit,
                      "" if step.converged else "not converged"))  # fmt: skip
     header = ("model", "chi2/dof", "nrmse", "held out", "noise", "misfit left", "")
@@ -84,12 +91,12 @@ def _show_candidates(discovery: Discovery) -> str:
     if len(discovery.candidates) - len(shown) == 1:  # a line about one more would be no shorter
         shown = list(discovery.candidates)
     rows = [
-        (("* " if one.effect in discovery.effects else "  ") + clean(one.effect, 32), format_share(one.explains, 1),
-         format_share(one.visible), format_p(one.p_value), format_error(one.heldout_nrmse),
+        (("* " if one.effect in discovery.effects else "  ") + clean(one.effect, 32), *_show_gain(discovery, one),
+         format_share(one.visible), format_error(one.heldout_nrmse),
          clean(", ".join(one.indistinguishable_from), 30))
         for one in shown
     ]  # fmt: skip
-    lines = [align(("  candidate", "explains", "visible", "p", "held out", "not to be told from"), rows, "lrrrrl")]
+    lines = [align(("  candidate", "explains", "p", "visible", "held out", "not to be told from"), rows, "lrrrrl")]
     rest = [one for one in discovery.candidates if one not in shown]
     if rest:
         most = max(one.explains for one in rest)
@@ -104,6 +111,14 @@ def _show_candidates(discovery: Discovery) -> str:
             lines.append(_wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
                                f"+- {error}; {why}", "  "))  # fmt: skip
     return "\n".join(lines)
+
+
+def _show_gain(discovery: Discovery, candidate: Candidate) -> tuple[str, str]:
+    """What a candidate explains alone, with its p-value; what came in later, the share of its own step."""
+    later = share_at_step(discovery, candidate.effect)
+    if later is None:
+        return format_share(candidate.explains, 1), format_p(candidate.p_value)
+    return f"{format_share(later[1], 1)} at step {later[0]}", ""
 
 
 def _wrap(text: str, indent: str = "") -> str:

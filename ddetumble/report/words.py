@@ -25,6 +25,16 @@ def say_model(discovery: Discovery) -> str:
     return "with " + (", ".join(effects[:-1]) + " and " if len(effects) > 1 else "") + effects[-1] if effects else ""
 
 
+def share_at_step(discovery: Discovery, effect: str) -> tuple[int, float] | None:
+    """Step after the first at which an effect came in, and the share of the first misfit that this step removed."""
+    for number, (before, step) in enumerate(zip(discovery.steps, discovery.steps[1:], strict=False), 1):
+        if number > 1 and effect in step.effects and effect not in before.effects:
+            first = discovery.steps[0].chi2_reduced - 1.0
+            gain = before.chi2_reduced - step.chi2_reduced
+            return number, max(gain / first, 0.0) if first > 0 else math.nan
+    return None
+
+
 def say_place(place: Place, view: View) -> str:
     """Where a misfit sits, as a sentence in the words of a view; a phase is named where there is another."""
     low, high = place.range

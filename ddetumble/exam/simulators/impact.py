@@ -113,7 +113,8 @@ def measure_volume(radius, height):
 class Impact:
     """One impact's constants, gathered from base parameters, effects and conditions.
 
-    base: effective_mass (kg), restitution (-), optionally outer_diameter (m), contact_coefficient (-).
+    base: effective_mass (kg), restitution (-), optionally outer_diameter (m), contact_coefficient (-), doubled_core (1
+    where the cylinder under the disc counts twice in the volume, as Eq. 2 prints it).
     conditions: initial_pressure (Pa, absolute), approach_speed (m/s), sequence (1 for the first).
     """
 
@@ -124,6 +125,7 @@ class Impact:
         self.speed = float(conditions["approach_speed"])
         self.sequence = float(conditions.get("sequence", 1))
         self.coefficient = float(base.get("contact_coefficient", 0.25))
+        self.core = float(base.get("doubled_core", 0.0))
         growth = 1.0 + x["inflation-growth"]["beta"] * self.pressure / ELASTIC_MODULUS
         self.diameter = float(base.get("outer_diameter", OUTER_DIAMETER)) * growth
         self.volume = math.pi * self.diameter**3 / 6.0
@@ -138,7 +140,8 @@ class Impact:
     def find_gas_pressure(self, time, depression):
         """Return P' (Pa) in contact: P0 m (V0/V')^n, m = exp(-lambda t)."""
         b = measure_disc(depression, self.diameter, self.effects["membrane-area"]["alpha"], self.coefficient)
-        ratio = self.volume / measure_volume(b, self.diameter - depression)
+        height = self.diameter - depression
+        ratio = self.volume / (measure_volume(b, height) + self.core * math.pi * b**2 * height)
         fraction = math.exp(-self.effects["gas-leak"]["lambda"] * time)
         return self.pressure * fraction * ratio ** self.effects["polytropic-gas"]["n"]
 

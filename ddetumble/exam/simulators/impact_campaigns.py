@@ -23,7 +23,7 @@ def choose_heldout(pressures, speeds, sequence):
     lowest and 0.9 times the highest.
     """
     p, v = sorted(pressures), sorted(speeds)
-    low, high = (p[0] * p[1]) ** 0.5, (p[-2] * p[-1]) ** 0.5
+    low, high = (p[0] * p[min(1, len(p) - 1)]) ** 0.5, (p[-min(2, len(p))] * p[-1]) ** 0.5
     slow, fast = (v[0] * v[min(1, len(v) - 1)]) ** 0.5, 0.9 * v[-1]
     pairs = ((low, fast), (high, slow), (high, fast))
     names = ("initial_pressure", "approach_speed", "sequence")

@@ -1,0 +1,113 @@
+"""Other reference models of the family as rivals, before three effects are stacked on one."""
+
+import dataclasses as dc
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from .._errors import ComputationError, InputError
+from ..contact.effect import AbstractEffect, list_choices, parts_of
+from ..inference.families import name_family
+from ..inference.models import BUILTIN, ResolvedModel
+from ..measurement.campaign import Campaign
+from .records import Discovery
+from .search import Grown, Tried, merit
+from .workbench import Fitted, Workbench
+
+
+ALONE = 2  # additions after which the other reference models are tried: three make up for nearly any wrong reference
+BEST = 3  # other reference models that are searched, those that fit best by themselves
+
+
+@dc.dataclass(frozen=True)
+class Search:
+    """What a search through the catalogue found beside one reference model.
+
+    Attributes:
+        workbench: of the campaign and the reference model.
+        grown: its steps, the reference model first.
+        tried: every first addition.
+        visible: whether the campaign could have shown an effect.
+    """
+
+    workbench: Workbench
+    grown: list[Grown]
+    tried: Tried
+    visible: bool
+
+
+@dc.dataclass(frozen=True)
+class Rival:
+    """Another reference model: its name, what it is, and what the search found beside it."""
+
+    name: str
+    text: str
+    search: Search
+
+
+def stacks_up(search: Search) -> bool:
+    """Whether as many effects as may stand without a look at other reference models leave a misfit."""
+    last = search.grown[-1]
+    return last.lack.rejected and len(last.fitted.effects) >= ALONE
+
+
+def try_references(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
+                   zeros: Mapping[str, tuple[float, float]], begin: Callable[[Workbench, Fitted], Search]
+                   ) -> tuple[Rival, ...]:
+    """Search beside every other built-in reference model of the family that fits about as well by itself.
+
+    Args:
+        resolved: the reference model that was asked for.
+        campaign, effects, zeros: as the search beside that had them.
+        begin: searches beside a fitted reference model.
+    """
+    fitted = []
+    for name, built in BUILTIN.get(name_family(campaign), {}).items():
+        reference = built.make()
+        if not built.rival or _identify(reference) == _identify(resolved.reference) or _identify(reference) in [
+                _identify(bench.reference) for *_, bench, _ in fitted]:
+            continue
+        try:
+            bench = Workbench(campaign, reference, effects, (), zeros)
+            fitted.append((name, built.text, bench, bench.begin()))
+        except (ComputationError, InputError):
+            continue
+    fitted.sort(key=lambda one: merit(one[3]))
+    rivals = []
+    for name, text, bench, alone in fitted[:BEST]:
+        try:
+            rivals.append(Rival(name, text, begin(bench, alone)))
+        except ComputationError:
+            continue
+    return tuple(rivals)
+
+
+def _identify(reference: Any) -> tuple:
+    """What makes two reference models one."""
+    return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items())
+
+
+def choose_reference(found: Search, rivals: Sequence[Rival]) -> Rival | None:
+    """The rival that leaves no misfit with the fewest parameters, where the first model leaves one; else None."""
+    good = [r for r in rivals if not r.search.grown[-1].lack.rejected]
+    if not found.grown[-1].lack.rejected or not good:
+        return None
+    return min(good, key=lambda r: (len(r.search.grown[-1].fitted.solution.names), merit(r.search.grown[-1].fitted)))
+
+
+def mention_references(found: Discovery, asked: str, rivals: Sequence[Rival]) -> Discovery:
+    """The same with the reference models that were tried: in the sentence which one the data want."""
+    rows = []
+    for rival in rivals:
+        last = rival.search.grown[-1]
+        rows.append({"model": rival.name, "text": rival.text, "effects": list(last.fitted.effects),
+                     "parameters": len(last.fitted.solution.names), "rejected": last.lack.rejected,
+                     "p_value": last.lack.p_value, "chi2": last.fitted.solution.chi2})
+    names = ", ".join(rival.name for rival in rivals)
+    if found.model == asked:
+        return dc.replace(found, references=tuple(rows), notes=(
+            *found.notes, f"Other reference models were tried too, and none does better with two effects: {names}."))
+    text = next(rival.text for rival in rivals if rival.name == found.model)
+    beside = f" with {' and '.join(found.effects)}" if found.effects else " alone"
+    sentence = (f"The data want another reference model: {found.model!r} ({text.rstrip('.')}){beside} fits, where "
+                f"{asked!r} with two effects still fails. {found.sentence}")
+    return dc.replace(found, sentence=sentence, references=tuple(rows))

@@ -1,0 +1,145 @@
+"""What a verdict may claim: nothing held out where nothing can be, settings that swallow a misfit, one number each."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import ddetumble as dd
+from ddetumble.discrepancy.records import LackOfFit
+from ddetumble.discrepancy.shifts import EACH, combine_p_values, is_moved, measure_shifts
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+
+
+BASE = {"effective_mass": 1.2, "restitution": 0.85}
+PRESSURES, SPEEDS = [0.5e6, 1.0e6, 1.6e6, 2.4e6], [0.2, 0.4, 0.6]
+
+
+def write(folder, effects, seed, pressures=PRESSURES, speeds=SPEEDS, repeats=2, base=BASE, **options):
+    """A campaign of the independent simulator as a folder."""
+    write_campaign_folder(folder, make_campaign("tests", seed, effects, base, pressures, speeds, repeats, **options))
+    return folder
+
+
+def list_held_out(found):
+    """Every held-out error of a discovery."""
+    return [one.heldout_nrmse for one in (*found.steps, *found.candidates)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("effects", "verdict"), [
+    ({}, "nothing-missing"),
+    ({"sensor-lag": {"T": 4e-4}}, "undecided"),
+    ({"sensor-gain": {"g": 1.05}, "sensor-lag": {"T": 8e-4}}, "undecided"),
+])
+def test_one_record_holds_nothing_out(tmp_path, effects, verdict):
+    found = dd.discover(write(tmp_path / "one", effects, 3, [0.6e6], [0.6], 1))
+    assert found.verdict == verdict and found.effects == ()
+    assert all(map(math.isnan, list_held_out(found)))
+    assert found.missing is None
+    result = json.loads(found.save(tmp_path / "found").read_text())
+    assert result["steps"][0]["heldout_nrmse"] is None and result["candidates"][0]["heldout_nrmse"] is None
+    dd.write_report(found, tmp_path / "found")
+
+
+@pytest.mark.slow
+def test_evidence_within_one_condition(tmp_path):
+    """Six records of one condition show a lag that no other effect comes near; no held-out number is given for it."""
+    found = dd.discover(write(tmp_path / "six", {"sensor-lag": {"T": 6e-4}}, 5, [0.6e6], [0.6], 6))
+    assert found.verdict == "explained" and found.effects == ("sensor-lag",)
+    assert found.settings["conditions"] == 1 and all(map(math.isnan, list_held_out(found)))
+
+
+@pytest.mark.slow
+def test_settings_that_swallow_a_misfit(tmp_path):
+    """A force that depends on pressure in another way, and pressures that move by many stated deviations for it."""
+    folder = write(tmp_path / "swallow", {"x-pressure-power": {"s": -0.08}}, 7)
+    found = dd.compare(folder)
+    pressure = next(s for s in found.shifts if s.name == "initial_pressure")
+    assert abs(pressure.largest) > 8.0 and pressure.rms > 4.0 and pressure.p_value < 1e-12
+    assert found.lack_of_fit.rejected and found.lack_of_fit.settings_p_value < 1e-12
+    # With the pressures as they are written down the model fails by far.
+    assert found.nrmse < 1.1 * found.noise_nrmse and found.held_nrmse > 1.5 * found.noise_nrmse
+    discovery = dd.discover(folder)
+    assert discovery.verdict in ("improved", "unexplained")
+    result = json.loads(discovery.save(tmp_path / "found").read_text())
+    told = result["steps"][0]["nuisances"]["initial_pressure"]
+    assert abs(told["largest_shift"]) > 8.0 and told["record"] in discovery.steps[0].traces[0].record + told["record"]
+    dd.write_report(discovery, tmp_path / "found")
+    assert (tmp_path / "found" / "figures" / "settings.png").exists()
+
+
+@pytest.mark.slow
+def test_settings_as_stated_raise_no_alarm(tmp_path):
+    found = dd.compare(write(tmp_path / "null", {}, 8))
+    assert not found.lack_of_fit.rejected and found.held_nrmse is None
+    assert all(s.p_value > EACH for s in found.shifts) and len(found.shifts) == 3
+
+
+class Bench:
+    """Records with stated deviations, for the shifts alone."""
+
+    def __init__(self, count):
+        self.count, self.keys = count, tuple(f"r{k}" for k in range(count))
+        self.nuisances, self.starts = ("initial_pressure", "approach_speed", "time", "zero:normal_force"), ()
+        self.stack = type("Stack", (), {"condition_sd": np.tile([5e3, 1e-3, 5e-5, 0.1], (count, 1))})
+
+
+@pytest.mark.parametrize("count", [2, 8, 24])
+def test_shifts_are_chance_as_often_as_stated(count):
+    """Errors as stated: at most one set of records in 1/EACH is said to have moved (binomial bound over 3,000 sets)."""
+    generator, bench = np.random.default_rng(4), Bench(count)
+    alarms = sum(is_moved(measure_shifts(bench, type("Fit", (), {"z": generator.standard_normal((count, 4))})))
+                 for _ in range(3000))
+    assert alarms <= 3000 * EACH + 3.0 * math.sqrt(3000 * EACH)
+
+
+@pytest.mark.parametrize(("shifts", "moved"), [
+    (np.full(24, 0.9), False), (np.full(24, 1.8), True), (np.where(np.arange(24) == 7, 25.0, 0.0), True),
+    (np.where(np.arange(24) == 7, 3.0, 0.0), False),
+])  # fmt: skip
+def test_shifts_of_all_records_or_of_one_are_seen(shifts, moved):
+    z = np.zeros((24, 4))
+    z[:, 0] = shifts
+    z[:, 3] = 50.0  # of a zero that moves: no setting
+    found = measure_shifts(Bench(24), type("Fit", (), {"z": z}))
+    assert is_moved(found) == moved and [s.name for s in found] == ["initial_pressure", "approach_speed", "time"]
+    assert found[0].largest == shifts[np.argmax(np.abs(shifts))] and found[0].record == f"r{np.argmax(np.abs(shifts))}"
+
+
+@pytest.mark.parametrize("values", [(0.2,), (0.004, 0.9, 0.9), (1e-9, 1.0)])
+def test_smallest_of_several_p_values(values):
+    assert combine_p_values(values) == pytest.approx(min(len(values) * min(values), 1.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("effects", "seed"), [
+    ({"wall-stiffness": {"k_w": 3e4, "q": 1.5}}, 21), ({"membrane-area": {"alpha": 0.2}}, 22),
+    ({"speed-dependent-restitution": {"p": 0.05}, "x-pressure-power": {"s": -0.08}}, 7),
+    ({"viscous-dashpot": {"c_v": 3.0}, "sensor-lag": {"T": 4e-4}}, 23),
+])
+def test_ranking_says_what_the_verdict_says(tmp_path, effects, seed):
+    """One number a thing: of the table and of the steps, of an effect that does nothing and of the reference model."""
+    found = dd.discover(write(tmp_path / "tests", effects, seed))
+    held_out = [step.heldout_nrmse for step in found.steps]
+    assert held_out == sorted(held_out, reverse=True)  # no step raises it
+    for step in found.steps:
+        fit: LackOfFit = step.lack_of_fit
+        assert fit.rejected == (fit.p_value < fit.level)
+        smallest = min(fit.smooth_p_value, fit.score_p_value, fit.settings_p_value)
+        assert fit.p_value == pytest.approx(min(1.0, 3.0 * smallest))
+    first, alone = found.steps[0], {c.effect: c for c in found.candidates}
+    for step in found.steps:
+        if len(step.effects) == 1:
+            told = alone[step.effects[0]]
+            assert told.heldout_nrmse == pytest.approx(step.heldout_nrmse, rel=1e-6)
+            assert told.p_value < 1e-6
+            values = {name: e.estimate for name, e in step.parameters.items() if name.startswith(step.effects[0])}
+            assert {name: e.estimate for name, e in told.estimates.items()} == pytest.approx(values)
+    for one in found.candidates:
+        assert 0.0 <= one.explains <= 1.0
+        if one.explains == 0.0 and not one.estimates:
+            assert one.heldout_nrmse == pytest.approx(first.heldout_nrmse, rel=1e-6)
+    if len(found.effects) == 1 and found.verdict == "explained":
+        assert alone[found.effects[0]].explains > 0.9
