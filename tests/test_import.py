@@ -5,7 +5,7 @@ import pytest
 from helpers_measurement import pulse, raw_text, raw_trace
 
 from ddetumble._errors import InputError
-from ddetumble.measurement import find_onset, import_tests, read_campaign
+from ddetumble.measurement import find_onsets, import_tests, read_campaign
 from ddetumble.measurement.layout import read_layout, split_heading
 
 

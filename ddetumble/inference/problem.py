@@ -76,6 +76,12 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
     law = space.build(u)
     conditions = dict(row.conditions)
     time, zeros = row.time, []
+    for common, per_unit in zip(space.commons, row.inputs.get("common", ()), strict=False):
+        shift = u[space.index[common.slot.name]] * per_unit
+        if common.column == "time":
+            time = time - shift
+        else:
+            conditions[common.column] = conditions[common.column] + shift
     for k, name in enumerate(names):
         if name == "time":
             time = time - z[k] * row.condition_sd[k]
@@ -256,12 +262,15 @@ class Problem:
     Args:
         space: parameters of the model.
         records: stacked records.
-        priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate.
+        priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate, beside those of the errors that all
+            records share.
     """
 
     def __init__(self, space: ParameterSpace, records: Records,
                  priors: Mapping[str, tuple[float, float]] | None = None):
-        self.space, self.records, self.priors = space, records, dict(priors or {})
+        commons = space.commons if "common" in records.stack.inputs else ()
+        self.space, self.records = space, records
+        self.priors = {c.slot.name: (0.0, c.sd) for c in commons} | dict(priors or {})
         self.scales = space.scales()
         self.limits = space.bounds()
 
