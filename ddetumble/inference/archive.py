@@ -236,9 +236,8 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
                      for name, level in noise.items()},
         "conditions": {name: _describe_condition(campaign, name) for name in campaign.conditions},
         "time_sd": 0.0 if spread is None else float(spread.sd(np.ones(1))[0]),
-        "commons": [dc.asdict(common) for common in space.commons], "sampling": _describe_sampling(campaign),
-        "records": len(campaign.records), "chi2": float(solution.chi2), "versions": list_versions(),
-        "extra": dict(extra or {}),
+        "sampling": _describe_sampling(campaign), "records": len(campaign.records), "chi2": float(solution.chi2),
+        "commons": [dc.asdict(one) for one in space.commons], "versions": list_versions(), "extra": dict(extra or {}),
     })  # fmt: skip
     path = folder / FILE
     write_json(path, content.model_dump(mode="json", by_alias=True))

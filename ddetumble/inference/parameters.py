@@ -43,7 +43,8 @@ class Common:
     """An error that all records of a campaign share: one nuisance of the campaign.
 
     Attributes:
-        column: that it shifts: a condition, or `time` for the independent variable, whatever its name.
+        column: that it shifts: a condition, a channel (its zero, or where relative its gain), or `time` for the
+            independent variable, whatever its name.
         sd: its standard deviation: SI, or as a fraction of the column's value.
         relative: whether it is such a fraction.
         unit: SI unit of the column.

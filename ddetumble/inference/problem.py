@@ -76,12 +76,13 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
     law = space.build(u)
     conditions = dict(row.conditions)
     time, zeros = row.time, []
+    shifts = {}
     for common, per_unit in zip(space.commons, row.inputs.get("common", ()), strict=False):
-        shift = u[space.index[common.slot.name]] * per_unit
+        shifts[common.column] = u[space.index[common.slot.name]] * per_unit
         if common.column == "time":
-            time = time - shift
-        else:
-            conditions[common.column] = conditions[common.column] + shift
+            time = time - shifts["time"]
+        elif common.column in conditions:
+            conditions[common.column] = conditions[common.column] + shifts[common.column]
     for k, name in enumerate(names):
         if name == "time":
             time = time - z[k] * row.condition_sd[k]
@@ -91,6 +92,10 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
             conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
     found = space.family.observe(law, conditions, time, row, channels)
     model = found.channels
+    for common in space.commons:
+        if common.column in channels and common.column in shifts:
+            k = channels.index(common.column)
+            model = model.at[k].add(shifts[common.column] * (model[k] if common.relative else 1.0))
     for name, size in zeros:
         kind, channel = name.split(":")
         late = row.time - row.time[0]

@@ -104,9 +104,11 @@ def list_nuisances(campaign: Campaign) -> tuple[str, ...]:
 
 
 def list_commons(campaign: Campaign) -> tuple[Common, ...]:
-    """Errors that all records share, as the campaign states them: of the time origin and of conditions."""
+    """Errors that all records share, as the campaign states them: of the time origin, conditions and channels."""
     columns = {} if campaign.independent is None else {"time": campaign.independent}
     columns |= {name: column for name, column in campaign.conditions.items() if name != "sequence"}
+    predicted = find_family(name_family(campaign)).channels
+    columns |= {name: column for name, column in campaign.channels.items() if name in predicted}
     found = []
     for name, column in columns.items():
         if column.common is not None:
@@ -247,8 +249,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
         inputs = {"slip": jnp.asarray(path), "direction": jnp.asarray(direction)}
     commons = list_commons(campaign)
     if commons:
-        inputs["common"] = jnp.asarray(np.stack([conditions[c.column] if c.relative else np.ones(rows)
-                                                 for c in commons], axis=1))
+        inputs["common"] = jnp.asarray(np.stack([conditions[c.column] if c.relative and c.column in conditions
+                                                 else np.ones(rows) for c in commons], axis=1))
     present = (np.arange(rows) < len(keys)).astype(float)
     span = time.max(axis=1) + 5e-3 * (time.max(axis=1) - np.maximum(time.min(axis=1), 0.0))
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),

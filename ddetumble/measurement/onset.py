@@ -18,9 +18,11 @@ from .rise import Located, Rise, Rises, Start, find_rise
 SLOPES = (0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
 SLOPE_SD = 0.15  # of a half-normal prior of that fraction, beside as much weight on 0
 SLOPE_SPREAD = 0.25  # by which that fraction differs between the records of a campaign (0.2 over pressures and speeds)
-DECISIVE = 16.0  # fall of chi-square that another start than the reference model's needs: four standard deviations
-EVEN = 9.0  # where it is as likely as not: seldom to begin with (a tenth), and one of some ten that could be told apart
+SLOPED = 9.0  # fall of chi-square from which a force begins with a slope: three standard deviations
+DECISIVE = 16.0  # the same of a jump or a gauge that rings, which have more to choose from: four standard deviations
+EVEN = 9.0  # where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart
 OWN_STEP = 4.0  # fall of chi-square a trace that chance lets a jump of its own reach, found by a scan
+PROMISING = 6.0  # fall of chi-square below which a frequency is not looked for more closely: chance does as much
 FEW = 8  # traces with the least noise, on which the frequency of a gauge is looked for
 DELAY = 2.0  # sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate
 
@@ -77,8 +79,8 @@ def locate_onsets(traces: Sequence[Rise], names: Sequence[str] = ()) -> Onsets:
 
     Every rise is fitted with the reference model's curve; its onset, offset and height are its own. The errors of this
     fit are each trace's own. All traces together tell whether the force starts with a slope or a jump instead, or
-    whether the gauge rings (a second-order sensor): each of these is taken only where chi-square falls by more than
-    `DECISIVE`. What remains open is an error that all traces share, and so is the delay of the measuring chain.
+    whether the gauge rings (a second-order sensor): each of these is taken only where chi-square falls decisively. What
+    remains open is an error that all traces share, and so is the delay of the measuring chain.
 
     Raises:
         InputError: A force that rises too little above its noise, or contact too early in a trace.
@@ -99,14 +101,14 @@ def locate_onsets(traces: Sequence[Rise], names: Sequence[str] = ()) -> Onsets:
     weights = _weigh_slopes() * np.exp(-0.5 * (scores - scores.min()) / max(misfit, 1.0))
     weights /= weights.sum()
     table = np.stack([one.time for one in found])
-    decided = scores[0] - scores.min() > DECISIVE * max(misfit, 1.0)
+    decided = scores[0] - scores.min() > SLOPED * max(misfit, 1.0)
     time = weights @ table[: len(weights)] if decided else base.time
     if base is plain:  # a jump or a gauge that rings may still be there
         weights = np.concatenate([weights, np.exp(0.5 * (gains - EVEN))])
         weights /= weights.sum()
     open_ = table - time
     common = np.mean(open_, axis=1)
-    apart = weights @ (open_ - common[:, None]) ** 2 + (SLOPE_SPREAD * (time - base.time)) ** 2
+    apart = weights @ ((open_ - common[:, None]) ** 2 + (SLOPE_SPREAD * (table - base.time)) ** 2)
     own = np.sqrt(max(misfit, 1.0) * (base.noise_sd**2 + base.shape_sd**2) + apart)
     rises.check(time, own)
     delay = DELAY * float(np.median(rises.step))
@@ -133,6 +135,8 @@ def _find_ringing(rises: Rises, plain: Located) -> Located:
     frequencies = np.geomspace(lowest, max(highest, 2.0 * lowest), 16)
     tried = [some.refine(Start(ringing=(float(f), d)), guess, 4) for f in frequencies for d in (0.05, 0.2)]
     best = min(tried, key=lambda found: found.chi2.sum())
+    if plain.chi2[few].sum() - best.chi2.sum() < PROMISING:
+        return rises.refine(best.start, plain.time)
     best = _narrow(some, best, np.array([np.log(frequencies[1] / frequencies[0]) / 2.0, 0.7]), 6)
     return _narrow(rises, rises.refine(best.start, plain.time), np.array([0.02, 0.2]), 3)
 

@@ -89,10 +89,9 @@ def read_campaign(path) -> Campaign:
         peaks = _read_resource(resources["peaks"], context)
         checks.check_peaks(peaks, records.keys)
     checks.check_coverage(records, samples, peaks)
-    for table in (samples, peaks):
-        for name, column in {} if table is None else table.columns.items():
-            if column.common is not None and (table is peaks or name != independent):
-                context.refuse("common_uncertainty is read of conditions and of the time origin, not of channels", name)
+    for name, column in {} if peaks is None else peaks.columns.items():
+        if column.common is not None:
+            context.refuse("common_uncertainty of a peak is not read; state that of a condition", name)
 
     campaign = Campaign(
         name=model.name or descriptor.resolve().parent.name,

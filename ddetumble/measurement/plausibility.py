@@ -94,13 +94,13 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     odd = [name for name, size in sizes.items() if not _is_within(name, size.value)]
     if not odd:
         return ()
-    mistakes = []
+    mistakes, doubtful = [], all(" over " in name for name in odd)
     for column, kind in _list_columns(campaign).items():
         if not all(column in sizes[name].powers for name in odd):
             continue
         for actual, stated in MISTAKES[kind]:
             factor = check_unit(actual, "").scale / check_unit(stated, "").scale
-            if all(_is_within(name, size.value * factor ** size.powers.get(column, 0), column in size.powers)
+            if all(_is_within(name, size.value * factor ** size.powers.get(column, 0), doubtful and name in odd)
                    for name, size in sizes.items()):
                 mistakes.append((column, actual, stated))
                 break
@@ -111,10 +111,9 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     return tuple(_ask(name, sizes[name], ()) for name in plain)
 
 
-def _is_within(name: str, value: float, corrected: bool = False) -> bool:
-    low, high = RANGES[name]
-    if corrected and " over " in name and name.startswith("stiffness"):
-        low, high = CORRECTED  # a mistaken unit has to explain more than that a value is possible
+def _is_within(name: str, value: float, strictly: bool = False) -> bool:
+    """Whether a size is plausible; where it is all that is odd, a corrected unit has to explain it well."""
+    low, high = CORRECTED if strictly and name.startswith("stiffness") else RANGES[name]
     return low <= value <= high
 
 

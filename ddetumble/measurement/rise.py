@@ -175,23 +175,23 @@ class Rises:
             columns, priors = [*columns, jump], [*priors, self.height]
         columns.append(0.5 * height * (late - early) / scale)
         matrix = np.stack(columns, axis=2) * self.weight[..., None]
-        size = np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
-        matrix = matrix / size
+        size = np.maximum(np.sqrt(np.einsum("gnk,gnk->gk", matrix, matrix)), 1e-300)
+        matrix = matrix / size[:, None, :]
         right = self.force * self.weight
         data = np.swapaxes(matrix, 1, 2) @ matrix
-        prior = np.zeros(size.shape[::2])
+        prior = np.zeros_like(size)
         prior[:, 2:-1] = 1.0 / np.stack(priors, axis=1) ** 2
-        whole = data + (prior / size[:, 0] ** 2)[:, None, :] * np.eye(prior.shape[1]) + 1e-13 * np.eye(prior.shape[1])
+        whole = data + (prior / size**2 + 1e-13)[:, None, :] * np.eye(len(columns))
         gradient = np.einsum("gnk,gn->gk", matrix, right)
         # The onset's own column comes last: its coefficient is the step, and without it the misfit here remains.
         values = np.linalg.solve(whole[:, :-1, :-1], gradient[:, :-1, None])[..., 0]
         residual = right - np.einsum("gnk,gk->gn", matrix[..., :-1], values)
-        chi2 = np.sum(residual**2, axis=1) + np.sum(prior[:, :-1] * (values / size[:, 0, :-1]) ** 2, axis=1)
+        chi2 = np.sum(residual**2, axis=1) + np.sum(prior[:, :-1] * (values / size[:, :-1]) ** 2, axis=1)
         covariance = np.linalg.inv(whole)
-        step = np.linalg.solve(whole, gradient[..., None])[:, -1, 0] / size[:, 0, -1]
+        step = np.linalg.solve(whole, gradient[..., None])[:, -1, 0] / size[:, -1]
         noise = (covariance @ data @ covariance)[:, -1, -1]
         shape = np.maximum(covariance[:, -1, -1] - noise, 0.0)
-        return np.stack([chi2, step, *(np.sqrt(x) / size[:, 0, -1] for x in (noise, shape))])
+        return np.stack([chi2, step, *(np.sqrt(x) / size[:, -1] for x in (noise, shape))])
 
     def bend(self, start: Start, onset: np.ndarray, half: np.ndarray
              ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:

@@ -132,7 +132,7 @@ def _fill_stack(layout: Layout, test: Test, x: Array) -> Stack:
     shape = (len(layout.channels), test.time.shape[0])
     inputs = {"mesh": test.mesh} if tumble else {}
     if layout.space.commons:  # the next test shares them
-        inputs["common"] = jnp.stack([conditions[c.column] if c.relative else jnp.ones(())
+        inputs["common"] = jnp.stack([conditions[c.column] if c.relative and c.column in conditions else jnp.ones(())
                                       for c in layout.space.commons])
     return Stack(test.time, span, jnp.zeros(shape), test.weights, test.taps, conditions, deviation, jnp.ones(()),
                  inputs, jnp.asarray(RTOL))
