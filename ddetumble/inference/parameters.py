@@ -58,7 +58,8 @@ class Common:
     @property
     def slot(self) -> Slot:
         """Its parameter: zero at the null, with a Gaussian prior of its standard deviation."""
-        text = f"error of {self.column} that all records share" + (", as a fraction" if self.relative else "")
+        what = "shift of the time origin" if self.column == "time" else f"error of {self.column}"
+        text = f"{what} that all records share" + (", as a fraction" if self.relative else "")
         unit = "" if self.relative else self.unit
         return Slot(f"{self.column}_shift", None, Parameter(f"{self.column}_shift", "", unit, 0.0, "reference",
                                                             self.sd, text=text))

@@ -250,6 +250,13 @@ class Solution:
         shared = np.concatenate([self.shared, np.zeros((records, own, self.shared.shape[2]))], axis=1)
         return profile_own(shared, rows, np.concatenate([self.residual, self.z], axis=1))
 
+    def common_shift(self) -> float:
+        """Shift of the time origin that all records share [s]; 0 where none is fitted."""
+        if "time_shift" not in self.names:
+            return 0.0
+        k = self.names.index("time_shift")  # its prior is centred on 0
+        return float(self.prior_residual[k] * self.scales[k] / self.prior_weight[k])
+
     def covariance(self) -> np.ndarray:
         """Covariance of the free coordinates, shape (free, free); vast and finite along what nothing fixes."""
         columns, _ = self.projected()

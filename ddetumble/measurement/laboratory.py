@@ -346,7 +346,7 @@ def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, 
         unit = plan.si.get(name) or sources.units.get(name) or "1"
         if name in stated:
             commons[name] = _read_uncertainty("common-uncertainty", stated.pop(name), unit, name)
-        elif name in found and name not in given:
+        elif name in found:
             commons[name] = Uncertainty(float(f"{found[name]:.4g}"))
         if name in given:
             uncertainties[name] = _read_uncertainty("uncertainty", given.pop(name), unit, name)
