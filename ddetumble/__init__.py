@@ -42,6 +42,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Campaign": "measurement.campaign", "read_campaign": "measurement.package",
     "write_campaign": "measurement.package", "import_tests": "measurement.laboratory",
+    "check_plausibility": "measurement.plausibility",
     "InputError": "_errors", "ComputationError": "_errors",
     "Ball": "contact.law", "PowerLaw": "contact.law", "ContactLaw": "contact.law",
     "RubberFriction": "contact.sliding", "CoulombFriction": "contact.sliding", "FrictionLaw": "contact.sliding",
@@ -143,6 +144,7 @@ if TYPE_CHECKING:
     from .measurement.laboratory import import_tests as import_tests
     from .measurement.package import read_campaign as read_campaign
     from .measurement.package import write_campaign as write_campaign
+    from .measurement.plausibility import check_plausibility as check_plausibility
     from .paper import write_paper as write_paper
     from .planning.ambiguity import assess_plan as assess_plan
     from .planning.chain import plan_together as plan_together

@@ -211,7 +211,7 @@ GOOD = 'schema = "ddetumble.fit/1"\ncampaign = "../wall"\n'
     ('schema = "ddetumble.fit/1"\n', ["campaign: is missing"]),
     ("schema = ", ["no TOML"]),
     (GOOD.replace("../wall", "../nowhere"), ["campaign", "nowhere"]),
-    (GOOD + "colour = 1\n", ["colour", "not a key"]),
+    (GOOD + "colour = 1\n", ["colour", "not a key", "campaign", "nuisances"]),
     (GOOD + 'effects = "adhesion"\n', ["effects"]),
     (GOOD + 'nuisances = "yes"\n', ["nuisances"]),
     (GOOD + "seed = -1\n", ["seed"]),

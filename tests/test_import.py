@@ -1,11 +1,13 @@
 """Import of raw files: the numbers come out right, and what cannot be told is asked for by the option's name."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers_measurement import pulse, raw_text, raw_trace
 
-from ddetumble._errors import InputError
-from ddetumble.measurement import find_onset, import_tests, read_campaign
+import ddetumble as dd
+from ddetumble import InputError, check_plausibility, import_tests, read_campaign
+from ddetumble.exam.simulators.impact import simulate
 from ddetumble.measurement.layout import read_layout, split_heading
 
 
@@ -346,28 +348,115 @@ def test_columns_without_values_are_dropped_and_trailing_delimiters_borne(tmp_pa
     assert list(raw.table.columns) == ["t", "Fz"]
 
 
-@pytest.mark.parametrize("noise", [0.05, 0.25, 1.0])
-def test_onset_and_its_error(noise):
-    scores = []
-    for seed in range(30):
-        time, force = raw_trace(onset=0.0123 + 1e-5 * (seed % 10), noise=noise, seed=seed)
-        found = find_onset(time, force)
-        scores.append((found.time - 0.0123 - 1e-5 * (seed % 10)) / found.sd)
-        assert found.offset == pytest.approx(1.7, abs=0.5 * noise)
-        assert found.noise == pytest.approx(noise, rel=0.3)
-    assert abs(np.mean(scores)) < 0.8 and 0.3 < np.std(scores) < 1.5 and np.max(np.abs(scores)) < 4
+def test_the_table_of_conditions_may_lie_among_the_records(tmp_path):
+    for i in range(2):
+        time, force = raw_trace(seed=i)
+        write(tmp_path / f"shot{i}.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    table = write(tmp_path / "settings.csv", "file,p0 [MPa],v [m/s],repeat\nshot0.csv,1,0.4,1\nshot1.csv,1,0.4,2\n")
+    campaign = import_tests(sorted(tmp_path.glob("*.csv")), conditions=table)
+    assert campaign.record_keys == ("shot0", "shot1")
+    assert list(campaign.records.columns) == ["initial_pressure", "approach_speed"]  # repeats are one condition
+    assert any("repeat" in note for note in campaign.notes)
 
 
-def test_onset_of_a_rise_that_begins_with_a_slope():
-    time = np.arange(600) / 10e3
-    force = 50 * np.sin(np.pi * np.clip((time - 0.0123) / 0.016, 0, 1))
-    found = find_onset(time, force + 0.05 * np.random.default_rng(0).standard_normal(600))
-    assert abs(found.time - 0.0123) < 3 * found.sd < 1e-3
+def test_a_unit_given_against_the_heading_is_told(tmp_path):
+    time, force = raw_trace()
+    path = write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(path, units="Fz=kN", **CONDITIONS)
+    assert any("--unit" in note and "kN" in note for note in campaign.notes)
+    assert any(("normal_force", "N", "kN") in doubt.mistakes for doubt in check_plausibility(campaign))
+    assert not check_plausibility(import_tests(path, units="Fz=N", **CONDITIONS))
 
 
-def test_onset_says_if_it_cannot():
-    time = np.arange(600) / 10e3
-    noise = np.random.default_rng(0).standard_normal(600)
-    for force in (noise, pulse(time, -0.001, 50) + 0.1 * noise, pulse(time, 0.0123, 50, 1e-4), np.zeros(600)):
-        with pytest.raises(InputError, match="--onset"):
-            find_onset(time, force)
+def test_an_acceleration_becomes_a_force(tmp_path):
+    """phyphox, a phone's own gauges: time, accelerations and rates with their headings."""
+    time, force = raw_trace(onset=0.1, noise=0.02, rate=2e3, length=0.2)
+    headings = ["Time (s)", "Linear Acceleration x (m/s^2)", "Linear Acceleration z (m/s^2)"]
+    path = write(tmp_path / "a.csv", raw_text([time, 0 * force, -force / 1.5], headings))
+    options = {"force": "Linear Acceleration z"} | CONDITIONS
+    with pytest.raises(InputError, match="--known .*effective_mass"):
+        import_tests(path, **options)
+    campaign = import_tests(path, known="effective_mass=1.5 kg", **options)
+    assert campaign.trace("a")["normal_force"].max() == pytest.approx(50, abs=0.2)
+    assert campaign.known["effective_mass"] == 1.5
+
+
+def write_rates(path, start=0.0, axes="xyz", gyroscope="Gyroscope {} (rad/s)"):
+    """A free body of revolution about the last of the axes, inertia ratio 0.5, as a phone would write it."""
+    time = start + np.arange(120) * 0.2
+    turning = {axes[0]: 0.2 * np.cos(0.25 * time), axes[1]: -0.2 * np.sin(0.25 * time), axes[2]: 0 * time + 0.5}
+    columns = [turning[axis] for axis in "xyz"]
+    return write(path, raw_text([time, *columns, time * 0 + 9.8],
+                                ["Time (s)", *map(gyroscope.format, "xyz"), "Acceleration z (m/s^2)"]))
+
+
+@pytest.mark.slow
+def test_tumbling_records_begin_at_zero(tmp_path):
+    noise = {f"angular_velocity_{axis}": "0.001 rad/s" for axis in "xyz"}
+    path = write_rates(tmp_path / "a.csv", start=10.5)
+    campaign = import_tests(path, family="tumble", uncertainty=noise).write(tmp_path / "campaign")
+    assert list(campaign.channels) == ["angular_velocity_x", "angular_velocity_y", "angular_velocity_z"]
+    assert campaign.trace("a")["time"].iloc[0] == 0.0
+    fitted = dd.fit(campaign, noise="stated")
+    assert fitted.parameters["inertia_ratio"].estimate == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize(("axis", "axes"), [("x", "yzx"), ("y", "zxy"), ("z", "xyz")])
+def test_any_axis_may_be_that_of_symmetry(tmp_path, axis, axes):
+    noise = {f"angular_velocity_{axis}": "0.001 rad/s" for axis in "xyz"}
+    wanted = import_tests(write_rates(tmp_path / "a.csv"), family="tumble", uncertainty=noise)
+    (tmp_path / "turned").mkdir()
+    path = write_rates(tmp_path / "turned" / "a.csv", axes=axes)
+    campaign = import_tests(path, family="tumble", uncertainty=noise, symmetry_axis=axis)
+    pd.testing.assert_frame_equal(campaign.trace("a"), wanted.trace("a"))
+    with pytest.raises(InputError, match="--symmetry-axis"):
+        import_tests(path, family="tumble", uncertainty=noise, symmetry_axis="w")
+
+
+def test_a_displacement_that_moves_before_contact_is_zeroed_at_the_onset(tmp_path):
+    """A sensor of the arm's position, with a zero of its own and counting backwards."""
+    base, lead = {"effective_mass": 1.2, "restitution": 0.8}, 0.02
+    for k, speed in enumerate((0.3, 0.4, 0.5)):
+        time = np.arange(0.0, 0.09, 1e-4)
+        conditions = {"initial_pressure": 1.2e6, "approach_speed": speed}
+        force, depth = simulate(base, {}, conditions, time - lead, ("normal_force", "depression")).T
+        end = time[np.flatnonzero(depth > 0)[-1]]
+        position = np.where(time > end, -0.8 * speed * (time - end), depth)
+        position = np.where(time < lead, speed * (time - lead), position)
+        rng = np.random.default_rng(k)
+        columns = [time, force + 0.2 * rng.standard_normal(time.size),
+                   132.4 - 1e3 * position + 0.01 * rng.standard_normal(time.size), 0 * time + speed]
+        headings = ["t [s]", "Fz [N]", "depth (mm)", "v [m/s]"]
+        write(tmp_path / f"{k}.csv", raw_text(columns, headings))
+    campaign = import_tests(tmp_path, pressure="1.2 MPa", known="outer_diameter=60 mm").write(tmp_path / "campaign")
+    trace = campaign.trace("1")
+    inside = trace["depression"].notna()
+    assert trace["time"][inside].min() > 0 and 0.02 < trace["time"][inside].max() < 0.05
+    model = simulate(base, {}, {"initial_pressure": 1.2e6, "approach_speed": 0.4}, trace["time"], ("depression",))[:, 0]
+    zero = campaign.column("depression").common
+    assert zero is not None and zero.absolute is not None and zero.absolute < 4e-4
+    assert np.abs(trace["depression"] - model)[inside].max() < 2 * zero.absolute
+    assert campaign.uncertainty("depression").absolute == pytest.approx(1e-5, rel=0.3)
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"known": "outer_diameter=60"}, "--known outer_diameter"),
+    ({"known": "outer_diameter=-1 mm"}, "--known outer_diameter"),
+    ({"ambient": "1 m"}, "--ambient"),
+    ({"uncertainty": "force=1 m"}, "--uncertainty"),
+    ({"common_uncertainty": "force=1 m"}, "--common-uncertainty"),
+    ({"common_uncertainty": "x=1 N"}, "--common-uncertainty"),
+    ({"symmetry_axis": "x"}, "--symmetry-axis"),
+])  # fmt: skip
+def test_messages_name_the_option(tmp_path, options, words):
+    path = write(tmp_path / "a.csv", raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]))
+    with pytest.raises(InputError, match=words):
+        import_tests(path, **(CONDITIONS | options))
+
+
+def test_a_folder_that_is_taken_names_the_option(tmp_path):
+    path = write(tmp_path / "a.csv", raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]))
+    campaign = import_tests(path, **CONDITIONS)
+    campaign.write(tmp_path / "campaign")
+    with pytest.raises(InputError, match="--overwrite"):
+        campaign.write(tmp_path / "campaign")

@@ -67,6 +67,10 @@ def import_files(
         list[str] | None,
         typer.Option(metavar="NAME=QUANTITY", help="One standard deviation: 'force=0.25 N'; may be repeated."),
     ] = None,
+    common_uncertainty: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=QUANTITY", help="The same of an error that all records share: 'pressure=2 %'."),
+    ] = None,
     known: Annotated[
         list[str] | None,
         typer.Option(
@@ -80,6 +84,9 @@ def import_files(
         typer.Option(
             metavar="TIME|COLUMN", help="Impacts: contact onset, or the conditions' column with it; else it is found."
         ),
+    ] = None,
+    symmetry_axis: Annotated[
+        str | None, typer.Option(metavar="x|y|z", help="Tumbling: the body's axis of symmetry in the columns; made z.")
     ] = None,
     decimal: Annotated[str | None, typer.Option(metavar="SIGN", help="Decimal sign: . or ,")] = None,
     delimiter: Annotated[str | None, typer.Option(metavar="SIGN", help="Delimiter: , ; | tab or space")] = None,
@@ -116,8 +123,10 @@ def import_files(
             keep=keep,
             units=unit,
             uncertainty=uncertainty,
+            common_uncertainty=common_uncertainty,
             known=known,
             onset=onset,
+            symmetry_axis=symmetry_axis,
             decimal=decimal,
             delimiter=delimiter,
             family=family,

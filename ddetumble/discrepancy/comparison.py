@@ -145,7 +145,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         if is_fitted(model):
             for name, value in own.items():
                 bench.start[bench.space.index[name]] = value
-        bench.base = []
+        bench.base = [common.slot.name for common in bench.space.commons]
     fitted = bench.begin()
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
     lack, _ = bench.judge(fitted)

@@ -100,8 +100,8 @@ class FreeBench:
 
     def _assemble(self) -> tuple[ParameterSpace, np.ndarray]:
         """Parameters of the model, the splines and the simple laws, and where the model's fit ended."""
-        space = ParameterSpace(self.workbench.reference, (*self.classes, self.free, self.simple))
         old = self.workbench.space
+        space = ParameterSpace(self.workbench.reference, (*self.classes, self.free, self.simple), old.commons)
         return space, np.array([
             self.model.solution.u[old.index[s.name]] if s.name in old.index
             else to_coordinate(s.parameter.coordinate, s.parameter.default) for s in space.slots])

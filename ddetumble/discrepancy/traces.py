@@ -32,7 +32,7 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
     for r, key in enumerate(records.keys):
         n = records.lengths[r]
         conditions = {str(name): float(value) for name, value in campaign.records.loc[key].items()}
-        since = time[r, :n] - solution.z[r, origin] * deviations[r, origin]
+        since = time[r, :n] - solution.z[r, origin] * deviations[r, origin] - solution.common_shift()
         for c, channel in enumerate(records.channels):
             used = weights[r, c, :n] > 0
             if noise and channel in noise:

@@ -156,6 +156,9 @@ def _moves_before_touch(workbench: Workbench, c: int) -> bool:
     time, values = np.asarray(records.stack.time), np.asarray(records.stack.values)
     weights, total, count = np.asarray(records.stack.weights), 0.0, 0
     origin = np.asarray(records.stack.condition_sd)[:, records.nuisances.index("time")]
+    clock = workbench.campaign.independent
+    if clock is not None and clock.common is not None:
+        origin = np.hypot(origin, clock.common.absolute or 0.0)
     for r, n in enumerate(records.lengths):
         calm = (time[r, :n] < -3.0 * origin[r]) & (weights[r, c, :n] > 0)
         if calm.sum() < BEFORE:

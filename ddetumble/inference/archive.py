@@ -20,7 +20,7 @@ from .families import name_family
 from .files import hash_file, list_versions, make_plain, write_json
 from .models import resolve_effect, resolve_model
 from .noise import Noise
-from .parameters import ParameterSpace
+from .parameters import Common, ParameterSpace
 from .problem import Solution
 
 
@@ -95,6 +95,7 @@ class ModelFile(_Strict):
     channels: dict[str, ChannelEntry]
     conditions: dict[str, ConditionEntry]
     time_sd: float = pydantic.Field(ge=0)
+    commons: list[Common] = []
     sampling: SamplingEntry | None = None
     records: int
     chi2: float
@@ -235,9 +236,8 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
                      for name, level in noise.items()},
         "conditions": {name: _describe_condition(campaign, name) for name in campaign.conditions},
         "time_sd": 0.0 if spread is None else float(spread.sd(np.ones(1))[0]),
-        "sampling": _describe_sampling(campaign),
-        "records": len(campaign.records), "chi2": float(solution.chi2), "versions": list_versions(),
-        "extra": dict(extra or {}),
+        "sampling": _describe_sampling(campaign), "records": len(campaign.records), "chi2": float(solution.chi2),
+        "commons": [dc.asdict(one) for one in space.commons], "versions": list_versions(), "extra": dict(extra or {}),
     })  # fmt: skip
     path = folder / FILE
     write_json(path, content.model_dump(mode="json", by_alias=True))
@@ -269,7 +269,7 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
         classes.append(_find_effect(entry, path, extra))
         if entry.source is not None and entry.source_sha256 is not None:
             notes += _compare_source(path.parent / entry.source.rpartition(":")[0], entry.source_sha256)
-    space = ParameterSpace(reference, classes)
+    space = ParameterSpace(reference, classes, content.commons)
     wrong = set(space.index) ^ set(content.coordinates)
     if wrong:
         raise InputError(f"the parameters are not those of the model ({', '.join(sorted(wrong))}); fit it again",

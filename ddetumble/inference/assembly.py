@@ -16,10 +16,12 @@ from ..contact.gripping import Striker
 from ..contact.law import PowerLaw
 from ..contact.sliding import AbstractRubberFriction, RubberFriction
 from ..measurement.campaign import Campaign
+from ..measurement.plausibility import check_plausibility
 from ..measurement.units import ROLES
 from .families import find_family, name_family
 from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
+from .stack import list_commons
 from .starts import guess_body
 
 
@@ -71,7 +73,7 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     offered = (*family.catalogue, *extra)
     catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
     probes = tuple(e for e in family.probes if fits_campaign(e, reference, campaign))
-    space = ParameterSpace(reference, (*catalogue, *probes))
+    space = ParameterSpace(reference, (*catalogue, *probes), list_commons(campaign))
     known = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
     for name, value in known.items():
         low, high = space.slots[space.index[name]].parameter.bounds
@@ -85,7 +87,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)
     return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
-                    (*warn_of_names(campaign, space), *warn_of_range(campaign, reference)))
+                    (*map(str, check_plausibility(campaign)), *warn_of_names(campaign, space),
+                     *warn_of_range(campaign, reference)))  # fmt: skip
 
 
 def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -184,7 +183,8 @@ def choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], want
                                  column=section)
             if section == "free" and name in wanted.fixed:
                 raise InputError(f"{name} is both free and fixed; leave one out", column=section)
-    names = {*assembly.base, *space.of(ids), *wanted.free} - set(wanted.fixed)
+    still = () if wanted.nuisances else [common.slot.name for common in space.commons]
+    names = {*assembly.base, *space.of(ids), *wanted.free} - {*wanted.fixed, *still}
     for section in ("priors", "bounds"):
         for name in getattr(wanted, section):
             if name not in names:
@@ -293,7 +293,8 @@ def _pose(space: ParameterSpace, records: Records, priors: Mapping[str, tuple[fl
     if not moving:
         free = jnp.asarray([name in records.starts for name in records.nuisances])
         still = jnp.where(free, records.stack.condition_sd, 0.0)
-        records = dc.replace(records, stack=eqx.tree_at(lambda s: s.condition_sd, records.stack, still))
+        inputs = {name: x for name, x in records.stack.inputs.items() if name != "common"}
+        records = dc.replace(records, stack=dc.replace(records.stack, condition_sd=still, inputs=inputs))
     return Problem(space, records, priors)
 
 

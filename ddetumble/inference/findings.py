@@ -210,7 +210,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     told = describe_knowledge(problem, solution, flat, known)
     parameters, covariance, correlations, gaussians = _estimate(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
-    degrees = counted + len(problem.priors) - len(moving)
+    degrees = counted + sum(name in found.names for name in problem.priors) - len(moving)
     notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others "
              "hold it there." for n, p in parameters.items() if p.at_bound]
     notes += [f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound]

@@ -38,6 +38,33 @@ class Slot:
     parameter: Parameter
 
 
+@dc.dataclass(frozen=True)
+class Common:
+    """An error that all records of a campaign share: one nuisance of the campaign.
+
+    Attributes:
+        column: that it shifts: a condition, a channel (its zero, or where relative its gain), or `time` for the
+            independent variable, whatever its name.
+        sd: its standard deviation: SI, or as a fraction of the column's value.
+        relative: whether it is such a fraction.
+        unit: SI unit of the column.
+    """
+
+    column: str
+    sd: float
+    relative: bool
+    unit: str
+
+    @property
+    def slot(self) -> Slot:
+        """Its parameter: zero at the null, with a Gaussian prior of its standard deviation."""
+        what = "shift of the time origin" if self.column == "time" else f"error of {self.column}"
+        text = f"{what} that all records share" + (", as a fraction" if self.relative else "")
+        unit = "" if self.relative else self.unit
+        return Slot(f"{self.column}_shift", None, Parameter(f"{self.column}_shift", "", unit, 0.0, "reference",
+                                                            self.sd, text=text))
+
+
 def to_coordinate(kind: str, value: float) -> float:
     """Field value to the coordinate in which a fit moves (`inverse`: the field itself, 1/parameter, is linear)."""
     if kind == "log":
@@ -78,15 +105,18 @@ class ParameterSpace:
     Args:
         reference: template of the reference model (its values are the defaults).
         effects: classes of the effects, all present, each at its null unless set.
+        commons: errors that all records of the campaign share; the law does not depend on them.
     """
 
-    def __init__(self, reference: AbstractModel, effects: Sequence[type[AbstractEffect]]):
-        self.reference = reference
+    def __init__(self, reference: AbstractModel, effects: Sequence[type[AbstractEffect]],
+                 commons: Sequence[Common] = ()):
+        self.reference, self.commons = reference, tuple(commons)
         self.effects = tuple(effects)
         slots = [Slot(p.name, None, dc.replace(p, default=float(read_field(reference, p.field))))
                  for p in parameters_of(reference)]
         for effect in self.effects:
             slots += [Slot(f"{effect.id}.{p.name}", effect.id, p) for p in parameters_of(effect)]
+        slots += [common.slot for common in self.commons]
         self.slots = tuple(slots)
         self.index = {slot.name: k for k, slot in enumerate(slots)}
         if len(self.index) != len(slots):
@@ -105,7 +135,7 @@ class ParameterSpace:
     def key(self) -> tuple:
         """What identifies the space: compiled programs are shared between equal ones."""
         kinds = tuple(type(part) for part in parts_of(self.reference))
-        return kinds, tuple(list_choices(self.reference).items()), self.effects
+        return kinds, tuple(list_choices(self.reference).items()), self.effects, tuple(c.column for c in self.commons)
 
     def coordinates(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Coordinates of all parameters, shape (parameters,): defaults, with `values` (fields) put in by name."""

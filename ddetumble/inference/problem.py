@@ -76,6 +76,13 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
     law = space.build(u)
     conditions = dict(row.conditions)
     time, zeros = row.time, []
+    shifts = {}
+    for common, per_unit in zip(space.commons, row.inputs.get("common", ()), strict=False):
+        shifts[common.column] = u[space.index[common.slot.name]] * per_unit
+        if common.column == "time":
+            time = time - shifts["time"]
+        elif common.column in conditions:
+            conditions[common.column] = conditions[common.column] + shifts[common.column]
     for k, name in enumerate(names):
         if name == "time":
             time = time - z[k] * row.condition_sd[k]
@@ -85,6 +92,10 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
             conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
     found = space.family.observe(law, conditions, time, row, channels)
     model = found.channels
+    for common in space.commons:
+        if common.column in channels and common.column in shifts:
+            k = channels.index(common.column)
+            model = model.at[k].add(shifts[common.column] * (model[k] if common.relative else 1.0))
     for name, size in zeros:
         kind, channel = name.split(":")
         late = row.time - row.time[0]
@@ -239,6 +250,13 @@ class Solution:
         shared = np.concatenate([self.shared, np.zeros((records, own, self.shared.shape[2]))], axis=1)
         return profile_own(shared, rows, np.concatenate([self.residual, self.z], axis=1))
 
+    def common_shift(self) -> float:
+        """Shift of the time origin that all records share [s]; 0 where none is fitted."""
+        if "time_shift" not in self.names:
+            return 0.0
+        k = self.names.index("time_shift")  # its prior is centred on 0
+        return float(self.prior_residual[k] * self.scales[k] / self.prior_weight[k])
+
     def covariance(self) -> np.ndarray:
         """Covariance of the free coordinates, shape (free, free); vast and finite along what nothing fixes."""
         columns, _ = self.projected()
@@ -256,12 +274,15 @@ class Problem:
     Args:
         space: parameters of the model.
         records: stacked records.
-        priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate.
+        priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate, beside those of the errors that all
+            records share.
     """
 
     def __init__(self, space: ParameterSpace, records: Records,
                  priors: Mapping[str, tuple[float, float]] | None = None):
-        self.space, self.records, self.priors = space, records, dict(priors or {})
+        commons = space.commons if "common" in records.stack.inputs else ()
+        self.space, self.records = space, records
+        self.priors = {c.slot.name: (0.0, c.sd) for c in commons} | dict(priors or {})
         self.scales = space.scales()
         self.limits = space.bounds()
 

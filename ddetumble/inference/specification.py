@@ -157,7 +157,9 @@ def _list_faults(error: pydantic.ValidationError) -> str:
         message = fault["msg"].removeprefix("Value error, ")
         kind = fault["type"]
         if kind == "extra_forbidden":
-            message = "is not a key that a fit has"
+            known = Sampler if len(place) > 1 and place[0] == "sampler" else Prior if section else Specification
+            message = "is not a key that a fit has; there are " + ", ".join(
+                field.alias or name for name, field in known.model_fields.items())
         elif kind == "missing":
             message = "is missing"
         elif section and kind != "value_error":

@@ -13,6 +13,7 @@ from ..dynamics.impact import RTOL
 from ..measurement.campaign import Campaign
 from .families import find_family, name_family
 from .noise import TAPS, Noise, whitening
+from .parameters import Common
 from .starts import list_starts, stack_starts, straighten
 from .strokes import split_strokes
 
@@ -37,7 +38,8 @@ class Stack(eqx.Module):
         present: 1 for records that are there, shape (records,).
         inputs: further arrays that the model reads, by name: `slip` since the stroke began [m] and `direction` of slip
             records that are time series, each shape (records, samples); `mesh` of tumbling records, shape
-            (records, steps + 1) [s].
+            (records, steps + 1) [s]; `common`, by how much a column moves per unit of an error that all records share,
+            shape (records, commons), absent where such errors play no part.
         rtol: tolerance of the integrator, shape ().
     """
 
@@ -99,6 +101,21 @@ def list_nuisances(campaign: Campaign) -> tuple[str, ...]:
     rest = [c for c, column in campaign.conditions.items()
             if c not in first and c != "sequence" and column.uncertainty is not None]
     return (*first, *rest, "time")
+
+
+def list_commons(campaign: Campaign) -> tuple[Common, ...]:
+    """Errors that all records share, as the campaign states them: of the time origin, conditions and channels."""
+    columns = {} if campaign.independent is None else {"time": campaign.independent}
+    columns |= {name: column for name, column in campaign.conditions.items() if name != "sequence"}
+    predicted = find_family(name_family(campaign)).channels
+    columns |= {name: column for name, column in campaign.channels.items() if name in predicted}
+    found = []
+    for name, column in columns.items():
+        if column.common is not None:
+            relative = column.common.relative is not None
+            sd = column.common.relative if relative else column.common.absolute
+            found.append(Common(name, float(sd or 0.0), relative, column.unit))
+    return tuple(found)
 
 
 def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]) -> np.ndarray:
@@ -230,6 +247,10 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     if moving:
         path[len(keys):], direction[len(keys):] = path[0], direction[0]
         inputs = {"slip": jnp.asarray(path), "direction": jnp.asarray(direction)}
+    commons = list_commons(campaign)
+    if commons:
+        inputs["common"] = jnp.asarray(np.stack([conditions[c.column] if c.relative and c.column in conditions
+                                                 else np.ones(rows) for c in commons], axis=1))
     present = (np.arange(rows) < len(keys)).astype(float)
     span = time.max(axis=1) + 5e-3 * (time.max(axis=1) - np.maximum(time.min(axis=1), 0.0))
     stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
@@ -243,8 +264,8 @@ def trim_records(records: Records) -> Records:
     """Without padding: as many rows as there are records, and samples to a multiple of a few."""
     old, rows, padded = records.stack, records.count, records.stack.time.shape[1]
     size = min(-(-int(records.lengths.max()) // GRAIN) * GRAIN, padded)
-    # A mesh has steps, not samples.
-    inputs = {k: v[:rows] if k == "mesh" else v[:rows, :size] for k, v in old.inputs.items()}
+    # A mesh has steps, and common errors have no samples.
+    inputs = {k: v[:rows] if k in ("mesh", "common") else v[:rows, :size] for k, v in old.inputs.items()}
     stack = Stack(old.time[:rows, :size], old.span[:rows], old.values[:rows, :, :size], old.weights[:rows, :, :size],
                   old.taps[:rows, :, :size], {k: v[:rows] for k, v in old.conditions.items()},
                   old.condition_sd[:rows], old.present[:rows], inputs, old.rtol)

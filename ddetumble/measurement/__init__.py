@@ -2,17 +2,20 @@
 
 from .campaign import Campaign, Column, Uncertainty
 from .laboratory import import_tests
-from .onset import Onset, find_onset
+from .onset import Onsets, find_onsets
 from .package import read_campaign
+from .plausibility import Implausibility, check_plausibility
 from .storage import write_campaign
 
 
 __all__ = [
     "Campaign",
     "Column",
-    "Onset",
+    "Implausibility",
+    "Onsets",
     "Uncertainty",
-    "find_onset",
+    "check_plausibility",
+    "find_onsets",
     "import_tests",
     "read_campaign",
     "write_campaign",

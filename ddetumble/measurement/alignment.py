@@ -7,7 +7,8 @@ import numpy as np
 
 from .._errors import InputError
 from .checks import FEWEST_SAMPLES
-from .onset import FEWEST_BEFORE, Onset, find_onset
+from .onset import Onsets, locate_onsets
+from .rise import FEWEST_BEFORE, find_rise
 from .units import parse_quantity, si_unit
 
 
@@ -38,55 +39,81 @@ def align_tests(tests, sources, onset, notes):
         notes: Gains what was decided.
 
     Returns:
-        Standard deviation before contact by channel [SI], where every test shows it, and that of the time origin [s].
+        Standard deviation before contact by channel [SI], where every test shows it; that of each record's time
+        origin [s]; and by column the standard deviation of an error that all records share [SI].
 
     Raises:
         InputError: Time that does not increase, forces of both signs, or no onset to be found.
     """
     _turn_positive(tests, notes)
-    times = _given_onsets(tests, sources, onset, notes)
-    found, squares, before = [], {}, {}
     for test in tests:
-        t, f = test.values["time"], test.values["normal_force"]
         check_increase(test)
-        if times is None:
-            try:
-                contact = find_onset(t, f)
-            except InputError as error:
-                raise InputError(f"record {test.key!r}: {error.problem}", file=test.file) from None
-        else:
-            contact = Onset(times[test.key], math.nan, math.nan, 0.0, math.nan, int(np.sum(t < times[test.key])))
-        found.append(contact)
-        test.values["time"] = t - contact.time
-        calm = test.values["time"] < 0
-        shown = []
+    times = _given_onsets(tests, sources, onset, notes)
+    if times is None:
+        found = _find_onsets(tests, notes)
+        contacts = [(one.time, f" ± {one.sd * 1e3:.3g} ms") for one in found.each]
+        clock = math.sqrt(float(np.mean([one.sd**2 for one in found.each])))
+        common = found.common_sd
+    else:
+        contacts = [(times[test.key], "") for test in tests]
+        clock = float(np.median([np.median(np.diff(test.values["time"])) for test in tests])) / math.sqrt(12)
+        common = None
+        notes.append(f"The time origin was given; its uncertainty is that of the sampling, {clock * 1e3:.3g} ms.")
+    squares, before, moving = {}, {}, []
+    for test, (contact, error) in zip(tests, contacts, strict=True):
+        test.values["time"] = t = test.values["time"] - contact
+        calm, shown = t < 0, []
         for name, values in list(test.values.items()):
-            quiet = values[calm][~np.isnan(values[calm])] if name != "time" else np.empty(0)
+            there = calm & ~np.isnan(values)
+            quiet = values[there] if name != "time" else np.empty(0)
             if quiet.size < FEWEST_BEFORE:
                 continue
             squares.setdefault(name, []).append(float(np.var(quiet, ddof=1)))
             if name in ("normal_force", "tangential_force", "depression"):
-                if name == "depression":
-                    _check_flat(test, t[calm & ~np.isnan(values)], quiet)
-                if abs(quiet.mean()) > 3 * quiet.std(ddof=1) / math.sqrt(quiet.size):  # else it would only add noise
-                    test.values[name] = values - quiet.mean()
-                    shown.append(f"{name} {quiet.mean():.4g} {si_unit(name)}")
+                offset = quiet.mean()
+                if name == "depression" and _find_slope(t[there], quiet):
+                    moving.append(test)
+                    continue
+                if abs(offset) <= 3 * quiet.std(ddof=1) / math.sqrt(quiet.size):  # it would only add noise
+                    continue
+                test.values[name] = values - offset
+                shown.append(f"{name} {offset:.4g} {si_unit(name)}")
             if name == "pressure":
                 before[test.key] = float(quiet.mean())
-        error = "" if math.isnan(contact.sd) else f" ± {contact.sd * 1e3:.3g} ms"
         offset = f"offsets taken off: {', '.join(shown)}" if shown else "no offset to take off"
-        shown = f"{contact.time * 1e3:.6g} ms{error}"
-        notes.append(f"Record {test.key}: contact at {shown} of the raw time; {offset}.")
+        notes.append(f"Record {test.key}: contact at {contact * 1e3:.6g} ms{error} of the raw time; {offset}.")
     if "initial_pressure" not in sources.values and len(before) == len(tests):
         sources.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")
+    shared = {} if common is None else {"time": common}
+    if moving:
+        squares["depression"], shared["depression"] = _zero_position(moving, tests, math.hypot(clock, common or 0.0))
+        notes.append("The depression moves before contact, like the position of the arm: it is zero at the onset, and "
+                     "what lies before contact and after separation was left out. Its zero shares the onsets' error, "
+                     f"{shared['depression'] * 1e3:.3g} mm.")
     spreads = {name: math.sqrt(float(np.mean(v))) for name, v in squares.items() if len(v) == len(tests)}
-    if times is None:
-        clock = math.sqrt(float(np.mean([contact.sd**2 for contact in found])))
-    else:
-        clock = float(np.median([np.median(np.diff(test.values["time"])) for test in tests])) / math.sqrt(12)
-        notes.append(f"The time origin was given; its uncertainty is that of the sampling, {clock * 1e3:.3g} ms.")
-    return spreads, clock
+    return spreads, clock, shared
+
+
+def _find_onsets(tests, notes) -> Onsets:
+    """Onsets of all tests, and in words what they share."""
+    rises = []
+    for test in tests:
+        try:
+            rises.append(find_rise(test.values["time"], test.values["normal_force"]))
+        except InputError as error:
+            raise InputError(f"record {test.key!r}: {error.problem}", file=test.file) from None
+    found = locate_onsets(rises, [test.key for test in tests])
+    notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms: how the force begins, "
+                 "and the delay of the measuring chain, which the force itself does not show.")
+    if found.start != "curved":
+        how = "with a jump, as a dashpot's does" if found.start == "stepped" else "as a straight line, as a wall's does"
+        notes.append(f"The force begins {how}, not as the square of time; the onsets were found accordingly.")
+    if found.ringing is not None:
+        frequency, damping = found.ringing
+        notes.append(f"The force gauge rings at {frequency:.3g} Hz (damping ratio {damping:.2g}); the onsets allow for "
+                     "it, but the samples still hold it, and it can look like missing physics.")
+    return found
 
 
 def _turn_positive(tests, notes) -> None:
@@ -139,12 +166,50 @@ def check_increase(test: "RawTest", name: str = "time") -> None:
         raise InputError(f"record {test.key!r} has fewer than {FEWEST_SAMPLES} samples", file=test.file)
 
 
-def _check_flat(test: RawTest, t, quiet) -> None:
-    """Refuse a depression that moves before contact: it is the arm's position."""
+def _find_slope(t, quiet) -> float:
+    """Rate at which a channel moves before contact, 0 where noise alone could do it."""
     x = t - t.mean()
     slope = float(x @ quiet) / float(x @ x)
     residual = quiet - quiet.mean() - slope * x
     error = math.sqrt(float(residual @ residual) / max(len(x) - 2, 1) / float(x @ x))
-    if abs(slope) > 6 * error and abs(slope) * np.ptp(t) > 1e-9:
-        problem = f"the depression of record {test.key!r} moves before contact, like the arm's position; rename its "
-        raise InputError(problem + "heading so that it is left out, or export the depression", file=test.file)
+    return slope if abs(slope) > 6 * error and abs(slope) * np.ptp(t) > 1e-9 else 0.0
+
+
+def _zero_position(moving, tests, clock) -> tuple[list[float], float]:
+    """Turn the arm's position into the depression, in place: zero at the onset, and only in contact.
+
+    Returns:
+        Variances about the straight approach [m²], and the standard deviation of the zero that all share [m].
+
+    Raises:
+        InputError: It moves in some records only, or does not turn back in contact: it is no depression.
+    """
+    if len(moving) < len(tests):
+        other = next(test for test in tests if test not in moving)
+        problem = f"the depression moves before contact in record {moving[0].key!r} and not in {other.key!r}"
+        raise InputError(f"{problem}; export all alike", file=moving[0].file)
+    zeros, slopes, variances = [], [], []
+    for test in moving:
+        t, x = test.values["time"], test.values["depression"]
+        calm = (t < 0) & ~np.isnan(x)
+        line = np.polynomial.Polynomial.fit(t[calm], x[calm], 1)
+        slope, zero = float(line.deriv()(0.0)), float(line(0.0))
+        sign = math.copysign(1.0, slope)
+        pressed = np.where(t >= 0, sign * (x - zero), np.nan)
+        if not np.isfinite(pressed).any() or np.nanargmax(pressed) >= np.flatnonzero(np.isfinite(pressed))[-1] - 2:
+            problem = f"the depression of record {test.key!r} moves before contact and does not turn back: is it the "
+            problem += "arm's position as commanded? Rename its heading to leave it out, or export the depression"
+            raise InputError(problem, file=test.file)
+        test.values["depression"] = sign * x
+        zeros.append(sign * zero)
+        slopes.append(abs(slope))
+        variances.append(float(np.var(x[calm] - line(t[calm]), ddof=2)))
+    error = clock * float(np.mean(slopes))
+    if np.std(zeros) < 3.0 * error:  # one plate, where one sensor sees it
+        zeros = [float(np.mean(zeros))] * len(zeros)
+    for test, zero in zip(moving, zeros, strict=True):
+        t, x = test.values["time"], test.values["depression"] - zero
+        gone = np.flatnonzero((t > t[np.nanargmax(np.where(t > 0, x, np.nan))]) & (x < 0))
+        inside = (t > 0) & (t < (t[gone[0]] if gone.size else np.inf))
+        test.values["depression"] = np.where(inside, x, np.nan)
+    return variances, error

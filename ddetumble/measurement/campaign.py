@@ -38,10 +38,12 @@ class Column:
     Args:
         name: The column's name, the same as in the data frames.
         unit: SI unit of the values in memory, as text ("1" if there is none).
-        uncertainty: One standard deviation, or None if the campaign does not say.
+        uncertainty: One standard deviation of each record's own error, or None if the campaign does not say.
         gauge: The file gave gauge pressures; the values here are absolute all the same.
         assumed: The campaign marks the numbers as an assumption, not a measurement.
         description: Free text.
+        common: One standard deviation of the error that all records share (an onset detector's bias, a pressure gauge
+            that reads low), or None.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Column:
     gauge: bool = False
     assumed: bool = False
     description: str = ""
+    common: Uncertainty | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

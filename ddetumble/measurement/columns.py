@@ -6,7 +6,7 @@ from .._errors import InputError
 from .conditions import name_condition, read_unit
 from .headings import MAIN, expand_role, guess_role, read_pairs
 from .layout import RawFile, split_heading
-from .units import Unit, check_unit, si_unit
+from .units import Unit, check_unit, parse_unit, si_unit
 
 
 CHANNELS = {
@@ -14,6 +14,7 @@ CHANNELS = {
     "slip": ("tangential_force", "slip", "pressure", "depression"),
     "tumble": ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
 }
+ACCELERATION = (0.0, 1.0, -2.0, 0.0)
 FRICTION_TEST = "if it is a friction test, give --family slip"
 
 
@@ -29,6 +30,7 @@ class Plan:
         si: SI unit of every quantity found so far.
         headings: Quantity to the heading it was read from, for messages.
         notes: Every decision, in sentences.
+        mass: Effective mass [kg] that makes a force of an acceleration, or None.
     """
 
     family: str
@@ -38,9 +40,10 @@ class Plan:
     si: dict[str, str]
     headings: dict[str, str]
     notes: list[str]
+    mass: float | None = None
 
 
-def make_plan(family: str, force, time, slip, record_column, units, keep) -> Plan:
+def make_plan(family: str, force, time, slip, record_column, units, keep, mass: float | None = None) -> Plan:
     """The options about columns, checked against the family.
 
     Raises:
@@ -67,7 +70,7 @@ def make_plan(family: str, force, time, slip, record_column, units, keep) -> Pla
     for role, column in (("time", time), ("slip", slip), ("record", record_column)):
         if column is not None:
             choices[role] = column
-    return Plan(family, choices, read_pairs("unit", units), extra, {}, {}, [])
+    return Plan(family, choices, read_pairs("unit", units), extra, {}, {}, [], mass)
 
 
 def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
@@ -98,7 +101,7 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
         roles["time"] = _choose_by_unit(raw, "time", roles, "--time COLUMN")
     main = MAIN[family]
     if main and main not in roles:
-        roles[main] = _choose_by_unit(raw, main, roles, "--force COLUMN")
+        roles[main] = _choose_by_unit(raw, main, roles, "--force COLUMN", plan.mass is not None)
     if family == "slip" and "slip" not in roles:
         problem = f"there is a time and no slip: the file has {', '.join(columns)}; give --slip COLUMN, or export how "
         raise InputError(problem + "far the rubber has slid", file=raw.table.file)
@@ -135,20 +138,25 @@ def _list_columns(raw: RawFile) -> str:
     return ", ".join(name + (f" [{raw.units[name]}]" if raw.units.get(name) else "") for name in raw.table.columns)
 
 
-def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str) -> str:
-    """The only column left whose unit measures the quantity."""
-    dimension = check_unit(si_unit(role), role).dimension
+def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str, accelerations: bool = False) -> str:
+    """The only column left whose unit measures the quantity; an acceleration where a mass makes a force of it."""
+    dimensions = [check_unit(si_unit(role), role).dimension]
+    if accelerations and role == "normal_force":
+        dimensions.append(ACCELERATION)
     fits = []
-    for column, unit in raw.units.items():
-        try:
-            if unit and column not in roles.values() and check_unit(unit, "").dimension == dimension:
-                fits.append(column)
-        except InputError:
-            continue
+    for dimension in dimensions:
+        for column, unit in raw.units.items() if not fits else ():
+            try:
+                if unit and column not in roles.values() and check_unit(unit, "").dimension == dimension:
+                    fits.append(column)
+            except InputError:
+                continue
     if len(fits) != 1:
         problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.table.columns)}; give {option}"
         if any(name.casefold() == "file" for name in raw.table.columns):
             problem += f"; if it is the table of conditions, give --conditions {raw.table.file}"
+        elif role == "normal_force" and not accelerations and any(u and _is_acceleration(u) for u in raw.units.values()):
+            problem += "; --known 'effective_mass=1.2 kg' makes a force of an acceleration"
         elif role in ("time", "normal_force") and any(guess_role(c, "slip") == "slip" for c in raw.table.columns):
             problem += f", or, {FRICTION_TEST}"
         raise InputError(problem, file=raw.table.file)
@@ -169,4 +177,32 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     if text is None:
         problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
         raise InputError(problem, file=raw.table.file, column=column)
+    if role == "normal_force" and _is_acceleration(text):
+        if plan.mass is None:
+            problem = "the column holds an acceleration; --known 'effective_mass=1.2 kg' makes a force of it"
+            raise InputError(problem, file=raw.table.file, column=column)
+        plan.notes.append(f"normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
+        unit = parse_unit(text)
+        return Unit(text, unit.scale * plan.mass, 0.0, check_unit("N", role).dimension, "N")
+    _note_contradiction(text, raw.units.get(column), role, name, plan)
     return read_unit(text, role, raw.table.file, column, name, f" (--unit {name}=… sets another)")
+
+
+def _is_acceleration(text: str) -> bool:
+    try:
+        return parse_unit(text).dimension == ACCELERATION
+    except InputError:
+        return False
+
+
+def _note_contradiction(text: str, heading: str | None, role: str, name: str, plan: Plan) -> None:
+    """Tell of a unit given with --unit for a column whose heading states another of the same kind."""
+    try:
+        given, stated = check_unit(text, role), None if heading is None else check_unit(heading, role)
+    except InputError:
+        return
+    if stated is not None and (given.scale, given.offset) != (stated.scale, stated.offset):
+        ratio = given.scale / stated.scale
+        times = f"{max(ratio, 1 / ratio):.4g} times {'less' if ratio > 1 else 'more'}"
+        plan.notes.append(f"Units: --unit {name}={text} was taken although the heading says {heading}, {times}; leave "
+                          "the option out if the heading is right.")

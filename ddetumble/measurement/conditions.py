@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import InputError
 from .checks import check_values
-from .headings import CONDITIONS, LOAD, PRESSURE, SPEED, guess_role
+from .headings import CONDITIONS, LOAD, PRESSURE, SPEED, guess_role, is_counter
 from .layout import read_layout
 from .tables import Table, convert_column
 from .units import ROLES, Unit, check_unit, parse_quantity, si_unit
@@ -107,6 +107,9 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
         notes.append(f"{Path(path).name}: {len(unused)} rows belong to no test that was imported.")
     for column in table.columns:
         if column in links.values():
+            continue
+        if is_counter(column):
+            notes.append(f"The column {column} only counts repeats: it is no condition and was left out.")
             continue
         role = guess_role(column, conditions.family)
         role = PRESSURE[conditions.family] if role == "pressure" else role

@@ -23,12 +23,13 @@ class _Open(BaseModel):
 
 
 class FieldModel(_Open):
-    """One column of a table: the Table Schema's field with `unit`, `uncertainty`, `reference` and `assumed`."""
+    """One column of a table: the Table Schema's field with units, uncertainties, `reference` and `assumed`."""
 
     name: Name
     type: StrictStr | None = None
     unit: StrictStr | None = None
     uncertainty: StrictStr | StrictInt | StrictFloat | None = None
+    common_uncertainty: StrictStr | StrictInt | StrictFloat | None = None
     reference: Literal["gauge", "absolute"] | None = None
     assumed: StrictBool = False
     description: StrictStr = ""

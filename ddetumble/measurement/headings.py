@@ -21,6 +21,7 @@ _COMMON = {
     "depression": "depression depth indentation compressiondepth eindrücktiefe eindringtiefe",
     "pressure": "p pressure druck gaspressure innendruck",
 }
+_COUNTERS = {"repeat", "repeats", "repetition", "replicate", "replica", "wiederholung", "wdh", "essai"}
 _WORDS = {
     "impact": {
         "normal_force": "f fz fn force kraft normalforce normalkraft forcez loadcell",
@@ -42,7 +43,8 @@ _WORDS = {
         "slip": "s slip slipdistance slidingdistance displacement gleitweg weg",
     },
     "tumble": {
-        f"angular_velocity_{axis}": f"angularvelocity{axis} omega{axis} w{axis} ω{axis} gyro{axis} rate{axis}"
+        f"angular_velocity_{axis}": f"angularvelocity{axis} omega{axis} w{axis} ω{axis} gyro{axis} gyroscope{axis} "
+        f"rate{axis}"
         for axis in "xyz"
     },
 }
@@ -55,6 +57,12 @@ def guess_role(heading: str, family: str) -> str | None:
         if word in words.split() or word == role.replace("_", ""):
             return role
     return None
+
+
+def is_counter(heading: str) -> bool:
+    """Whether a heading names a number that only tells repeats of one condition apart."""
+    word = re.sub(r"[\W_]+", "", heading).casefold()
+    return re.sub(r"(no|nr|number|id)$", "", word) in _COUNTERS
 
 
 def expand_role(name: str, family: str) -> str:

@@ -1,6 +1,7 @@
 """Import of a laboratory's raw files: a checked campaign, and in sentences everything that was decided on the way."""
 
 import difflib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from .friction import take_means, turn_friction
 from .headings import CONDITIONS, MAIN, PRESSURE, SPEED, expand_role, read_pairs
 from .layout import RawFile, read_layout
 from .package import REQUIRED
+from .plausibility import check_plausibility
 from .tables import Table, convert_column, pick_column
+from .tumbling import start_clocks, turn_axes
 from .units import ROLES, check_unit, parse_quantity, parse_uncertainty, si_unit
 
 
@@ -44,6 +47,7 @@ def import_tests(
     delimiter=None,
     record_column=None,
     uncertainty=None,
+    common_uncertainty=None,
     onset=None,
     name_pattern=None,
     gauge=None,
@@ -52,6 +56,7 @@ def import_tests(
     title=None,
     keep=None,
     known=None,
+    symmetry_axis=None,
 ) -> Campaign:
     """Turn raw files of a test bench into a campaign; what cannot be told is asked for, never guessed.
 
@@ -70,6 +75,8 @@ def import_tests(
         record_column: Name of the column that says which test a row belongs to.
         uncertainty: One standard deviation by quantity: {"normal_force": "0.25 N"} or "normal_force=0.25 N";
             where none is given, that of a channel is measured before contact.
+        common_uncertainty: The same of the error that all records share: {"pressure": "2 %"} of a gauge whose
+            calibration is in doubt.
         onset: Time of contact on the raw time axis, with unit, or the name of a column that holds it; None to find it.
         name_pattern: Conditions in the file names, like "{initial_pressure}MPa_{approach_speed}ms".
         gauge: True if the pressures count from the ambient pressure.
@@ -78,7 +85,8 @@ def import_tests(
         title: Title of the campaign.
         keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
         known: Parameters of the reference model: {"outer_diameter": "60 mm"} or "outer_diameter=60 mm"; value "null"
-            or None where the fit has to find them.
+            or None where the fit has to find them. Of an impact whose acceleration was measured, the effective mass.
+        symmetry_axis: "x", "y" or "z": the body's axis of symmetry in the columns of the family tumble; made z.
 
     Returns:
         The campaign, not yet written; `notes` holds every decision as a sentence.
@@ -90,7 +98,8 @@ def import_tests(
         hint = ("; oblique impacts are of the family impact, with a tangential speed among the conditions and "
                 "--keep tangential_force=COLUMN" if family == "oblique" else "")
         raise InputError(f"--family is impact, slip or tumble, not {family!r}{hint}")
-    plan = make_plan(family, force, time, slip, record_column, units, keep)
+    parameters = _read_known(known, family)
+    plan = make_plan(family, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
     tests = []
     for file in _list_files(paths, conditions):
         tests += _read_tests(file, read_layout(file, delimiter=delimiter, decimal=decimal), plan)
@@ -113,22 +122,27 @@ def import_tests(
             plan.notes.append(f"{name} is the mean of its column over each test.")
         else:
             plan.notes.append(f"{name} is that of {sources.sources[name]}; its column along the tests was left out.")
-    parameters = _read_known(known, family)
     given = {expand_role(k, family): v for k, v in read_pairs("uncertainty", uncertainty).items()}
-    spreads, clock = {}, None
+    shared = {expand_role(k, family): v for k, v in read_pairs("common-uncertainty", common_uncertainty).items()}
+    spreads, clock, commons = {}, None, {}
     if family == "impact":
-        spreads, clock = align_tests(tests, sources, onset, plan.notes)
+        spreads, clock, commons = align_tests(tests, sources, onset, plan.notes)
     elif onset is not None:
         raise InputError(f"--onset does not apply to the family {family}: there is no contact to begin with")
     if family == "slip":
         turn_friction(tests, plan.notes)
+    if family == "tumble":
+        turn_axes(tests, symmetry_axis, plan.notes)
+        start_clocks(tests, plan.notes)
+    elif symmetry_axis is not None:
+        raise InputError(f"--symmetry-axis does not apply to the family {family}")
     _make_absolute(tests, sources, gauge, ambient, parameters, plan)
     for name in REQUIRED[family]:
         if name not in sources.values:
             _ask_condition(name, sources, conditions)
     sources.check(bool(gauge))
     if family == "impact" and "outer_diameter" not in parameters:
-        plan.notes.append("The ball's outer diameter is not stated; add it to known if the model is to use it.")
+        plan.notes.append("The ball's outer diameter is not stated; --known 'outer_diameter=60 mm' states it.")
     if family == "impact" and "tangential_speed" in sources.values:
         if not any("tangential_force" in test.values for test in tests):
             plan.notes.append("The tests have a tangential speed and no tangential force was taken, so the friction "
@@ -140,7 +154,8 @@ def import_tests(
         shown = ", ".join(_RUBBER)
         plan.notes.append(f"The rubber is not described ({shown}): the paper's is taken; --known states another.")
     plan.notes[:] = _condense(plan.notes, [Path(file).name for file in files.values()])
-    return _assemble(tests, sources, parameters, given, spreads, clock, title, plan)
+    campaign = _assemble(tests, sources, parameters, given, spreads, clock, (shared, commons), title, plan)
+    return replace(campaign, notes=(*campaign.notes, *map(str, check_plausibility(campaign))))
 
 
 def _ask_condition(name: str, sources: Conditions, table) -> None:
@@ -169,19 +184,16 @@ def _condense(notes: list[str], files: list[str]) -> list[str]:
 
 
 def _list_files(paths, conditions=None) -> list[str]:
-    """Files as given, and those in folders but for the table of conditions."""
-    files = []
+    """Files as given, and those in folders, but for the table of conditions."""
+    files, table = [], None if conditions is None else Path(conditions).resolve()
     for path in [paths] if isinstance(paths, str | Path) else paths:
         path = Path(path)
+        found = [path]
         if path.is_dir():
             found = sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS and p.is_file())
-            if conditions is not None:
-                found = [p for p in found if p.resolve() != Path(conditions).resolve()]
-            if not found:
+            if not [p for p in found if p.resolve() != table]:
                 raise InputError(f"the folder holds no raw files ({', '.join(_ENDINGS)})", file=path)
-            files += map(str, found)
-        else:
-            files.append(str(path))
+        files += [str(p) for p in found if p.resolve() != table]
     if not files:
         raise InputError("name at least one raw file to import")
     return files
@@ -264,18 +276,21 @@ def _read_known(known, family) -> dict[str, float | None]:
         near = difflib.get_close_matches(str(name), [*ROLES, *parameters], n=1, cutoff=0.8)
         if name not in (*ROLES, *parameters) and near:
             raise InputError(f"--known: there is no parameter {name!r}; did you mean {near[0]}?")
-        parameters[name] = None if value in (None, "null", "") else parse_quantity(value, name)
         try:
+            parameters[name] = None if value in (None, "null", "") else parse_quantity(value, name)
             check_known(name, parameters[name], "")
         except InputError as error:
-            raise InputError(f"--known {name}{error.problem.removeprefix('known')}") from None
+            raise InputError(f"--known {name}: {error.problem.removeprefix('known: ')}") from None
     return parameters
 
 
 def _make_absolute(tests, sources, gauge, ambient, parameters, plan) -> None:
     """Turn gauge pressures into absolute ones."""
     if ambient is not None:
-        parameters["ambient_pressure"] = parse_quantity(ambient, "ambient_pressure")
+        try:
+            parameters["ambient_pressure"] = parse_quantity(ambient, "ambient_pressure")
+        except InputError as error:
+            raise InputError(f"--ambient: {error.problem}") from None
     name = PRESSURE[plan.family]
     if name is None:
         return
@@ -295,6 +310,13 @@ def _make_absolute(tests, sources, gauge, ambient, parameters, plan) -> None:
     plan.notes.append(f"The ambient pressure of {shown} was added to the gauge pressures.")
 
 
+def _read_uncertainty(option: str, text, unit: str, name: str) -> Uncertainty:
+    try:
+        return parse_uncertainty(text, check_unit(unit, name), name)
+    except InputError as error:
+        raise InputError(f"--{option}: {error.problem}") from None
+
+
 def _check_samples(test: RawTest, names: list[str], uncertainties, plan: Plan) -> None:
     """Refuse samples that no campaign may hold, by the place in the laboratory's own file."""
     table, filled = Table(test.file, {}, test.lines), np.zeros(len(test.lines), dtype=bool)
@@ -312,18 +334,22 @@ def _check_samples(test: RawTest, names: list[str], uncertainties, plan: Plan) -
         raise InputError(f"{problem}needed", file=test.file)
 
 
-def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) -> Campaign:
-    """Put records, samples and uncertainties together."""
+def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, plan) -> Campaign:
+    """Put records, samples and uncertainties together; `shared` are the common ones, as stated and as measured."""
     family = plan.family
     independent = "time" if "time" in tests[0].values else "slip"
     present = dict.fromkeys(name for test in tests for name in test.values if name != independent)
     names = [name for name in CHANNELS[family] if name in present]
     names += [name for name in present if name not in names]
-    uncertainties = {}
+    uncertainties, commons, (stated, found) = {}, {}, shared
     for name in (independent, *names, *sources.values):
         unit = plan.si.get(name) or sources.units.get(name) or "1"
+        if name in stated:
+            commons[name] = _read_uncertainty("common-uncertainty", stated.pop(name), unit, name)
+        elif name in found:
+            commons[name] = Uncertainty(float(f"{found[name]:.4g}"))
         if name in given:
-            uncertainties[name] = parse_uncertainty(given.pop(name), check_unit(unit, name), name)
+            uncertainties[name] = _read_uncertainty("uncertainty", given.pop(name), unit, name)
         elif name in names and not (family == "slip" and name != MAIN[family]):
             spread = spreads.get(name, 0.0)
             if not spread > 0:
@@ -339,8 +365,10 @@ def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) ->
         count, their = ("it counts", "its error") if len(exact) == 1 else ("they count", "their errors")
         note = f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, and {their} can look like missing "
         plan.notes.append(f"{note}physics; --uncertainty {exact[0]}='0.5 %' states one.")
-    if given:
-        raise InputError(f"--uncertainty names {', '.join(given)}, which the campaign does not have")
+    for option, left in (("uncertainty", given), ("common-uncertainty", stated)):
+        if left:
+            raise InputError(f"--{option} names {', '.join(left)}, which the campaign does not have; it has "
+                             f"{', '.join((independent, *names, *sources.values))}")
     frames = []
     for test in tests:
         check_increase(test, independent)
@@ -352,7 +380,8 @@ def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) ->
     order = [name for name in CONDITIONS[family] if name in sources.values]
     order += [name for name in sources.values if name not in order]
     records = pd.DataFrame({n: [sources.values[n][key] for key in keys] for n in order}, index=keys)
-    columns = {name: Column(name, plan.si.get(name) or "1", uncertainties.get(name)) for name in (independent, *names)}
+    columns = {name: Column(name, plan.si.get(name) or "1", uncertainties.get(name), common=commons.get(name))
+               for name in (independent, *names)}  # fmt: skip
     return Campaign(
         name="",
         title=title or f"Imported {family} tests",
@@ -360,7 +389,7 @@ def _assemble(tests, sources, parameters, given, spreads, clock, title, plan) ->
         path=None,
         known=parameters,
         records=records,
-        conditions={n: Column(n, sources.units[n], uncertainties.get(n)) for n in order},
+        conditions={n: Column(n, sources.units[n], uncertainties.get(n), common=commons.get(n)) for n in order},
         independent=columns.pop(independent),
         channels=columns,
         samples=pd.concat(frames, ignore_index=True),

@@ -1,19 +1,30 @@
-"""Contact onset of a raw force trace: when the force starts to rise, and how well that is known.
+"""Contact onset of raw force traces: when each force starts to rise, and how well that is known.
 
-A ball that touches with a finite speed is met by a force that grows as the square of the time since touch
-(F = P' π b² with b proportional to the depression), so the force at the onset is nought with a horizontal tangent:
-a threshold always comes late. The rise is therefore extrapolated back to its foot.
+A threshold always comes late, as the force at the onset is nought with a horizontal tangent. The rise up to half of the
+peak is therefore fitted with the curve that the contact law gives there. A stiff wall or a dashpot makes a force start
+as a straight line or with a jump instead, and a gauge that rings bends the rise; which of these it is, all traces of a
+campaign tell together.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._errors import InputError
+from .rise import Located, Rise, Rises, Start, find_rise
 
 
-FEWEST_BEFORE = 5
-_REMEDY = "give the contact onset yourself with --onset (a time such as '12.5 ms', or the name of a column)"
+# Fraction of the force at REACH that a linear spring carries; a wall that carries half of it is no inflated ball's.
+SLOPES = (0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
+SLOPE_SD = 0.15  # of a half-normal prior of that fraction, beside as much weight on 0
+SLOPE_SPREAD = 0.25  # by which that fraction differs between the records of a campaign (0.2 over pressures and speeds)
+SLOPED = 9.0  # fall of chi-square from which a force begins with a slope: three standard deviations
+DECISIVE = 16.0  # the same of a jump or a gauge that rings, which have more to choose from: four standard deviations
+EVEN = 9.0  # where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart
+OWN_STEP = 4.0  # fall of chi-square a trace that chance lets a jump of its own reach, found by a scan
+PROMISING = 6.0  # fall of chi-square below which a frequency is not looked for more closely: chance does as much
+FEW = 8  # traces with the least noise, on which the frequency of a gauge is looked for
+DELAY = 2.0  # sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate
 
 
 @dataclass(frozen=True)
@@ -22,142 +33,121 @@ class Onset:
 
     Args:
         time: Time of first touch on the trace's own axis [s].
-        sd: Its standard error [s].
-        noise: Standard deviation of the force before contact [N].
-        offset: Mean force before contact [N].
-        threshold: Force that counts as certain contact [N].
-        before: Number of samples before contact.
+        sd: Its standard error, of this trace alone [s].
     """
 
     time: float
     sd: float
-    noise: float
-    offset: float
-    threshold: float
-    before: int
 
 
-def find_onset(time, force, *, noise: float | None = None, reach: float = 0.5) -> Onset:
-    """Find the contact onset of one impact.
-
-    The samples before contact give offset and noise. The rise up to `reach` of the peak is fitted, together with them,
-    with F = offset + a τ² (1 + b τ + c τ²), τ = t - t₀ > 0 (the further terms hold what damping and the falling speed
-    do to the parabola). A wall or a dashpot makes the force start as a straight line instead, and which of the two it
-    is is for the campaign to find out: half of the distance to the onset of a rise with a linear term is therefore part
-    of the standard error, beside that of the fit. Where the samples clearly want the linear term, its onset
-    is the one returned.
+@dataclass(frozen=True)
+class Onsets:
+    """Where contact begins in the traces of a campaign.
 
     Args:
-        time: Sampling times, increasing, shape (samples,) [s].
-        force: Normal force, positive while pressing, shape (samples,) [N]; NaN is left out.
-        noise: Standard deviation of a sample [N], if known; otherwise taken from the samples before contact.
-        reach: Share of the peak up to which the rise is used.
+        each: Onset of every trace.
+        common_sd: Standard error that all onsets share [s]: of the shape of the rise, which is one for the campaign,
+            and of the delay of the measuring chain, which no trace shows.
+        start: `curved` as in the reference model, `sloped` or `stepped`.
+        ringing: Natural frequency [Hz] and damping ratio of a gauge that rings, or None.
+        misfit: Chi-square per degree of freedom of the rises.
+    """
+
+    each: tuple[Onset, ...]
+    common_sd: float
+    start: str
+    ringing: tuple[float, float] | None
+    misfit: float
+
+
+def find_onsets(times: Sequence, forces: Sequence) -> Onsets:
+    """Find the contact onsets of a campaign's impacts.
+
+    Args:
+        times: Sampling times of each trace, increasing, shape (samples,) each [s].
+        forces: Normal force of each, positive while pressing [N]; NaN is left out.
 
     Raises:
-        InputError: No force above the noise, fewer than five samples before contact, or no rise to fit.
+        InputError: A trace without force above the noise, or with fewer than five samples before contact or three on
+            the rise.
     """
-    time, force = np.asarray(time, float), np.asarray(force, float)
-    keep = np.isfinite(time) & np.isfinite(force)
-    time, force = time[keep], force[keep]
-    if len(time) < 2 * FEWEST_BEFORE:
-        raise InputError(f"only {len(time)} samples: too few to find the contact onset; {_REMEDY}")
-    first, last, offset, spread = _bracket(time, force, noise)
-    height = force[last] - offset
-    stop = first + int(np.argmax(force[first : last + 1] - offset >= reach * height)) + 1
-    stop = min(max(stop, first + 3), last + 1)
-    start = max(0, first - 4 * (stop - first) - 40)  # a long quiet time before says nothing about the rise
-    t, f = time[start:stop], force[start:stop]
-    step = float(np.median(np.diff(t)))
-    foot = _foot(time, force, first, last, offset)
-    low = max(t[0], foot - max(12 * step, 1.5 * (t[-1] - foot)))
-    candidates = np.linspace(low, t[-2], 60)
-    straight, straight_misfit, _ = _locate(t, f, candidates, (1, 2, 3))
-    for terms in range(max(1, min(3, (stop - first) // 3)), 0, -1):  # fewer where the noise does not bear them all
-        onset, misfit, gain = _locate(t, f, candidates, (2, 3, 4)[:terms])
-        level = max(noise or spread, float(np.sqrt(misfit / max(len(t) - terms - 2, 1))), 1e-9 * height)
-        statistical = level / np.sqrt(gain) if gain > 0 else np.inf
-        error = float(np.sqrt(statistical**2 + 0.25 * (straight - onset) ** 2 + (0.02 * step) ** 2))
-        if error < 0.3 * (time[last] - onset):
-            break
-    else:
-        raise InputError(f"the force rises too little above its noise to tell the onset; {_REMEDY}")
-    if misfit - straight_misfit > 16 * max(noise or spread, 1e-4 * height) ** 2:
-        onset = straight  # the samples themselves say that the rise begins with a slope
-    before = int(np.sum(time < onset))
-    if before < FEWEST_BEFORE:
-        raise InputError(f"only {before} samples before contact: too few to tell the onset; {_REMEDY}")
-    calm = force[:before]
-    offset, measured = float(calm.mean()), float(calm.std(ddof=1))
-    return Onset(onset, error, measured, offset, offset + 5 * spread, before)
+    return locate_onsets([find_rise(t, f) for t, f in zip(times, forces, strict=True)])
 
 
-def _locate(t, f, candidates, orders):
-    """Onset of least misfit among refined candidates, its misfit, and the information on it (1/s² per noise²)."""
-    for _ in range(3):
-        fits = [_fit(t, f, t0, orders) for t0 in candidates]
-        best = int(np.argmin([fit[0] for fit in fits]))
-        onset = float(candidates[best])
-        candidates = np.linspace(candidates[max(best - 1, 0)], candidates[min(best + 1, len(candidates) - 1)], 15)
-    return onset, fits[best][0], _information(t, onset, fits[best][1], orders)
+def locate_onsets(traces: Sequence[Rise], names: Sequence[str] = ()) -> Onsets:
+    """Onsets of the traces of a campaign, each cut down by `find_rise`; `names` of the records, for messages.
+
+    Every rise is fitted with the reference model's curve; its onset, offset and height are its own. The errors of this
+    fit are each trace's own. All traces together tell whether the force starts with a slope or a jump instead, or
+    whether the gauge rings (a second-order sensor): each of these is taken only where chi-square falls decisively. What
+    remains open is an error that all traces share, and so is the delay of the measuring chain.
+
+    Raises:
+        InputError: A force that rises too little above its noise, or contact too early in a trace.
+    """
+    rises = Rises(traces, names)
+    plain = rises.scan(Start())
+    sloped = [rises.refine(Start(slope), plain.time) for slope in SLOPES]
+    known = min(float(found.chi2.sum()) for found in (plain, *sloped))
+    others = (rises.scan(Start(stepped=True)), _find_ringing(rises, plain))
+    scale = max(known / rises.degrees, 1.0)
+    gains = (known - np.array([found.chi2.sum() for found in others])) / scale - [OWN_STEP * len(rises.step), 0.0]
+    base = others[int(np.argmax(gains))] if gains.max() > DECISIVE else plain
+    if base is not plain:
+        sloped = [rises.refine(replace(base.start, slope=slope), base.time) for slope in SLOPES]
+    found = (base, *sloped, *(others if base is plain else ()))
+    scores = np.array([one.chi2.sum() for one in found[: len(SLOPES) + 1]])
+    misfit = float(scores.min() / rises.degrees)
+    weights = _weigh_slopes() * np.exp(-0.5 * (scores - scores.min()) / max(misfit, 1.0))
+    weights /= weights.sum()
+    table = np.stack([one.time for one in found])
+    decided = scores[0] - scores.min() > SLOPED * max(misfit, 1.0)
+    time = weights @ table[: len(weights)] if decided else base.time
+    if base is plain:  # a jump or a gauge that rings may still be there
+        weights = np.concatenate([weights, np.exp(0.5 * (gains - EVEN))])
+        weights /= weights.sum()
+    open_ = table - time
+    common = np.mean(open_, axis=1)
+    apart = weights @ ((open_ - common[:, None]) ** 2 + (SLOPE_SPREAD * (table - base.time)) ** 2)
+    own = np.sqrt(max(misfit, 1.0) * (base.noise_sd**2 + base.shape_sd**2) + apart)
+    rises.check(time, own)
+    delay = DELAY * float(np.median(rises.step))
+    common_sd = float(np.sqrt(weights @ common**2 + max(misfit, 1.0) * np.mean(base.shape_sd) ** 2 + delay**2))
+    kind = "stepped" if base.start.stepped else "sloped" if decided else "curved"
+    each = tuple(Onset(float(t), float(sd)) for t, sd in zip(time, own, strict=True))
+    return Onsets(each, common_sd, kind, base.start.ringing, misfit)
 
 
-def _bracket(time, force, noise):
-    """First sample of certain contact, the peak, and offset and spread of what lies before."""
-    last = int(np.argmax(force))
-    if last < FEWEST_BEFORE:
-        raise InputError(f"the force peaks within the first {FEWEST_BEFORE} samples: no time before contact; {_REMEDY}")
-    offset, spread = float(np.median(force[:FEWEST_BEFORE])), noise or 0.0
-    first = last
-    for share in (0.5, 0.25, 0.1):  # the quiet part is what lies well before the rise reaches a share of the peak
-        below = np.flatnonzero(force[:last] - offset < share * (force[last] - offset))
-        first = int(below[-1]) + 1 if below.size else 0
-        calm = force[: max(first - max(3, (last - first) // 2), FEWEST_BEFORE)]
-        offset = float(np.median(calm))
-        spread = noise or float(1.4826 * np.median(np.abs(calm - offset))) or float(calm.std())
-    if force[last] - offset < max(8 * spread, 1e-12):
-        raise InputError(f"no force stands out of the noise ({spread:.3g} N) enough to find contact; {_REMEDY}")
-    level = offset + max(5 * spread, 1e-3 * (force[last] - offset))
-    below = np.flatnonzero(force[:last] < level)
-    first = int(below[-1]) + 1 if below.size else 0
-    if first < FEWEST_BEFORE:
-        raise InputError(f"only {first} samples before contact: too few to tell the onset; {_REMEDY}")
-    if last - first < 3:
-        raise InputError(f"only {last - first + 1} samples on the rise: too few to tell the onset; {_REMEDY}")
-    return first, last, offset, spread
+def _weigh_slopes() -> np.ndarray:
+    """Prior weights of no slope and of `SLOPES`: one half, and a half-normal density over the intervals about them."""
+    slopes = np.array(SLOPES)
+    edges = np.concatenate([[0.0], np.sqrt(slopes[:-1] * slopes[1:]), [1.2]])
+    density = np.exp(-0.5 * (slopes / SLOPE_SD) ** 2) * np.diff(edges)
+    return np.concatenate([[0.5], 0.5 * density / density.sum()])
 
 
-def _foot(time, force, first, last, offset) -> float:
-    """Foot of the parabola through the points where the force reaches a tenth and four tenths of its peak."""
-    height = force[last] - offset
-    rise = slice(first, last + 1)
-    low, high = (time[rise][np.argmax(force[rise] - offset >= share * height)] for share in (0.1, 0.4))
-    return float(2 * low - high)
+def _find_ringing(rises: Rises, plain: Located) -> Located:
+    """Onsets for a gauge that rings so as to leave least: natural frequency and damping ratio in turns."""
+    few = np.argsort(-rises.height * rises.weight.max(axis=1))[:FEW]
+    some, guess = Rises([rises.rises[i] for i in few]), plain.time[few]
+    # From half a period in the rise, below which it looks like another contact, to what the sampling can follow.
+    lowest, highest = 0.5 / float(np.median(rises.length)), 0.2 / float(np.median(rises.step))
+    frequencies = np.geomspace(lowest, max(highest, 2.0 * lowest), 16)
+    tried = [some.refine(Start(ringing=(float(f), d)), guess, 4) for f in frequencies for d in (0.05, 0.2)]
+    best = min(tried, key=lambda found: found.chi2.sum())
+    if plain.chi2[few].sum() - best.chi2.sum() < PROMISING:
+        return rises.refine(best.start, plain.time)
+    best = _narrow(some, best, np.array([np.log(frequencies[1] / frequencies[0]) / 2.0, 0.7]), 6)
+    return _narrow(rises, rises.refine(best.start, plain.time), np.array([0.02, 0.2]), 3)
 
 
-def _basis(t, onset, orders):
-    """Columns 1, τⁿ … of the rise, with τ = t - onset scaled to its largest value."""
-    tau = np.maximum(t - onset, 0.0)
-    scale = max(tau[-1], 1e-300)
-    return np.stack([np.ones_like(t), *((tau / scale) ** n for n in orders)], axis=1), tau / scale, scale
-
-
-def _fit(t, f, onset, orders):
-    """Linear least squares at a fixed onset: misfit (infinite for a rise that falls) and coefficients."""
-    basis, tau, _ = _basis(t, onset, orders)
-    values, *_ = np.linalg.lstsq(basis, f, rcond=None)
-    residual = f - basis @ values
-    falls = np.any(_steepness(tau, values, orders) < 0)
-    return np.inf if falls else float(residual @ residual), values
-
-
-def _steepness(tau, values, orders):
-    """Change of the force per scaled time, nought before the onset."""
-    return sum(n * c * tau ** (n - 1) * (tau > 0) for n, c in zip(orders, values[1:], strict=True))
-
-
-def _information(t, onset, values, orders) -> float:
-    """Squared change of the force with the onset that the other coefficients cannot take up."""
-    basis, tau, scale = _basis(t, onset, orders)
-    slope = -_steepness(tau, values, orders) / scale
-    others, *_ = np.linalg.lstsq(basis, slope, rcond=None)
-    return float(np.sum((slope - basis @ others) ** 2))
+def _narrow(rises: Rises, best: Located, steps: np.ndarray, turns: int) -> Located:
+    """A gauge that leaves less: steps in the logarithms of frequency and damping, each turn smaller ones."""
+    for _ in range(turns):
+        for k, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
+            assert best.start.ringing is not None
+            factor = np.exp(sign * steps * (np.arange(2) == k))
+            gauge = (float(best.start.ringing[0] * factor[0]), float(min(best.start.ringing[1] * factor[1], 0.9)))
+            best = min((best, rises.refine(Start(ringing=gauge), best.time, 4)), key=lambda found: found.chi2.sum())
+        steps = 0.6 * steps
+    return best

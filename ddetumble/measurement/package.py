@@ -9,7 +9,7 @@ import pandas as pd
 
 from .._errors import InputError
 from . import checks
-from .campaign import Campaign, Column, arrange_samples
+from .campaign import Campaign, Column, Uncertainty, arrange_samples
 from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, read_descriptor
 from .storage import write_campaign as write_campaign  # noqa: PLC0414  (reading and writing are one interface)
 from .tables import Table, convert_column, decode, parse_table, pick_column, read_bytes
@@ -89,6 +89,9 @@ def read_campaign(path) -> Campaign:
         peaks = _read_resource(resources["peaks"], context)
         checks.check_peaks(peaks, records.keys)
     checks.check_coverage(records, samples, peaks)
+    for name, column in {} if peaks is None else peaks.columns.items():
+        if column.common is not None:
+            context.refuse("common_uncertainty of a peak is not read; state that of a condition", name)
 
     campaign = Campaign(
         name=model.name or descriptor.resolve().parent.name,
@@ -188,12 +191,8 @@ def _convert_field(field: FieldModel, numbers: _Numbers, missing, resource: str,
     """Convert one numeric column to SI and note what is known about it."""
     name = field.name
     unit = _field_unit(field, resource, context)
-    uncertainty = None
-    if field.uncertainty is not None:
-        try:
-            uncertainty = parse_uncertainty(field.uncertainty, unit, name)
-        except InputError as error:
-            context.refuse(error.problem, name)
+    uncertainty, common = (_read_uncertainty(text, unit, name, context)
+                           for text in (field.uncertainty, field.common_uncertainty))
     gauge = field.reference == "gauge"
     sparse = resource != "records" and name not in ("time", *UNITLESS)
     values = convert_column(
@@ -205,7 +204,7 @@ def _convert_field(field: FieldModel, numbers: _Numbers, missing, resource: str,
     if gauge:
         values = values + _ambient(name, unit, context)
         context.notes.append(f"The gauge pressures of {name} were made absolute with the stated ambient_pressure.")
-        if uncertainty is not None and uncertainty.relative is not None:
+        if any(one is not None and one.relative is not None for one in (uncertainty, common)):
             problem = 'the uncertainty of a gauge pressure must be absolute, like "2 kPa" (per cent of what?)'
             context.refuse(problem, name)
     if field.assumed:
@@ -213,8 +212,15 @@ def _convert_field(field: FieldModel, numbers: _Numbers, missing, resource: str,
     checks.check_values(name, values, numbers.table, resource, uncertainty)
     if name in ("initial_pressure", "internal_pressure") and not np.all(values):
         context.notes.append(f"The column {name} holds absolute pressures of zero: a ball without gas.")
-    numbers.columns[name] = Column(name, unit.si, uncertainty, gauge, field.assumed, field.description)
+    numbers.columns[name] = Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common)
     numbers.values[name] = values
+
+
+def _read_uncertainty(text, unit: Unit, name: str, context: _Context) -> Uncertainty | None:
+    try:
+        return None if text is None else parse_uncertainty(text, unit, name)
+    except InputError as error:
+        context.refuse(error.problem, name)
 
 
 def _field_unit(field: FieldModel, resource: str, context: _Context) -> Unit:

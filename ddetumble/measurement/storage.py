@@ -45,7 +45,8 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
         if not (folder / "datapackage.json").is_file():
             raise InputError("the folder holds other files; name a new folder for the campaign", file=folder)
         if not overwrite:
-            raise InputError("the folder holds a campaign already; name a new one or allow overwriting", file=folder)
+            problem = "the folder holds a campaign already; name a new one, or replace it with --overwrite"
+            raise InputError(problem, file=folder)
     texts = format_campaign(replace(campaign, name=campaign.name or folder.name))
     parent = folder.parent
     try:
@@ -116,6 +117,8 @@ def _describe(column: Column) -> dict:
         field["unit"] = column.unit
     if column.uncertainty is not None:
         field["uncertainty"] = _format_uncertainty(column.uncertainty, column.unit)
+    if column.common is not None:
+        field["common_uncertainty"] = _format_uncertainty(column.common, column.unit)
     if column.assumed:
         field["assumed"] = True
     description = column.description

@@ -165,7 +165,8 @@ def draw_laws(source: Path | str | Sequence[tuple[str, SavedModel, float]], make
     first = models[0][1].space
     if any(one.space.key[:2] != first.key[:2] for _, one, _ in models):
         raise InputError("the models extend different reference models; plan with one at a time", file=folder or None)
-    space = ParameterSpace(first.reference, tuple(dict.fromkeys(e for _, one, _ in models for e in one.space.effects)))
+    effects = dict.fromkeys(e for _, one, _ in models for e in one.space.effects)
+    space = ParameterSpace(first.reference, tuple(effects), first.commons)
 
     def place(saved: SavedModel, own: np.ndarray) -> np.ndarray:
         whole = np.tile(space.coordinates(), (len(own), 1))

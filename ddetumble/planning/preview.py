@@ -130,8 +130,12 @@ def _fill_stack(layout: Layout, test: Test, x: Array) -> Stack:
         ratio = jnp.where((test.slowest > 0) & (now > 0), test.slowest / jnp.where(now > 0, now, 1.0), 1.0)
         span = span * jax.lax.stop_gradient(jnp.prod(jnp.clip(ratio, 1e-6, 1.0) ** (1.0 / 3.0)))
     shape = (len(layout.channels), test.time.shape[0])
+    inputs = {"mesh": test.mesh} if tumble else {}
+    if layout.space.commons:  # the next test shares them
+        inputs["common"] = jnp.stack([conditions[c.column] if c.relative and c.column in conditions else jnp.ones(())
+                                      for c in layout.space.commons])
     return Stack(test.time, span, jnp.zeros(shape), test.weights, test.taps, conditions, deviation, jnp.ones(()),
-                 {"mesh": test.mesh} if tumble else {}, jnp.asarray(RTOL))
+                 inputs, jnp.asarray(RTOL))
 
 
 def _whiten(test: Test, x: Array) -> Array:
@@ -221,7 +225,7 @@ def prepare(models: Sequence[SavedModel], limits: Sequence[Limit], extras: Seque
         raise InputError("the model does not say how its campaign was sampled, as an earlier version wrote it; run fit "
                          "or discover again", file=first.folder)
     classes = tuple(dict.fromkeys(e for m in models for e in m.space.effects))
-    space = ParameterSpace(first.space.reference, classes)
+    space = ParameterSpace(first.space.reference, classes, first.space.commons)
     spreads = [m.spread() for m in models]
     slots = max(len(s) for s in spreads)
     base, directions = np.zeros((len(models), len(space))), np.zeros((len(models), slots, len(space)))

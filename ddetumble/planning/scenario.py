@@ -6,7 +6,7 @@
 import dataclasses as dc
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -58,9 +58,23 @@ def read_scenario(path) -> Scenario:
     try:
         return Scenario.model_validate(content)
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
+        first = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")  # why others may be missing
         place = ".".join(str(part) for part in first["loc"]) or "scenario"
-        raise InputError(f"{first['msg'].removeprefix('Value error, ')[:200]}", file=path, column=place) from None
+        problem = first["msg"].removeprefix("Value error, ")[:200]
+        if first["type"] == "extra_forbidden":
+            problem = f"this is not a key here; there are {', '.join(_list_keys(first['loc'][:-1]))}"
+        raise InputError(problem, file=path, column=place) from None
+
+
+def _list_keys(place: tuple) -> list[str]:
+    """Keys that the table at a place of the scenario may have."""
+    table: type[pydantic.BaseModel] = Scenario
+    for part in place:
+        if part in table.model_fields:  # else the name of one of many alike
+            kinds = (table.model_fields[part].annotation, *get_args(table.model_fields[part].annotation))
+            table = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, pydantic.BaseModel)),
+                         table)
+    return [field.alias or name for name, field in table.model_fields.items()]
 
 
 def make_body(table: DebrisTable, here: Path) -> AbstractBody:

@@ -210,7 +210,8 @@ def cap_covariance(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
 def _slim(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...]) -> ParameterSpace:
     """The same reference model with those effects only that are in the model or not at their null."""
     moved = {s.owner for k, s in enumerate(space.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
-    return ParameterSpace(space.reference, [e for e in space.effects if e.id in effects or e.id in moved])
+    return ParameterSpace(space.reference, [e for e in space.effects if e.id in effects or e.id in moved],
+                          space.commons)
 
 
 def _plan(space: ParameterSpace, records: Records, fit: Fit, at, names) -> Plan:

@@ -1,0 +1,227 @@
+"""Plausibility of a whole campaign: orders of magnitude, and relations between columns that a wrong unit breaks.
+
+A unit that is wrong throughout leaves no record standing out. What gives it away is a size that no bench has, or a
+relation that holds whatever effect is missing: impulse, speed and duration of an impact on an inflated ball tell the
+stiffness, and with it the pressure, within a factor of about two.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .campaign import Campaign
+from .units import check_unit
+
+
+# Ranges are those of benches and objects that the models are made for, widened to the next round number: lowest and
+# highest plausible median, SI.
+RANGES = {
+    "initial_pressure": (5e4, 5e6), "internal_pressure": (5e4, 5e6),  # half an atmosphere to twice the paper's highest
+    "approach_speed": (1e-3, 30.0), "tangential_speed": (0.0, 30.0), "slip_speed": (1e-7, 20.0),
+    "normal_load": (1e-2, 2e4), "tangential_force": (1e-3, 2e4),
+    "friction coefficient": (2e-3, 30.0),  # over the load as stated; a gas may press on a seal beside it
+    "duration of the impact": (5e-5, 1.0), "moving mass": (2e-3, 300.0), "depression": (1e-6, 0.3),
+    "stroke": (1e-6, 10.0), "angular rate": (1e-5, 60.0), "turn between samples": (0.0, np.pi),
+    "stiffness over that of the gas": (0.2, 5.0), "depression over speed and duration": (0.12, 0.9),
+    "path over speed and time": (0.5, 2.0), "temperature": (150.0, 500.0),
+}  # fmt: skip
+# Stiffness of a ball over that of its gas: m/(P₀ v T³), T the time above half of the peak, is 0.65 for the reference
+# model, and 0.52 to 0.79 on two dozen simulated campaigns with any effects of the catalogue. A thick wall can do more.
+GAS_STIFFNESS = 0.65
+CORRECTED = (0.6, 1.7)  # what that ratio has to be once a mistaken unit is corrected
+MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values are in, and the one that was stated
+    "pressure": (("bar", "MPa"), ("kPa", "MPa"), ("bar", "Pa"), ("MPa", "Pa"), ("kPa", "Pa"), ("psi", "bar"),
+                 ("psi", "MPa"), ("MPa", "bar"), ("kPa", "bar"), ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa")),
+    "speed": (("mm/s", "m/s"), ("m/s", "mm/s"), ("cm/s", "m/s"), ("m/s", "cm/s"), ("mm/s", "cm/s"),
+              ("cm/s", "mm/s"), ("km/h", "m/s"), ("mm/min", "mm/s"), ("mm/s", "mm/min")),
+    "time": (("ms", "s"), ("s", "ms"), ("us", "s"), ("us", "ms"), ("ms", "us"), ("s", "min"), ("min", "s")),
+    "force": (("N", "kN"), ("kN", "N"), ("mN", "N"), ("N", "mN"), ("kgf", "N"), ("N", "kgf"), ("gf", "N")),
+    "length": (("mm", "m"), ("m", "mm"), ("um", "mm"), ("mm", "um"), ("um", "m"), ("cm", "m"), ("mm", "cm")),
+    "angular velocity": (("deg/s", "rad/s"), ("rad/s", "deg/s"), ("rpm", "rad/s")),
+    "temperature": (),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Implausibility:
+    """Something about a campaign as a whole that a wrong unit would explain.
+
+    Attributes:
+        variable: Column or measured size that is out of the ordinary.
+        value: Its median over the records [SI].
+        low, high: What is expected of it [SI].
+        unit: SI unit of these, "1" for a ratio.
+        mistakes: Wrong units each of which alone would explain all that is out of the ordinary: the column, the unit
+            that its values would be in, and the one that was stated; none where no single one does.
+        sentence: The question, in words.
+    """
+
+    variable: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    mistakes: tuple[tuple[str, str, str], ...]
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+@dataclass(frozen=True)
+class _Size:
+    """A measured size: its value, its unit, and the power with which each column enters."""
+
+    value: float
+    unit: str
+    powers: Mapping[str, int]
+
+
+def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
+    """Find what no bench has, and which wrong unit would explain it.
+
+    Every size in `RANGES` that the campaign tells is compared with its range. One column in another unit than stated is
+    the explanation where it brings all of them into their ranges; where none does, each is named on its own.
+
+    Args:
+        campaign: As read or imported, SI.
+
+    Returns:
+        What should be asked about, none where all is ordinary.
+    """
+    sizes = _measure_sizes(campaign)
+    odd = [name for name, size in sizes.items() if not _is_within(name, size.value)]
+    if not odd:
+        return ()
+    mistakes, doubtful = [], all(" over " in name for name in odd)
+    for column, kind in _list_columns(campaign).items():
+        if not all(column in sizes[name].powers for name in odd):
+            continue
+        for actual, stated in MISTAKES[kind]:
+            factor = check_unit(actual, "").scale / check_unit(stated, "").scale
+            if all(_is_within(name, size.value * factor ** size.powers.get(column, 0), doubtful and name in odd)
+                   for name, size in sizes.items()):
+                mistakes.append((column, actual, stated))
+                break
+    if mistakes:
+        return (_ask(odd[0], sizes[odd[0]], tuple(mistakes)),)
+    # A relation of several columns is the more doubtful: it is told only where nothing else is.
+    plain = [name for name in odd if " over " not in name] or odd
+    return tuple(_ask(name, sizes[name], ()) for name in plain)
+
+
+def _is_within(name: str, value: float, strictly: bool = False) -> bool:
+    """Whether a size is plausible; where it is all that is odd, a corrected unit has to explain it well."""
+    low, high = CORRECTED if strictly and name.startswith("stiffness") else RANGES[name]
+    return low <= value <= high
+
+
+def _list_columns(campaign: Campaign) -> dict[str, str]:
+    """Columns whose unit may be wrong, with the kind of their quantity; the likeliest first."""
+    kinds = {"initial_pressure": "pressure", "internal_pressure": "pressure", "approach_speed": "speed",
+             "slip_speed": "speed", "tangential_speed": "speed", "normal_load": "force", "normal_force": "force",
+             "tangential_force": "force", "time": "time", "depression": "length", "slip": "length",
+             "angular_velocity": "angular velocity", "temperature": "temperature"}  # fmt: skip
+    there = {*campaign.conditions, *campaign.channels}
+    there |= set() if campaign.independent is None else {campaign.independent.name}
+    there |= {"angular_velocity"} if any(name.startswith("angular_velocity") for name in there) else set()
+    return {name: kind for name, kind in kinds.items() if name in there}
+
+
+def _measure_sizes(campaign: Campaign) -> dict[str, _Size]:
+    """Everything in `RANGES` that a campaign tells, by name."""
+    sizes = {}
+    for name, column in campaign.conditions.items():
+        values = campaign.records[name].to_numpy(dtype=float)
+        values = values[np.isfinite(values) & (values != 0)]  # without gas, or straight on: nothing to compare
+        if name in RANGES and values.size:
+            sizes[name] = _Size(float(np.median(values)), column.unit, {name: 1})
+    measure = {"impact": _measure_impact, "slip": _measure_slip, "tumble": _measure_tumbling}[campaign.family]
+    rows: dict[str, list[float]] = {}
+    powers: dict[str, tuple[str, Mapping[str, int]]] = {}
+    for key in campaign.record_keys if campaign.samples is not None else ():
+        for name, size in measure(campaign, key).items():
+            rows.setdefault(name, []).append(size.value)
+            powers[name] = size.unit, size.powers
+    for name, values in rows.items():
+        finite = [value for value in values if np.isfinite(value) and value > 0]
+        if finite:
+            sizes[name] = _Size(float(np.median(finite)), *powers[name])
+    return sizes
+
+
+def _measure_impact(campaign: Campaign, key: str) -> dict[str, _Size]:
+    """Duration, moving mass, stiffness over that of the gas, and depression of one impact."""
+    trace, settings = campaign.trace(key), campaign.records.loc[key]
+    if "normal_force" not in trace or "approach_speed" not in settings:
+        return {}
+    t, f = trace["time"].to_numpy(dtype=float), trace["normal_force"].to_numpy(dtype=float)
+    there = np.isfinite(f)
+    t, f = t[there], f[there]
+    if len(t) < 8 or not f.max() > 0:
+        return {}
+    above = np.flatnonzero(f > 0.5 * f.max())
+    middle, width = 0.5 * (t[above[0]] + t[above[-1]]), float(t[above[-1]] - t[above[0]])
+    contact = np.abs(t - middle) < 1.5 * width  # what lies farther off is drift or a second contact
+    speed = float(settings["approach_speed"])
+    mass = float(np.trapezoid(f[contact], t[contact])) / (1.7 * speed)  # of a restitution of 0.7
+    sizes = {"duration of the impact": _Size(2.0 * width, "s", {"time": 1}),
+             "moving mass": _Size(mass, "kg", {"normal_force": 1, "time": 1, "approach_speed": -1})}
+    pressure = float(settings.get("initial_pressure", 0.0))
+    if pressure > 0 and width > 0:
+        ratio = mass / (pressure * speed * width**3) / GAS_STIFFNESS
+        sizes["stiffness over that of the gas"] = _Size(ratio, "1", {
+            "normal_force": 1, "time": -2, "approach_speed": -2, "initial_pressure": -1})
+    if "depression" in trace and np.isfinite(trace["depression"]).any():
+        depth = float(np.nanmax(trace["depression"]))
+        sizes["depression"] = _Size(depth, "m", {"depression": 1})
+        if width > 0:
+            ratio = depth / (speed * 2.0 * width)
+            sizes["depression over speed and duration"] = _Size(ratio, "1", {
+                "depression": 1, "approach_speed": -1, "time": -1})
+    return sizes
+
+
+def _measure_slip(campaign: Campaign, key: str) -> dict[str, _Size]:
+    """Friction, stroke, and path against speed of one friction record."""
+    trace, settings = campaign.trace(key), campaign.records.loc[key]
+    if "tangential_force" not in trace or "slip" not in trace:
+        return {}
+    force = float(np.nanmedian(np.abs(trace["tangential_force"].to_numpy(dtype=float))))
+    slip = trace["slip"].to_numpy(dtype=float)
+    sizes = {"tangential_force": _Size(force, "N", {"tangential_force": 1}),
+             "stroke": _Size(float(np.nanmax(slip) - np.nanmin(slip)), "m", {"slip": 1}),
+             "friction coefficient": _Size(force / float(settings["normal_load"]), "1", {
+                 "tangential_force": 1, "normal_load": -1})}
+    speed = float(settings.get("slip_speed", 0.0))
+    if "time" in trace and speed > 0:
+        t = trace["time"].to_numpy(dtype=float)
+        there = np.isfinite(slip)
+        moving = np.abs(np.diff(slip[there])) / np.diff(t[there])
+        if len(moving):  # of the fastest half: a record may rest or turn round
+            ratio = float(np.median(np.sort(moving)[len(moving) // 2:])) / speed
+            sizes["path over speed and time"] = _Size(ratio, "1", {"slip": 1, "time": -1, "slip_speed": -1})
+    return sizes
+
+
+def _measure_tumbling(campaign: Campaign, key: str) -> dict[str, _Size]:
+    """Largest angular rate of one tumbling record, and the angle that it turns between two samples."""
+    trace = campaign.trace(key)
+    rates = trace[[name for name in trace.columns if name.startswith("angular_velocity_")]].to_numpy(dtype=float)
+    if not rates.size or not np.isfinite(rates).any():
+        return {}
+    largest = float(np.sqrt(np.nanmax(np.nansum(rates**2, axis=1))))
+    turn = largest * float(np.median(np.diff(trace["time"].to_numpy(dtype=float))))
+    return {"angular rate": _Size(largest, "rad/s", {"angular_velocity": 1}),
+            "turn between samples": _Size(turn, "rad", {"angular_velocity": 1, "time": 1})}
+
+
+def _ask(name: str, size: _Size, mistakes: tuple[tuple[str, str, str], ...]) -> Implausibility:
+    low, high = RANGES[name]
+    unit = "" if size.unit == "1" else f" {size.unit}"
+    seen = f"{name} is {size.value:.3g}{unit} (median of the records), where {low:.3g} to {high:.3g}{unit} is expected"
+    guesses = [f"{column} in {actual} and not in {stated}" for column, actual, stated in mistakes]
+    remedy = f"are the values of {', or of '.join(guesses)}?" if guesses else (
+        "are the units of all columns right, and the scales of the gauges?")
+    return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")

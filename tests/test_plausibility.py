@@ -1,0 +1,57 @@
+"""Plausibility of whole campaigns: shipped ones pass, and a unit that is wrong throughout is named."""
+
+import dataclasses as dc
+import json
+
+import pytest
+
+import ddetumble as dd
+
+
+SHIPPED = [p for p in sorted(dd.find_data().iterdir()) if (p / "datapackage.json").is_file()
+           and "family" in json.loads((p / "datapackage.json").read_text())]  # fmt: skip
+
+
+def scale(campaign, column, factor):
+    """The campaign with one column in another unit than stated."""
+    if column in campaign.conditions:
+        return dc.replace(campaign, records=campaign.records.assign(**{column: campaign.records[column] * factor}))
+    names = [name for name in campaign.samples if name.startswith(column)]
+    return dc.replace(campaign, samples=campaign.samples.assign(**{n: campaign.samples[n] * factor for n in names}))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_shipped_campaigns_are_plausible(path):
+    assert not dd.check_plausibility(dd.read_campaign(path))
+
+
+@pytest.mark.parametrize(("name", "column", "actual", "stated", "factor"), [
+    ("impact-e", "initial_pressure", "bar", "MPa", 10), ("impact-b", "initial_pressure", "bar", "MPa", 10),
+    ("impact-b", "initial_pressure", "MPa", "bar", 0.1), ("impact-b", "initial_pressure", "kPa", "MPa", 1e3),
+    ("impact-b", "approach_speed", "mm/s", "m/s", 1e3), ("impact-b", "approach_speed", "km/h", "m/s", 3.6),
+    ("impact-b", "time", "ms", "s", 1e3), ("impact-b", "normal_force", "N", "kN", 1e3),
+    ("impact-b", "normal_force", "N", "kgf", 9.80665), ("impact-e", "depression", "mm", "m", 1e3),
+    ("impact-e", "depression", "m", "mm", 1e-3), ("slip-d", "slip_speed", "mm/s", "m/s", 1e3),
+    ("slip-a", "normal_load", "kN", "N", 1e-3), ("slip-a", "tangential_force", "N", "kN", 1e3),
+    ("slip-a", "internal_pressure", "bar", "MPa", 10), ("tumble-a", "angular_velocity", "deg/s", "rad/s", 57.29578),
+])  # fmt: skip
+def test_a_unit_wrong_throughout_is_named(name, column, actual, stated, factor):
+    doubts = dd.check_plausibility(scale(dd.read_campaign(dd.find_data() / name), column, factor))
+    assert len(doubts) == 1 and (column, actual, stated) in doubts[0].mistakes
+    assert not doubts[0].low <= doubts[0].value <= doubts[0].high
+    assert column in str(doubts[0])
+
+
+def test_what_no_single_unit_explains_is_asked_about_all_the_same():
+    campaign = dd.read_campaign(dd.find_data() / "impact-b")
+    doubts = dd.check_plausibility(scale(scale(campaign, "approach_speed", 2000), "time", 3000))
+    assert {"approach_speed", "duration of the impact"} <= {doubt.variable for doubt in doubts}
+    assert not any(doubt.mistakes for doubt in doubts)
+
+
+@pytest.mark.slow
+def test_a_fit_tells_of_it():
+    campaign = dd.read_campaign(dd.find_data() / "impact-b")
+    wrong = scale(campaign.select(campaign.record_keys[:4]), "initial_pressure", 10)
+    sentence = str(dd.check_plausibility(wrong)[0])
+    assert sentence in dd.fit(wrong, noise="stated").notes
