@@ -34,6 +34,7 @@ from .gas import gas_pressure
 from .geometry import contact_radius, racetrack_volume, sphere_volume, truncated_sphere_radius
 from .signal import Signal
 
+
 # Below, the damping that gives it is no longer resolved (`damping_number`); above, damping changes the force by less
 # than one part in 10,000, which no gauge shows.
 RESTITUTIONS = (1e-3, 0.9999)

@@ -114,8 +114,8 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     told = {*given} & {*known} or (Path(wanted.model) / "model.json").is_file()
     origins = list_origins(campaign, space, base, known)
     if told:  # what is given comes first, with the rest guessed where nothing is known of it
-        origins = [*([base] if not given else list_origins(campaign, space, base, [n for n in known if n not in given])),
-                   *origins]
+        rest = [n for n in known if n not in given]
+        origins = [*(list_origins(campaign, space, base, rest) if given else [base]), *origins]
     base, first = fit_reference(problem, known, origins, not told, assembly.warnings)
     best: Bounded | None = None
     origin = base
@@ -212,9 +212,8 @@ def refuse_stray(problem: Problem, solution: Solution) -> None:
     """
     if meets_data(problem, solution):
         return
-    places = problem.space.index
-    values = ", ".join(f"{n} = {to_public(problem.space.slots[places[n]].parameter.coordinate, solution.u[places[n]]):.3g}"
-                       for n in solution.names)
+    public = {n: problem.space.public(n, solution.u[problem.space.index[n]], 0.0)["estimate"] for n in solution.names}
+    values = ", ".join(f"{name} = {value:.3g}" for name, value in public.items())
     channel = problem.space.family.channels[0]
     raise ComputationError(
         f"the fit found no place where the model meets the measured {channel}: where it ended after {solution.steps} "
