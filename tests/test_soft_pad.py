@@ -43,7 +43,8 @@ def folder(tmp_path_factory):
     """A campaign of six impacts on the pad; pressures mean nothing here."""
     place, random = tmp_path_factory.mktemp("pad") / "pad", np.random.default_rng(4)
     place.mkdir()
-    kappa = brentq(lambda k: k - np.log1p(k) + k * RESTITUTION + np.log1p(-k * RESTITUTION), 0.01, 1.2)
+    kappa = float(brentq(lambda k: k - np.log1p(k) + k * RESTITUTION + np.log1p(-k * RESTITUTION),
+                         0.01, 1.2))  # pyright: ignore[reportArgumentType]
     settings, samples = [], []
     for k, speed in enumerate((0.7, 0.8, 0.85, 0.9, 0.95, 1.05)):
         time, force = press(speed, kappa / speed)  # the closed form for the restitution; at every speed its own loss

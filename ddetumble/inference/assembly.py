@@ -57,6 +57,7 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
         extra: effects of the user, beside the catalogue.
     """
     family = find_family(name_family(campaign))
+    require_samples(campaign)
     if type(reference).family != family.name:
         how = (": make one of it by `Striker(model, CoulombFriction())`" if family.name == "oblique" else "")
         raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign.name!r} of "
@@ -87,6 +88,17 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
                  and campaign.known.get(s.name) is None and s.name not in fixed)
     return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
                     (*warn_of_names(campaign, space), *warn_of_range(campaign, reference)))
+
+
+def require_samples(campaign: Campaign) -> None:
+    """Refuse a campaign of peaks only.
+
+    Raises:
+        InputError: It has no samples.
+    """
+    if campaign.samples is None:
+        raise InputError(f"campaign {campaign.name!r} holds peaks only, and this needs sampled records: force over "
+                         "time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
 
 
 def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:

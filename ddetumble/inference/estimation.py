@@ -80,7 +80,10 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         schema_="ddetumble.fit/1", campaign=campaign.name, model=str(model), effects=ids, free=wanted,
         fixed=dict(fixed or {}), priors={k: _Pair(*v) for k, v in (priors or {}).items()}, bounds=dict(bounds or {}),
         nuisances=nuisances, noise="stated" if noise == "stated" else "measured")
-    added = "".join(f" --effect {e}" for e in ids)
+    added = "".join([*(f" --effect {e}" for e in ids),
+                     *(f" --free {n}" + ("" if v is True else f"={v:g}") for n, v in wanted.items()),
+                     *(f" --fix {n}={v:g}" for n, v in (fixed or {}).items()),
+                     *(f" --prior {n}={m:g}+-{s:g}" for n, (m, s) in (priors or {}).items())])
     settings = {"command": f"ddetumble fit {campaign.name} --model {_shorten(str(model))}{added}"}
     given = noise if isinstance(noise, Mapping) else None
     classes = tuple(e for e in effects if not isinstance(e, str))

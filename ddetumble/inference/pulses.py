@@ -105,8 +105,8 @@ def list_guesses(campaign: Campaign, space: ParameterSpace, start: np.ndarray, f
     if not elastic or not pulses:
         return [plain]
     ratio = float(np.median([p.impulse / p.speed for p in pulses]))  # m (1 + e)
-    held = None if "effective_mass" in free else float(np.exp(start[space.index["effective_mass"]])) \
-        if "effective_mass" in space.index else None
+    known = "effective_mass" in space.index and "effective_mass" not in free
+    held = float(np.exp(start[space.index["effective_mass"]])) if known else None
     mass = float(np.median([p.weigh() for p in pulses])) if held is None else held
     read = float(np.clip(ratio / mass - 1.0, *POSSIBLE))
     guesses = []
@@ -195,8 +195,8 @@ def _match_force(space: ParameterSpace, u: np.ndarray, names: Sequence[str], pul
     begin = np.clip(u[places], low + 1e-6, high - 1e-6)
     if not all(np.isfinite(x).all() for x in evaluate(begin)):
         return None
-    found = least_squares(lambda x: evaluate(x)[0], begin, lambda x: evaluate(x)[1], (low, high), loss="soft_l1",
-                          x_scale=space.scales()[places], max_nfev=50)
+    found = least_squares(lambda x: evaluate(x)[0], begin, lambda x: evaluate(x)[1],  # pyright: ignore[reportArgumentType]
+                          (low, high), loss="soft_l1", x_scale=space.scales()[places], max_nfev=50)
     moved = u.copy()
     moved[places] = found.x
     return moved if np.isfinite(found.x).all() else None
