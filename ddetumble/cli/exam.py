@@ -61,7 +61,7 @@ def sit_exam(
     from ..exam.ledger import ANSWERS, QUESTIONS
     from ..exam.scorecard import PAGE, write_scorecard
 
-    with (open_folder(output, "exam", overwrite, resumes=(QUESTIONS, ANSWERS, "kept")) as out,
+    with (open_folder(output, "exam", overwrite, resumes=(QUESTIONS, ANSWERS, "kept"), progress=ANSWERS) as out,
           show_progress(f"exam of {family}") as report):
         rows = examine(exam, range(first, first + cases), out.path, workers=workers, scheduler=scheduler, keep=keep,
                        progress=report)

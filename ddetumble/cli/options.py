@@ -65,10 +65,9 @@ class Source:
     folder: Path
     shared: bool
 
-    def open(self, command: str, overwrite: bool, own: Sequence[str], resumes: Sequence[str] = ()
-             ) -> AbstractContextManager[Output]:
-        """The folder for the results of a command, of which `own` are names; see `open_folder`."""
-        return open_folder(self.folder, command, overwrite, beside=own if self.shared else (), resumes=resumes)
+    def open(self, command: str, overwrite: bool, own: Sequence[str], **more: Any) -> AbstractContextManager[Output]:
+        """The folder for the results of a command, of which `own` are names; `more` as of `open_folder`."""
+        return open_folder(self.folder, command, overwrite, beside=own if self.shared else (), **more)
 
 
 def name_own(names: Sequence[str], path: Path | None) -> list[str]:

@@ -67,8 +67,8 @@ class Output:
 
 
 @contextmanager
-def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[str] = (), resumes: Sequence[str] = ()
-                ) -> Iterator[Output]:
+def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[str] = (), resumes: Sequence[str] = (),
+                progress: str = "") -> Iterator[Output]:
     """Give a command a folder to write to, and publish what it wrote there if it succeeds.
 
     Args:
@@ -76,8 +76,9 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
         command: its name, for the record of what it wrote.
         overwrite: replace what commands wrote there before; other files stay, those of the same names apart.
         beside: names of the command's own results where it shares the folder with other files: only these count.
-        resumes: names of what the command itself keeps in the folder as it goes, and goes on from; the first says that
-            there is something. With `overwrite` they are removed, and it begins anew.
+        resumes: names of what the command itself keeps in the folder as it goes, and goes on from. With `overwrite`
+            they are removed, and it begins anew.
+        progress: of the file among these without which there is nothing to go on from, so that they need not stay.
 
     Raises:
         InputError: The folder holds something, is a file, or cannot be made or written.
@@ -85,7 +86,7 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
     given, path = path, Path(os.path.realpath(path))
     _refuse_taken(given, overwrite, beside, resumes)
     made = [folder for folder in (path, *path.parents) if not folder.exists()]
-    draft = None
+    draft, done = None, False
     try:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -98,7 +99,11 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
                 _remove(path / name)
         yield Output(given, draft)
         _publish(draft, path, command, bool(beside))
+        done = True
     finally:
+        if not done and resumes and not (path / progress).exists():
+            for name in resumes:
+                _remove(path / name)
         if draft is not None:
             shutil.rmtree(draft, ignore_errors=True)
         for folder in made:  # none stays empty
@@ -125,7 +130,7 @@ def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: S
                          f"the folder cannot be made ({nearest.name} is a file)", file=path)
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise InputError("nothing can be written to this folder", file=path if nearest == whole else nearest)
-    if overwrite or nearest != whole or (resumes and (path / resumes[0]).exists()):
+    if overwrite or nearest != whole or any((path / name).exists() for name in resumes):
         return
     found = sorted(one.name for one in path.iterdir() if one.name != RECORD)
     taken = [name for name in beside if name in found] if beside else found

@@ -76,7 +76,8 @@ def sample_posterior(
     from ..sampling.posterior import FILE, SUMMARY
     from ..sampling.sampling import CHAIN, sample
 
-    with (read.open("sample", overwrite, (SUMMARY, FILE), (CHAIN,)) as out,
+    with (read.open("sample", overwrite, (SUMMARY, FILE), resumes=(CHAIN,),
+                    progress=f"{CHAIN}/block-000000.npz") as out,
           show_progress(f"sampling {read.name}") as report):
         found = sample(read.measured, **read.chosen, sampler="nuts" if nuts else None, folder=out.path,
                        progress=report, walkers=walkers, ensembles=ensembles, burn=burn, block=checkpoint,

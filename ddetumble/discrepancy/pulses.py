@@ -24,10 +24,10 @@ AFTER = 1.1  # contact times that the samples reach, so that pulses that last lo
 
 
 def predict_pulses(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
-    r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions, F as the gauge reads.
+    r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
 
-    Deviations are propagated by differences of one standard deviation along the principal directions of the fit's
-    covariance, and of every condition that scatters.
+    F is what the gauge reads. Deviations are propagated by differences of one standard deviation along the principal
+    directions of the fit's covariance, and of every condition that scatters.
 
     Args:
         model: folder that `fit`, `discover` or `weigh` wrote; with weights, values are averaged over the rivals.
