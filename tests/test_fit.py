@@ -250,7 +250,7 @@ def test_a_specification_says_everything(folder, fitted, capsys):
         assert content["parameters"][name]["estimate"] == pytest.approx(p.estimate, abs=0.01 * p.sd)
     assert (path.parent / "model.json").is_file()
     path.write_text(GOOD + '[fixed]\nrestituton = 0.7\n')
-    assert main(["fit", str(path)]) == 2
+    assert main(["fit", str(path), "--overwrite"]) == 2
     assert "fit.toml" in capsys.readouterr().err
 
 

@@ -16,8 +16,8 @@ def register(app: typer.Typer) -> None:
     app.command(
         "fit",
         short_help="Fit parameters, with uncertainty and what cannot be told apart.",
-        epilog="\b\nExamples:\n  ddetumble fit data/impact-c --effect wall-stiffness -o fit\n"
-        "  ddetumble fit data/impact-c -e wall-stiffness --free wall-stiffness.q -o fit\n"
+        epilog="\b\nExamples:\n  ddetumble fit data/impact-b --effect adhesion -o fit\n"
+        "  ddetumble fit data/impact-h -e arm-servo -e wall-stiffness --free wall-stiffness.q -o fit\n"
         "  ddetumble fit data/impact-b --fix \"effective_mass=1.2 kg\" --prior restitution=0.7+-0.05 -o fit\n"
         "  ddetumble fit fits/impact-b/fit.toml",
     )(fit_parameters)

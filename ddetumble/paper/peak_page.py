@@ -45,8 +45,8 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
             "band is twice the size of a single value's error.", f"Errors of single values: {judged.noise.text}"],
             figures=[("peaks-models", f"Measured {forces} beside the models, and errors with each value left out.",
                       draw_values(judged)),
-                     ("peaks-ladder", "Every model, best first, by the error of what was left out. Hatched: an estimate "
-                      "outside its physical range, so that the model does not count.", draw_ladder(judged))],
+                     ("peaks-ladder", "Every model, best first, by the error of what was left out. Hatched: an "
+                      "estimate outside its physical range, so that the model does not count.", draw_ladder(judged))],
             tables=[judged.table()]),
         Section("What this does not show", [f"{lacking} (`ddetumble import`) to have these judged."],
                 points=[*judged.notes, *seen]),
