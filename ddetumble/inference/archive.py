@@ -378,8 +378,7 @@ def _read(path: Path) -> ModelFile:
         data = path.read_bytes()
     except FileNotFoundError:
         refuse_peaks(path.parent)
-        raise InputError(f"there is no {FILE} in this folder; name a folder that fit or discover wrote",
-                         file=path.parent) from None
+        raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent) from None
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
     try:
