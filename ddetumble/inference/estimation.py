@@ -114,12 +114,13 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     if space.family.free_running and whole.records.lengths.max() > MOST:  # starts are tried on a part of the samples
         problem = _pose(space, stack_records(campaign, noise, MOST), priors, wanted.nuisances)
     known = [n for n in names if n in assembly.base]
-    told = {*given} & {*known} or (Path(wanted.model) / "model.json").is_file()
+    told, saved = bool({*given} & {*known}), (Path(wanted.model) / "model.json").is_file()
     origins = list_origins(campaign, space, base, known)
-    if told:  # what is given comes first, with the rest guessed where nothing is known of it
-        rest = [n for n in known if n not in given]
-        origins = [*(list_origins(campaign, space, base, rest) if given else [base]), *origins]
-    base, first = fit_reference(problem, known, origins, not told, assembly.warnings)
+    if saved:  # what the model or the user says comes first, with the rest guessed where nothing is known of it
+        origins = [base, *origins]
+    elif told:
+        origins = [*list_origins(campaign, space, base, [n for n in known if n not in given]), *origins]
+    base, first = fit_reference(problem, known, origins, not (told or saved), assembly.warnings)
     best: Bounded | None = None
     origin = base
     starts = [(u, values) for values in list_starts(space, chosen, names, given, resolved)
