@@ -66,7 +66,8 @@ _HOMES = {
     "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
     "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
     "weigh": "sampling.weighing",
-    "predict": "discrepancy.prediction", "design": "planning.nexttest", "map_effects": "planning.visibility",
+    "predict": "discrepancy.prediction", "predict_pulses": "discrepancy.pulses",
+    "design": "planning.nexttest", "map_effects": "planning.visibility",
     "write_report": "report", "describe": "report",
     "Exam": "exam.drawing", "examine": "exam.examination", "write_scorecard": "exam.scorecard",
     "write_paper": "paper", "run_demo": "demo", "find_data": "_settings",
@@ -106,6 +107,7 @@ if TYPE_CHECKING:
     from .discrepancy.identification import identify as identify
     from .discrepancy.missing import draw_missing_force as draw_missing_force
     from .discrepancy.prediction import predict as predict
+    from .discrepancy.pulses import predict_pulses as predict_pulses
     from .dynamics.angles import from_euler_angles as from_euler_angles
     from .dynamics.angles import measure_nutation as measure_nutation
     from .dynamics.angles import measure_precession as measure_precession

@@ -1,5 +1,6 @@
 """What every part relies on: JAX in 64 bits with a compilation cache on disk, and where the shipped data are."""
 
+import logging
 import os
 import sys
 import warnings
@@ -23,6 +24,8 @@ def configure() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    # Where a program breaks down inside, JAX logs a traceback before it raises; whoever catches the error says why.
+    logging.getLogger("jax._src.callback").setLevel(logging.CRITICAL)
     if _cache_is_off():
         return
     if getattr(jax.config, "jax_compilation_cache_dir", None) is None or "JAX_COMPILATION_CACHE_DIR" in os.environ:

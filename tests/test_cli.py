@@ -14,7 +14,7 @@ from ddetumble._errors import ComputationError, InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import app, main
 from ddetumble.cli.failures import run_guarded
-from ddetumble.cli.places import list_shipped, locate_campaign, prepare_file, prepare_folder, write_table
+from ddetumble.cli.places import list_shipped, locate_campaign, write_table
 from ddetumble.cli.progress import show_progress
 
 
@@ -221,19 +221,17 @@ def test_peaks_are_held_against_the_model_that_is_named(capsys, monkeypatch, tmp
     assert "the model 'coulomb' is taken at zero slip" in capsys.readouterr().out
 
 
-def test_output_places(tmp_path):
-    """Outputs are refused or made ready before the work."""
+def test_output_places(tmp_path, capsys):
+    """Outputs are refused before the work, and what is there stays."""
     file = tmp_path / "file"
     file.write_text("kept", encoding="utf-8")
-    with pytest.raises(InputError, match="is a file"):
-        prepare_folder(file)
-    with pytest.raises(InputError, match="cannot be made"):
-        prepare_folder(file / "inside")
-    with pytest.raises(InputError, match="is a folder"):
-        prepare_file(tmp_path)
-    assert prepare_file(None) is None
-    assert prepare_file(tmp_path / "new" / "out.csv") == tmp_path / "new" / "out.csv"
-    assert prepare_file(file) == file and file.read_text(encoding="utf-8") == "kept"
+    for words, says in ((["discover", "impact-a", "-o", str(file)], "is a file"),
+                        (["discover", "impact-a", "-o", str(file / "inside")], "cannot be made"),
+                        (["identify", "impact-i", "-o", str(tmp_path)], "is a folder"),
+                        (["identify", "impact-i", "-o", str(file)], "--overwrite")):
+        assert main(words) == 2
+        assert says in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["file"] and file.read_text(encoding="utf-8") == "kept"
 
 
 def test_table_is_whole_or_absent(tmp_path, capsys):

@@ -388,7 +388,7 @@ def test_malformed_options(arguments, says, tmp_path, capsys, monkeypatch):
     words = ["exam", "--family", "slip", "--cases", "2", "-o", str(tmp_path / "exam"), *arguments]
     assert main(words) == 2
     told = capsys.readouterr().err
-    assert says in told and told.count("\n") == 1 and not (tmp_path / "exam" / "cases.jsonl").exists()
+    assert says in told and told.count("\n") == 1 and not (tmp_path / "exam").exists()
 
 
 @pytest.mark.slow

@@ -2,18 +2,20 @@
 
 import json
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
+import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble.cli import main
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.bounded import truncate_normal
 from ddetumble.inference.estimation import fit
-from ddetumble.inference.specification import read_specification
+from ddetumble.inference.specification import Sampler, Specification, read_specification
 from ddetumble.measurement import read_campaign
 
 
@@ -248,7 +250,7 @@ def test_a_specification_says_everything(folder, fitted, capsys):
         assert content["parameters"][name]["estimate"] == pytest.approx(p.estimate, abs=0.01 * p.sd)
     assert (path.parent / "model.json").is_file()
     path.write_text(GOOD + '[fixed]\nrestituton = 0.7\n')
-    assert main(["fit", str(path)]) == 2
+    assert main(["fit", str(path), "--overwrite"]) == 2
     assert "fit.toml" in capsys.readouterr().err
 
 
@@ -263,3 +265,79 @@ def test_the_committed_fit_belongs_to_its_data():
     content = json.loads((ROOT / "fits" / "impact-b" / "fit.json").read_text())
     for name, value in (truth["base"] | {"adhesion.tau_a": truth["effects"]["adhesion"]["tau_a"]}).items():
         assert content["parameters"][name]["q025"] < value < content["parameters"][name]["q975"]
+
+
+@pytest.fixture(scope="module")
+def curved(tmp_path_factory):
+    """A wall whose force grows as the power 1.5 of the depression."""
+    place = tmp_path_factory.mktemp("curved") / "wall"
+    write_campaign_folder(place, make_campaign("wall", 21, {"wall-stiffness": {"k_w": 1.5e4, "q": 1.5}}, BASE, **PLAN))
+    return place
+
+
+def fit_by_command(folder, place, *words):
+    """Content of `fit.json` of `ddetumble fit FOLDER --effect wall-stiffness WORDS`."""
+    assert main(["fit", str(folder), "-e", "wall-stiffness", *words, "-o", str(place)]) == 0
+    return json.loads((place / "fit.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_shapes_are_freed_and_held_on_the_command_line(curved, tmp_path):
+    plain = fit_by_command(curved, tmp_path / "a")
+    freed = fit_by_command(curved, tmp_path / "b", "--free", "wall-stiffness.q")
+    q = freed["parameters"]["wall-stiffness.q"]
+    assert freed["chi2"] < plain["chi2"] - 50 and abs(q["estimate"] - 1.5) < 4 * q["sd"] < 1.0
+    assert freed["chi2_reduced"] < 1.25 and "wall-stiffness.q" not in plain["parameters"]
+    assert "--free wall-stiffness.q" in freed["settings"]["command"]
+    held = fit_by_command(curved, tmp_path / "c", "--fix", "wall-stiffness.q=1.5", "--fix", "effective_mass = 1300 g")
+    assert held["fixed"]["wall-stiffness.q"] == pytest.approx(1.5)
+    assert held["fixed"]["effective_mass"] == pytest.approx(1.3) and held["chi2"] < freed["chi2"] + 20
+    pulled = fit_by_command(curved, tmp_path / "d", "--free", "wall-stiffness.q=1.4", "--prior",
+                            "wall-stiffness.q=1.2+-0.001", "--prior", "effective_mass=1300+-400 g")
+    assert pulled["parameters"]["wall-stiffness.q"]["estimate"] == pytest.approx(1.2, abs=0.02)
+    assert pulled["parameters"]["wall-stiffness.q"]["initial"] == pytest.approx(1.4)
+
+
+@pytest.mark.study
+def test_a_fit_by_hand_is_as_good_as_that_of_discover(curved, tmp_path):
+    found = dd.discover(curved)
+    assert found.effects == ("wall-stiffness",)
+    freed = fit_by_command(curved, tmp_path / "b", "--free", "wall-stiffness.q")
+    assert freed["chi2_reduced"] < 1.01 * found.steps[-1].chi2_reduced
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (["--free", "wall-stiffnes.q"], "wall-stiffness.q"), (["--fix", "effective_mass"], "--fix"),
+    (["--fix", "effective_mass=1 s"], "kg"), (["--fix", "effective_mass=much"], "--fix"),
+    (["--free", "adhesion.tau_a"], "adhesion.tau_a"), (["--prior", "restitution=0.7"], "--prior"),
+    (["--prior", "restitution=0.7+-0"], "positive"), (["--prior", "wall-stiffness.q=1+-0.1"], "not fitted"),
+    (["--fix", "wall-stiffness.q=1", "--free", "wall-stiffness.q"], "both free and fixed")], ids=str)
+def test_faulty_choices_are_refused(folder, words, says, tmp_path, capsys):
+    assert main(["fit", str(folder), "-e", "wall-stiffness", *words, "-o", str(tmp_path / "fit")]) == 2
+    told = capsys.readouterr().err
+    assert says in told and told.count("\n") == 1 and not (tmp_path / "fit").exists()
+
+
+def test_choices_do_not_go_with_a_specification(tmp_path, capsys):
+    (tmp_path / "fit.toml").write_text(GOOD, encoding="utf-8")
+    assert main(["fit", str(tmp_path / "fit.toml"), "--free", "restitution=0.6"]) == 2
+    assert "--free" in capsys.readouterr().err
+
+
+def test_the_guide_names_every_key_of_a_specification():
+    """The table of fit.toml is complete, and its example is one that is read."""
+    text = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")
+    section = text.split("\n## A fit by hand\n")[1].split("\n## ")[0]
+    for name, field in Specification.model_fields.items():
+        assert f"`{field.alias or name}`" in section, name
+    for name in Sampler.model_fields:
+        assert f"`{name}`" in section, name
+    content = tomllib.loads(section.split("```toml\n")[1].split("```")[0])
+    assert set(content) >= {"schema", "campaign", "effects", "free", "priors"}
+
+
+def test_the_example_of_the_guide_is_a_specification(tmp_path):
+    text = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")
+    (tmp_path / "fit.toml").write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    found, _ = read_specification(tmp_path / "fit.toml")
+    assert found.free and found.priors and found.bounds and found.fixed

@@ -211,12 +211,13 @@ def test_sequence_ends_and_respects_its_bound():
 
 def test_what_cannot_be_done_is_said(tmp_path, capsys):
     """Axial spin without friction: no impact, one sentence, exit code 0."""
-    code = main(["plan", str(find_data() / "scenarios" / "axial-spin-without-friction.toml"), "-o", str(tmp_path)])
+    code = main(["plan", str(find_data() / "scenarios" / "axial-spin-without-friction.toml"), "-o",
+                 str(tmp_path / "plan")])
     told = capsys.readouterr().out
     assert code == 0 and "This cannot be done" in told and "friction alone" in told
-    result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    result = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
     assert not result["possible"] and result["impacts"] == [] and result["axial_share"] == pytest.approx(1.0)
-    assert "cannot be done" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "cannot be done" in (tmp_path / "plan" / "report.html").read_text(encoding="utf-8")
 
 
 def test_page_and_result_of_a_plan(tmp_path, capsys):

@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble._errors import InputError
+from ddetumble import InputError, predict, predict_pulses
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
-from ddetumble.discrepancy.prediction import predict
 from ddetumble.effects.wall import StressSoftening, WallStiffness
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
@@ -138,7 +137,11 @@ HEAD = "record,initial_pressure,approach_speed,time\n"
 
 @pytest.mark.parametrize(("text", "words"), [
     ("record,initial_pressure,time\nx,1e6,0.01\n", "approach_speed"),
-    ("record,initial_pressure,approach_speed\nx,1e6,0.3\n", "time"),
+    ("record,initial_pressure,approach_speed\nx,1e6,0.3\nx,1e6,0.3\n", "line 3, column record"),
+    ("record,initial_pressure [s],approach_speed\nx,1,0.3\n", "column initial_pressure [s]"),
+    ("record,initial_pressure [barg],approach_speed\nx,1,0.3\n", "column initial_pressure [barg]"),
+    ("record,initial_pressure [MPa],initial_pressure,approach_speed\nx,1,1e6,0.3\n", "column initial_pressure"),
+    ("record,initial_pressure [MPa],approach_speed\nx,-1,0.3\n", "line 2, column initial_pressure [MPa]"),
     ("initial_pressure,approach_speed,time\n1e6,0.3,0.01\n", "record"),
     (HEAD + "x,1e6,fast,0.01\n", "line 2, column approach_speed"),
     (HEAD + "x,1e6,0.3,0.01\nx,1e6,0.3,\n", "line 3, column time"),
@@ -161,7 +164,75 @@ def test_malformed(reference, tmp_path, capsys, text, words):
     assert main(["predict", str(reference), str(path), "-o", str(tmp_path / "out.csv")]) == 2
     output = capsys.readouterr()
     assert words in output.err and "conditions.csv" in output.err and output.err.count("\n") == 1, output.err
-    assert not (tmp_path / "out.csv").exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["conditions.csv"]
+
+
+def test_units_in_headings_and_times_of_its_own(reference, tmp_path):
+    """Conditions alone are enough: the records last beyond separation, and are those of the same conditions in SI."""
+    path = tmp_path / "conditions.csv"
+    path.write_text("initial_pressure [bar],approach_speed [mm/s]\n10,400\n20,300\n", encoding="utf-8")
+    table = predict(reference, path)
+    assert list(dict.fromkeys(table["record"])) == ["r01", "r02"]
+    first = table["record"] == "r01"
+    plain = predict(reference, pd.DataFrame({
+        "record": table["record"], "time": table["time"], "initial_pressure": np.where(first, 1e6, 2e6),
+        "approach_speed": np.where(first, 0.4, 0.3)}))
+    np.testing.assert_allclose(table["normal_force"], plain["normal_force"], rtol=1e-6, atol=1e-6)
+    durations = predict_pulses(reference, path).set_index("record")["contact_duration"]
+    for key, own in table.groupby("record"):
+        assert 50 < len(own) < 400 and own["time"].iloc[0] == 0.0
+        assert 1.1 < own["time"].iloc[-1] / durations[key] < 1.4 and own["normal_force"].iloc[-1] == 0.0
+        assert np.allclose(np.diff(own["time"]), own["time"].iloc[1])
+
+
+@pytest.mark.slow
+def test_pulses_are_those_of_the_other_simulator(reference):
+    """Peak, duration and impulse of the truth, and deviations that are those of predictions at draws of the fit."""
+    plain = load_model(reference)
+    saved = dc.replace(plain, u=plain.space.coordinates(BASE))
+    settings = pd.DataFrame({"record": ["a", "b"], "initial_pressure": [7e5, 1.7e6], "approach_speed": [0.31, 0.42]})
+    found = predict_pulses(saved, settings).set_index("record")
+    times = np.linspace(0.0, 0.09, 90_001)
+    for key, row in settings.set_index("record").iterrows():
+        exact = simulate(BASE, {}, dict(row) | {"sequence": 1}, times, ("normal_force",))[:, 0]
+        assert found.loc[key, "peak_normal_force"] == pytest.approx(exact.max(), rel=1e-4)
+        assert found.loc[key, "normal_impulse"] == pytest.approx(np.trapezoid(exact, times), rel=1e-4)
+        assert found.loc[key, "contact_duration"] == pytest.approx(times[exact > 0][-1], abs=2e-6)
+    names = ["peak_normal_force", "contact_duration", "normal_impulse"]
+    random = np.random.default_rng(2)
+    drawn = {False: [], True: []}
+    for _ in range(150):
+        u = saved.u + random.standard_normal(len(saved.spread())) @ saved.spread()
+        other = settings.assign(initial_pressure=settings["initial_pressure"] * (1 + 0.005 * random.standard_normal(2)),
+                                approach_speed=settings["approach_speed"] * (1 + 0.003 * random.standard_normal(2)))
+        for new in drawn:
+            one = predict_pulses(dc.replace(saved, u=u), other if new else settings)
+            drawn[new].append(one[names].to_numpy() + (random.normal(scale=saved.noise["normal_force"].sd, size=(2, 1))
+                                                       * [1, 0, 0] if new else 0.0))
+    for new, ending in ((False, "_sd"), (True, "_sd_new")):
+        scatter = np.std(drawn[new], axis=0)
+        stated = found[[name + ending for name in names]].to_numpy()
+        np.testing.assert_allclose(stated, scatter, rtol=0.25)  # a deviation of 150 draws is known to 6 %
+
+
+@pytest.mark.slow
+def test_the_command_reports_and_draws(reference, tmp_path, capsys):
+    path, out = tmp_path / "conditions.csv", tmp_path / "out.csv"
+    path.write_text("record,initial_pressure [MPa],approach_speed\na,1,0.4\nb,1.5,0.3\n", encoding="utf-8")
+    assert main(["predict", str(reference), str(path), "-o", str(out)]) == 0
+    told = capsys.readouterr().out
+    pulses = pd.read_csv(tmp_path / "out-pulses.csv")
+    assert list(pulses["record"]) == ["a", "b"] and "contact_duration" in told
+    assert f"{pulses['peak_normal_force'][0]:.4g}" in told
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    assert main(["predict", str(reference), str(path), "-o", str(out)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    assert main(["predict", str(reference), str(path), "-o", str(out), "--overwrite"]) == 0
+    assert main(["predict", str(reference), str(path)]) == 0
+    output = capsys.readouterr()
+    assert output.out.count("record,time,") == 1 and "contact_duration" in output.err
 
 
 @pytest.mark.slow

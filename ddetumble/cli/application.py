@@ -35,6 +35,8 @@ def _show_help(
     CAMPAIGN is a folder with measured tests (or the name of one that comes with the toolkit, such as impact-a);
     `ddetumble import` makes one from a laboratory's CSV files. MODEL is paper, paper-printed, matunaga, power-law (of
     impacts), coulomb (of friction), a folder that `fit` or `discover` wrote, or FILE.py:NAME.
+
+    Results go to a new or empty folder, whole or not at all; what a place holds is replaced with --overwrite alone.
     """
     if version:
         from importlib.metadata import version as read_version

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import EFFECT, MODEL, OWN, SOURCE, folder_option, read_source
-from .places import prepare_file, prepare_folder, write_table
+from .options import EFFECT, FIX, FREE, MODEL, OVERWRITE, OWN, PRIOR, SOURCE, Choice, folder_option, read_source
+from .places import check_file, write_bytes, write_table
 from .progress import show_progress
 
 
@@ -16,7 +16,9 @@ def register(app: typer.Typer) -> None:
     app.command(
         "fit",
         short_help="Fit parameters, with uncertainty and what cannot be told apart.",
-        epilog="\b\nExamples:\n  ddetumble fit data/impact-c --effect wall-stiffness -o fit\n"
+        epilog="\b\nExamples:\n  ddetumble fit data/impact-b --effect adhesion -o fit\n"
+        "  ddetumble fit data/impact-h -e arm-servo -e wall-stiffness --free wall-stiffness.q -o fit\n"
+        "  ddetumble fit data/impact-b --fix \"effective_mass=1.2 kg\" --prior restitution=0.7+-0.05 -o fit\n"
         "  ddetumble fit fits/impact-b/fit.toml",
     )(fit_parameters)
     app.command(
@@ -37,17 +39,23 @@ def fit_parameters(
     model: Annotated[str | None, MODEL] = None,
     effect: Annotated[list[str] | None, EFFECT] = None,
     effects_from: Annotated[Path | None, OWN] = None,
+    free: Annotated[list[str] | None, FREE] = None,
+    fix: Annotated[list[str] | None, FIX] = None,
+    prior: Annotated[list[str] | None, PRIOR] = None,
     output: Annotated[Path | None, folder_option("Folder for result and model; a specification's own.")] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
     if none is named.
     """
-    read = read_source(source, model, effect, output, "fit", effects_from)
+    read = read_source(source, Choice(model, effect, effects_from, free, fix, prior), output, "fit")
+    from ..inference.archive import FILE as MODEL_FILE
     from ..inference.estimation import fit
+    from ..inference.findings import FILE
 
-    with show_progress(f"fitting {read.name}") as report:
+    with read.open("fit", overwrite, (FILE, MODEL_FILE)) as out, show_progress(f"fitting {read.name}") as report:
         result = fit(read.measured, **read.chosen, progress=report)
-        result.save(read.folder)
+        result.save(out.draft)
     typer.echo(result.text())
     typer.echo(f"Written to {read.folder}")
 
@@ -58,27 +66,51 @@ def predict_records(
         Path,
         typer.Argument(
             metavar="CONDITIONS.csv",
-            help="Columns record, the conditions, and time (slip): one row a wanted sample, in SI.",
+            help="Columns record, the conditions, and time (slip): one row a wanted sample, in SI or in the unit of "
+            "the heading, 'initial_pressure [MPa]'. Without time (slip), one row a record.",
         ),
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT.csv", help="Predictions; without it, printed.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="OUT.csv", help="Predictions, a figure OUT.png, and of impacts "
+                     "OUT-pulses.csv; without it, the predictions are printed."),
     ] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
-    """A fitted model at new conditions: mean, its uncertainty, and that of a new measurement, for each channel."""
+    """A fitted model at new conditions: mean, its uncertainty, and that of a new measurement, for each channel; of
+    impacts also peak force, contact duration and impulse.
+    """
     for path in (model, conditions):
         if not path.exists():
             raise InputError("there is no such file or folder", file=path)
-    file = prepare_file(output)
+    file = check_file(output, overwrite)
+    picture, values = ((None, None) if file is None else
+                       (file.with_suffix(".png"), file.with_name(f"{file.stem}-pulses.csv")))
+    for other in (picture, values):
+        check_file(other, overwrite)
     from ..discrepancy.prediction import predict
+    from ..discrepancy.pulses import format_pulses, has_pulses, predict_pulses
 
-    with show_progress(f"predicting {conditions.name}"):
+    with show_progress(f"predicting {conditions.name}") as report:
         table = predict(model, conditions)
+        pulses = predict_pulses(model, conditions) if has_pulses(model) else None
+        image = b""
+        if picture is not None:
+            from ..figures import draw_prediction, render_png
+
+            report("drawing", 0.8)
+            image = render_png(draw_prediction(table, table.attrs["settings"]))
+    if picture is not None:
+        write_bytes(image, picture)
+    if pulses is not None and values is not None:
+        write_table(pulses, values)
     write_table(table, file)
-    for note in table.attrs["notes"]:
+    if pulses is not None:
+        typer.echo(f"{format_pulses(pulses)}\n± of the mean; in brackets, of a new test", err=file is None)
+    for note in (*table.attrs["notes"], *(() if pulses is None else pulses.attrs["notes"])):
         typer.echo(f"ddetumble: note: {note}", err=True)
     if file is not None:
-        typer.echo(f"Written to {file}: {len(table)} samples")
+        typer.echo(f"Written to {file}: {len(table)} samples; drawn in {picture}")
 
 
 def show_effects(
@@ -97,14 +129,13 @@ def show_effects(
         str, typer.Option(metavar="STAGE", help="Where a new one acts; a wrong name lists them all.")
     ] = "elastic",
     output: Annotated[Path, folder_option("Folder for a new one.")] = Path(),
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """The catalogue of effects that a model may be missing: law, parameters, units, null, reference. `--new` writes one
     of your own.
     """
     if new is not None:
-        from ..effects.template import write_template
-
-        source, test = write_template(new, stage, prepare_folder(output))
+        source, test = _write_template(new, stage, output, overwrite)
         typer.echo(f"Written: {source}, which works as it is, to be given your law, and {test}, its contract test.\n"
                    f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
         return
@@ -134,6 +165,22 @@ def show_effects(
     for parameter in parameters_of(entry):
         typer.echo(f"  parameter  {_describe_parameter(parameter)}")
     typer.echo(f"  reference  {entry.reference}")
+
+
+def _write_template(name: str, stage: str, folder: Path, overwrite: bool) -> tuple[Path, Path]:
+    """Write an effect to begin with and its test, both or neither; returns their paths."""
+    import tempfile
+
+    from ..effects.template import write_template
+
+    with tempfile.TemporaryDirectory() as draft:
+        made = write_template(name, stage, Path(draft))
+        source, test = (folder / file.name for file in made)
+        for file in (source, test):
+            check_file(file, overwrite)
+        for file, target in zip(made, (source, test), strict=True):
+            write_bytes(file.read_bytes(), target)
+    return source, test
 
 
 def _describe_parameter(parameter) -> str:

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .places import prepare_folder
+from .options import OVERWRITE
+from .places import open_folder
 from .progress import show_progress
 
 
@@ -44,6 +45,7 @@ def sit_exam(
         typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers do the cases (ddetumble[cluster])."),
     ] = None,
     keep: Annotated[bool, typer.Option(help="Leave campaign, discovery and truth of every case in DIR/kept.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Put discover to a sealed exam: hidden truths of known strength, simulated by a second implementation and judged
     blind. Writes a scorecard; what stopped it, the same command goes on.
@@ -55,17 +57,18 @@ def sit_exam(
     chosen = tuple(kind for kind in TRUTHS if kind in truth) + tuple(k for k in truth if k not in TRUTHS) \
         if truth else TRUTHS
     exam = Exam(family, seed, chosen, noise, fault)
-    folder = prepare_folder(output)
     from ..exam.examination import examine
+    from ..exam.ledger import ANSWERS, QUESTIONS
     from ..exam.scorecard import PAGE, write_scorecard
 
-    with show_progress(f"exam of {family}") as report:
-        rows = examine(exam, range(first, first + cases), folder, workers=workers, scheduler=scheduler, keep=keep,
+    with (open_folder(output, "exam", overwrite, resumes=(QUESTIONS, ANSWERS, "kept"), progress=ANSWERS) as out,
+          show_progress(f"exam of {family}") as report):
+        rows = examine(exam, range(first, first + cases), out.path, workers=workers, scheduler=scheduler, keep=keep,
                        progress=report)
-        card = write_scorecard(exam, rows, folder)
+        card = write_scorecard(exam, rows, out.draft)
     typer.echo(card["sentence"])
     for one in card["failures"][:10]:
         typer.echo(f"- case {one['case']} ({', '.join(one['hidden']) or 'nothing'}): {one['what']}")
     if len(card["failures"]) > 10:
         typer.echo(f"- and {len(card['failures']) - 10} more")
-    typer.echo(f"Report: {folder / PAGE}")
+    typer.echo(f"Report: {output / PAGE}")

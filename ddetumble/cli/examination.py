@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .options import CAMPAIGN, MODEL, OWN, folder_option
-from .places import locate_campaign, prepare_file, prepare_folder, write_table
+from .options import CAMPAIGN, MODEL, OVERWRITE, OWN, folder_option
+from .places import Output, check_file, locate_campaign, open_folder, open_optional, write_table
 from .progress import show_progress
 
 
@@ -43,49 +43,39 @@ def compare_model(
     campaign: Annotated[str, CAMPAIGN],
     model: Annotated[str, MODEL] = "paper",
     output: Annotated[Path | None, folder_option("Also write compare.json and figures here.")] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Hold a model against measurements: error by channel, record and condition, against the noise."""
     path = locate_campaign(campaign)
     from ..measurement.package import read_campaign
 
-    measured = read_campaign(path)
-    folder = None if output is None else prepare_folder(output)
-    if measured.samples is None:
-        _compare_peaks(measured, model, folder)
-        return
-    from ..discrepancy.comparison import compare
+    measured, page = read_campaign(path), None
+    with open_optional(output, "compare", overwrite) as out, show_progress(f"comparing {measured.name}") as report:
+        if measured.samples is None:
+            text, page = _judge_peaks(measured, model, out, "compare.json", "comparison.html")
+        else:
+            from ..discrepancy.comparison import compare
 
-    with show_progress(f"comparing {measured.name} with {model}"):
-        result = compare(measured, model=model)
-    typer.echo(result.text())
-    if folder is None:
-        return
+            result = compare(measured, model=model)
+            text = result.text()
+            if out is not None:
+                report("drawing", 0.9)
+                page = out.place(_write_comparison(result, model, out.draft))
+    typer.echo(text)
+    if page is not None:
+        typer.echo(f"Report: {page}")
+
+
+def _write_comparison(result, model: str, folder: Path) -> Path:
+    """Write `compare.json` and the page of a comparison; returns the page's path."""
     from ..report import Section, write_comparison
 
-    with show_progress("drawing"):
-        result.save(folder)
-        tables = (result.channels, result.conditions, result.records)
-        page = write_comparison(
-            result.sentence, {model: result.traces}, folder, title=f"{measured.name} and the model {model}",
-            noise=result.noise, where=result.where, status=(measured.name, f"{len(measured.records)} records"),
-            sections=[Section("Errors", ("By channel, by condition, by record; `ratio` is the error over the noise.",),
-                              tables=tables)])
-    typer.echo(f"Report: {page}")
-
-
-def _compare_peaks(measured, model: str, folder: Path | None) -> None:
-    """Where a campaign holds peaks only: every model of them side by side."""
-    from ..paper import judge_campaign
-
-    with show_progress(f"comparing the peaks of {measured.name}"):
-        result = judge_campaign(measured, model=model)
-    typer.echo("\n".join((result.sentence, *(f"- {note}" for note in result.notes))))
-    typer.echo(f"\n{result.table().to_string(index=False)}")
-    if folder is not None:
-        from ..inference.files import write_json
-
-        write_json(folder / "compare.json", result.to_dict())
-        typer.echo(f"Written to {folder}")
+    result.save(folder)
+    return write_comparison(
+        result.sentence, {model: result.traces}, folder, title=f"{result.campaign} and the model {model}",
+        noise=result.noise, where=result.where, status=(result.campaign, f"{len(result.records)} records"),
+        sections=[Section("Errors", ("By channel, by condition, by record; `ratio` is the error over the noise.",),
+                          tables=(result.channels, result.conditions, result.records))])
 
 
 def identify_force(
@@ -94,6 +84,7 @@ def identify_force(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="OUT.csv", help="Table of the force; without it, printed.")
     ] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """The paper's own task: force with uncertainty from measured depression and pressure, against the gauge where there
     is one.
@@ -102,7 +93,7 @@ def identify_force(
     from ..measurement.package import read_campaign
 
     measured = read_campaign(path)
-    file = prepare_file(output)
+    file = check_file(output, overwrite)
     from ..discrepancy.identification import identify
 
     with show_progress(f"identifying the force of {measured.name}"):
@@ -128,6 +119,7 @@ def discover_effects(
         Path | None, typer.Option("--effects-from", metavar="FILE.py", help="Try all effects of this file of yours.")
     ] = None,
     keep_all: Annotated[bool, KEEP] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
     missing or nothing helps.
@@ -136,27 +128,28 @@ def discover_effects(
     from ..measurement.package import read_campaign
 
     measured = read_campaign(path)
-    folder = prepare_folder(output or Path(f"{measured.name}-discovery"))
-    if measured.samples is None:
-        _judge_peaks(measured, model, folder)
-        return
-    from ..discrepancy.discovery import discover
-    from ..inference.models import list_effects, resolve_effect
-    from ..report import describe, write_report
+    target, alike = output or Path(f"{measured.name}-discovery"), False
+    with open_folder(target, "discover", overwrite) as out, show_progress(f"looking at {measured.name}") as report:
+        if measured.samples is None:
+            text, page = _judge_peaks(measured, model, out, "result.json", "report.html")
+        else:
+            from ..discrepancy.discovery import discover
+            from ..inference.models import list_effects, resolve_effect
+            from ..report import describe, write_report
 
-    held = list_effects(effects_from) if effects_from is not None else ()
-    own = list(dict.fromkeys([*(resolve_effect(name, held) for name in effect or ()), *held]))
-    with show_progress(f"looking at {measured.name}") as report:
-        for one in own:
-            _prove_contract(one, model, measured.family)
-        result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
-        report("writing the report", 0.95)
-        result.save(folder)
-        page = write_report(result, folder)
-    typer.echo(describe(result))
+            held = list_effects(effects_from) if effects_from is not None else ()
+            own = list(dict.fromkeys([*(resolve_effect(name, held) for name in effect or ()), *held]))
+            for one in own:
+                _prove_contract(one, model, measured.family)
+            result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
+            report("writing the report", 0.95)
+            result.save(out.draft)
+            page = out.place(write_report(result, out.draft))
+            text, alike = describe(result), bool(result.steps[-1].alternatives)
+    typer.echo(text)
     typer.echo(f"Report: {page}")
-    if result.steps[-1].alternatives:
-        typer.echo(f"The test that tells them apart: ddetumble design {folder}")
+    if alike:
+        typer.echo(f"The test that tells them apart: ddetumble design {target}")
 
 
 def draw_force(
@@ -173,6 +166,7 @@ def draw_force(
     ] = None,
     effects_from: Annotated[Path | None, OWN] = None,
     keep_all: Annotated[bool, KEEP] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Draw the missing force: how much of the misfit any force of depression, rate, slip, time or pressure could remove
     on left-out conditions, what it looks like, and which simple laws would draw it. `discover` does so itself where its
@@ -182,7 +176,6 @@ def draw_force(
     from ..measurement.package import read_campaign
 
     measured = read_campaign(path)
-    folder = prepare_folder(output or Path(f"{measured.name}-missing"))
     from ..discrepancy.missing import draw_missing_force
     from ..inference.files import list_versions, write_json
     from ..inference.models import list_effects, resolve_effect
@@ -190,15 +183,17 @@ def draw_force(
 
     held = list_effects(effects_from) if effects_from is not None else ()
     own = [resolve_effect(name, held) for name in effect or ()] or list(held)
-    with show_progress(f"looking at {measured.name}") as report:
+    with (open_folder(output or Path(f"{measured.name}-missing"), "missing", overwrite) as out,
+          show_progress(f"looking at {measured.name}") as report):
         for one in own:
             _prove_contract(one, model, measured.family)
         found = draw_missing_force(measured, model, effects=own, keep_all=keep_all, progress=report)
         report("writing the report", 0.97)
-        write_json(folder / "missing.json", {"campaign": measured.name, "model": model, "sha256": measured.sha256,
+        write_json(out.draft / "missing.json", {"campaign": measured.name, "model": model, "sha256": measured.sha256,
                                              **found.to_dict(), "versions": list_versions()})
-        page = write_missing(found, folder, title=f"{measured.name}: the missing force",
-                             status=(measured.name, f"{len(measured.records)} records", f"reference model {model}"))
+        page = out.place(write_missing(
+            found, out.draft, title=f"{measured.name}: the missing force",
+            status=(measured.name, f"{len(measured.records)} records", f"reference model {model}")))
     typer.echo(found.text())
     typer.echo(f"Report: {page}")
 
@@ -214,14 +209,20 @@ def _prove_contract(effect, model: str, family: str) -> None:
         check_effect(effect, resolve_model(model, family).reference).require()
 
 
-def _judge_peaks(campaign, model: str, folder: Path) -> None:
-    """A campaign of peaks only: no curve, hence fewer questions it can answer."""
-    from ..inference.files import write_json
-    from ..paper import judge_campaign
+def _judge_peaks(campaign, model: str, out: Output | None, file: str, page: str) -> tuple[str, Path | None]:
+    """Judge a campaign of peaks only, and write that where there is a place: no curve, hence fewer answers.
 
-    with show_progress(f"looking at the peaks of {campaign.name}"):
-        result = judge_campaign(campaign, model=model)
-        write_json(folder / "result.json", result.to_dict())
-    typer.echo("\n".join((result.sentence, *(f"- {note}" for note in result.notes))))
-    typer.echo(f"\n{result.table().to_string(index=False)}")
-    typer.echo(f"Result: {folder / 'result.json'}")
+    Returns:
+        Text for the terminal, and the page's path.
+    """
+    from ..paper import judge_campaign, write_peaks
+
+    result, written = judge_campaign(campaign, model=model), None
+    if out is not None:
+        from ..inference.files import list_versions, write_json
+
+        write_json(out.draft / file, {**result.to_dict(), "kind": "peaks", "sha256": campaign.sha256,
+                                      "versions": list_versions()})
+        written = out.place(write_peaks(result, out.draft, page))
+    lines = (result.sentence, *(f"- {note}" for note in result.notes), "", result.table().to_string(index=False))
+    return "\n".join(lines), written

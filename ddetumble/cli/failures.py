@@ -34,6 +34,8 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
         try:
             code = action()
             sys.stdout.flush()
+            if code == INTERRUPTED:  # typer's answer to an interrupt
+                raise KeyboardInterrupt
             return code if isinstance(code, int) else 0
         except KeyboardInterrupt:
             return tell("stopped.", INTERRUPTED)

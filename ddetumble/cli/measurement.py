@@ -1,10 +1,13 @@
 """The command that makes campaigns from a laboratory's files: `import`."""
 
+import dataclasses as dc
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from .options import OVERWRITE
+from .places import open_folder
 from .progress import show_progress
 
 
@@ -94,9 +97,7 @@ def import_files(
         str, typer.Option(metavar="NAME", help="impact, slip (friction over slip or over time) or tumble.")
     ] = "impact",
     title: Annotated[str | None, typer.Option(metavar="TEXT", help="Title of the campaign.")] = None,
-    force_overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a campaign that is in the folder already.")
-    ] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Turn a laboratory's CSV files into a checked campaign: one file a test, or one long file.
 
@@ -106,7 +107,7 @@ def import_files(
     from ..measurement.laboratory import import_tests
     from ..measurement.package import write_campaign
 
-    with show_progress("reading"):
+    with open_folder(output, "import", overwrite) as out, show_progress("reading"):
         campaign = import_tests(
             raw,
             conditions=conditions,
@@ -132,7 +133,7 @@ def import_files(
             family=family,
             title=title,
         )
-        written = write_campaign(output, campaign, overwrite=force_overwrite)
+        written = write_campaign(out.draft, dc.replace(campaign, name=campaign.name or output.resolve().name))
     for note in written.notes:
         typer.echo(f"- {note}")
     count = len(written.records)

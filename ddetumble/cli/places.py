@@ -1,7 +1,17 @@
-"""Where commands read from and write to: found, and made ready, before the work starts."""
+"""Where commands read from and write to.
 
+One rule for everything that is written: a command writes to a folder (or file) that is not there yet, or empty, and
+`--overwrite` alone replaces what is there. Results appear whole, when the command has succeeded, or not at all.
+"""
+
+import dataclasses as dc
+import json
 import os
+import shutil
 import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +21,9 @@ from .._settings import find_data
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# In every folder that commands wrote to: the files of each command, so that --overwrite removes these and no others.
+RECORD, SCHEMA = ".ddetumble.json", "ddetumble.output/1"
 
 
 def locate_campaign(text: str) -> Path:
@@ -36,40 +49,176 @@ def list_shipped() -> list[str]:
     return sorted(path.parent.relative_to(data).as_posix() for path in data.glob("**/records.csv"))
 
 
-def prepare_folder(path: Path) -> Path:
-    """Make an output folder before the work, so that a wrong name costs no time."""
+@dc.dataclass(frozen=True)
+class Output:
+    """The folder of a command's results while the command runs.
+
+    Attributes:
+        path: where they will be, as the user named it.
+        draft: where they are written until the command has succeeded.
+    """
+
+    path: Path
+    draft: Path
+
+    def place(self, written: Path) -> Path:
+        """Where something written into the draft will be."""
+        return self.path / written.relative_to(self.draft)
+
+
+@contextmanager
+def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[str] = (), resumes: Sequence[str] = (),
+                progress: str = "") -> Iterator[Output]:
+    """Give a command a folder to write to, and publish what it wrote there if it succeeds.
+
+    Args:
+        path: of the folder; it has to be new or empty.
+        command: its name, for the record of what it wrote.
+        overwrite: replace what commands wrote there before; other files stay, those of the same names apart.
+        beside: names of the command's own results where it shares the folder with other files: only these count.
+        resumes: names of what the command itself keeps in the folder as it goes, and goes on from. With `overwrite`
+            they are removed, and it begins anew.
+        progress: of the file among these without which there is nothing to go on from, so that they need not stay.
+
+    Raises:
+        InputError: The folder holds something, is a file, or cannot be made or written.
+    """
+    given, path = path, Path(os.path.realpath(path))
+    _refuse_taken(given, overwrite, beside, resumes)
+    made = [folder for folder in (path, *path.parents) if not folder.exists()]
+    draft, done = None, False
     try:
-        path.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise InputError("is a file; -o takes a folder", file=path) from None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draft = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+            os.chmod(draft, 0o777 & ~_read_umask())
+        except OSError as error:
+            raise InputError(f"the folder cannot be made ({_reason(error)})", file=given) from None
+        if overwrite:
+            for name in resumes:
+                _remove(path / name)
+        yield Output(given, draft)
+        _publish(draft, path, command, bool(beside))
+        done = True
+    finally:
+        if not done and resumes and not (path / progress).exists():
+            for name in resumes:
+                _remove(path / name)
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
+        for folder in made:  # none stays empty
+            if folder.is_dir() and not any(folder.iterdir()):
+                folder.rmdir()
+
+
+@contextmanager
+def open_optional(path: Path | None, command: str, overwrite: bool) -> Iterator[Output | None]:
+    """As `open_folder`, or None where no folder is named."""
+    if path is None:
+        yield None
+        return
+    with open_folder(path, command, overwrite) as out:
+        yield out
+
+
+def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: Sequence[str]) -> None:
+    """Refuse a folder that may not be written to."""
+    whole = Path(os.path.abspath(path))
+    nearest = next(folder for folder in (whole, *whole.parents) if os.path.lexists(folder))
+    if not nearest.is_dir():
+        raise InputError("is a file; -o takes a folder" if nearest == whole else
+                         f"the folder cannot be made ({nearest.name} is a file)", file=path)
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError("nothing can be written to this folder", file=path if nearest == whole else nearest)
+    if overwrite or nearest != whole or any((path / name).exists() for name in resumes):
+        return
+    found = sorted(one.name for one in path.iterdir() if one.name != RECORD)
+    taken = [name for name in beside if name in found] if beside else found
+    if taken:
+        raise InputError(f"the folder holds {taken[0]}{' and more' if len(taken) > 1 else ''} already; name a new "
+                         "folder with -o, or replace what is there with --overwrite", file=path)
+
+
+def _publish(draft: Path, path: Path, command: str, shared: bool) -> None:
+    """Move a finished draft to its place, and remove what earlier commands wrote there and this one did not."""
+    new = sorted(file.relative_to(draft).as_posix() for file in draft.rglob("*") if not file.is_dir())
+    before = _read_record(path)
+    kept = {name: files for name, files in before.items() if shared and name != command}
+    content = {"schema": SCHEMA, "files": kept | {command: new}}
+    (draft / RECORD).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    try:
+        if not path.exists():
+            os.replace(draft, path)
+            return
+        for name in (*new, RECORD):
+            (path / name).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(draft / name, path / name)
+        wanted = {*new, *(file for files in kept.values() for file in files)}
+        for name in {file for files in before.values() for file in files} - wanted:
+            _remove(path / name)
+            for folder in list((path / name).parents)[: name.count("/")]:
+                if folder.is_dir() and not any(folder.iterdir()):
+                    folder.rmdir()
     except OSError as error:
-        raise InputError(f"the folder cannot be made ({_reason(error)})", file=path) from None
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise InputError("nothing can be written to this folder", file=path)
-    return path
+        raise InputError(f"the results cannot be put into the folder ({_reason(error)})", file=path) from None
 
 
-def prepare_file(path: Path | None) -> Path | None:
-    """Make sure that an output file can be written, without touching one that is there; None is standard output."""
+def _read_record(path: Path) -> dict[str, list[str]]:
+    """Files that commands wrote into a folder, by command; names that lead out of it are none."""
+    try:
+        files = json.loads((path / RECORD).read_text(encoding="utf-8"))["files"]
+        return {str(name): [str(one) for one in own if not Path(one).is_absolute() and ".." not in Path(one).parts]
+                for name, own in files.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _read_umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def check_file(path: Path | None, overwrite: bool) -> Path | None:
+    """Refuse an output file that cannot be written, or is there already; None is standard output.
+
+    Raises:
+        InputError: It is a folder, its folder cannot be written, or it is there and `overwrite` is not given.
+    """
     if path is None or str(path) == "-":
         return None
     if path.is_dir():
         raise InputError("is a folder; -o takes a file here", file=path)
-    prepare_folder(path.parent)
+    _refuse_taken(path.parent, True, (), ())
+    if path.exists() and not overwrite:
+        raise InputError("is there already; name another file with -o, or replace it with --overwrite", file=path)
     return path
+
+
+def write_bytes(content: bytes, path: Path) -> None:
+    """Write a file, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        draft.write_bytes(content)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def write_table(table: "pd.DataFrame", path: Path | None) -> None:
     """Write a table as CSV, whole or not at all; to standard output where no file is named."""
     if path is None:
         table.to_csv(sys.stdout, index=False, lineterminator="\n")
-        return
-    draft = path.with_name(f".{path.name}.part")
-    try:
-        table.to_csv(draft, index=False, lineterminator="\n")
-        os.replace(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
+    else:
+        write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"), path)
 
 
 def _reason(error: OSError) -> str:

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import MODEL
-from .places import locate_campaign, prepare_folder
+from .options import MODEL, OVERWRITE
+from .places import locate_campaign, open_optional
 from .progress import show_progress
 
 
@@ -44,22 +44,24 @@ def design_test(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Also write design.json and a figure here.")
     ] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Find the conditions, or the channel to add, that best tell apart what a discovery could not, and how many tests
     that takes. Where nothing is confounded: the test that narrows the parameters most.
     """
-    target = None if output is None else prepare_folder(output)
-    from ..planning.nexttest import design
+    with open_optional(output, "design", overwrite) as out:
+        from ..planning.nexttest import design
 
-    with show_progress(f"designing the next test for {folder}") as report:
-        found = design(folder, limits=limit, channels=channel, length=length, progress=report)
+        with show_progress(f"designing the next test for {folder}") as report:
+            found = design(folder, limits=limit, channels=channel, length=length, progress=report)
+        if out is not None:
+            from ..figures import draw_next_test, render_png
+
+            found.save(out.draft)
+            (out.draft / "design.png").write_bytes(render_png(draw_next_test(found)))
     typer.echo(found.text())
-    if target is not None:
-        from ..figures import draw_next_test, render_png
-
-        found.save(target)
-        (target / "design.png").write_bytes(render_png(draw_next_test(found)))
-        typer.echo(f"Written to {target}")
+    if output is not None:
+        typer.echo(f"Written to {output}")
 
 
 def map_campaign(
@@ -88,6 +90,7 @@ def map_campaign(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Also write map.json and a figure here.")
     ] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Say before any test which effects a campaign would show, at which size, and which pairs it could not tell
     apart.
@@ -99,18 +102,19 @@ def map_campaign(
     if not table and any((channel, uncertainty, value, length, interval)):
         raise InputError("a campaign says itself what it measures; --channel, --uncertainty, --value, --length and "
                          "--interval go with a table of planned tests", file=path)
-    target = None if output is None else prepare_folder(output)
-    from ..inference.models import list_effects
-    from ..planning.visibility import map_effects
+    with open_optional(output, "map", overwrite) as out:
+        from ..inference.models import list_effects
+        from ..planning.visibility import map_effects
 
-    own = list_effects(effects_from) if effects_from is not None else ()
-    with show_progress(f"mapping {path.stem}") as report:
-        found = map_effects(path, model, effects=own, channels=channel, uncertainties=uncertainty, values=value,
-                            length=length, interval=interval, progress=report)
+        own = list_effects(effects_from) if effects_from is not None else ()
+        with show_progress(f"mapping {path.stem}") as report:
+            found = map_effects(path, model, effects=own, channels=channel, uncertainties=uncertainty, values=value,
+                                length=length, interval=interval, progress=report)
+        if out is not None:
+            from ..figures import draw_map, render_png
+
+            found.save(out.draft)
+            (out.draft / "map.png").write_bytes(render_png(draw_map(found)))
     typer.echo(found.text())
-    if target is not None:
-        from ..figures import draw_map, render_png
-
-        found.save(target)
-        (target / "map.png").write_bytes(render_png(draw_map(found)))
-        typer.echo(f"Written to {target}")
+    if output is not None:
+        typer.echo(f"Written to {output}")

@@ -6,8 +6,21 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import EFFECT, MODEL, OWN, SOURCE, folder_option, name_own, read_source
-from .places import list_shipped, locate_campaign, prepare_folder
+from .options import (
+    EFFECT,
+    FIX,
+    FREE,
+    MODEL,
+    OVERWRITE,
+    OWN,
+    PRIOR,
+    SOURCE,
+    Choice,
+    folder_option,
+    name_own,
+    read_source,
+)
+from .places import list_shipped, locate_campaign, open_folder
 from .progress import show_progress
 
 
@@ -34,6 +47,9 @@ def sample_posterior(
     model: Annotated[str | None, MODEL] = None,
     effect: Annotated[list[str] | None, EFFECT] = None,
     effects_from: Annotated[Path | None, OWN] = None,
+    free: Annotated[list[str] | None, FREE] = None,
+    fix: Annotated[list[str] | None, FIX] = None,
+    prior: Annotated[list[str] | None, PRIOR] = None,
     output: Annotated[Path | None, folder_option("Folder for draws and report; a specification's own.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="NUTS in place of emcee; needs the extra `nuts`.")] = False,
     effective: Annotated[
@@ -51,23 +67,27 @@ def sample_posterior(
         int | None, typer.Option(metavar="N", help="Steps between two writings of the chain [50].")
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="Of the random numbers [0].")] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Draw from the posterior: parameters with their uncertainty where it is no Gaussian. What stopped it, the same
     command goes on.
     """
-    read = read_source(source, model, effect, output, "posterior", effects_from)
-    from ..sampling.sampling import sample
+    read = read_source(source, Choice(model, effect, effects_from, free, fix, prior), output, "posterior")
+    from ..sampling.posterior import FILE, SUMMARY
+    from ..sampling.sampling import CHAIN, sample
 
-    with show_progress(f"sampling {read.name}") as report:
-        found = sample(read.measured, **read.chosen, sampler="nuts" if nuts else None, folder=read.folder,
+    with (read.open("sample", overwrite, (SUMMARY, FILE), resumes=(CHAIN,),
+                    progress=f"{CHAIN}/block-000000.npz") as out,
+          show_progress(f"sampling {read.name}") as report):
+        found = sample(read.measured, **read.chosen, sampler="nuts" if nuts else None, folder=out.path,
                        progress=report, walkers=walkers, ensembles=ensembles, burn=burn, block=checkpoint,
                        effective=effective, most=steps, seed=seed)
         found = found.examine(lambda text, share: report(text, share))
         report("writing the report", 0.95)
         from ..report import write_posterior
 
-        found.save(read.folder)
-        page = write_posterior(found, read.folder)
+        found.save(out.draft)
+        page = out.place(write_posterior(found, out.draft))
     typer.echo(found.text())
     typer.echo(f"Report: {page}")
 
@@ -88,8 +108,9 @@ def weigh_models(
     ] = None,
     output: Annotated[
         Path | None,
-        folder_option("Folder for weights.json and every rival's fit; that of discover itself, if not given."),
+        folder_option("Folder for weights.json and every rival's fit; NAME-weights, if not given."),
     ] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages
     over them.
@@ -104,21 +125,25 @@ def weigh_models(
     if not found and len(effect or ()) < 2:
         raise InputError("there have to be at least two models to weigh; give --effect for each, `none` for the "
                          "reference model alone", file=source)
+    from ..inference.files import refuse_peaks
     from ..measurement.package import read_campaign
 
+    if found:
+        refuse_peaks(path)
     measured = read_campaign(locate_campaign(campaign or _name_campaign(path)) if found else path)
-    folder = prepare_folder(output or (path if found else Path(f"{measured.name}-weights")))
+    target = output or Path(f"{path.resolve().name if found else measured.name}-weights")
     from ..sampling.weighing import weigh
 
-    with show_progress(f"weighing models of {measured.name}") as report:
+    with (open_folder(target, "weigh", overwrite) as out,
+          show_progress(f"weighing models of {measured.name}") as report):
         if found:
             result = weigh(path, campaign=measured, progress=report)
         else:
             rivals = [",".join(name_own(one.split(","), effects_from)) for one in effect or ()]
             result = weigh(measured, rivals, model or "paper", progress=report)
-        result.save(folder)
+        result.save(out.draft)
     typer.echo(result.text())
-    typer.echo(f"Written to {folder}")
+    typer.echo(f"Written to {target}")
 
 
 def _name_campaign(folder: Path) -> str:

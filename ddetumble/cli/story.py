@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .options import folder_option
-from .places import prepare_folder
+from .options import OVERWRITE, folder_option
+from .places import open_folder
 from .progress import show_progress
 
 
@@ -26,28 +26,29 @@ def register(app: typer.Typer) -> None:
 
 def tell_story(
     output: Annotated[Path, folder_option("Folder for the report and its figures.")] = Path("ddetumble-demo"),
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """The whole story on shipped data: the paper's tables, a campaign with a hidden effect, and a strike planned with
     what was found; writes the reports.
     """
-    folder = prepare_folder(output)
-    from ..demo import run_demo
+    with open_folder(output, "demo", overwrite) as out:
+        from ..demo import run_demo
 
-    run_demo(folder, typer.echo)
+        run_demo(out.draft, lambda line: typer.echo(line.replace(str(out.draft), str(out.path))))
 
 
 def examine_paper(
     output: Annotated[Path, folder_option("Folder for the figures and tables.")] = Path("ddetumble-paper"),
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """The paper beside the toolkit: each contradiction with its two numbers, each table and figure that the printed
     data allow, and what they do not allow.
     """
-    folder = prepare_folder(output)
-    from ..paper import write_paper
-
     lines: list[str] = []
-    with show_progress("comparing the paper with the toolkit"):
-        page = write_paper(folder, lines.append)
+    with open_folder(output, "paper", overwrite) as out, show_progress("comparing the paper with the toolkit"):
+        from ..paper import write_paper
+
+        page = out.place(write_paper(out.draft, lines.append))
     for line in lines:
         typer.echo(line)
     typer.echo(f"Report: {page}")

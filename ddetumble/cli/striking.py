@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from .._settings import find_data
-from .places import prepare_folder
+from .options import OVERWRITE
+from .places import open_folder
 from .progress import show_progress
 
 
@@ -27,6 +28,7 @@ def plan_impacts(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for plan.json and report.html.")
     ] = None,
+    overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes."""
     shipped = find_data() / "scenarios" / scenario.name
@@ -34,7 +36,6 @@ def plan_impacts(
     from ..planning.scenario import pose_laws, pose_problem, read_scenario
 
     wanted = read_scenario(path)
-    folder = prepare_folder(output or Path(f"{path.stem}-plan"))
     laws = pose_laws(wanted, path.parent)
     problem = pose_problem(wanted, path.parent, laws)
     from ..planning.ambiguity import assess_plan
@@ -54,7 +55,8 @@ def plan_impacts(
 
         revise = plan_warily
 
-    with show_progress(f"planning {path.stem}") as report:
+    with (open_folder(output or Path(f"{path.stem}-plan"), "plan", overwrite) as out,
+          show_progress(f"planning {path.stem}") as report):
         goal = wanted.goal
         if revise is None:
             found = plan_together(problem, goal.share, goal.impacts, aim=goal.least, starts=wanted.starts,
@@ -68,8 +70,8 @@ def plan_impacts(
             if len(found.impacts) > 1:
                 report("trying all impacts on all draws")
                 prospect = assess_sequence(problem, found, laws, goal.share, tail=table.tail)
-    write_plan(problem, found, folder, title=wanted.title or path.stem, share=wanted.goal.share, source=path.name,
-               assessment=assessment, plan_for=aim, prospect=prospect)
+        write_plan(problem, found, out.draft, title=wanted.title or path.stem, share=wanted.goal.share,
+                   source=path.name, assessment=assessment, plan_for=aim, prospect=prospect)
     typer.echo(describe_plan(problem, found, wanted.goal.share))
     for sentence in assessment.sentences if assessment is not None else ():
         typer.echo(sentence)
@@ -77,4 +79,4 @@ def plan_impacts(
         typer.echo(prospect.sentence)
     elif assessment is not None and len(found.impacts) > 1:
         typer.echo("Under no draw of the contact could all impacts be struck one after the other.")
-    typer.echo(f"Written to {folder}")
+    typer.echo(f"Written to {out.path}")

@@ -35,6 +35,11 @@ from .geometry import contact_radius, racetrack_volume, sphere_volume, truncated
 from .signal import Signal
 
 
+# Below, the damping that gives it is no longer resolved (`damping_number`); above, damping changes the force by less
+# than one part in 10,000, which no gauge shows.
+RESTITUTIONS = (1e-3, 0.9999)
+
+
 class Forces(eqx.Module):
     """What acts at one instant.
 
@@ -104,7 +109,7 @@ class Ball(AbstractReference):
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
                                        bounds=(0.0, jnp.inf), text="mass felt along the normal")
     restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
-                                    bounds=(0.0, 1.0), text="coefficient of restitution")
+                                    bounds=RESTITUTIONS, text="coefficient of restitution")
     outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
                                        bounds=(0.0, jnp.inf), free=False, text="ball before deformation")
     contact_radius_coefficient: Scalar = parameter("", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log",
@@ -175,7 +180,7 @@ class PowerLaw(AbstractGasless):
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
                                        bounds=(0.0, jnp.inf), text="mass felt along the normal")
     restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
-                                    bounds=(0.0, 1.0), text="coefficient of restitution")
+                                    bounds=RESTITUTIONS, text="coefficient of restitution")
     stiffness_force: Scalar = parameter("N", 100.0, kind="reference", typical=50.0, coordinate="log",
                                         bounds=(0.0, jnp.inf), text="elastic force at 10 mm")
     exponent: Scalar = parameter("", 1.5, kind="reference", typical=0.5, coordinate="log",

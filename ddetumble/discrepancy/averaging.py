@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from ..inference.archive import SavedModel, load_model
 from ..sampling.weighing import read_weights
-from .prediction import predict_model
+from .prediction import ask_model, lay_times, predict_model
 
 
 def average_predictions(tables: Sequence[pd.DataFrame], weights: Sequence[float]) -> pd.DataFrame:
@@ -40,16 +41,26 @@ def predict_average(folder: Path, conditions: str | Path | pd.DataFrame) -> pd.D
         InputError: The folder or the conditions are faulty.
         ComputationError: A model could not be integrated there.
     """
-    rivals = read_weights(folder)
-    tables = [predict_model(place, conditions) for _, place, _ in rivals]
-    weights = np.array([weight for *_, weight in rivals])
-    result = average_predictions(tables, list(weights / weights.sum()))
-    shares = ", ".join(f"{name} {weight:.2f}" for name, _, weight in rivals)
-    if len(rivals) == 1:
-        first = f"Predicted by {rivals[0][0]}, which has all the weight among its rivals."
+    names, models, weights = read_rivals(folder)
+    # Where times are chosen, they are those of the model with the most weight.
+    saved, request = ask_model(models[int(np.argmax(weights))], conditions)
+    request = lay_times(saved, request)
+    tables = [predict_model(model, request) for model in models]
+    result = average_predictions(tables, weights)
+    shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
+    if len(models) == 1:
+        first = f"Predicted by {names[0]}, which has all the weight among its rivals."
     else:
-        first = (f"Averaged over {len(rivals)} models by their weights ({shares}); the spread between the models is "
+        first = (f"Averaged over {len(models)} models by their weights ({shares}); the spread between the models is "
                  "part of the standard deviations.")
     notes = dict.fromkeys([first, *(note for table in tables for note in table.attrs["notes"])])
     result.attrs["notes"] = tuple(notes)
     return result
+
+
+def read_rivals(folder: Path) -> tuple[list[str], list[SavedModel], list[float]]:
+    """Names, models and weights, with sum 1, of the rivals in a folder that `weigh` wrote."""
+    rivals = read_weights(folder)
+    total = sum(weight for *_, weight in rivals)
+    return ([name for name, *_ in rivals], [load_model(place) for _, place, _ in rivals],
+            [weight / total for *_, weight in rivals])

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
+from ..inference.assembly import require_samples
 from ..inference.families import find_family, name_family
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
@@ -60,6 +61,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
     resolved = resolve_model(model, name_family(campaign))
     report("fitting the reference model", 0.02)
     own = tuple(e for e in dict.fromkeys(effects) if e not in known)
+    require_samples(campaign)
     state = begin_cleaning(campaign, keep_all)
     for turn in range(ROUNDS):
         workbench = Workbench(state.campaign, resolved.reference, own, resolved.effects, state.zeros)

@@ -16,16 +16,16 @@ from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_size
 from ..inference.starts import lay_mesh
-from ..measurement.tables import Table, convert_column, read_table
-from ..measurement.units import si_unit
 from ..sampling.weights import FILE as WEIGHTS
+from .requests import Request, read_request
 
 
 CHUNK = 48  # records a call of the compiled program
 DIRECTIONS = 8  # slots of free parameters, a multiple of this
 PATH = 256  # points at which the path from zero slip to the last wanted one is followed
-POSITIVE = ("approach_speed", "normal_load", "slip_speed")
-NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "temperature", "slip")
+SAMPLES = 200  # of a record whose times are chosen, about
+BEYOND = 1.25  # contact times that such an impact record lasts
+LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
 
 
 def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
@@ -34,14 +34,18 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
     Args:
         model: folder that `fit`, `discover` or `weigh` wrote; with weights, predictions are averaged over the rivals.
         conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
-            `slip`, since the stroke began); one row a wanted sample, SI. Of tumbling records the body's true rates at
-            t = 0 are conditions: `angular_velocity_x0`, `angular_velocity_y0`, `angular_velocity_z0`.
+            `slip`, since the stroke began); one row a wanted sample, SI, or in the unit of its heading
+            (`initial_pressure [MPa]`). Without `time` there is one row a record, and the times are chosen: until a
+            quarter of the contact time after separation, or those of a record of the campaign. Of tumbling records the
+            body's true rates at t = 0 are conditions: `angular_velocity_x0`, `angular_velocity_y0`,
+            `angular_velocity_z0`.
 
     Returns:
         `record`, `time` or `slip`, and for every channel of the campaign its mean, `<channel>_sd` (of the mean, from
         what the fit leaves uncertain) and `<channel>_sd_new` (of a new measurement: its conditions, time origin and
-        noise scatter too), in the order of the rows given. `attrs["notes"]` holds sentences on what is extrapolated or
-        left out.
+        noise scatter too), in the order of the rows given, SI. `attrs["notes"]` holds sentences on what is
+        extrapolated or left out, `attrs["settings"]` the conditions of every record. `predict_pulses` gives peak,
+        duration and impulse.
 
     Raises:
         InputError: a column is missing or holds no numbers, conditions that no test can have.
@@ -54,20 +58,15 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
     return predict_model(model, conditions)
 
 
-def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     """As `predict`, for a single model."""
-    saved = model if isinstance(model, SavedModel) else load_model(model)
-    family = find_family(saved.family, "predict")
-    abscissa = "slip" if saved.family == "slip" else "time"
-    table, file = (_from_frame(conditions), None) if isinstance(conditions, pd.DataFrame) else (
-        read_table(conditions), str(conditions))
-    names = (*saved.ranges, *family.starts)
-    keys, values, notes = _read(table, names, saved, file)
-    found_rows = pd.Series(np.arange(len(keys))).groupby(pd.Series(keys), sort=False).indices
-    groups = [(str(key), rows) for key, rows in found_rows.items()]
-    settings = {name: np.array([values[name][rows[0]] for _, rows in groups]) for name in names}
-    notes += _find_extrapolation(saved, [key for key, _ in groups], settings)
-    channels = tuple(c for c in family.channels if c in saved.channels)
+    saved, request = ask_model(model, conditions)
+    request = lay_times(saved, request)
+    abscissa, keys, values = name_abscissa(saved), request.keys, request.values
+    groups = request.groups()
+    settings = request.settings(name_conditions(saved))
+    notes = [*request.notes, *find_extrapolation(saved, [key for key, _ in groups], settings)]
+    channels = list_channels(saved)
     size = len(keys)
     found = {c: np.zeros((3, size)) for c in channels}
     order = sorted(range(len(groups)), key=lambda g: len(groups[g][1]))
@@ -80,7 +79,7 @@ def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.Da
             paths = [np.union1d(t, np.linspace(0.0, max(float(t[-1]), 0.0), PATH)) for t in times]
             places = [np.searchsorted(path, t) for path, t in zip(paths, times, strict=True)]
             times = paths
-        mean, sd, new = _predict_some(saved, channels, times, {n: settings[n][part] for n in names},
+        mean, sd, new = _predict_some(saved, channels, times, {n: v[part] for n, v in settings.items()},
                                       [groups[g][0] for g in part])
         for i, (r, k) in enumerate(zip(rows, places, strict=True)):
             for c, channel in enumerate(channels):
@@ -91,82 +90,87 @@ def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.Da
             columns[channel + ending] = found[channel][k]
     result = pd.DataFrame(columns)
     result.attrs["notes"] = tuple(dict.fromkeys([*saved.notes, *notes]))
+    result.attrs["settings"] = {key: {n: float(v[k]) for n, v in settings.items()}
+                                for k, (key, _) in enumerate(groups)}
     return result
 
 
-def _from_frame(frame: pd.DataFrame) -> Table:
-    """A data frame as a table of text, so that it meets the same checks as a file."""
-    if not len(frame):
-        raise InputError("the table of conditions has no rows")
-    cells = {str(n): ["" if pd.isna(x) else repr(float(x)) if isinstance(x, (float, np.floating)) else str(x)
-                      for x in frame[n]] for n in frame.columns}
-    return Table("conditions", cells, np.arange(2, len(frame) + 2))
+def ask_model(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame | Request
+              ) -> tuple[SavedModel, Request]:
+    """A fitted model, and what is wanted of it."""
+    saved = model if isinstance(model, SavedModel) else load_model(model)
+    if isinstance(conditions, Request):
+        return saved, conditions
+    return saved, read_request(conditions, saved, name_conditions(saved))
 
 
-def _read(table: Table, names: tuple[str, ...], saved: SavedModel, file: str | None
-          ) -> tuple[np.ndarray, dict[str, np.ndarray], list[str]]:
-    """Keys and numbers of all rows; the same conditions in all rows of a record."""
-    place, lines = file or table.file, table.lines
-    notes, values = [], {}
-    asked = {name for e in saved.space.effects for name in e.requires}
-    if "record" not in table.columns:
-        raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=place)
-    keys = np.array([cell.strip() for cell in table.columns["record"]], dtype=object)
-    for i, key in enumerate(keys):
-        if not key:
-            raise InputError("the cell is empty; every row needs the key of its record", file=place, column="record",
-                             row=lines[i])
-    abscissa = "slip" if saved.family == "slip" else "time"
-    for name in (*names, abscissa):
-        if name == "sequence" and name not in table.columns and name not in asked:
-            values[name] = np.ones(len(keys))
-            continue
-        if name not in table.columns:
-            unit = {"time": "s", "slip": "m"}.get(name) or saved.units.get(name) or si_unit(name)
-            raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
-                             + ", ".join(table.columns), file=place)
-        values[name] = convert_column(table, name)
-        _check_sign(name, values[name], place, lines)
-    if abscissa == "slip":
-        _refuse_reversal(keys, values["slip"], place, lines)
-    if saved.family == "tumble" and np.any(values["time"] < 0):
-        raise InputError("a tumbling record begins at t = 0, with the rates given for it; times cannot be negative",
-                         file=place, column="time", row=lines[int(np.argmax(values["time"] < 0))])
-    extra = [name for name in table.columns if name not in (*names, "record", abscissa)]
-    if extra:
-        notes.append(f"The model does not read {', '.join(extra)}: left out.")
-    first: dict[str, int] = {}
-    for i, key in enumerate(keys):
-        k = first.setdefault(key, i)
-        for name in names:
-            if values[name][i] != values[name][k]:
-                raise InputError(f"record {key!r} has {values[name][i]:g} here and {values[name][k]:g} on line "
-                                 f"{lines[k]}; a record has one value of each condition", file=place, column=name,
-                                 row=lines[i])
-    return keys, values, notes
+def name_conditions(saved: SavedModel) -> tuple[str, ...]:
+    """Names of what a record needs."""
+    return (*saved.ranges, *find_family(saved.family, "predict").starts)
 
 
-def _refuse_reversal(keys: np.ndarray, slip: np.ndarray, place: str, lines: np.ndarray):
-    """Slip counts from the start of a stroke: within a record it does not fall."""
-    last: dict[str, float] = {}
-    for i, key in enumerate(keys):
-        if slip[i] < last.get(key, 0.0):
-            raise InputError(f"slip falls within record {key!r}; it counts from the start of a stroke: give each "
-                             "stroke a record of its own, in the order of its slip", file=place, column="slip",
-                             row=lines[i])
-        last[key] = float(slip[i])
+def name_abscissa(saved: SavedModel) -> str:
+    """Name of the independent variable."""
+    return "slip" if saved.family == "slip" else "time"
 
 
-def _check_sign(name: str, values: np.ndarray, place: str, lines: np.ndarray):
-    bad = values <= 0 if name in POSITIVE else values < 0 if name in NOT_NEGATIVE else np.zeros(len(values), dtype=bool)
-    if bad.any():
-        i = int(np.argmax(bad))
-        rule = "has to be positive" if name in POSITIVE else "cannot be negative"
-        remedy = "; pressures are absolute, in Pa" if name == "initial_pressure" else ""
-        raise InputError(f"{values[i]:g} {rule}{remedy}", file=place, column=name, row=lines[i])
+def list_channels(saved: SavedModel) -> tuple[str, ...]:
+    """Channels of the campaign that the model predicts."""
+    return tuple(c for c in find_family(saved.family, "predict").channels if c in saved.channels)
 
 
-def _find_extrapolation(saved: SavedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
+def lay_times(saved: SavedModel, request: Request) -> Request:
+    """What is wanted, with times of its own for every record where none are given.
+
+    Raises:
+        InputError: the model's file does not say how long its campaign's records are.
+        ComputationError: the model could not be integrated.
+    """
+    if request.timed:
+        return request
+    name, groups = name_abscissa(saved), request.groups()
+    if saved.sampling is None:
+        raise InputError(f"there is no column {name!r}, and the model does not say how long its records are: give it, "
+                         "or fit the model again")
+    if saved.family in ("slip", "tumble"):
+        # Of slip records that are time series the slip is a channel, and the independent variable the time.
+        last = saved.sampling.largest.get("slip", saved.sampling.last)
+        step = _round_step(last / SAMPLES)
+        return request.at(name, [step * np.arange(int(last / step * (1 + 1e-9)) + 1)] * len(groups))
+    ends, _ = find_ends(saved, request.settings(name_conditions(saved)), [key for key, _ in groups])
+    steps = [_round_step(BEYOND * end / SAMPLES) for end in ends]
+    return request.at(name, [step * np.arange(int(BEYOND * end / step) + 2)
+                             for step, end in zip(steps, ends, strict=True)])
+
+
+def _round_step(step: float) -> float:
+    """The next 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(power * min((x for x in (1.0, 2.0, 5.0, 10.0) if x * power >= step * (1 - 1e-9)), default=10.0))
+
+
+def find_ends(saved: SavedModel, settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Contact times of impacts, shape (records,) [s], and whether each separates at all.
+
+    Where one does not within `LONGEST` doublings of the campaign's records, the time is that of the last look.
+    """
+    assert saved.sampling is not None
+    ends, done = np.zeros(len(keys)), np.zeros(len(keys), dtype=bool)
+    last = max(saved.sampling.last, 1e-6)
+    for _ in range(LONGEST):
+        left = np.flatnonzero(~done)
+        for first in range(0, len(left), CHUNK):
+            part = left[first: first + CHUNK]
+            *_, end = evaluate_rows(saved, list_channels(saved), [np.linspace(0.0, last, 9)] * len(part),
+                                    {n: v[part] for n, v in settings.items()}, [keys[k] for k in part])
+            ends[part], done[part] = end, end < 0.99 * last
+        if done.all():
+            break
+        last *= 2.0
+    return ends, done
+
+
+def find_extrapolation(saved: SavedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
     """Sentences on conditions beyond those of the campaign."""
     found: dict[str, list[str]] = {}
     for i, key in enumerate(keys):
@@ -199,6 +203,33 @@ def _linearise(space, names, channels, stack, base, directions, low, high):
 def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.ndarray],
                   settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
+    mean, shared, own, _ = evaluate_rows(saved, channels, times, settings, keys)
+    variance = np.sum(shared.reshape(*mean.shape, -1) ** 2, axis=-1)
+    scatter = np.sum(own.reshape(*mean.shape, -1) ** 2, axis=-1)
+    noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2
+    return mean, np.sqrt(variance), np.sqrt(variance + scatter + noise)
+
+
+def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.ndarray],
+                  settings: dict[str, np.ndarray], keys: list[str], u: np.ndarray | None = None
+                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A fitted model at a few records.
+
+    Args:
+        saved: the model.
+        channels: wanted ones.
+        times: of the samples, by record, ascending.
+        settings: conditions, one value a record.
+        keys: of the records, for messages.
+        u: coordinates of the parameters, one row a record; those of the fit where not given.
+
+    Returns:
+        Channels, shape (records, channels, samples), padded by repeating the last time; their derivatives along the
+        principal directions of the covariance and by the conditions, in standard deviations; the end of the contact.
+
+    Raises:
+        ComputationError: A record could not be integrated.
+    """
     count, longest = len(times), max(len(t) for t in times)
     rows, samples = pad_size(count, saved.space.family.rows), pad_size(longest, saved.space.family.sizes)
     time = np.zeros((rows, samples))
@@ -209,7 +240,7 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     if saved.family not in ("slip", "tumble"):
         padded.setdefault("initial_pressure", np.zeros(rows))
     padded.setdefault("sequence", np.ones(rows))
-    nuisances = (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")
+    nuisances = name_scatter(saved, settings)
     deviations = np.stack([np.full(rows, saved.time_sd) if n == "time" else saved.uncertainties[n].sd(padded[n])
                            for n in nuisances], axis=1)
     shape = (rows, len(channels), samples)
@@ -220,7 +251,8 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     # The variance is the sum of the squares of the columns.
     spread = saved.spread()
     directions[:len(spread)] = spread
-    base = jnp.asarray(np.broadcast_to(saved.u, (rows, len(saved.u))))
+    places = np.broadcast_to(saved.u, (count, len(saved.u))) if u is None else u
+    base = jnp.asarray(np.concatenate([places, np.broadcast_to(places[:1], (rows - count, len(saved.u)))]))
     limits = [jnp.asarray(b) for b in saved.space.bounds()]
     conditions = {n: jnp.asarray(v) for n, v in padded.items()}
     inputs = {}
@@ -242,7 +274,9 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
         where = ", ".join(f"{n} = {v[i]:g}" for n, v in settings.items())
         raise ComputationError(f"the model could not be integrated for record {keys[i]!r} ({where}); check its "
                                "conditions and their units")
-    variance = np.sum(shared.reshape(*shape, -1) ** 2, axis=-1)
-    scatter = np.sum(own.reshape(*shape, -1) ** 2, axis=-1)
-    noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2
-    return mean[:count], np.sqrt(variance)[:count], np.sqrt(variance + scatter + noise)[:count]
+    return mean[:count], shared[:count], own[:count], end[:count]
+
+
+def name_scatter(saved: SavedModel, settings: dict[str, np.ndarray]) -> tuple[str, ...]:
+    """Conditions that scatter from test to test, and the time origin."""
+    return (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")

@@ -8,6 +8,7 @@ from .missing import draw_missing_rivals, draw_missing_shape
 from .planning import draw_map, draw_next_test
 from .posterior import draw_corner, draw_ranks, draw_traces
 from .power import draw_power
+from .prediction import draw_prediction
 from .predictive import draw_left_out, draw_predictive
 from .ranking import draw_ranking
 from .residuals import draw_record_errors, draw_residual_map
@@ -29,6 +30,7 @@ __all__ = [
     "draw_parameters",
     "draw_peaks",
     "draw_power",
+    "draw_prediction",
     "draw_predictive",
     "draw_ranking",
     "draw_ranks",

@@ -17,7 +17,7 @@ from ..contact.effect import AbstractEffect, AbstractModel, list_choices
 from ..effects import CATALOGUES
 from ..measurement.campaign import Campaign, Uncertainty
 from .families import name_family
-from .files import hash_file, list_versions, make_plain, write_json
+from .files import hash_file, list_versions, make_plain, refuse_peaks, write_json
 from .models import resolve_effect, resolve_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
@@ -377,8 +377,8 @@ def _read(path: Path) -> ModelFile:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise InputError(f"there is no {FILE} in this folder; name a folder that fit or discover wrote",
-                         file=path.parent) from None
+        refuse_peaks(path.parent)
+        raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent) from None
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
     try:

@@ -22,6 +22,7 @@ from .families import find_family, name_family
 from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
 from .stack import list_commons
+from .pulses import list_guesses
 from .starts import guess_body
 
 
@@ -58,6 +59,7 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
         extra: effects of the user, beside the catalogue.
     """
     family = find_family(name_family(campaign))
+    require_samples(campaign)
     if type(reference).family != family.name:
         how = (": make one of it by `Striker(model, CoulombFriction())`" if family.name == "oblique" else "")
         raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign.name!r} of "
@@ -89,6 +91,17 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
                     (*map(str, check_plausibility(campaign)), *warn_of_names(campaign, space),
                      *warn_of_range(campaign, reference)))  # fmt: skip
+
+
+def require_samples(campaign: Campaign) -> None:
+    """Refuse a campaign of peaks only.
+
+    Raises:
+        InputError: It has no samples.
+    """
+    if campaign.samples is None:
+        raise InputError(f"campaign {campaign.name!r} holds peaks only, and this needs sampled records: force over "
+                         "time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
 
 
 def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
@@ -219,26 +232,20 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
 
 
 def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]) -> np.ndarray:
-    """Start with a mass guessed from the measured impulses, where it is free: impulse = m v (1 + e), e near 0.7.
+    """The likeliest coordinates to start from: the first of `list_origins`."""
+    return list_origins(campaign, space, start, free)[0]
 
-    The mass felt along the plate is taken for as large, where it is free too. Of tumbling records the ratio of the
-    moments is guessed (`starts.guess_ratio`).
+
+def list_origins(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]
+                 ) -> list[np.ndarray]:
+    """Coordinates to start from, guessed from the records, the likeliest first.
+
+    Impacts are guessed from their pulses (`pulses.list_guesses`), the ratio of the moments of a tumbling body from its
+    rates (`starts.guess_ratio`).
     """
+    if campaign.samples is not None and campaign.family == "impact":
+        return list_guesses(campaign, space, start, free)
     start = start.copy()
     if campaign.samples is not None and campaign.family == "tumble" and "inertia_ratio" in free:
         start[space.index["inertia_ratio"]] = np.log(guess_body(campaign))
-    if campaign.samples is not None and "effective_mass" in free:
-        speeds = campaign.records["approach_speed"].to_numpy(dtype=float)
-        masses = []
-        for key, speed in list(zip(campaign.record_keys, speeds, strict=True))[:64]:
-            trace = campaign.trace(key)
-            t = trace["time"].to_numpy(dtype=float)
-            force = trace["normal_force"].to_numpy(dtype=float)
-            t, force = t[np.isfinite(force)], force[np.isfinite(force)]
-            masses.append(np.trapezoid(force * (t > 0), t) / (1.7 * speed))
-        mass = float(np.median(masses))
-        if np.isfinite(mass) and mass > 0:
-            start[space.index["effective_mass"]] = np.log(mass)
-            if "tangential_mass" in free:
-                start[space.index["tangential_mass"]] = np.log(mass)
-    return start
+    return [start]

@@ -13,6 +13,8 @@ ROUNDS = 8
 FINAL = 1e-3  # fits at a looser tolerance only scout
 PATIENCE = 3
 NEAR = 2e-3  # of its scale: so near to a limit of the model, a parameter counts as stopped by it
+LITTLE = 0.1  # of the signal's sum of squares: a model that removes less does not meet it
+LOUD = 4.0  # noise variances a sample: where less is left, a model that removes nothing is one of a silent record
 
 
 @dc.dataclass(frozen=True)
@@ -106,6 +108,38 @@ def _pull(problem: Problem, solution: Solution, held: Mapping[str, int], u: np.n
 def linearise_all(problem: Problem, solution: Solution, names: Sequence[str], u: np.ndarray) -> Solution:
     """Residual and Jacobian of held and moving parameters at a fit."""
     return problem.solve(names, u, solution.z, moving=False)
+
+
+def list_limits(problem: Problem, solution: Solution) -> dict[str, int]:
+    """Free parameters that stand at a limit of the model: -1 at the lower, +1 at the upper one."""
+    found = {}
+    for name in solution.names:
+        k = problem.space.index[name]
+        near = NEAR * problem.scales[k]
+        for side, edge in ((-1, problem.limits[0][k]), (1, problem.limits[1][k])):
+            if abs(solution.u[k] - edge) <= near:
+                found[name] = side
+    return found
+
+
+def explain_share(problem: Problem, solution: Solution) -> float:
+    """Share of the measured sum of squares, in noise variances, that a model removes from the main channels."""
+    return 1.0 - _leave(problem, solution.channels) / max(_leave(problem, 0.0 * solution.channels), 1e-300)
+
+
+def meets_data(problem: Problem, solution: Solution) -> bool:
+    """Whether a model has any of the signal: False where its pulse lies beside the measured one, or is gone."""
+    stack, count = problem.records.stack, problem.records.count
+    samples = float((np.asarray(stack.weights)[:count, : len(problem.space.family.main)] > 0).sum())
+    quiet = _leave(problem, solution.channels) < LOUD * samples
+    return quiet or explain_share(problem, solution) > LITTLE
+
+
+def _leave(problem: Problem, model: np.ndarray) -> float:
+    """Sum of squares of what a model leaves of the main channels, in noise variances, correlation left aside."""
+    stack, count, main = problem.records.stack, problem.records.count, len(problem.space.family.main)
+    weights, values = np.asarray(stack.weights)[:count, :main], np.asarray(stack.values)[:count, :main]
+    return float(np.sum((weights * (model[:, :main] - values)) ** 2))
 
 
 def truncate_normal(mean: float, sd: float, low: float, high: float, level: float = 0.95

@@ -13,8 +13,8 @@ from ..contact.effect import AbstractEffect, parameters_of
 from ..measurement.campaign import Campaign
 from ..measurement.faults import screen_samples
 from ..measurement.package import read_campaign
-from .assembly import Assembly, assemble_space, default_starts, guess_start
-from .bounded import Bounded, solve_bounded
+from .assembly import Assembly, assemble_space, default_starts, list_origins
+from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .families import find_family, name_family
 from .findings import Fit, summarise_fit
 from .horizon import MOST, is_lost, solve_growing
@@ -79,7 +79,10 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         schema_="ddetumble.fit/1", campaign=campaign.name, model=str(model), effects=ids, free=wanted,
         fixed=dict(fixed or {}), priors={k: _Pair(*v) for k, v in (priors or {}).items()}, bounds=dict(bounds or {}),
         nuisances=nuisances, noise="stated" if noise == "stated" else "measured")
-    added = "".join(f" --effect {e}" for e in ids)
+    added = "".join([*(f" --effect {e}" for e in ids),
+                     *(f" --free {n}" + ("" if v is True else f"={v:g}") for n, v in wanted.items()),
+                     *(f" --fix {n}={v:g}" for n, v in (fixed or {}).items()),
+                     *(f" --prior {n}={m:g}+-{s:g}" for n, (m, s) in (priors or {}).items())])
     settings = {"command": f"ddetumble fit {campaign.name} --model {_shorten(str(model))}{added}"}
     given = noise if isinstance(noise, Mapping) else None
     classes = tuple(e for e in effects if not isinstance(e, str))
@@ -102,8 +105,6 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
     base = place_values(space, assembly.start, _values_of(resolved))
     base = place_values(space, base, dict(wanted.fixed) | {k: v for k, v in given.items()})
-    if not {"effective_mass", "inertia_ratio"} & set(given) and not (Path(wanted.model) / "model.json").is_file():
-        base = guess_start(campaign, space, base, names)
     priors, limits = place_priors(space, names, wanted), place_bounds(space, names, wanted)
 
     report("fitting the reference model", 0.05)
@@ -112,18 +113,28 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     if space.family.free_running and whole.records.lengths.max() > MOST:  # starts are tried on a part of the samples
         problem = _pose(space, stack_records(campaign, noise, MOST), priors, wanted.nuisances)
     known = [n for n in names if n in assembly.base]
-    first = _require(solve_growing(problem, known, base), problem.records, assembly.warnings)
-    places = [space.index[n] for n in known if n not in given]
+    told, saved = bool({*given} & {*known}), (Path(wanted.model) / "model.json").is_file()
+    origins = list_origins(campaign, space, base, known)
+    if saved:  # what the model or the user says comes first, with the rest guessed where nothing is known of it
+        origins = [base, *origins]
+    elif told:
+        origins = [*list_origins(campaign, space, base, [n for n in known if n not in given]), *origins]
+    base, first = fit_reference(problem, known, origins, not (told or saved), assembly.warnings)
     best: Bounded | None = None
     origin = base
-    starts = list_starts(space, chosen, names, given, resolved)
-    for k, values in enumerate(starts):
+    starts = [(u, values) for values in list_starts(space, chosen, names, given, resolved)
+              for u in ([first.u, base] if told else [first.u])]
+    for k, (u, values) in enumerate(starts):
         report(f"start {k + 1} of {len(starts)}", 0.2 + 0.6 * k / len(starts))
-        u = base.copy()
+        u = u.copy()
         u[[space.index[n] for n in values]] = list(values.values())
-        began = u.copy()
-        u[places] = first.u[places]
-        found = solve_bounded(problem, names, u, first.z, limits, 1e-2)
+        began = np.where(np.isin(np.arange(len(u)), [space.index[n] for n in known]), base, u)
+        try:
+            found = solve_bounded(problem, names, u, first.z, limits, 1e-2)
+        except ComputationError:
+            if best is None and k + 1 == len(starts):
+                raise
+            continue
         if is_lost(problem, found.solution):
             near = solve_growing(problem, names, u, tolerance=1e-2)
             if not near.failed and not near.chi2 > found.solution.chi2:
@@ -146,9 +157,71 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     report("refining the best start", 0.86)
     again = solve_bounded(problem, names, best.solution.u, best.solution.z, limits)
     best = best if again.solution.failed else again
+    refuse_stray(problem, best.solution)
     report("writing it down", 0.96)
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
                          settings, wanted.nuisances, (*assembly.warnings, *_warn_of_faults(campaign)))
+
+
+def fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.ndarray], rank: bool,
+                  warnings: Sequence[str] = ()) -> tuple[np.ndarray, Solution]:
+    """Fit the reference model from one origin after the other until a fit is sound.
+
+    Args:
+        problem: to solve.
+        names: of the free parameters of the reference model.
+        origins: coordinates to start from, in this order.
+        rank: whether to begin with the origin that leaves least where it stands.
+        warnings: sentences that explain why a record cannot be integrated.
+
+    Returns:
+        The origin of the first sound fit and the fit; where none is sound, those of the fit that leaves least.
+
+    Raises:
+        ComputationError: The model cannot be integrated from any origin.
+    """
+    if rank and len(origins) > 1:
+        stand = [problem.solve(names, u, moving=False) for u in origins]
+        left = [np.inf if s.failed or not np.isfinite(s.chi2) else s.chi2 for s in stand]
+        origins = [origins[k] for k in np.argsort(left, kind="stable")]
+    best: tuple[np.ndarray, Solution] | None = None
+    broken: tuple[ComputationError | None, Solution | None] = (None, None)
+    for u in origins:
+        try:
+            found = solve_growing(problem, names, u)
+        except ComputationError as error:
+            broken = (error, broken[1])
+            continue
+        if found.failed or not np.isfinite(found.chi2):
+            broken = (broken[0], found)
+            continue
+        if best is None or found.chi2 < best[1].chi2:
+            best = u, found
+        if found.converged and not list_limits(problem, found) and meets_data(problem, found):
+            break
+    if best is not None:
+        return best
+    if broken[1] is None and broken[0] is not None:
+        raise broken[0]
+    assert broken[1] is not None
+    return origins[0], _require(broken[1], problem.records, warnings)
+
+
+def refuse_stray(problem: Problem, solution: Solution) -> None:
+    """Refuse a fit that describes none of the data: its parameters mean nothing.
+
+    Raises:
+        ComputationError: Hardly less is left than without any model.
+    """
+    if meets_data(problem, solution):
+        return
+    public = {n: problem.space.public(n, solution.u[problem.space.index[n]], 0.0)["estimate"] for n in solution.names}
+    values = ", ".join(f"{name} = {value:.3g}" for name, value in public.items())
+    channel = problem.space.family.channels[0]
+    raise ComputationError(
+        f"the fit found no place where the model meets the measured {channel}: where it ended after {solution.steps} "
+        f"steps ({values}) it removes {100 * explain_share(problem, solution):.0f} % of the signal's sum of squares. "
+        "Check the units of the records, free what is fixed, or start nearer")
 
 
 def _warn_of_faults(campaign: Campaign) -> list[str]:

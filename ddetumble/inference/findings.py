@@ -11,11 +11,11 @@ import numpy as np
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from .archive import save_model
-from .bounded import Bounded, linearise_all, truncate_normal
+from .bounded import NEAR, Bounded, linearise_all, truncate_normal
 from .files import list_versions, make_plain, write_json
 from .identifiability import Knowledge, analyse_columns, describe_knowledge
 from .noise import Noise
-from .parameters import ParameterSpace, to_public
+from .parameters import ParameterSpace, coordinate_bounds, to_public
 from .problem import Problem, Solution
 
 
@@ -217,16 +217,27 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     notes = [*warnings, *notes]
     if not nuisances:
         notes.append("Conditions and time origins were taken as exact.")
-    steps = f"after {solution.steps} steps"
-    state = (f"converged {steps}" if solution.converged else f"not converged {steps}: the values may move further")
+    # At its null an effect is absent: a minimum like any other. Elsewhere a bound stopped the fit short of one.
+    stopped = [n for n, p in parameters.items() if p.at_bound and not _at_null(space, n, solution.u)]
+    converged, steps = solution.converged and not stopped, f"after {solution.steps} steps"
+    state = (f"converged {steps}" if converged else
+             f"stopped {steps} at a bound of {' and '.join(stopped)}: there is no minimum inside" if stopped else
+             f"not converged {steps}: the values may move further")
     if known.undetermined:
         state += "; not all parameters are determined by these records"
     return Fit(
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), problem.records.count, counted,
-        dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
+        dict(noise), converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
         dict(settings), space, solution, campaign, problem, found, gaussians)
+
+
+def _at_null(space: ParameterSpace, name: str, u: np.ndarray) -> bool:
+    """Whether an amplitude stands where its effect is absent."""
+    k = space.index[name]
+    p = space.slots[k].parameter
+    return p.kind == "amplitude" and abs(u[k] - p.default) <= NEAR * space.scales()[k]
 
 
 def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], free: tuple[str, ...]
@@ -276,8 +287,8 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
         sd = float(np.sqrt(covariance[k, k]))
         gaussians[name] = (float(u), sd, float(low), float(high))
         if name in known.undetermined:
-            gaussians[name] = (float(u), math.inf, *space_ends(p))
-            low, high = (to_public(p.coordinate, x) for x in space_ends(p))
+            gaussians[name] = (float(u), math.inf, *coordinate_bounds(p))
+            low, high = (to_public(p.coordinate, x) for x in coordinate_bounds(p))
             parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), p.unit,
                                       initial, "", False, "not determined by these records")
             continue
@@ -291,14 +302,6 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
         first, last = sorted(to_public(p.coordinate, x) for x in ends)
         parameters[name] = Fitted(middle, width, first, last, p.unit, initial, text=text)
     return parameters, covariance, correlations, gaussians
-
-
-def space_ends(p) -> tuple[float, float]:
-    """Coordinates between which a parameter may lie."""
-    low, high = p.bounds
-    if p.coordinate == "log":
-        return (math.log(low) if low > 0 else -math.inf), (math.log(high) if high < math.inf else math.inf)
-    return (-math.inf, math.inf) if p.coordinate == "logit" else (low, high)
 
 
 def _make_public(p, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:

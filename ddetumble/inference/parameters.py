@@ -99,6 +99,17 @@ def from_coordinate(kind: str, u):
     return u
 
 
+def coordinate_bounds(p: Parameter) -> tuple[float, float]:
+    """Coordinates between which a parameter may lie."""
+    low, high = p.bounds
+    if p.coordinate == "log":
+        return (math.log(low) if low > 0 else -math.inf), (math.log(high) if high < math.inf else math.inf)
+    if p.coordinate == "logit":
+        return (to_coordinate("logit", low) if low > 0 else -math.inf,
+                to_coordinate("logit", high) if high < 1 else math.inf)
+    return low, high
+
+
 class ParameterSpace:
     """All parameters of a reference model and a family's effects, in one fixed order.
 
@@ -161,16 +172,8 @@ class ParameterSpace:
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Hard limits of the coordinates, each shape (parameters,)."""
-        low, high = [], []
-        for slot in self.slots:
-            p, (a, b) = slot.parameter, slot.parameter.bounds
-            if p.coordinate == "log":
-                a, b = (math.log(a) if a > 0 else -math.inf), (math.log(b) if b < math.inf else math.inf)
-            elif p.coordinate == "logit":
-                a, b = -math.inf, math.inf
-            low.append(a)
-            high.append(b)
-        return np.array(low), np.array(high)
+        ends = [coordinate_bounds(slot.parameter) for slot in self.slots]
+        return np.array([a for a, _ in ends]), np.array([b for _, b in ends])
 
     @property
     def family(self) -> Family:

@@ -15,6 +15,7 @@ from ..contact.effect import AbstractEffect
 from ..inference.archive import load_model
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
+from ..inference.files import refuse_peaks
 from ..inference.findings import Fit, summarise_fit
 from ..inference.noise import Noise
 from ..inference.problem import Problem
@@ -167,6 +168,7 @@ def read_rivals(folder: Path, campaign: Campaign | str | Path | None) -> tuple[s
         InputError: The file is damaged or of something else, or no rival is left.
     """
     path = folder / RESULT
+    refuse_peaks(folder)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         name, model, sha = str(content["campaign"]), str(content["model"]), str(content["sha256"])

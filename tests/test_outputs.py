@@ -1,0 +1,124 @@
+"""Where commands write: new or empty places alone unless --overwrite is given, and whole or not at all."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from ddetumble.cli import app, main
+
+
+ROOT = Path(__file__).resolve().parent.parent
+COMMANDS = typer.main.get_command(app).commands  # pyright: ignore
+WRITERS = sorted(name for name, command in COMMANDS.items() if any("-o" in p.opts for p in command.params))
+# One call of each that would take long, or fail, if the folder were not looked at first.
+CALLS = {
+    "compare": ["impact-a"], "demo": [], "design": ["no-such-folder"], "discover": ["impact-a"],
+    "exam": ["--family", "slip", "--cases", "1"], "fit": ["impact-a"], "import": ["no-such-file.csv"],
+    "map": ["impact-a"], "missing": ["impact-a"], "paper": [], "plan": ["flat-spin.toml"], "sample": ["impact-a"],
+    "weigh": ["slip-a", "-e", "none", "-e", "viscous-friction"],
+}
+
+
+def list_all(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, hidden ones too, with its content."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_every_command_that_writes_is_tried_here():
+    assert set(WRITERS) == {*CALLS, "effects", "identify", "predict"}
+
+
+@pytest.mark.parametrize("command", WRITERS)
+def test_every_command_that_writes_has_the_option(command):
+    assert any("--overwrite" in p.opts for p in COMMANDS[command].params)
+
+
+@pytest.mark.parametrize("command", CALLS)
+def test_a_folder_that_holds_anything_is_refused(command, tmp_path, capsys):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("kept", encoding="utf-8")
+    assert main([command, *CALLS[command], "-o", str(tmp_path / "mine")]) == 2
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert "--overwrite" in told and "notes.txt" in told and str(tmp_path / "mine") in told
+    assert list_all(tmp_path) == {"mine/notes.txt": b"kept"}
+
+
+@pytest.mark.parametrize("words", [
+    ["missing", "paper/table-3"], ["fit", "paper/figure-8"], ["discover", "slip-a", "-m", "matunaga"],
+    ["compare", "slip-a", "-m", "no-such-model"], ["design", "no-such-folder"], ["import", "no-such-file.csv"],
+    ["plan", "no-such-file.toml"], ["map", "paper/table-4"], ["effects", "--new", "Not a name"]], ids=" ".join)
+def test_a_command_that_fails_leaves_nothing(words, tmp_path, capsys):
+    assert main([*words, "-o", str(tmp_path / "deep" / "new")]) == 2
+    assert "Traceback" not in capsys.readouterr().err and os.listdir(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_an_interrupted_command_leaves_nothing(tmp_path):
+    place = tmp_path / "deep" / "new"
+    with subprocess.Popen([sys.executable, "-m", "ddetumble", "paper", "-o", str(place)], cwd=ROOT, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        while process.poll() is None and not os.listdir(tmp_path):
+            time.sleep(0.05)
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate()
+    assert process.returncode == 130 and "Traceback" not in err and "stopped" in err, (out, err)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_overwriting_replaces_results_and_nothing_else(tmp_path, capsys):
+    place = tmp_path / "found"
+    assert main(["discover", "paper/table-4", "-o", str(place)]) == 0
+    before = list_all(place)
+    assert {"result.json", "report.html"} <= set(before) and any(name.endswith(".png") for name in before)
+    assert json.loads(before["result.json"])["kind"] == "peaks"
+    # Another command may not write beside these, or over them.
+    assert main(["compare", "paper/table-4", "-o", str(place)]) == 2 and list_all(place) == before
+    (place / "notes.txt").write_text("kept", encoding="utf-8")
+    assert main(["compare", "paper/table-4", "-o", str(place), "--overwrite"]) == 0
+    after = list_all(place)
+    assert "result.json" not in after and "report.html" not in after and after["notes.txt"] == b"kept"
+    assert {"compare.json", "comparison.html"} <= set(after)
+    # A command that fails does not touch what is there, --overwrite or not.
+    assert main(["missing", "paper/table-4", "-o", str(place), "--overwrite"]) == 2 and list_all(place) == after
+    capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_peaks_are_reported_and_lead_nowhere_else(tmp_path, capsys):
+    place = tmp_path / "found"
+    assert main(["discover", "paper/figure-8", "-o", str(place)]) == 0
+    assert str(place / "report.html") in capsys.readouterr().out
+    (tmp_path / "conditions.csv").write_text("record,initial_pressure,approach_speed\na,1e6,0.4\n", encoding="utf-8")
+    for words in (["weigh", str(place)], ["weigh", str(place), "--campaign", "paper/figure-8"], ["design", str(place)],
+                  ["predict", str(place), str(tmp_path / "conditions.csv")]):
+        assert main(words) == 2
+        told = capsys.readouterr().err.splitlines()[-1]
+        assert "peaks" in told and "damaged" not in told, words
+
+
+def test_a_fit_goes_beside_its_specification(tmp_path, capsys):
+    (tmp_path / "fit.toml").write_text('schema = "ddetumble.fit/1"\ncampaign = "paper/figure-8"\n', encoding="utf-8")
+    assert main(["fit", str(tmp_path / "fit.toml")]) == 2  # of peaks; the folder itself is no reason
+    assert "--overwrite" not in capsys.readouterr().err
+    (tmp_path / "fit.json").write_text("{}", encoding="utf-8")
+    assert main(["fit", str(tmp_path / "fit.toml")]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_an_effect_of_ones_own_is_not_written_over(tmp_path, capsys):
+    words = ["effects", "--new", "rim-stop", "-o", str(tmp_path)]
+    assert main(words) == 0
+    source = tmp_path / "rim_stop.py"
+    source.write_text("mine", encoding="utf-8")
+    assert main(words) == 2 and source.read_text(encoding="utf-8") == "mine"
+    assert "--overwrite" in capsys.readouterr().err
+    assert main([*words, "--overwrite"]) == 0 and source.read_text(encoding="utf-8") != "mine"
