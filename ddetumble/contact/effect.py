@@ -212,14 +212,26 @@ class AbstractModel(eqx.Module):
     Attributes:
         family: of the records that it describes: `impact`, `slip`, `oblique` or `tumble`.
         provides: what effects may require.
+        valid: ranges (low, high) of conditions, SI, beyond which its equations do not hold; no test is advised there.
     """
 
     family: AbstractClassVar[str]
     provides: ClassVar[tuple[str, ...]] = ()
+    valid: ClassVar[Mapping[str, tuple[float, float]]] = {}
 
     @abc.abstractmethod
     def extend(self, effects: tuple[AbstractEffect, ...]) -> Any:
         """This model with effects: its law."""
+
+
+def read_validity(model: AbstractModel) -> dict[str, tuple[float, float]]:
+    """Ranges of conditions, SI, within which the equations of a model and of all its parts hold."""
+    found: dict[str, tuple[float, float]] = {}
+    for part in parts_of(model):
+        for name, (low, high) in type(part).valid.items():
+            first, last = found.get(name, (low, high))
+            found[name] = max(first, low), min(last, high)
+    return found
 
 
 class AbstractSizeEffect(AbstractEffect):

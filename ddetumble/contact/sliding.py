@@ -21,7 +21,7 @@ from equinox import AbstractClassVar
 from jaxtyping import Array
 
 from .effect import AbstractEffect, AbstractModel, Scalar, parameter, pick_effects
-from .friction import composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
+from .friction import DIVERGES_ABOVE, composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
 
 
 class Slide(eqx.Module):
@@ -144,6 +144,7 @@ class RubberFriction(AbstractRubberFriction):
                                    limits=(0.0, 10.0),
                                    limits_reason="Eq. 10 as printed is 1; slip does not drive itself")
     printed: bool = eqx.field(static=True, default=False)
+    valid: ClassVar[Mapping[str, tuple[float, float]]] = {"normal_load": (0.0, DIVERGES_ABOVE)}
 
     def slipping(self, slide: Slide) -> Scalar:
         """Eqs. 9 and 10 at the record's load, scaled [-]."""

@@ -13,7 +13,7 @@ from ..measurement.campaign import Campaign
 from .archive import save_model
 from .bounded import Bounded, linearise_all, truncate_normal
 from .files import list_versions, make_plain, write_json
-from .identifiability import Knowledge, analyse_columns, describe_knowledge
+from .identifiability import Knowledge, Remedy, analyse_columns, describe_knowledge, flatten_columns
 from .noise import Noise
 from .parameters import ParameterSpace, to_public
 from .problem import Problem, Solution
@@ -68,6 +68,7 @@ class Fit:
         nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its
             `sd` of what tumbling records start from.
         cannot_tell_apart: sentences.
+        remedies: measurements that would tell parameters apart, with what they are expected to gain.
         notes: further sentences.
         settings: command, specification, seed.
         space, solution, problem, bounded: for those who go on computing.
@@ -94,6 +95,7 @@ class Fit:
     state: str
     nuisances: Mapping[str, Mapping[str, Mapping[str, float]]]
     cannot_tell_apart: tuple[str, ...]
+    remedies: tuple[Remedy, ...]
     notes: tuple[str, ...]
     settings: Mapping[str, Any]
     space: ParameterSpace
@@ -175,7 +177,7 @@ class Fit:
             "chi2": self.chi2, "degrees": self.degrees, "chi2_reduced": self.chi2_reduced, "records": self.records,
             "samples": self.samples, "noise": self.noise, "converged": self.converged, "steps": self.steps,
             "state": self.state, "nuisances": self.nuisances, "cannot_tell_apart": self.cannot_tell_apart,
-            "notes": self.notes, "settings": self.settings, "versions": list_versions(),
+            "remedies": self.remedies, "notes": self.notes, "settings": self.settings, "versions": list_versions(),
         })  # fmt: skip
 
     def save(self, folder) -> Path:
@@ -205,9 +207,9 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     """
     space, solution = problem.space, found.solution
     moving = list(solution.names)
-    flat = _flatten(solution)
+    flat = flatten_columns(solution)
     known = analyse_columns(space, moving, flat, solution.scales)
-    told = describe_knowledge(problem, solution, flat, known)
+    told, remedies = describe_knowledge(problem, solution, flat, known, campaign)
     parameters, covariance, correlations, gaussians = _estimate(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + len(problem.priors) - len(moving)
@@ -225,7 +227,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), problem.records.count, counted,
-        dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
+        dict(noise), solution.converged, solution.steps, state, _list_nuisances(problem, solution), told, remedies,
+        tuple(notes),
         dict(settings), space, solution, campaign, problem, found, gaussians)
 
 
@@ -238,12 +241,6 @@ def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], f
         if slot.name not in free and (slot.owner is None or slot.owner in effects or away):
             found[slot.name] = to_public(slot.parameter.coordinate, u[k])
     return found
-
-
-def _flatten(solution: Solution) -> np.ndarray:
-    """Columns of all rows with nuisances eliminated, priors below."""
-    columns, _ = solution.projected()
-    return np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(solution.prior_weight)])
 
 
 def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
@@ -317,7 +314,7 @@ def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]
     moving = list(found.solution.names)
     full = linearise_all(problem, found.solution, [*moving, *found.held], found.solution.u)
     _, right = full.projected()
-    flat = _flatten(full)
+    flat = flatten_columns(full)
     rest = np.concatenate([right.reshape(-1), full.prior_residual])
     known = analyse_columns(problem.space, full.names, flat, full.scales)
     step = -known.covariance @ ((flat / full.scales).T @ rest)
