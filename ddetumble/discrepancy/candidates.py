@@ -3,10 +3,12 @@
 import numpy as np
 from scipy import stats
 
+from ..inference.parameters import to_public
 from .adequacy import Score
+from .detectability import detectable_length, find_size
 from .records import Candidate
 from .search import Grown, Tried, compare_additions
-from .steps import public_estimates, whitened_share
+from .steps import list_loose, public_estimates, whitened_share
 from .workbench import Fitted, Workbench
 
 
@@ -32,11 +34,17 @@ def describe_candidates(workbench: Workbench, grown: list[Grown], tried: Tried) 
         # After a swap the effects of the final model lead, in the order in which they were found.
         final = [e for e in grown[-1].fitted.effects if e in order]
         order = sorted(order, key=lambda e: (final.index(e) if e in final else len(final)))
-    return [_describe(workbench, tried, scores, e, chosen, alternatives, len(order)) for e in order]
+    sizes: dict[str, dict[str, float]] = {}
+    # What is not known of the model may imitate anything, however far from where it stands.
+    if not list_loose(workbench, grown[0].fitted.solution):
+        found = workbench.map(lambda e: _detectable(workbench, grown[0].fitted, [s for s in scores if s.effect == e],
+                                                    len(scores)), order)
+        sizes = dict(zip(order, found, strict=True))
+    return [_describe(workbench, tried, scores, e, chosen, alternatives, len(order), sizes.get(e, {})) for e in order]
 
 
 def _describe(workbench: Workbench, tried: Tried, scores: list[Score], effect: str, chosen: str | None,
-              alternatives: set[str], count: int) -> Candidate:
+              alternatives: set[str], count: int, detectable: dict[str, float]) -> Candidate:
     before, fitted = tried.before, tried.screened[effect]
     absent = fitted.solution is before.solution
     rows = float((np.abs(before.solution.residual) > 0).sum()) - len(before.solution.names)
@@ -57,7 +65,6 @@ def _describe(workbench: Workbench, tried: Tried, scores: list[Score], effect: s
         alike = tuple(e for e in tried.order if (e in alternatives or e == chosen) and e != effect)
     else:
         alike = tuple(e for e, c in cosines.items() if c > ALIKE)
-    detectable = _detectable(workbench, own)
     refined = tried.refined.get(effect)
     shown = refined if refined is not None and set(refined.solution.names) >= set(fitted.solution.names) else fitted
     return Candidate(
@@ -77,17 +84,25 @@ def _heldout(workbench: Workbench, before: Fitted, fitted: Fitted) -> float:
     return whitened_share(workbench, before) * float(np.sqrt(fitted.forecast.sum() / max(before.solution.chi2, 1e-300)))
 
 
-def _detectable(workbench: Workbench, own: list[Score]) -> dict[str, float]:
-    """Smallest amplitude that would have been found, as a deviation from its null, by public name."""
-    found: dict[str, float] = {}
-    for s in own:
-        if s.information <= 0:
-            continue
-        p = workbench.space.slots[workbench.space.index[s.name]].parameter
-        size = SEEN / np.sqrt(s.information)
-        value = float(1.0 / size if p.coordinate == "inverse" else size)
-        keep = max if p.coordinate == "inverse" else min
-        found[s.name] = keep(found.get(s.name, value), value)
+def _detectable(workbench: Workbench, reference: Fitted, own: list[Score], count: int) -> dict[str, float]:
+    """Smallest value of every amplitude of an effect that would have been found, by public name.
+
+    None is given where no value that physics allows would have been. The model is computed at that value: the score
+    alone is the slope at the null, which may be that of a place where nothing else holds.
+    """
+    goal, best, found = detectable_length(count), {}, {}
+    for s in sorted(own, key=lambda s: s.information):
+        if s.information > 0:
+            best[s.name] = s  # at the shape that shows most
+    for name, s in best.items():
+        p = workbench.space.slots[workbench.space.index[name]].parameter
+        origin = reference.solution.u.copy()
+        for shape, value in s.shapes.items():
+            origin[workbench.space.index[shape]] = value
+        one = find_size(workbench.problem, reference.solution, origin, name, goal,
+                        goal / float(np.sqrt(s.information)))
+        if one is not None and np.isfinite(one.size):
+            found[name] = to_public(p.coordinate, one.size)
     return found
 
 

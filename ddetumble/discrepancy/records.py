@@ -114,8 +114,9 @@ class Candidate:
     """One effect of the catalogue as it stood at the first step (fields as in `formats.md`).
 
     `cosines` holds |cos| of its projected signature with those of other effects (only where above 0.5);
-    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best); `units` are those of
-    `smallest_detectable`.
+    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best). `smallest_detectable`
+    are values of its amplitudes, in `units`, that would have been found with 95 % power; one of which no value within
+    its physical limits would be is not among them, and none is where the records do not fix the reference model.
     """
 
     effect: str
