@@ -51,8 +51,8 @@ class PressureDependentRestitution(AbstractRestitutionEffect):
     r"""$e = e_0 (P_0 / 1\,\mathrm{MPa})^{-p}$."""
 
     p: Scalar = parameter("", 0.0, typical=0.1, bounds=(-2.0, 2.0), starts=(0.1,), text="power of the pressure",
-                          limits=(-0.5, 0.5),
-                          limits_reason="beyond it restitution would change by more than 2.4 times over 0.4 to 2.5 MPa")
+                          limits=(-1.0, 1.0),
+                          limits_reason="at 1 restitution falls as 1/pressure, 2.5 times from 1 to 2.5 MPa")
     id: ClassVar[str] = "pressure-dependent-restitution"
     law: ClassVar[str] = "e = e0 (P0 / 1 MPa)^(-p)"
     reference: ClassVar[str] = "the share of the wall in the losses changes with inflation"
