@@ -95,3 +95,15 @@ def test_contract_checks_them(limits, reason, holds):
         **space, "id": "limited", "law": Spring.law, "reference": Spring.reference, "force": Spring.force}))
     found = {check.name: check.ok for check in report.checks}
     assert found["limits"] == holds and report.ok == holds
+
+
+@pytest.mark.slow
+def test_fit_says_what_is_beyond_and_in_which_unit():
+    """impact-c has a dashpot: growth of the ball would have to stand in for it; a free power has its unit."""
+    campaign = dd.read_campaign(dd.find_data() / "impact-c")
+    grown = dd.fit(campaign, effects=["inflation-growth"], noise="stated").parameters["inflation-growth.beta"]
+    assert grown.q025 > 1.6 and "1.6" in grown.text
+    wall = dd.fit(campaign, effects=["wall-stiffness"], free=["wall-stiffness.q"], noise="stated").parameters
+    assert wall["wall-stiffness.k_w"].unit == f"N/m^{wall['wall-stiffness.q'].estimate:.3g}"
+    plain = dd.fit(campaign, effects=["wall-stiffness"], noise="stated").parameters
+    assert plain["wall-stiffness.k_w"].unit == "N/m" and plain["effective_mass"].text == ""

@@ -76,7 +76,7 @@ def _describe(workbench: Workbench, tried: Tried, scores: list[Score], effect: s
         estimates={} if absent else public_estimates(workbench, shown.solution, [effect]),
         heldout_difference=difference, standard_error=error, cosines=cosines,
         text="its best amplitude has the wrong sign, or does nothing" if absent else "",
-        units={name: workbench.space.slots[workbench.space.index[name]].parameter.unit for name in detectable})
+        units={name: workbench.space.unit(name, before.solution.u) for name in detectable})
 
 
 def _heldout(workbench: Workbench, before: Fitted, fitted: Fitted) -> float:

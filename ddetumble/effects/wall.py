@@ -26,8 +26,7 @@ WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
 class WallStiffness(AbstractElasticEffect):
     r"""The wall carries load beside the gas: $F_k$ gains $k_w \delta^q$."""
 
-    k_w: Scalar = parameter("N/m", 0.0, typical=1000.0, sign=1, starts=(1000.0,),
-                            text="stiffness of the wall (N/m^q)",
+    k_w: Scalar = parameter("N/m^q", 0.0, typical=1000.0, sign=1, starts=(1000.0,), text="stiffness of the wall",
                             limits=(0.0, float("inf")),
                             limits_reason="it resists; how stiff a wall may be has no bound, and the unit changes "
                                           "with q")

@@ -148,7 +148,7 @@ class Fit:
             bound = f", at its {p.at_bound} bound" if p.at_bound else ""
             lines.append(f"    {name + ':':<{width}} {p.estimate:.7g} {spread}{unit} (init = {p.initial:.5g}){bound}")
         for name, value in self.fixed.items():
-            unit = self.space.slots[self.space.index[name]].parameter.unit
+            unit = self.space.unit(name, self.solution.u)
             lines.append(f"    {name + ':':<{width}} {value:.7g}{f' {unit}' if unit else ''} (fixed)")
         names, pairs = list(self.parameters), []
         for i in range(len(names)):
@@ -260,7 +260,7 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
     for k, name in enumerate(names):
         j = space.index[name]
         p = space.slots[j].parameter
-        initial, u = to_public(p.coordinate, start[j]), solution.u[j]
+        initial, u, unit = to_public(p.coordinate, start[j]), solution.u[j], space.unit(name, solution.u)
         ends = found.bounds.get(name, (-np.inf, np.inf))
         low, high = max(ends[0], problem.limits[0][j]), min(ends[1], problem.limits[1][j])
         if name in cut:
@@ -268,17 +268,17 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
             sd, first, last = truncate_normal(*gaussians[name])
             covariance[k, k] = sd**2
             side = "upper" if found.held[name] > 0 else "lower"
-            parameters[name] = _make_public(p, u, sd, first, last, initial, side)
+            parameters[name] = _make_public(p, unit, u, sd, first, last, initial, side)
             continue
         sd = float(np.sqrt(covariance[k, k]))
         gaussians[name] = (float(u), sd, float(low), float(high))
         if name in known.undetermined:
             gaussians[name] = (float(u), math.inf, *space_ends(p))
             low, high = (to_public(p.coordinate, x) for x in space_ends(p))
-            parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), p.unit,
+            parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), unit,
                                       initial, "", False, "not determined by these records")
             continue
-        public = space.public(name, u, sd)
+        public = space.public(name, solution.u, sd)
         text = ""
         if p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
@@ -286,7 +286,9 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
         middle, width = (float(public[key]) for key in ("estimate", "sd"))
         _, *ends = truncate_normal(*gaussians[name])
         first, last = sorted(to_public(p.coordinate, x) for x in ends)
-        parameters[name] = Fitted(middle, width, first, last, p.unit, initial, text=text)
+        if not text and p.excludes(first, last):
+            text = f"beyond what physics allows, {p.limits[0]:g} to {p.limits[1]:g}: {p.limits_reason}"
+        parameters[name] = Fitted(middle, width, first, last, unit, initial, text=text)
     return parameters, covariance, correlations, gaussians
 
 
@@ -298,14 +300,14 @@ def space_ends(p) -> tuple[float, float]:
     return (-math.inf, math.inf) if p.coordinate == "logit" else (low, high)
 
 
-def _make_public(p, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:
+def _make_public(p, unit: str, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:
     """A parameter at its bound, from the coordinates of its interval."""
     ends = sorted(to_public(p.coordinate, x) for x in (low, high))
     value = to_public(p.coordinate, u)
     slope = {"log": value, "logit": value * (1 - value), "inverse": value**2}.get(p.coordinate, 1.0)
     if bound and p.coordinate == "inverse":
         bound = {"lower": "upper", "upper": "lower"}[bound]
-    return Fitted(value, abs(slope) * sd, ends[0], ends[1], p.unit, initial, bound, True, "stopped at its bound")
+    return Fitted(value, abs(slope) * sd, ends[0], ends[1], unit, initial, bound, True, "stopped at its bound")
 
 
 def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]:

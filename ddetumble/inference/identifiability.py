@@ -32,6 +32,7 @@ REACH = {
     "approach_speed": (0.6, 1.5), "initial_pressure": (0.25, 1.25), "internal_pressure": (0.25, 1.25),
     "normal_load": (0.5, 2.0), "slip_speed": (0.3, 3.0),
 }  # fmt: skip
+LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
 NUDGE = 0.02  # in scales of coordinates and deviations of nuisances, of the differences that give a depression's slopes
 
@@ -191,7 +192,7 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
         if p.coordinate == "log" and before:
             size = f"{abs(change / before) * 100:.2g} %"
         else:
-            size = f"{abs(change):.2g}" + (f" {p.unit}" if p.unit else "")
+            size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
         parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
     return _list(parts)
 
@@ -227,6 +228,8 @@ def list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tuple
     low, high = (factor * edge for factor, edge in zip(REACH[name], (stated.min(), stated.max()), strict=True))
     if not low > 0:
         return []
+    if name.endswith("pressure"):
+        low = max(low, min(LEAST_PRESSURE, stated.min()))
     first, last = read_validity(problem.space.reference).get(name, (0.0, math.inf))
     low, high = (_round_inside(value, last) for value in (max(low, first), min(high, last)))
     return [(low,), (high,), (low, high)] if low < high else []

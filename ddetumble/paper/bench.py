@@ -117,7 +117,7 @@ class Bench:
             seen = size[k] * self.program.scale[number] > 1e-8
             sd = float(np.sqrt(max(covariance[k, k], 0.0)) / size[k]) if seen else float("inf")
             with np.errstate(over="ignore"):  # of what the peaks do not fix, the interval is the whole range
-                found[name] = self.program.space.public(name, float(fit.x[number]), sd)
+                found[name] = self.program.space.public(name, fit.x, sd)
         return found
 
     def starts_of(self, effect: type[AbstractEffect]) -> list[dict[str, float]]:
@@ -216,10 +216,10 @@ class Bench:
         """
         for name in names:
             number = self.program.space.index[name]
-            value = float(self.program.space.public(name, float(x[number]), 0.0)["estimate"])
+            value = float(self.program.space.public(name, x, 0.0)["estimate"])
             slot = self.program.space.slots[number]
             if slot.owner is not None and slot.parameter.excludes(value, value):
-                return f"{name} = {value:.3g} {slot.parameter.unit}".strip()
+                return f"{name} = {value:.3g} {self.program.space.unit(name, x)}".strip()
         return ""
 
     def read_as_gauge(self) -> list[PeakRow]:

@@ -227,7 +227,8 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
         own = groups[effect.id]
         first = next(p for p in parameters_of(effect) if p.kind != "shape")
         if not own:
-            effects.append(Visible(effect.id, first.name, first.unit, None, {}, 0.0, None, 0.0, None, {}))
+            unit = bench.space.unit(f"{effect.id}.{first.name}", bench.start)
+            effects.append(Visible(effect.id, first.name, unit, None, {}, 0.0, None, 0.0, None, {}))
             continue
         sizes: dict[str, _Signature] = {}
         for s in own:
@@ -242,8 +243,8 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
         if told is not None and told * abs(best.size - p.default) > reach_limit(p):
             told = None
         effects.append(Visible(
-            effect.id, p.name, p.unit, to_public(p.coordinate, best.size), _publish(bench, best.shapes), best.visible,
-            None if near is None else names[near], cosine, told,
+            effect.id, p.name, bench.space.unit(best.name, bench.start), to_public(p.coordinate, best.size),
+            _publish(bench, best.shapes), best.visible, None if near is None else names[near], cosine, told,
             _publish(bench, {n: s.size for n, s in sizes.items()})))
     alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
                   if cosines[i, j] >= ALIKE)
@@ -272,7 +273,7 @@ def _explain(bench: Workbench, effects: Sequence[Visible], alike: Sequence[tuple
     sentence += (f". They could not tell apart: {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
                  if alike else ". No two of these would look alike.")
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
-                       for v in [bench.space.public(n, float(bench.start[bench.space.index[n]]), 0.0)])
+                       for v in [bench.space.public(n, bench.start, 0.0)])
     return sentence, (
         f"Found with 95 % power by the family-wise test of discover (level {LEVEL / 2:g}); noise white and as stated, "
         "nuisances as stated.",
