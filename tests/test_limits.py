@@ -99,7 +99,7 @@ def test_contract_checks_them(limits, reason, holds):
 
 @pytest.mark.slow
 def test_fit_says_what_is_beyond_and_in_which_unit():
-    """impact-c has a dashpot: growth of the ball would have to stand in for it; a free power has its unit."""
+    """Growth of the ball would have to stand in for what impact-c has; a stiffness has the unit of its power."""
     campaign = dd.read_campaign(dd.find_data() / "impact-c")
     grown = dd.fit(campaign, effects=["inflation-growth"], noise="stated").parameters["inflation-growth.beta"]
     assert grown.q025 > 1.6 and "1.6" in grown.text
