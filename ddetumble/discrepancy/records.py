@@ -136,7 +136,11 @@ class Candidate:
 
 @dc.dataclass(frozen=True)
 class Place:
-    """Where a misfit sits: a range of one variable, with its share of the misfit (`period` where it repeats)."""
+    """Where a misfit sits: a range of one variable, with the share of its channel's misfit that lies in it.
+
+    `period` where it repeats; `removes`, where a simple force of this variable was fitted, is the share of the whole
+    misfit (chi-square above noise) that it removes.
+    """
 
     channel: str
     variable: str
@@ -144,6 +148,7 @@ class Place:
     phase: str
     share: float
     period: float | None = None
+    removes: float | None = None
 
 
 @dc.dataclass(frozen=True)
