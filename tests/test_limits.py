@@ -10,7 +10,7 @@ from ddetumble.cli import main
 from ddetumble.contact.effect import AbstractElasticEffect, Contact, Parameter, Scalar, parameter, parameters_of
 from ddetumble.effects import CATALOGUES
 from ddetumble.exam.benches import BENCHES
-from ddetumble.inference.models import BUILTIN
+from ddetumble.inference.builtin import BUILTIN
 
 
 EFFECTS = {effect.id: effect for effects in CATALOGUES.values() for effect in effects}

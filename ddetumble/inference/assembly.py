@@ -17,8 +17,8 @@ from ..contact.law import PowerLaw
 from ..contact.sliding import AbstractRubberFriction, RubberFriction
 from ..measurement.campaign import Campaign
 from ..measurement.units import ROLES
+from .builtin import BUILTIN
 from .families import find_family, name_family
-from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
 from .starts import guess_body
 
