@@ -31,7 +31,7 @@ def _ball(quarter: bool = False, **choices: Any) -> Any:
     from .._numerics import scalar
     from ..contact.law import Ball
 
-    return Ball(**choices, **({"contact_radius_coefficient": scalar(0.25)} if quarter else {}))
+    return Ball(contact_radius_coefficient=scalar(0.25), **choices) if quarter else Ball(**choices)
 
 
 def _soft() -> Any:
