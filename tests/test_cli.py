@@ -268,7 +268,7 @@ def test_effects(capsys):
     assert "wall-stiffness" in capsys.readouterr().out
     assert main(["effects", "wall-stiffness"]) == 0
     text = capsys.readouterr().out
-    assert "k_w [N/m], null 0" in text and "law" in text and "reference" in text and "stage" in text
+    assert "k_w [N/m^q], null 0" in text and "law" in text and "reference" in text and "stage" in text
 
 
 def test_cache(capsys, monkeypatch, tmp_path):

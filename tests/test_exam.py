@@ -127,7 +127,7 @@ def test_slip_strengths_are_as_asked(index):
 @pytest.mark.slow
 def test_impact_strengths_are_as_asked():
     """The same for an impact case, with a finer integrator and derivatives found anew at every step."""
-    case = draw_case(Exam("impact", 2, truths=("one",)), 3)
+    case = draw_case(Exam("impact", 2, truths=("one",)), 4)
     s = case.setting
     tests = order_tests(pcg(case.seed), s["pressures"], s["speeds"], s["repeats"])[:12]
     full = measure_misfit(s["base"], case.effects, tests, [NOISE["normal_force"]], UNCERTAINTIES, steps=3, rtol=1e-8,

@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ddetumble._errors import InputError
-from ddetumble.inference.models import MODELS, describe_models, resolve_model
+from ddetumble.inference.builtin import MODELS
+from ddetumble.inference.models import resolve_model
 
 
 pytestmark = pytest.mark.slow
@@ -298,7 +299,6 @@ def test_models_by_name(tmp_path):
     assert at["paper-quarter"] == pytest.approx(5.7, abs=0.05)
     # Eq. 1: P pi (2 R delta - delta^2).
     assert at["matunaga"] == pytest.approx(1e6 * np.pi * (0.06 * 5e-3 - 25e-6), rel=1e-9)
-    assert all(name in describe_models() for name in MODELS)
     file = tmp_path / "mine.py"
     file.write_text("from ddetumble.contact.law import Ball, ContactLaw\nfrom ddetumble.effects import IMPACT\n"
                     "mine = Ball(outer_diameter=0.05)\nlaw = ContactLaw(Ball(), (IMPACT[0](),))\nother = 3\n")

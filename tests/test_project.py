@@ -134,9 +134,8 @@ def test_second_simulator_stands_alone():
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
 def test_module(path):
-    """At most 400 lines; annotations are not turned into text, which breaks abstract attributes."""
+    """Annotations are not turned into text, which breaks abstract attributes."""
     text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 400
     assert not re.search(r"^from __future__ import .*annotations", text, re.MULTILINE)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from . import caching, estimation, exam, examination, measurement, planning, sampling, story, striking
+from . import caching, estimation, exam, examination, measurement, models, planning, sampling, story, striking
 from .failures import run_guarded
 
 
@@ -17,7 +17,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-for _module in (story, measurement, examination, estimation, sampling, planning, striking, exam, caching):
+for _module in (story, measurement, examination, estimation, models, sampling, planning, striking, exam, caching):
     _module.register(app)
 
 
@@ -33,8 +33,8 @@ def _show_help(
     fails, rank the effects that could be missing, add one, and watch the error fall.
 
     CAMPAIGN is a folder with measured tests (or the name of one that comes with the toolkit, such as impact-a);
-    `ddetumble import` makes one from a laboratory's CSV files. MODEL is paper, paper-printed, matunaga, power-law (of
-    impacts), coulomb (of friction), a folder that `fit` or `discover` wrote, or FILE.py:NAME.
+    `ddetumble import` makes one from a laboratory's CSV files. MODEL is one of those that `ddetumble models` lists, a
+    folder that `fit` or `discover` wrote, or FILE.py:NAME.
 
     Results go to a new or empty folder, whole or not at all; what a place holds is replaced with --overwrite alone.
     """

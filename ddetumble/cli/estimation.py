@@ -164,6 +164,8 @@ def show_effects(
     typer.echo(f"{entry.id}\n  law        {entry.law}\n  stage      {stage_of(entry)}")
     for parameter in parameters_of(entry):
         typer.echo(f"  parameter  {_describe_parameter(parameter)}")
+        if parameter.limits_reason:
+            typer.echo(f"    limits   {describe_limits(parameter)}")
     typer.echo(f"  reference  {entry.reference}")
 
 
@@ -188,3 +190,11 @@ def _describe_parameter(parameter) -> str:
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     value = f"{'null' if parameter.kind == 'amplitude' else 'from'} {parameter.default:g}"
     return f"{parameter.name}{unit}, {value}: {parameter.text}"
+
+
+def describe_limits(parameter) -> str:
+    """What physics allows of a parameter, in words, and why."""
+    low, high = parameter.limits
+    unit = f" {parameter.unit}" if parameter.unit else ""
+    span = f"{low:g} to {high:g}{unit}" if high < float("inf") else f"from {low:g}{unit}"
+    return f"{span}: {parameter.limits_reason}"

@@ -11,6 +11,7 @@ from typing import Any
 import typer
 
 from .._errors import InputError
+from ..inference.builtin import list_names
 from .places import Output, locate_campaign, open_folder
 
 
@@ -20,8 +21,7 @@ MODEL = typer.Option(
     "-m",
     "--model",
     metavar="MODEL",
-    help="paper, paper-printed, matunaga, power-law (friction: paper, paper-printed, coulomb), a folder that fit or "
-    "discover wrote, or FILE.py:NAME.",
+    help=f"Reference model ({list_names()}), a folder that fit or discover wrote, or FILE.py:NAME.",
 )
 EFFECT = typer.Option(
     "-e", "--effect", metavar="ID",

@@ -17,6 +17,7 @@ from .clauses import (
     TOLERANCE,
     Check,
     EffectReport,
+    check_limits,
     explain_error,
     find_gap,
     judge_clause,
@@ -231,7 +232,8 @@ def prove(name: str, make: Callable[[], AbstractProof]) -> EffectReport:
     except Exception as error:
         return EffectReport(name, (Check("complete", False, explain_error(error)),))
     clauses: list[tuple[str, Callable[[], str | tuple[bool, str]]]] = [
-        ("complete", proof.find_gaps), ("units", proof.read_units), ("flattens", proof.flatten),
+        ("complete", proof.find_gaps), ("units", proof.read_units),
+        ("limits", lambda: check_limits(proof.bench.parameters)), ("flattens", proof.flatten),
         ("compiled = eager", proof.compare_eager), ("compiles once", proof.count_traces),
         ("finite at its starts", proof.find_infinite), ("batch = loop", proof.compare_loop),
         ("absent at its null", proof.compare_null),

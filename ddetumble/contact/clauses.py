@@ -115,6 +115,27 @@ def check_unit_text(one: Parameter, parameters: Sequence[Parameter]) -> str:
     return ""
 
 
+def check_limits(parameters: Sequence[Parameter]) -> str | tuple[bool, str]:
+    """Whether what physics allows is a range with a reason that holds the null and all starts of every parameter."""
+    stated = []
+    for one in parameters:
+        low, high = one.limits
+        if not low < high:
+            return f"limits of {one.name} begin at {low:g} and end at {high:g}: give the lower first."
+        if (low, high) == (-np.inf, np.inf):
+            continue
+        if not one.limits_reason.strip():
+            return f"limits of {one.name} have no reason: say why in `limits_reason`."
+        values = [one.default, *one.starts]
+        if one.coordinate == "inverse":
+            values = [1.0 / value if value else np.inf for value in values]
+        outside = [value for value in values if not low <= value <= high]
+        if outside:
+            return f"limits of {one.name} leave out {outside[0]:g}, its null or a start of its fits."
+        stated.append(f"{one.name} {low:g} to {high:g}")
+    return True, (", ".join(stated) or "none stated") + "."
+
+
 def find_gap(kind: type, reference: Any, conditions: Any) -> str:
     """What is missing of an effect: a text, or what it requires of the reference model; empty where nothing is."""
     for field in ("id", "law", "reference"):

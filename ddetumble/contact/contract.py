@@ -40,7 +40,8 @@ def check_effect(
     """Prove by trial impacts, strokes or tumbling that an effect keeps the contract on which fits and discovery rely.
 
     The clauses: it is complete (one stage, id, law, reference, nothing missing on the model); its parameters have units
-    that `pint` reads; its values survive flattening; new values do not compile anew; it is finite at its starts;
+    that `pint` reads, and limits, where they state any, with a reason, around null and starts; its values survive
+    flattening; new values do not compile anew; it is finite at its starts;
     compiled code gives what eager code gives; a batch gives what a loop gives; at its null it is absent to the last
     bit; every amplitude moves the readings at its null, every shape parameter (and every parameter whose null is
     singular: `coordinate="inverse"`, `singular=True`) somewhere over its starts.

@@ -93,7 +93,9 @@ class Parameter:
         kind: `amplitude` (its null switches the effect off) or `shape` (means nothing while the amplitude is null).
         typical: size of a change that matters; scales the fit.
         sign: +1 where physics allows only values above the null, -1 below, 0 both.
-        bounds: hard limits (low, high).
+        bounds: hard limits (low, high) of the field, within which a fit moves.
+        limits: range (low, high) that physics allows, in the public unit; a value beyond it is no explanation.
+        limits_reason: why, in one phrase.
         starts: values to start a fit from (amplitudes) or to scan (shapes).
         coordinate: `linear`, `log`, `logit` (of a value in 0..1) or `inverse` (the field holds 1/parameter).
         free: whether a fit of the effect frees it from the start.
@@ -109,17 +111,24 @@ class Parameter:
     typical: float = 1.0
     sign: int = 0
     bounds: tuple[float, float] = (-float("inf"), float("inf"))
+    limits: tuple[float, float] = (-float("inf"), float("inf"))
+    limits_reason: str = ""
     starts: tuple[float, ...] = ()
     coordinate: str = "linear"
     free: bool = True
     singular: bool = False
     text: str = ""
 
+    def excludes(self, low: float, high: float) -> bool:
+        """Whether an interval, in the public unit, lies wholly beyond what physics allows."""
+        return high < self.limits[0] or low > self.limits[1]
+
 
 def parameter(
     unit: str, default: float = 0.0, *, name: str | None = None, kind: str = "amplitude", typical: float = 1.0,
-    sign: int = 0, bounds: tuple[float, float] | None = None, starts: tuple[float, ...] = (),
-    coordinate: str = "linear", free: bool = True, singular: bool = False, text: str = "",
+    sign: int = 0, bounds: tuple[float, float] | None = None, limits: tuple[float, float] | None = None,
+    limits_reason: str = "", starts: tuple[float, ...] = (), coordinate: str = "linear", free: bool = True,
+    singular: bool = False, text: str = "",
 ) -> Any:
     """Declare a scalar parameter of an effect or of a reference model; see `Parameter` for the arguments."""
     if kind not in ("amplitude", "shape", "reference"):
@@ -127,8 +136,9 @@ def parameter(
     if coordinate not in ("linear", "log", "logit", "inverse"):
         raise ValueError(f"`parameter(coordinate=...)` must be linear, log, logit or inverse; got {coordinate!r}.")
     meta = dict(unit=unit, default=float(default), name=name, kind=kind, typical=float(typical), sign=sign,
-                bounds=bounds or (-float("inf"), float("inf")), starts=tuple(float(x) for x in starts),
-                coordinate=coordinate, free=free, singular=singular, text=text)
+                bounds=bounds or (-float("inf"), float("inf")), limits=limits or (-float("inf"), float("inf")),
+                limits_reason=limits_reason, starts=tuple(float(x) for x in starts), coordinate=coordinate, free=free,
+                singular=singular, text=text)
     return eqx.field(converter=scalar, default=float(default), metadata={"parameter": meta})
 
 
@@ -202,14 +212,26 @@ class AbstractModel(eqx.Module):
     Attributes:
         family: of the records that it describes: `impact`, `slip`, `oblique` or `tumble`.
         provides: what effects may require.
+        valid: ranges (low, high) of conditions, SI, beyond which its equations do not hold; no test is advised there.
     """
 
     family: AbstractClassVar[str]
     provides: ClassVar[tuple[str, ...]] = ()
+    valid: ClassVar[Mapping[str, tuple[float, float]]] = {}
 
     @abc.abstractmethod
     def extend(self, effects: tuple[AbstractEffect, ...]) -> Any:
         """This model with effects: its law."""
+
+
+def read_validity(model: AbstractModel) -> dict[str, tuple[float, float]]:
+    """Ranges of conditions, SI, within which the equations of a model and of all its parts hold."""
+    found: dict[str, tuple[float, float]] = {}
+    for part in parts_of(model):
+        for name, (low, high) in type(part).valid.items():
+            first, last = found.get(name, (low, high))
+            found[name] = max(first, low), min(last, high)
+    return found
 
 
 class AbstractSizeEffect(AbstractEffect):

@@ -100,11 +100,14 @@ class Striker(AbstractModel):
     ball: AbstractReference
     friction: AbstractFriction
     tangential_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                        bounds=(1e-2, 1e2), text="mass felt along the plate")
+                                        bounds=(1e-2, 1e2), text="mass felt along the plate",
+                                        limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
     rolling_mass: Scalar = parameter("kg", 0.5, kind="reference", typical=0.2, coordinate="log", bounds=(0.0, jnp.inf),
-                                     free=False, text="moment of inertia of the turning ball over its height squared")
+                                     free=False, text="moment of inertia of the turning ball over its height squared",
+                                     limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
     creep_speed: Scalar = parameter("m/s", 0.01, kind="reference", typical=0.005, coordinate="log",
-                                    bounds=(1e-5, 10.0), free=False, text="speed below which the patch creeps")
+                                    bounds=(1e-5, 10.0), free=False, text="speed below which the patch creeps",
+                                    limits=(1e-6, 1.0), limits_reason="far below the speed of sliding")
     family: ClassVar[str] = "oblique"
 
     def __check_init__(self):

@@ -107,13 +107,19 @@ class Ball(AbstractReference):
     """
 
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                       bounds=(0.0, jnp.inf), text="mass felt along the normal")
+                                       bounds=(0.0, jnp.inf), text="mass felt along the normal",
+                                       limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
     restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
-                                    bounds=RESTITUTIONS, text="coefficient of restitution")
+                                    bounds=RESTITUTIONS, text="coefficient of restitution",
+                                    limits=(0.0, 1.0), limits_reason="a passive contact returns no more than it takes")
     outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
-                                       bounds=(0.0, jnp.inf), free=False, text="ball before deformation")
+                                       bounds=(0.0, jnp.inf), free=False, text="ball before deformation",
+                                       limits=(1e-3, 10.0), limits_reason="a ball of a millimetre to one of ten metres")
     contact_radius_coefficient: Scalar = parameter("", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log",
-                                                   bounds=(0.0, jnp.inf), free=False, text="b over depression")
+                                                   bounds=(0.0, jnp.inf), free=False, text="b over depression",
+                                                   limits=(0.1, 3.0),
+                                                   limits_reason="1/4 as printed, pi/4 for a constant perimeter; a "
+                                                                 "patch is no wider than the ball")
     volume_coefficient: float | None = eqx.field(static=True, default=None)
     doubled_core: bool = eqx.field(static=True, default=False)
     truncated: bool = eqx.field(static=True, default=False)
@@ -178,15 +184,25 @@ class PowerLaw(AbstractGasless):
     """
 
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                       bounds=(0.0, jnp.inf), text="mass felt along the normal")
+                                       bounds=(0.0, jnp.inf), text="mass felt along the normal",
+                                       limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
     restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
-                                    bounds=RESTITUTIONS, text="coefficient of restitution")
+                                    bounds=RESTITUTIONS, text="coefficient of restitution",
+                                    limits=(0.0, 1.0), limits_reason="a passive contact returns no more than it takes")
     stiffness_force: Scalar = parameter("N", 100.0, kind="reference", typical=50.0, coordinate="log",
-                                        bounds=(0.0, jnp.inf), text="elastic force at 10 mm")
+                                        bounds=(0.0, jnp.inf), text="elastic force at 10 mm",
+                                        limits=(1e-6, 1e6),
+                                        limits_reason="it resists; 10 mm of foam to 10 mm of a vehicle buffer")
     exponent: Scalar = parameter("", 1.5, kind="reference", typical=0.5, coordinate="log",
-                                 bounds=(0.5, 6.0), text="power of the depression")
+                                 bounds=(0.5, 6.0), text="power of the depression",
+                                 limits=(0.5, 5.0),
+                                 limits_reason="a dimple of a thin shell 1/2, Hertz 3/2, a cone 2, a membrane 3, "
+                                               "foam that locks more")
     condition_exponent: Scalar = parameter("", 0.0, kind="reference", typical=0.5,
-                                           text="power of the further condition")
+                                           text="power of the further condition",
+                                           limits=(-3.0, 3.0),
+                                           limits_reason="thickness of a pad or plate to the power -3 in bending, +3 "
+                                                         "at most")
     condition: str = eqx.field(static=True, default="")
     condition_reference: float = eqx.field(static=True, default=1.0)
     provides: ClassVar[tuple[str, ...]] = ("damping",)

@@ -117,9 +117,13 @@ class RigidBody(AbstractModel):
     r"""Torque-free rotation of a body of revolution, $I\dot\omega + \omega \times I\omega = 0$, $I = (1, 1, r)$."""
 
     inertia_ratio: Scalar = parameter("", 0.5, kind="reference", typical=0.1, coordinate="log", bounds=(0.0, 2.0),
-                                      text="axial over transverse moment of inertia")
+                                      text="axial over transverse moment of inertia",
+                                      limits=(0.0, 2.0),
+                                      limits_reason="a body of revolution: a thin rod has 0, a flat disc 2")
     orbit_rate: Scalar = parameter("rad/s", 0.0, kind="reference", typical=1e-3, free=False,
-                                   text="angular velocity of the orbit")
+                                   text="angular velocity of the orbit",
+                                   limits=(0.0, 2e-3),
+                                   limits_reason="at the surface of a planet as dense as the Earth 1.24e-3")
     family: ClassVar[str] = "tumble"
     provides: ClassVar[tuple[str, ...]] = ()
 

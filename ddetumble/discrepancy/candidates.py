@@ -5,11 +5,13 @@ import dataclasses as dc
 import numpy as np
 from scipy import stats
 
+from ..inference.parameters import to_public
 from .adequacy import Score
+from .detectability import detectable_length, find_size
 from .holdout import compare_losses
 from .records import Candidate
 from .search import Grown, Tried, fit_with_shapes, merit
-from .steps import public_estimates
+from .steps import list_loose, public_estimates
 from .workbench import Fitted, Workbench
 
 
@@ -38,7 +40,14 @@ def describe_candidates(workbench: Workbench, grown: list[Grown], tried: Tried) 
     order = sorted(tried.order, key=lambda e: (final.index(e) if e in final else len(final), *(
         (finished.fits[e].thinned, merit(finished.fits[e]), finished.fits[e].solution.chi2) if rejected else ()),
         place[e]))
-    return [_describe(workbench, finished, tried, scores, e, chosen, alternatives, rejected) for e in order]
+    sizes: dict[str, dict[str, float]] = {}
+    # What is not known of the model may imitate anything, however far from where it stands.
+    if not list_loose(workbench, grown[0].fitted.solution):
+        found = workbench.map(lambda e: _detectable(workbench, grown[0].fitted, [s for s in scores if s.effect == e],
+                                                    len(scores)), order)
+        sizes = dict(zip(order, found, strict=True))
+    return [_describe(workbench, finished, tried, scores, e, chosen, alternatives, rejected, sizes.get(e, {}))
+            for e in order]
 
 
 class _Finished:
@@ -92,7 +101,7 @@ class _Finished:
 
 
 def _describe(workbench: Workbench, finished: _Finished, tried: Tried, scores: list[Score], effect: str,
-              chosen: str | None, alternatives: set[str], rejected: bool) -> Candidate:
+              chosen: str | None, alternatives: set[str], rejected: bool, detectable: dict[str, float]) -> Candidate:
     fitted = finished.fits[effect]
     before = finished.before_of(fitted)
     absent = fitted.solution is before.solution
@@ -114,7 +123,6 @@ def _describe(workbench: Workbench, finished: _Finished, tried: Tried, scores: l
         alike = tuple(e for e in tried.order if (e in alternatives or e == chosen) and e != effect)
     else:
         alike = tuple(e for e, c in cosines.items() if c > ALIKE)
-    detectable = _detectable(workbench, own)
     return Candidate(
         effect=effect, p_value=p_value,
         explains=float(np.clip(drop / excess, 0.0, 1.0)) if rejected else 0.0,  # without a misfit there is no share
@@ -125,20 +133,28 @@ def _describe(workbench: Workbench, finished: _Finished, tried: Tried, scores: l
         estimates={} if absent else public_estimates(workbench, fitted.solution, [effect]),
         heldout_difference=difference, standard_error=error, cosines=cosines,
         text="its best amplitude has the wrong sign, or does nothing" if absent else "",
-        units={name: workbench.space.slots[workbench.space.index[name]].parameter.unit for name in detectable})
+        units={name: workbench.space.unit(name, before.solution.u) for name in detectable})
 
 
-def _detectable(workbench: Workbench, own: list[Score]) -> dict[str, float]:
-    """Smallest amplitude that would have been found, as a deviation from its null, by public name."""
-    found: dict[str, float] = {}
-    for s in own:
-        if s.information <= 0:
-            continue
-        p = workbench.space.slots[workbench.space.index[s.name]].parameter
-        size = SEEN / np.sqrt(s.information)
-        value = float(1.0 / size if p.coordinate == "inverse" else size)
-        keep = max if p.coordinate == "inverse" else min
-        found[s.name] = keep(found.get(s.name, value), value)
+def _detectable(workbench: Workbench, reference: Fitted, own: list[Score], count: int) -> dict[str, float]:
+    """Smallest value of every amplitude of an effect that would have been found, by public name.
+
+    None is given where no value that physics allows would have been. The model is computed at that value: the score
+    alone is the slope at the null, which may be that of a place where nothing else holds.
+    """
+    goal, best, found = detectable_length(count), {}, {}
+    for s in sorted(own, key=lambda s: s.information):
+        if s.information > 0:
+            best[s.name] = s  # at the shape that shows most
+    for name, s in best.items():
+        p = workbench.space.slots[workbench.space.index[name]].parameter
+        origin = reference.solution.u.copy()
+        for shape, value in s.shapes.items():
+            origin[workbench.space.index[shape]] = value
+        one = find_size(workbench.problem, reference.solution, origin, name, goal,
+                        goal / float(np.sqrt(s.information)))
+        if one is not None and np.isfinite(one.size):
+            found[name] = to_public(p.coordinate, one.size)
     return found
 
 

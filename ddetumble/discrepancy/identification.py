@@ -133,11 +133,11 @@ def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identific
     gauge = campaign.channels["normal_force"] if "normal_force" in campaign.channels else None
     records, rms_z, coverage = _summarise(campaign, table, contacts, gauge)
     k = space.index.get("restitution")
-    value = space.public("restitution", float(u[k]), 0.0)["estimate"] if k is not None else float("nan")
+    value = space.public("restitution", u, 0.0)["estimate"] if k is not None else float("nan")
     sd = 0.0
     if "restitution" in names:
         i = names.index("restitution")
-        sd = float(space.public("restitution", float(u[k]), float(np.sqrt(max(covariance[i, i], 0.0))))["sd"])
+        sd = float(space.public("restitution", u, float(np.sqrt(max(covariance[i, i], 0.0))))["sd"])
     return Identification(campaign.name, model, table.drop(columns="inside"), records, rms_z, coverage, float(value),
                           sd, source, tuple(notes))
 

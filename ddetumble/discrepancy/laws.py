@@ -4,17 +4,18 @@ and, where that does not tell, by the fit.
 Every form is tried over a grid of its shape at the linearised model, for all phases and for the variables that the
 flexible terms did not rule out (conditions, which are one value a record, excepted). The best few are fitted inside the
 equation of motion, shapes and all; where none comes near the flexible force, the best is tried with a few partners.
-A law whose length is not determined is none. Amplitudes carry the unit that their form asks for.
+A law whose length is not determined is none, nor is one whose length or onset no two samples tell from nothing: what
+saturates within a sample is a constant. Amplitudes carry the unit that their form asks for.
 """
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from .._errors import ComputationError
 from ..effects.free import blank_plan
-from ..inference.problem import Problem
+from ..inference.problem import Problem, Solution
 from .freeform import FreeBench, cut
 from .holdout import DECISIVE, SURE, compare_losses, is_told, leave_out
 from .records import Estimate, Law, Shape
@@ -26,6 +27,7 @@ REFINED = 5  # forms that are fitted to the end
 PARTNERS = 3  # of the best, in pairs
 GRID = 24
 TAKEN = 0.5  # least share of a misfit of one condition that a law of it takes away
+EDGE = 1e-2  # of the logarithm of a power, within which it stands at a bound
 VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing
 # Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
 # determines would else go anywhere when that is left out, and the linear step with it.
@@ -44,6 +46,8 @@ class Form:
         power: where it is not fitted.
         signed: for variables that change their sign; None for all.
         waves: whether it repeats.
+        length: where it is not fitted, in units of the largest value of the variable.
+        steep: whether it becomes a constant where its length is shorter than samples lie apart.
     """
 
     name: str
@@ -53,9 +57,14 @@ class Form:
     power: float = 1.0
     signed: bool | None = None
     waves: bool = False
+    length: float = 0.3
+    steep: bool = False
 
 
+STEP = 1e-3  # length within which a constant sets in: far below the spacing of samples, and smooth enough to integrate
 FORMS = (
+    Form("constant", "k (constant)", "saturation", signed=False, length=STEP),
+    Form("sign", "k sign(x)", "saturation", signed=True, length=STEP),
     Form("proportional", "k x", "signed power"),
     Form("square", "k x^2", "power", power=2.0, signed=False),
     Form("square against", "k |x| x", "signed power", power=2.0, signed=True),
@@ -66,7 +75,7 @@ FORMS = (
     Form("wave", "a sin(2 pi x/l) + b (cos(2 pi x/l) - 1)", "sine", "l", waves=True),
     Form("sawtooth", "a (2 frac(x/l) - 1)", "sawtooth", "l", signed=False, waves=True),
     Form("decay", "k exp(-x/l)", "decay", "l", signed=False),
-    Form("saturation", "k tanh(x/l)", "saturation", "l"),
+    Form("saturation", "k tanh(x/l)", "saturation", "l", steep=True),
 )
 
 
@@ -103,7 +112,9 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     guesses = sorted(guesses, key=lambda g: g.loss)
     best: dict[tuple[str, str], _Guess] = {}
     for guess in guesses:
-        best.setdefault((guess.form.name, guess.term.variable), guess)
+        # A constant depends on no variable.
+        best.setdefault((guess.form.name, guess.term.way if guess.form.name == "constant" else guess.term.variable),
+                        guess)
     chosen = list(best.values())[:REFINED]
     fitted = [(law, (g,)) for g, law in zip(chosen, bench.workbench.map(lambda g: _fit(bench, (g,)), chosen),
                                             strict=True) if law is not None]
@@ -116,8 +127,6 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     excess = bench.model.solution.chi2 - bench.rows
     laws = order_laws([law for law, _ in fitted if bench.helps(bench.before, law.losses)
                         or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)])
-    if not laws:
-        return []
     found = []
     for law in laws:
         difference, error = _compare(law, laws[0])
@@ -186,7 +195,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_G
 
 def _list_shapes(form: Form, term: Term) -> list[dict[str, float]]:
     """Shapes to begin with, in units of the largest value of the variable."""
-    start: list[dict[str, float]] = [{"x": 0.0, "l": 0.3, "n": form.power}]
+    start: list[dict[str, float]] = [{"x": 0.0, "l": form.length, "n": form.power}]
     if "x" in form.shapes:
         start = [{**s, "x": x} for s in start for x in np.linspace(0.05, 0.9, GRID)]
     if "n" in form.shapes:
@@ -239,15 +248,25 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     sd = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance())), strict=True))
     if any(not sd[name] <= VAGUE for name in names if name.split(".")[1].startswith("l_")):
         return None
+    for slot, g in enumerate(guesses):
+        if not is_resolved(bench, solution, g, slot + 1):
+            other = next((f for f in FORMS if g.form.steep and f.length == STEP and f.signed == (g.term.low < 0)), None)
+            if other is None:
+                return None
+            simpler = dc.replace(g, form=other, shape={**g.shape, "l": other.length})
+            return _fit(bench, [*guesses[:slot], simpler, *guesses[slot + 1:]])
     loss = leave_out(solution, bench.groups)
     losses = np.array([loss[bench.groups == g].sum() for g in np.unique(bench.groups)])
     parameters = {}
     for slot, g in enumerate(guesses):
         parameters |= _publish(bench, solution, g, slot + 1, "" if amount == 1 else f" {slot + 1}")
-    texts = [_write(g, bench.family) for g in guesses]
-    return Law(" + ".join(texts), tuple(g.term.variable for g in guesses), tuple(g.term.way for g in guesses),
-               tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses), parameters, float(losses.sum()),
-               losses, float(solution.chi2), len(names), bool(solution.converged), 0.0, 0.0)
+    if any(turns_force(g, parameters, "" if amount == 1 else f" {slot + 1}") for slot, g in enumerate(guesses)):
+        return None
+    terms = [g.term for g in guesses]
+    return Law(" + ".join(_write(g, bench.family) for g in guesses), tuple(t.variable for t in terms),
+               tuple(t.way for t in terms), tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses),
+               parameters, float(losses.sum()), losses, float(solution.chi2), len(names), bool(solution.converged),
+               0.0, 0.0)
 
 
 def _write(guess: _Guess, family: str) -> str:
@@ -259,6 +278,38 @@ def _write(guess: _Guess, family: str) -> str:
     if guess.term.way.startswith(("torque", "drag")):
         return f"{guess.term.way} {text}" + (f" about {guess.phase}" if guess.phase else "")
     return text + (f" while {guess.phase}" if guess.phase else "")
+
+
+def is_resolved(bench: FreeBench, solution: Solution, guess: _Guess, slot: int) -> bool:
+    """Whether samples tell the shape of a fitted law from that of a simpler one.
+
+    A length has to span a sample (a wave two), an onset to lie behind the first, and a power off its bounds.
+    """
+    def read(letter: str) -> float:
+        return float(solution.u[bench.space.index[f"{bench.simple.id}.{letter}_{slot}"]])
+
+    spacing, scale, shapes = measure_spacing(bench, guess.term.variable), guess.term.scale, guess.form.shapes
+    if "l" in shapes and float(np.exp(read("l"))) * scale < (2.0 if guess.form.waves else 1.0) * spacing:
+        return False
+    if "x" in shapes and read("x") * scale < spacing:
+        return False
+    low, high = (bound[bench.space.index[f"{bench.simple.id}.n_{slot}"]] for bound in bench.space.bounds())
+    return "n" not in shapes or low + EDGE < read("n") < high - EDGE
+
+
+def turns_force(guess: _Guess, parameters: dict[str, Estimate], mark: str) -> bool:
+    """Whether a share that a law adds of a force turns that force round somewhere, which no share does."""
+    x = np.linspace(guess.term.low, guess.term.high, 201)
+    return guess.term.way == "share" and bool(np.min(_draw(guess.form, parameters, mark, x)) <= -1.0)
+
+
+def _draw(form: Form, parameters: Mapping[str, Estimate], mark: str, x: np.ndarray) -> np.ndarray:
+    """A term of a law over places of its variable, in its unit, from the parameters that bear its mark."""
+    values = {n.removesuffix(mark): e.estimate for n, e in parameters.items() if not mark or n.endswith(mark)}
+    own = {"x": values.get("d", 0.0), "l": values.get("l", form.length * float(np.abs(x).max())),
+           "n": values.get("n", form.power)}
+    sizes = [values.get("k", values.get("a", 0.0)), values.get("b", 0.0)]
+    return np.sum([s * f for s, f in zip(sizes, evaluate(form, x, own, 1.0), strict=False)], axis=0)
 
 
 def measure_spacing(bench: FreeBench, variable: str) -> float:
@@ -340,8 +391,9 @@ def sketch_law(law: Law, shape: Shape, part: int) -> np.ndarray | None:
             continue
         form = next(f for f in FORMS if f.name == name)
         mark = "" if len(law.forms) == 1 else f" {k + 1}"
-        values = {n.removesuffix(mark): e.estimate for n, e in law.parameters.items() if not mark or n.endswith(mark)}
-        own = {"x": values.get("d", 0.0), "l": values.get("l", 1.0), "n": values.get("n", form.power)}
-        sizes = [values.get("k", values.get("a", 0.0)), values.get("b", 0.0)]
-        total = total + sum(s * f for s, f in zip(sizes, evaluate(form, shape.x, own, 1.0), strict=False))
-    return total - shape.visited @ total / max(float(shape.visited.sum()), 1e-300) if shape.centred else total
+        total = total + _draw(form, law.parameters, mark, shape.x)
+    if not shape.centred:
+        return total
+    mean = float(shape.visited @ total / max(float(shape.visited.sum()), 1e-300))
+    # As the curve itself is drawn: of a share s, (1 + s)/(1 + mean) - 1.
+    return (total - mean) / (1.0 + mean) if shape.way == "share" else total - mean

@@ -1,5 +1,7 @@
 """Where a misfit sits: in which variable, over which range of it, loading or unloading."""
 
+import dataclasses as dc
+
 import numpy as np
 
 from ..contact.effect import AbstractEffect, parameters_of
@@ -7,6 +9,9 @@ from .adequacy import score_directions
 from .holdout import compare_losses, is_beaten
 from .records import Place
 from .workbench import Fitted, Workbench
+
+
+FINE = 24  # bins of the state, in which an onset lies anywhere
 
 
 def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
@@ -100,24 +105,38 @@ def _abscissa(workbench: Workbench, fitted: Fitted) -> tuple[list[np.ndarray], n
 
 
 def locate(workbench: Workbench, base: Fitted, probes: dict[str, Fitted]) -> list[Place]:
-    """Places of a model's misfit: what its probes say, then where the residuals themselves stand out."""
-    places = []
+    """Places of a model's misfit: what its best probe says, then where the residuals themselves stand out.
+
+    `share` is everywhere the share of its channel's misfit that lies in the range, as the residuals have it.
+    """
+    places, found = [], residual_places(workbench, base)
     if probes:
         name, best = next(iter(probes.items()))
         gain, error = compare_losses(base.loss, best.loss, workbench.groups)
         excess = max(base.solution.chi2 - _rows(workbench, base), 1.0)
-        share = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
+        removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
         if is_beaten(gain, error):
-            places.append(_place(workbench, name, best, share))
-    return places + residual_places(workbench, base)
+            place = _place(workbench, name, best)
+            whole = place.range[0] <= 0.0 or place.variable != workbench.family.state
+            share = 1.0 if whole else share_of_range(workbench, base, place.channel, place.range)
+            places.append(dc.replace(place, share=share, removes=removes))
+            found = [other for other in found if not _same(place, other)]
+    return places + found
+
+
+def _same(place: Place, other: Place) -> bool:
+    """Whether another place says nothing more: inside the range of the same variable, with nearly all of its share."""
+    return (other.channel == place.channel and other.variable == place.variable
+            and place.range[0] <= other.range[0] and other.range[1] <= 1.001 * place.range[1]
+            and abs(place.share - other.share) < 0.1)
 
 
 def _rows(workbench: Workbench, fitted: Fitted) -> float:
     return float((np.asarray(workbench.records.stack.weights) > 0).sum()) - fitted.solution.shared.shape[2]
 
 
-def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float) -> Place:
-    """The place that a probe stands for."""
+def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float = 1.0) -> Place:
+    """The place that a probe stands for, its share still to be measured."""
     effect = workbench.whole(probe)
     variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every probe has one
     solution, index = fitted.solution, workbench.space.index
@@ -153,15 +172,39 @@ def _reach(workbench: Workbench, fitted: Fitted, variable: str) -> float:
 
 def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> list[Place]:
     """For every channel the range of the state (depression, slip) and the phase that hold most of the misfit."""
-    solution, places = fitted.solution, []
-    records = workbench.records
+    edges, excess, samples = _bin_excess(workbench, fitted, bins)
+    places = []
+    for channel, own in excess.items():
+        whole = own.sum()
+        if whole < 3.0 * np.sqrt(2.0 * samples):
+            continue
+        phase = int(np.argmax(own.sum(axis=1)))
+        order = np.argsort(-own[phase])
+        count = int(np.searchsorted(np.cumsum(own[phase][order]), 0.7 * own[phase].sum())) + 1
+        chosen = slice(order[:count].min(), order[:count].max() + 1)
+        places.append(Place(channel, workbench.family.state, (float(edges[chosen.start]), float(edges[chosen.stop])),
+                            workbench.family.phases[phase], float(own[phase][chosen].sum() / whole)))
+    return places
+
+
+def share_of_range(workbench: Workbench, fitted: Fitted, channel: str, span: tuple[float, float]) -> float:
+    """Share of a channel's misfit that lies in a range of the state, in both phases."""
+    edges, excess, _ = _bin_excess(workbench, fitted, FINE)
+    own = excess.get(channel, np.zeros((2, 1))).sum(axis=0)
+    inside = np.clip((np.minimum(edges[1:], span[1]) - np.maximum(edges[:-1], span[0])) / np.diff(edges), 0.0, 1.0)
+    return float(own @ inside / own.sum()) if own.sum() > 0 else 0.0
+
+
+def _bin_excess(workbench: Workbench, fitted: Fitted, bins: int) -> tuple[np.ndarray, dict[str, np.ndarray], int]:
+    """Misfit beyond noise in bins of the state: edges, by channel its phases apart, shape (2, bins), and how many."""
+    solution, records = fitted.solution, workbench.records
     samples = np.asarray(records.stack.time).shape[1]
     residual = solution.residual.reshape(records.count, len(records.channels), samples)
     valid = np.asarray(records.stack.weights)[: records.count] > 0
     top = float(solution.state.max())
     if top <= 0:
-        return []
-    edges = np.linspace(0.0, top, bins + 1)
+        return np.linspace(0.0, 1.0, bins + 1), {}, 0
+    edges, found = np.linspace(0.0, top, bins + 1), {}
     for c, channel in enumerate(records.channels):
         excess = np.zeros((2, bins))
         for r in range(records.count):
@@ -172,16 +215,5 @@ def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> lis
                 n = np.bincount(k, minlength=bins)
                 total = np.bincount(k, residual[r, c][here], minlength=bins)
                 excess[phase] += np.where(n > 0, total**2 / np.maximum(n, 1) - 1.0, 0.0)
-        excess = np.maximum(excess, 0.0)
-        whole = excess.sum()
-        if whole < 3.0 * np.sqrt(2.0 * excess.size * records.count):
-            continue
-        phase = int(np.argmax(excess.sum(axis=1)))
-        order = np.argsort(-excess[phase])
-        count = int(np.searchsorted(np.cumsum(excess[phase][order]), 0.7 * excess[phase].sum())) + 1
-        chosen = order[:count]
-        span = float(edges[chosen.min()]), float(edges[chosen.max() + 1])
-        places.append(Place(channel, workbench.family.state, span,
-                            workbench.family.phases[phase], float(excess[phase][chosen.min():chosen.max() + 1].sum()
-                                                                   / whole)))
-    return places
+        found[channel] = np.maximum(excess, 0.0)
+    return edges, found, 2 * bins * records.count

@@ -146,8 +146,9 @@ class Candidate:
     """One effect of the catalogue as it stood at the first step (fields as in `formats.md`).
 
     `cosines` holds |cos| of its projected signature with those of other effects (only where above 0.5);
-    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best); `units` are those of
-    `smallest_detectable`.
+    `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best). `smallest_detectable`
+    are values of its amplitudes, in `units`, that would have been found with 95 % power; one of which no value within
+    its physical limits would be is not among them, and none is where the records do not fix the reference model.
     """
 
     effect: str
@@ -167,7 +168,11 @@ class Candidate:
 
 @dc.dataclass(frozen=True)
 class Place:
-    """Where a misfit sits: a range of one variable, with its share of the misfit (`period` where it repeats)."""
+    """Where a misfit sits: a range of one variable, with the share of its channel's misfit that lies in it.
+
+    `period` where it repeats; `removes`, where a simple force of this variable was fitted, is the share of the whole
+    misfit (chi-square above noise) that it removes.
+    """
 
     channel: str
     variable: str
@@ -175,6 +180,7 @@ class Place:
     phase: str
     share: float
     period: float | None = None
+    removes: float | None = None
 
 
 @dc.dataclass(frozen=True)

@@ -39,7 +39,7 @@ def public_estimates(workbench: Workbench, solution: Solution, owners: Sequence[
         sd = min(float(np.sqrt(max(covariance[k, k], 0.0))), widest)
         if slot.parameter.singular:
             sd = max(sd, _reach_null(workbench, solution, name))
-        values = workbench.space.public(name, float(solution.u[workbench.space.index[name]]), sd)
+        values = workbench.space.public(name, solution.u, sd)
         found[name] = Estimate(**values, text=slot.parameter.text)
     return found
 

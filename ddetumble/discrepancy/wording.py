@@ -29,13 +29,16 @@ NAMES = {"depression": "depression", "time": "time since touch", "depression_rat
 
 
 def name_value(name: str, e: Estimate) -> str:
-    """`k_w = 1175 ± 10 N/m`."""
-    sd = e.sd if np.isfinite(e.sd) else 0.0
-    digits = max(0, -int(np.floor(np.log10(sd))) + 1) if sd > 0 else 4
-    digits = min(digits, 9)
-    if abs(e.estimate) >= 1e7 or (0 < abs(e.estimate) < 1e-3):
-        return f"{name} = {e.estimate:.4g} ± {sd:.2g} {e.unit}".rstrip()
-    return f"{name} = {e.estimate:.{digits}f} ± {sd:.{digits}f} {e.unit}".rstrip()
+    """`k_w = 1175 ± 10 N/m`, to the two digits of the standard deviation; without one, to four, and that is said."""
+    if not (np.isfinite(e.sd) and e.sd > 0):
+        return f"{name} = {e.estimate:.4g} {e.unit}".rstrip() + " (its uncertainty is not known)"
+    places = 1 - int(np.floor(np.log10(e.sd)))
+    if 1e-3 <= max(abs(e.estimate), e.sd) < 1e7 and places <= 9:
+        value, sd = (f"{round(x, places):.{max(places, 0)}f}" for x in (float(e.estimate), float(e.sd)))
+    else:
+        digits = places + int(np.floor(np.log10(abs(e.estimate)))) if e.estimate else 1
+        value, sd = f"{e.estimate:.{min(max(digits, 0), 12)}e}", f"{e.sd:.1e}"
+    return f"{name} = {value} ± {sd} {e.unit}".rstrip()
 
 
 def describe_place(place: Place) -> str:

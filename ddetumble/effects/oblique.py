@@ -13,7 +13,9 @@ class TangentialCompliance(AbstractComplianceEffect):
     r"""The patch grips on a tangential spring, $f = \xi/C$, until $\mu F_n$: friction can reverse within an impact."""
 
     compliance: Scalar = parameter("m/N", 0.0, typical=5e-5, sign=1, starts=(2e-5, 1e-4),
-                                    bounds=(0.0, 1.0), singular=True, text="tangential compliance of the patch")
+                                    bounds=(0.0, 1.0), singular=True, text="tangential compliance of the patch",
+                                    limits=(0.0, 1e-2), limits_reason="some 1.4 times that along the normal "
+                                                                      "(Mindlin): 1e-4 m/N for 1e4 N/m")
     id: ClassVar[str] = "tangential-compliance"
     law: ClassVar[str] = "the patch grips on a tangential spring until mu F_n, so friction can reverse"
     reference: ClassVar[str] = "Maw, Barber & Fawcett 1976, Wear 38, 101; Cross 2002, Am. J. Phys. 70, 1093"
@@ -29,7 +31,8 @@ class OffCentreReaction(AbstractReactionEffect):
     """The normal force acts ahead of the patch's centre by a share of b, against the rolling direction."""
 
     share: Scalar = parameter("", 0.0, typical=0.1, sign=1, starts=(0.1,), bounds=(-1.0, 1.0),
-                              text="distance from the centre, in contact radii")
+                              text="distance from the centre, in contact radii",
+                              limits=(0.0, 1.0), limits_reason="the normal force acts within the patch")
     id: ClassVar[str] = "off-centre-reaction"
     law: ClassVar[str] = "the normal force acts ahead of the patch's centre by a share of b, the contact radius"
     reference: ClassVar[str] = "Cross 2014, Am. J. Phys. 82, 1020"

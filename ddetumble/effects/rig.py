@@ -16,7 +16,9 @@ REFERENCE_PRESSURE = 1e6  # Pa
 class ArmServo(AbstractDriveEffect):
     r"""The arm keeps following its command: $m_{eff} dw/dt$ gains $k_s (v_1 t - \delta)$."""
 
-    k_s: Scalar = parameter("N/m", 0.0, typical=200.0, sign=1, starts=(200.0,), text="stiffness of the arm's servo")
+    k_s: Scalar = parameter("N/m", 0.0, typical=200.0, sign=1, starts=(200.0,), text="stiffness of the arm's servo",
+                            limits=(0.0, 1e6),
+                            limits_reason="it follows its command; the stiffest arms reach some 1e6 N/m")
     id: ClassVar[str] = "arm-servo"
     law: ClassVar[str] = "m_eff dw/dt gains k_s (v1 t - delta)"
     reference: ClassVar[str] = "position-controlled arm; physics.md section 3, row 9"
@@ -30,7 +32,10 @@ class ArmServo(AbstractDriveEffect):
 class SpeedDependentRestitution(AbstractRestitutionEffect):
     r"""$e = e_0 (v_1 / 0.4\,\mathrm{m/s})^{-p}$."""
 
-    p: Scalar = parameter("", 0.0, typical=0.1, bounds=(-2.0, 2.0), starts=(0.1,), text="power of the approach speed")
+    p: Scalar = parameter("", 0.0, typical=0.1, bounds=(-2.0, 2.0), starts=(0.1,), text="power of the approach speed",
+                          limits=(-0.5, 0.5),
+                          limits_reason="plastic impact has 1/4 (Johnson 1985); adhesion at low speed makes it "
+                                        "negative")
     id: ClassVar[str] = "speed-dependent-restitution"
     law: ClassVar[str] = "e = e0 (v1 / 0.4 m/s)^(-p)"
     reference: ClassVar[str] = "restitution of rubber falls with speed (Goldsmith, Impact, 1960)"
@@ -45,7 +50,9 @@ class SpeedDependentRestitution(AbstractRestitutionEffect):
 class PressureDependentRestitution(AbstractRestitutionEffect):
     r"""$e = e_0 (P_0 / 1\,\mathrm{MPa})^{-p}$."""
 
-    p: Scalar = parameter("", 0.0, typical=0.1, bounds=(-2.0, 2.0), starts=(0.1,), text="power of the pressure")
+    p: Scalar = parameter("", 0.0, typical=0.1, bounds=(-2.0, 2.0), starts=(0.1,), text="power of the pressure",
+                          limits=(-1.0, 1.0),
+                          limits_reason="at 1 restitution falls as 1/pressure, 2.5 times from 1 to 2.5 MPa")
     id: ClassVar[str] = "pressure-dependent-restitution"
     law: ClassVar[str] = "e = e0 (P0 / 1 MPa)^(-p)"
     reference: ClassVar[str] = "the share of the wall in the losses changes with inflation"

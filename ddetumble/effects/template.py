@@ -135,6 +135,8 @@ from ddetumble.contact.{at.home} import {at.base}
 class {kind}({at.base}):
     """{at.law}."""
 
+    # Where physics sets limits, state them: limits=(0.0, 1e6), limits_reason="why". No value beyond them is an
+    # explanation for `ddetumble discover`.
     k: float = parameter({unit}, 0.0, typical={abs(at.typical):g}{more}, starts=({at.typical:g},), text="its size")
     id: ClassVar[str] = "{name}"
     law: ClassVar[str] = "{at.law}"

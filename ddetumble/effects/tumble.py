@@ -21,7 +21,10 @@ from ..contact.torque import (
 class EddyCurrent(AbstractTorque):
     r"""Eddy currents in the Earth's field brake the rotation: torque $-k_e \omega$."""
 
-    k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate")
+    k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate",
+                            limits=(0.0, 0.1),
+                            limits_reason="orbiting bodies brake over hours to years; what brakes within 10 s is no "
+                                          "eddy current")
     id: ClassVar[str] = "eddy-current"
     law: ClassVar[str] = "torque -k_e omega"
     reference: ClassVar[str] = "Smith 1962, NASA TN D-1284; Praly et al. 2012, Acta Astronautica 76, 145"
@@ -35,9 +38,15 @@ class EddyCurrent(AbstractTorque):
 class ConstantTorque(AbstractTorque):
     """A constant torque in the body frame (a leak, a stuck thruster)."""
 
-    torque_0: Scalar = parameter("1/s**2", 0.0, name="torque.0", typical=1e-5, starts=(3e-8,), text="body x component")
-    torque_1: Scalar = parameter("1/s**2", 0.0, name="torque.1", typical=1e-5, starts=(3e-8,), text="body y component")
-    torque_2: Scalar = parameter("1/s**2", 0.0, name="torque.2", typical=1e-5, starts=(3e-8,), text="body z component")
+    torque_0: Scalar = parameter("1/s**2", 0.0, name="torque.0", typical=1e-5, starts=(3e-8,), text="body x component",
+                                 limits=(-1.0, 1.0),
+                                 limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
+    torque_1: Scalar = parameter("1/s**2", 0.0, name="torque.1", typical=1e-5, starts=(3e-8,), text="body y component",
+                                 limits=(-1.0, 1.0),
+                                 limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
+    torque_2: Scalar = parameter("1/s**2", 0.0, name="torque.2", typical=1e-5, starts=(3e-8,), text="body z component",
+                                 limits=(-1.0, 1.0),
+                                 limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
     id: ClassVar[str] = "constant-torque"
     law: ClassVar[str] = "constant torque in the body frame"
     reference: ClassVar[str] = "Longuski 1980, AIAA paper 80-1642"
@@ -51,7 +60,8 @@ class ConstantTorque(AbstractTorque):
 class InertiaAsymmetry(AbstractInertiaEffect):
     r"""No body of revolution: transverse moments $1 \pm \epsilon$."""
 
-    epsilon: Scalar = parameter("", 0.0, typical=0.01, starts=(0.003,), bounds=(-0.5, 0.5), text="asymmetry")
+    epsilon: Scalar = parameter("", 0.0, typical=0.01, starts=(0.003,), bounds=(-0.5, 0.5), text="asymmetry",
+                                limits=(-1.0, 1.0), limits_reason="at 1 one transverse moment vanishes")
     id: ClassVar[str] = "inertia-asymmetry"
     law: ClassVar[str] = "transverse moments 1 + epsilon, 1 - epsilon"
     reference: ClassVar[str] = "Landau & Lifshitz, Mechanics, section 37"
@@ -65,7 +75,9 @@ class InertiaAsymmetry(AbstractInertiaEffect):
 class AxisMisalignment(AbstractGyroEffect):
     r"""Gyroscopes in a frame turned by `angle` about body y: $R_y(angle)^T \omega$."""
 
-    angle: Scalar = parameter("rad", 0.0, typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), text="about body y")
+    angle: Scalar = parameter("rad", 0.0, typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), text="about body y",
+                              limits=(-0.8, 0.8),
+                              limits_reason="beyond an eighth of a turn the axes are exchanged, not misaligned")
     id: ClassVar[str] = "axis-misalignment"
     law: ClassVar[str] = "components in a frame turned by angle about body y: R_y(angle)^T omega"
     reference: ClassVar[str] = "IEEE Std 1431-2004, misalignment of a gyroscope"
@@ -86,9 +98,12 @@ class InternalDamper(AbstractInnerTorque):
     starting at the body's rate; the body's moments exclude the sphere.
     """
 
-    c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling")
+    c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling",
+                          limits=(0.0, 10.0),
+                          limits_reason="it brakes; a fluid that couples within 0.1 s moves with the body")
     I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 10.0),
-                            starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one")
+                            starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one",
+                            limits=(1e-4, 2.0), limits_reason="propellant or a ball: at most some twice the body")
     id: ClassVar[str] = "internal-damper"
     law: ClassVar[str] = "torque -c (omega - omega_d), I_d (domega_d/dt + omega x omega_d) = c (omega - omega_d)"
     reference: ClassVar[str] = "Kane & Levinson 1980, J. Guidance and Control 3, 37"
@@ -111,7 +126,9 @@ class InternalDamper(AbstractInnerTorque):
 class GravityGradient(AbstractTorque):
     r"""Gravity gradient: `scale` times $3 n^2\, \hat o \times I \hat o$, $\hat o$ the local vertical."""
 
-    scale: Scalar = parameter("", 0.0, typical=1.0, sign=1, starts=(0.5,), text="1 is the full torque")
+    scale: Scalar = parameter("", 0.0, typical=1.0, sign=1, starts=(0.5,), text="1 is the full torque",
+                              limits=(0.0, 60.0),
+                              limits_reason="1 on a circular orbit, (1 - e)^-3 at perigee: 57 on a Molniya orbit")
     id: ClassVar[str] = "gravity-gradient"
     law: ClassVar[str] = "torque scale 3 n^2 o x I o, o the local vertical, n the orbit rate"
     reference: ClassVar[str] = "Hughes 1986, Spacecraft Attitude Dynamics, section 8.1"
@@ -126,9 +143,18 @@ class GravityGradient(AbstractTorque):
 class GyroBias(AbstractGyroEffect):
     """A constant bias of the measured rates, added last."""
 
-    bias_0: Scalar = parameter("rad/s", 0.0, name="bias.0", typical=1e-3, starts=(3e-5,), text="of the x rate")
-    bias_1: Scalar = parameter("rad/s", 0.0, name="bias.1", typical=1e-3, starts=(3e-5,), text="of the y rate")
-    bias_2: Scalar = parameter("rad/s", 0.0, name="bias.2", typical=1e-3, starts=(3e-5,), text="of the z rate")
+    bias_0: Scalar = parameter("rad/s", 0.0, name="bias.0", typical=1e-3, starts=(3e-5,), text="of the x rate",
+                               limits=(-0.5, 0.5),
+                               limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, "
+                                             "0.35 rad/s")
+    bias_1: Scalar = parameter("rad/s", 0.0, name="bias.1", typical=1e-3, starts=(3e-5,), text="of the y rate",
+                               limits=(-0.5, 0.5),
+                               limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, "
+                                             "0.35 rad/s")
+    bias_2: Scalar = parameter("rad/s", 0.0, name="bias.2", typical=1e-3, starts=(3e-5,), text="of the z rate",
+                               limits=(-0.5, 0.5),
+                               limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, "
+                                             "0.35 rad/s")
     id: ClassVar[str] = "gyro-bias"
     law: ClassVar[str] = "measured rates gain bias, last"
     reference: ClassVar[str] = "Farrenkopf 1978, J. Guidance and Control 1, 282"
@@ -143,7 +169,8 @@ class GyroBias(AbstractGyroEffect):
 class GyroScale(AbstractGyroEffect):
     """A wrong scale factor: rates times 1 + g. Torque-free, it is the same as another inertia ratio."""
 
-    g: Scalar = parameter("", 0.0, typical=0.01, starts=(0.003,), bounds=(-0.5, 0.5), text="error of the scale factor")
+    g: Scalar = parameter("", 0.0, typical=0.01, starts=(0.003,), bounds=(-0.5, 0.5), text="error of the scale factor",
+                          limits=(-0.2, 0.2), limits_reason="tolerance of consumer gyroscopes, up to 10 %")
     id: ClassVar[str] = "gyro-scale"
     law: ClassVar[str] = "measured rates times 1 + g, after misalignment, before bias"
     reference: ClassVar[str] = "IEEE Std 1431-2004, scale factor of a gyroscope"

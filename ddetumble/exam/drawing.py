@@ -14,7 +14,6 @@ from .hidden import Hidden
 from .simulators.strength import reach_strength
 
 
-EDITION = 1  # of the way in which cases are drawn: another one asks other questions under the same seed
 TRUTHS = ("nothing", "one", "two", "outside")
 PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside")
 NOISES = ("white", "ar1")
@@ -32,7 +31,7 @@ class Exam:
         truths: kinds of what is hidden, out of TRUTHS.
         noise: `white`, `ar1` (correlation 0.3 to 0.9, partly white in a third of the cases) or `drawn`: even odds.
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
-        edition: of the drawing.
+        edition: of the drawing; the present one of the family's bench where not given.
     """
 
     family: str
@@ -40,7 +39,7 @@ class Exam:
     truths: tuple[str, ...] = TRUTHS
     noise: str = "drawn"
     fault: str = "drawn"
-    edition: int = EDITION
+    edition: int = 0
 
     def __post_init__(self):
         for name, value, allowed in (("--family", self.family, BENCHES), ("--noise", self.noise, (*NOISES, "drawn")),
@@ -54,6 +53,7 @@ class Exam:
             raise InputError(f"name at least one of {', '.join(TRUTHS)}", column="--truth")
         if self.seed < 0:
             raise InputError("the seed is a whole number from 0 on", column="--seed")
+        object.__setattr__(self, "edition", self.edition or self.bench.edition)
 
     @property
     def bench(self) -> Bench:

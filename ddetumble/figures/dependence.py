@@ -198,6 +198,8 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
             share = (middle - low) / (high - low)
             middle, side = (low, "left") if share < 0.3 else (high, "right") if share > 0.7 else (middle, side)
         text = f"{format_share(place.share)} of the misfit"
+        if place.removes is not None and place.share > 0.995:  # a range that is all there is says nothing
+            text = f"{format_share(place.removes)} of the misfit removed by a simple force"
         if place.period is not None and math.isfinite(place.period):
             text += f", every {format_number(shown.scale * place.period)} {shown.unit}".rstrip()
         axes.annotate(text, (middle, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom", fontsize=8,

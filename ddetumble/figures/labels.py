@@ -133,7 +133,8 @@ def format_number(value, digits: int = 3) -> str:
         return "–"
     if value != 0 and not 1e-3 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(0, digits - 1 - _magnitude(value))}f}"
+    places = digits - 1 - _magnitude(value)
+    return f"{round(value, places):.{max(0, places)}f}"
 
 
 def format_value(value: float, sd: float) -> str:

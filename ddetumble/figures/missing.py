@@ -95,8 +95,8 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
         labels.append(clean(part, 20) or "free force, ±2 sd")
         for law, dash in zip(laws, _DASHES, strict=False):
             values = sketch_law(law, shape, k)
-            if values is not None:
-                drawn, = axes.plot(x, factor * values, color=INK, lw=1.2, ls=dash)
+            if values is not None and lies_on(values[seen], f[seen], sd[seen]):
+                drawn, = axes.plot(x[seen], factor * values[seen], color=INK, lw=1.2, ls=dash)
                 if k == 0:
                     handles.append(drawn)
                     labels.append(clean(law.text, 70))
@@ -110,6 +110,14 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
     axes.set_ylabel(f"missing {clean(shape.way, 24)} [{unit}]" if unit else f"missing {clean(shape.way, 24)}")
     axes.set_xlim(x[0], x[-1])
     return handles, labels
+
+
+def lies_on(law: np.ndarray, curve: np.ndarray, sd: np.ndarray) -> bool:
+    """Whether a law lies within three deviations of nearly all of a curve.
+
+    Elsewhere it holds beside other values of the model's own parameters, and one picture cannot show both.
+    """
+    return float(np.mean(np.abs(law - curve) <= 3.0 * sd + 0.05 * np.abs(curve).max())) > 0.9
 
 
 def _scale(shape: Shape) -> tuple[float, str]:

@@ -18,11 +18,11 @@ from ..contact.sliding import AbstractRubberFriction, RubberFriction
 from ..measurement.campaign import Campaign
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import ROLES
+from .builtin import BUILTIN
 from .families import find_family, name_family
-from .models import BUILTIN
 from .parameters import ParameterSpace, to_coordinate
-from .stack import list_commons
 from .pulses import list_guesses
+from .stack import list_commons
 from .starts import guess_body
 
 

@@ -13,7 +13,7 @@ from ..measurement.campaign import Campaign
 from .archive import save_model
 from .bounded import NEAR, Bounded, linearise_all, truncate_normal
 from .files import list_versions, make_plain, write_json
-from .identifiability import Knowledge, analyse_columns, describe_knowledge
+from .identifiability import Knowledge, Remedy, analyse_columns, describe_knowledge, flatten_columns
 from .noise import Noise
 from .parameters import ParameterSpace, coordinate_bounds, to_public
 from .problem import Problem, Solution
@@ -68,6 +68,7 @@ class Fit:
         nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its
             `sd` of what tumbling records start from.
         cannot_tell_apart: sentences.
+        remedies: measurements that would tell parameters apart, with what they are expected to gain.
         notes: further sentences.
         settings: command, specification, seed.
         space, solution, problem, bounded: for those who go on computing.
@@ -94,6 +95,7 @@ class Fit:
     state: str
     nuisances: Mapping[str, Mapping[str, Mapping[str, float]]]
     cannot_tell_apart: tuple[str, ...]
+    remedies: tuple[Remedy, ...]
     notes: tuple[str, ...]
     settings: Mapping[str, Any]
     space: ParameterSpace
@@ -146,7 +148,7 @@ class Fit:
             bound = f", at its {p.at_bound} bound" if p.at_bound else ""
             lines.append(f"    {name + ':':<{width}} {p.estimate:.7g} {spread}{unit} (init = {p.initial:.5g}){bound}")
         for name, value in self.fixed.items():
-            unit = self.space.slots[self.space.index[name]].parameter.unit
+            unit = self.space.unit(name, self.solution.u)
             lines.append(f"    {name + ':':<{width}} {value:.7g}{f' {unit}' if unit else ''} (fixed)")
         names, pairs = list(self.parameters), []
         for i in range(len(names)):
@@ -175,7 +177,7 @@ class Fit:
             "chi2": self.chi2, "degrees": self.degrees, "chi2_reduced": self.chi2_reduced, "records": self.records,
             "samples": self.samples, "noise": self.noise, "converged": self.converged, "steps": self.steps,
             "state": self.state, "nuisances": self.nuisances, "cannot_tell_apart": self.cannot_tell_apart,
-            "notes": self.notes, "settings": self.settings, "versions": list_versions(),
+            "remedies": self.remedies, "notes": self.notes, "settings": self.settings, "versions": list_versions(),
         })  # fmt: skip
 
     def save(self, folder) -> Path:
@@ -205,9 +207,9 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     """
     space, solution = problem.space, found.solution
     moving = list(solution.names)
-    flat = _flatten(solution)
+    flat = flatten_columns(solution)
     known = analyse_columns(space, moving, flat, solution.scales)
-    told = describe_knowledge(problem, solution, flat, known)
+    told, remedies = describe_knowledge(problem, solution, flat, known, campaign)
     parameters, covariance, correlations, gaussians = _estimate(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + sum(name in found.names for name in problem.priors) - len(moving)
@@ -229,7 +231,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), problem.records.count, counted,
-        dict(noise), converged, solution.steps, state, _list_nuisances(problem, solution), told, tuple(notes),
+        dict(noise), converged, solution.steps, state, _list_nuisances(problem, solution), told, remedies,
+        tuple(notes),
         dict(settings), space, solution, campaign, problem, found, gaussians)
 
 
@@ -251,12 +254,6 @@ def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], f
     return found
 
 
-def _flatten(solution: Solution) -> np.ndarray:
-    """Columns of all rows with nuisances eliminated, priors below."""
-    columns, _ = solution.projected()
-    return np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(solution.prior_weight)])
-
-
 def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
               ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray, dict[str, tuple[float, float, float, float]]]:
     """Parameters in the order of `found.names`, their covariance, correlations, and Gaussians of their coordinates.
@@ -274,7 +271,7 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
     for k, name in enumerate(names):
         j = space.index[name]
         p = space.slots[j].parameter
-        initial, u = to_public(p.coordinate, start[j]), solution.u[j]
+        initial, u, unit = to_public(p.coordinate, start[j]), solution.u[j], space.unit(name, solution.u)
         ends = found.bounds.get(name, (-np.inf, np.inf))
         low, high = max(ends[0], problem.limits[0][j]), min(ends[1], problem.limits[1][j])
         if name in cut:
@@ -282,17 +279,17 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
             sd, first, last = truncate_normal(*gaussians[name])
             covariance[k, k] = sd**2
             side = "upper" if found.held[name] > 0 else "lower"
-            parameters[name] = _make_public(p, u, sd, first, last, initial, side)
+            parameters[name] = _make_public(p, unit, u, sd, first, last, initial, side)
             continue
         sd = float(np.sqrt(covariance[k, k]))
         gaussians[name] = (float(u), sd, float(low), float(high))
         if name in known.undetermined:
             gaussians[name] = (float(u), math.inf, *coordinate_bounds(p))
             low, high = (to_public(p.coordinate, x) for x in coordinate_bounds(p))
-            parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), p.unit,
+            parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), unit,
                                       initial, "", False, "not determined by these records")
             continue
-        public = space.public(name, u, sd)
+        public = space.public(name, solution.u, sd)
         text = ""
         if p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
@@ -300,18 +297,20 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
         middle, width = (float(public[key]) for key in ("estimate", "sd"))
         _, *ends = truncate_normal(*gaussians[name])
         first, last = sorted(to_public(p.coordinate, x) for x in ends)
-        parameters[name] = Fitted(middle, width, first, last, p.unit, initial, text=text)
+        if not text and p.excludes(first, last):
+            text = f"beyond what physics allows, {p.limits[0]:g} to {p.limits[1]:g}: {p.limits_reason}"
+        parameters[name] = Fitted(middle, width, first, last, unit, initial, text=text)
     return parameters, covariance, correlations, gaussians
 
 
-def _make_public(p, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:
+def _make_public(p, unit: str, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:
     """A parameter at its bound, from the coordinates of its interval."""
     ends = sorted(to_public(p.coordinate, x) for x in (low, high))
     value = to_public(p.coordinate, u)
     slope = {"log": value, "logit": value * (1 - value), "inverse": value**2}.get(p.coordinate, 1.0)
     if bound and p.coordinate == "inverse":
         bound = {"lower": "upper", "upper": "lower"}[bound]
-    return Fitted(value, abs(slope) * sd, ends[0], ends[1], p.unit, initial, bound, True, "stopped at its bound")
+    return Fitted(value, abs(slope) * sd, ends[0], ends[1], unit, initial, bound, True, "stopped at its bound")
 
 
 def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]:
@@ -320,7 +319,7 @@ def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]
     moving = list(found.solution.names)
     full = linearise_all(problem, found.solution, [*moving, *found.held], found.solution.u)
     _, right = full.projected()
-    flat = _flatten(full)
+    flat = flatten_columns(full)
     rest = np.concatenate([right.reshape(-1), full.prior_residual])
     known = analyse_columns(problem.space, full.names, flat, full.scales)
     step = -known.covariance @ ((flat / full.scales).T @ rest)

@@ -5,10 +5,15 @@ import math
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
+from ..contact.effect import read_validity
+from ..measurement.campaign import Campaign
+from ..measurement.units import si_unit
 from .parameters import ParameterSpace, to_public
 from .problem import Problem, Solution
+from .stack import condition_deviations
 
 
 CLOSE = 0.95  # a correlation beyond it is said in words
@@ -21,13 +26,15 @@ ELSEWHERE = {
     "restitution": "measure the rebound speed", "loss_factor": "measure the loss factor on a rheometer",
     "slip_scale": "measure at other loads", "ambient-pressure.p_a": "read the barometer",
 }  # fmt: skip
-TESTS = (
-    ("approach_speed", 1.5, "half as fast again"), ("approach_speed", 0.6, "at six tenths of the speeds"),
-    ("initial_pressure", 2.0, "at twice the pressures"), ("initial_pressure", 0.5, "at half the pressures"),
-    ("internal_pressure", 2.0, "at twice the pressures"), ("internal_pressure", 0.5, "at half the pressures"),
-    ("normal_load", 2.0, "at twice the loads"), ("normal_load", 0.5, "at half the loads"),
-    ("slip_speed", 3.0, "at three times the slip speeds"), ("slip_speed", 0.3, "at a third of the slip speeds"),
-)  # fmt: skip
+# Reach of a further test beyond the campaign's lowest and highest setting: gas can be let out at will and a ball bears
+# little more than it did, a rig is driven somewhat faster or slower, and weights are halved and doubled.
+REACH = {
+    "approach_speed": (0.6, 1.5), "initial_pressure": (0.25, 1.25), "internal_pressure": (0.25, 1.25),
+    "normal_load": (0.5, 2.0), "slip_speed": (0.3, 3.0),
+}  # fmt: skip
+LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
+DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
+NUDGE = 0.02  # in scales of coordinates and deviations of nuisances, of the differences that give a depression's slopes
 
 
 @dc.dataclass(frozen=True)
@@ -45,6 +52,23 @@ class Blend:
     direction: np.ndarray
     step: np.ndarray
     singular: bool
+
+
+@dc.dataclass(frozen=True)
+class Remedy:
+    """A measurement that tells the members of a combination apart, as the linearised fit expects it.
+
+    Attributes:
+        names: of the members.
+        setting: condition at which as many records again would be measured, or `depression`, the channel to add.
+        values: of the condition, SI: half of the records at each of two, or all at one; of the channel its deviation.
+        gain: standard deviation along the combination, now over then.
+    """
+
+    names: tuple[str, ...]
+    setting: str
+    values: tuple[float, ...]
+    gain: float
 
 
 @dc.dataclass(frozen=True)
@@ -102,14 +126,17 @@ def analyse_columns(space: ParameterSpace, names: Sequence[str], columns: np.nda
                      tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends))
 
 
-def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray, known: Knowledge) -> tuple[str, ...]:
-    """What cannot be told apart, in sentences, with the test that would resolve it.
+def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray, known: Knowledge,
+                       campaign: Campaign) -> tuple[tuple[str, ...], tuple[Remedy, ...]]:
+    """What cannot be told apart, in sentences, and the tests that would resolve it.
 
     Args:
         problem, solution: the fit.
         columns: as in `analyse_columns`.
         known: what that found.
+        campaign: that was fitted.
     """
+    remedies: list[Remedy] = []
     names, found = solution.names, []
     for name in known.silent:
         found.append(f"These records say nothing about {name}: it changes them less than their noise.")
@@ -124,7 +151,10 @@ def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray
                         for b in blend.names if a != b)[0]
             text = (f"{members} are hard to tell apart (correlation up to {worst:.3f}): {change} changes the records "
                     "by one standard deviation only")
-        found.append(f"{text}; {_say_remedy(problem, solution, columns, blend) if k < 2 else _say_elsewhere(blend)}.")
+        remedy = find_remedy(problem, solution, columns, blend, campaign) if k < 2 else None
+        remedies += [] if remedy is None else [remedy]
+        advice = _say_elsewhere(blend) if remedy is None else _say_remedy(remedy, blend)
+        found.append(f"{text}; {advice}.")
     told = [set(blend.names) for blend in known.blends]
     for i, a in enumerate(names):
         for j in range(i):
@@ -135,7 +165,7 @@ def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray
     for name in known.undetermined:
         if name not in known.silent and not any(name in t for t in told):
             found.append(f"These records hardly determine {name}: its uncertainty is wider than any likely value.")
-    return tuple(found)
+    return tuple(found), tuple(remedies)
 
 
 def limit_knowledge(space: ParameterSpace, name: str) -> float:
@@ -162,7 +192,7 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
         if p.coordinate == "log" and before:
             size = f"{abs(change / before) * 100:.2g} %"
         else:
-            size = f"{abs(change):.2g}" + (f" {p.unit}" if p.unit else "")
+            size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
         parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
     return _list(parts)
 
@@ -172,23 +202,58 @@ def _typical(space: ParameterSpace, name: str) -> float:
     return 1.0 if p.coordinate in ("log", "logit") else p.typical
 
 
-def _say_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend) -> str:
-    """The test that shortens the combination's uncertainty most, out of a few, or what to take from elsewhere."""
-    ratios = []
-    for name, factor, text in TESTS:
-        if name in problem.records.stack.conditions:
-            ratios.append((_try_conditions(problem, solution, columns, blend, name, factor),
-                           f"as many records {text}"))
-    if problem.records.family != "slip" and "depression" not in problem.records.channels:
-        ratios.append((_try_depression(problem, solution, blend), "the depression as a further channel"))
-    best, text = min(ratios, default=(1.0, ""))
+def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign
+                ) -> Remedy | None:
+    """The measurement that shortens a combination's uncertainty most; None where none does so by half."""
+    tests = [(name, values) for name in REACH if name in campaign.records
+             for values in list_settings(problem, campaign, name)]
+    tried = [Remedy(blend.names, *test, _try_conditions(problem, solution, columns, blend, campaign, *test))
+             for test in tests]
+    if problem.space.family.state == "depression" and "depression" not in problem.records.channels:
+        tried.append(Remedy(blend.names, "depression", (DEPRESSION_SD,), _try_depression(problem, solution, blend)))
+    best = max(tried, key=lambda remedy: remedy.gain, default=None)
+    if best is None:
+        return None
     size = max(abs(x) / _typical(problem.space, n) for n, x in zip(solution.names, blend.step, strict=True))
-    if blend.singular and best * size < 0.3:
-        return f"{text} would tell them apart"
-    if not blend.singular and best < 0.5:
-        times = f"{1 / best:.1f}" if best > 0.1 else "more than ten"
-        return f"{text} would make their difference {times} times as certain"
-    return _say_elsewhere(blend)
+    enough = size < 0.3 * best.gain if blend.singular else best.gain > 2.0
+    return best if enough else None
+
+
+def list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tuple[float, ...]]:
+    """Settings of a condition, SI, at which further records may be measured: lowest, highest, and half at each.
+
+    They have two digits, and lie where the model's equations hold.
+    """
+    stated = campaign.records[name].to_numpy(dtype=float)
+    low, high = (factor * edge for factor, edge in zip(REACH[name], (stated.min(), stated.max()), strict=True))
+    if not low > 0:
+        return []
+    if name.endswith("pressure"):
+        low = max(low, min(LEAST_PRESSURE, stated.min()))
+    first, last = read_validity(problem.space.reference).get(name, (0.0, math.inf))
+    low, high = (_round_inside(value, last) for value in (max(low, first), min(high, last)))
+    return [(low,), (high,), (low, high)] if low < high else []
+
+
+def _round_inside(value: float, last: float) -> float:
+    """To two digits, downwards where the nearest such number lies beyond `last`."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    near = round(value / unit) * unit
+    return float(f"{near if near <= last else near - unit:.2g}")
+
+
+def _say_remedy(remedy: Remedy, blend: Blend) -> str:
+    if remedy.setting == "depression":
+        what = f"the depression as a further channel (to {1e3 * remedy.values[0]:g} mm)"
+    else:
+        unit, factor = ("MPa", 1e-6) if remedy.setting.endswith("pressure") else (si_unit(remedy.setting), 1.0)
+        values, name = [f"{factor * value:.2g}" for value in remedy.values], remedy.setting.replace("_", " ")
+        what = f"as many records again, {'half ' if len(values) > 1 else ''}at the {name} {values[0]} {unit}"
+        what += f" and half at {values[1]} {unit}," if len(values) > 1 else ","
+    if blend.singular:
+        return f"{what} would tell them apart"
+    times = f"{remedy.gain:.1f}" if remedy.gain < 10 else "more than ten"
+    return f"{what} would make their difference {times} times as certain"
 
 
 def _say_elsewhere(blend: Blend) -> str:
@@ -198,20 +263,34 @@ def _say_elsewhere(blend: Blend) -> str:
     return f"fix one of them ({' or '.join(blend.names)}) at what is known from elsewhere"
 
 
-def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, name: str,
-                    factor: float) -> float:
-    """Uncertainty along a combination with as many records again at another condition, over the present one."""
+def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign,
+                    name: str, values: Sequence[float]) -> float:
+    """Standard deviation along a combination, now over that with as many records again at other settings.
+
+    A record lasts as long as its contact there, pressure^(-1/3) speed^(-1/3), with as many samples.
+    """
     records = problem.records
-    conditions = dict(records.stack.conditions)
-    conditions[name] = conditions[name] * factor
-    stack = eqx.tree_at(lambda s: s.conditions, records.stack, conditions)
+    count, table = records.count, campaign.records.copy()
+    table[name] = [values[k % len(values)] for k in range(count)]
+    conditions, sd = dict(records.stack.conditions), np.array(records.stack.condition_sd)
+    conditions[name] = conditions[name].at[:count].set(table[name].to_numpy(dtype=float))
+    stated = tuple(n for n in records.nuisances if n in campaign.conditions or n == "time")
+    there = condition_deviations(campaign, table, stated)
+    places = [records.nuisances.index(n) for n in stated]
+    sd[:count, places] = np.where(sd[:count, places] > 0, there, 0.0)  # none where the settings do not move
+    stack = eqx.tree_at(lambda s: (s.conditions, s.condition_sd), records.stack, (conditions, jnp.asarray(sd)))
+    if problem.space.family.state == "depression":
+        before = np.asarray(records.stack.conditions[name])
+        longer = np.ones(len(before))
+        longer[:count] = np.maximum(before[:count] / table[name].to_numpy(dtype=float), 1.0) ** (1.0 / 3.0)
+        stack = eqx.tree_at(lambda s: (s.time, s.span), stack, (stack.time * longer[:, None], stack.span * longer))
     other = Problem(problem.space, dc.replace(records, stack=stack))
-    there = other.solve(solution.names, solution.u, np.zeros_like(solution.z), moving=False)
-    if there.failed:
+    found = other.solve(solution.names, solution.u, np.zeros_like(solution.z), moving=False)
+    if found.failed:
         return 1.0
-    more, _ = there.projected()
+    more, _ = found.projected()
     both = np.concatenate([columns, more.reshape(-1, columns.shape[1])])
-    return _spread(both, columns, blend) / _spread(columns, columns, blend)
+    return _spread(columns, columns, blend) / _spread(both, columns, blend)
 
 
 def _spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float:
@@ -222,24 +301,39 @@ def _spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float:
 
 
 def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float:
-    """The same with the depression measured to 0.2 % of its largest value."""
-    size = max(abs(x) / _typical(problem.space, n) for n, x in zip(solution.names, blend.step, strict=True))
-    share = min(1.0, 0.05 / size) if size else 1.0
-    columns = [problem.space.index[name] for name in solution.names]
-    there = []
-    for sign in (1.0, -1.0):
-        u = solution.u.copy()
-        u[columns] += sign * share * blend.step
-        moved = problem.solve(solution.names, u, solution.z, moving=False)
-        if moved.failed:
-            return 1.0
-        there.append(moved.state)
-    sd = 2e-3 * float(np.max(solution.state))
+    """The same with the depression of the present records measured too, its slopes taken by differences."""
+
+    def move(u: np.ndarray, z: np.ndarray) -> np.ndarray | None:
+        moved = problem.solve(solution.names, u, z, moving=False)
+        return None if moved.failed else moved.state
+
+    def differ(step_u: np.ndarray, step_z: np.ndarray) -> np.ndarray | None:
+        ends = [move(solution.u + s * step_u, solution.z + s * step_z) for s in (NUDGE, -NUDGE)]
+        return None if ends[0] is None or ends[1] is None else (ends[0] - ends[1]) / (2.0 * NUDGE * DEPRESSION_SD)
+
+    still = np.zeros_like(solution.z)
+    slopes = []
+    for name, scale in zip(solution.names, solution.scales, strict=True):
+        k = problem.space.index[name]
+        slopes.append(differ(scale * np.eye(len(solution.u))[k], still))
+    count = solution.z.shape[1]
+    slopes += [differ(np.zeros_like(solution.u), np.broadcast_to(row, still.shape)) for row in np.eye(count)]
+    if any(slope is None for slope in slopes):
+        return 1.0
     counted = np.asarray(problem.records.stack.weights)[: problem.records.count, 0] > 0
-    change = (there[0] - there[1]) / (2.0 * share) / sd
-    # Conditions and time origin of every record take a part of it with them: a quarter is counted.
-    gain = 0.25 * float(np.sum(change[counted] ** 2))
-    return 1.0 / math.sqrt(1.0 + gain)
+    rows = np.stack([np.where(counted, slope, 0.0) for slope in slopes if slope is not None], axis=2)
+    free = len(solution.names)
+    wider = dc.replace(solution, shared=np.concatenate([solution.shared, rows[:, :, :free]], axis=1),
+                       own=np.concatenate([solution.own, rows[:, :, free:]], axis=1),
+                       residual=np.concatenate([solution.residual, np.zeros(rows.shape[:2])], axis=1))
+    columns, both = (flatten_columns(one) for one in (solution, wider))
+    return _spread(columns, columns, blend) / _spread(both, columns, blend)
+
+
+def flatten_columns(solution: Solution) -> np.ndarray:
+    """Columns of all rows of a fit with nuisances eliminated, priors below, shape (rows, free)."""
+    columns, _ = solution.projected()
+    return np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(solution.prior_weight)])
 
 
 def _list(words: Sequence[str]) -> str:

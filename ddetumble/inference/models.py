@@ -4,36 +4,19 @@ import dataclasses as dc
 import difflib
 import hashlib
 import inspect
-import math
 import sys
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from .._errors import InputError
-from .._numerics import scalar
 from ..contact.effect import AbstractEffect, AbstractModel
-from ..contact.gripping import StrikeLaw, Striker
-from ..contact.law import Ball, ContactLaw, PowerLaw
-from ..contact.sliding import AdhesionHysteresis, CoulombFriction, FrictionLaw, RubberFriction
-from ..contact.torque import RigidBody, TumbleLaw
+from ..contact.gripping import StrikeLaw
+from ..contact.law import ContactLaw
+from ..contact.sliding import FrictionLaw
+from ..contact.torque import TumbleLaw
 from ..effects import CATALOGUES
-
-
-@dc.dataclass(frozen=True)
-class BuiltinModel:
-    """A reference model that comes with the toolkit.
-
-    Attributes:
-        text: which equations it is, one sentence.
-        make: builds the template.
-        rival: whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
-            themselves, or feed energy in, are none.
-    """
-
-    text: str
-    make: Callable[[], AbstractModel]
-    rival: bool = True
+from .builtin import BUILTIN, MODELS
 
 
 @dc.dataclass(frozen=True)
@@ -51,69 +34,6 @@ class ResolvedModel:
     reference: AbstractModel
     text: str
     effects: tuple[AbstractEffect, ...] = ()
-
-
-MODELS: dict[str, BuiltinModel] = {
-    "paper": BuiltinModel(
-        "Eqs. 2 to 5 with a constant perimeter (b = pi depression/4), the core counted once, exact damping.",
-        Ball),
-    "paper-eq6": BuiltinModel(
-        "as paper, with the damping coefficient of Eq. 6, which delivers another restitution than asked for.",
-        lambda: Ball(damping_form="printed")),
-    "paper-doubled-core": BuiltinModel(
-        "as paper, with the cylinder under the contact disc counted twice, as Eq. 2 prints it.",
-        lambda: Ball(doubled_core=True)),
-    "paper-printed": BuiltinModel(
-        "Eq. 7 as printed: b = depression/4 in the area alone, Eq. 2 with its doubled core, Eq. 6; a tenth of the "
-        "force.",
-        lambda: Ball(contact_radius_coefficient=scalar(0.25), volume_coefficient=math.pi / 4, doubled_core=True,
-                     damping_form="printed"), rival=False),
-    "paper-quarter": BuiltinModel(
-        "Eq. 7 with b = depression/4 in the volume too, doubled core, Eq. 6; the perimeter is not kept.",
-        lambda: Ball(contact_radius_coefficient=scalar(0.25), doubled_core=True, damping_form="printed"), rival=False),
-    "paper-eq5-sign": BuiltinModel(
-        "as paper, with the sign of Eq. 5 at face value: damping lowers the force while loading and feeds energy in.",
-        lambda: Ball(damping_sign=-1.0), rival=False),
-    "matunaga": BuiltinModel(
-        "Eq. 1: a truncated sphere at constant pressure, with exact damping.",
-        lambda: Ball(truncated=True)),
-    "power-law": BuiltinModel(
-        "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
-        PowerLaw),
-}  # fmt: skip
-SLIP_MODELS: dict[str, BuiltinModel] = {
-    "paper": BuiltinModel("Eqs. 8 to 11 with e = 1: friction at zero slip is that of Eq. 8 alone.", RubberFriction),
-    "paper-printed": BuiltinModel(
-        "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
-        lambda: RubberFriction(printed=True), rival=False),
-    "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", AdhesionHysteresis),
-    "coulomb": BuiltinModel("a constant coefficient of friction.", CoulombFriction),
-}  # fmt: skip
-OBLIQUE_MODELS: dict[str, BuiltinModel] = {
-    "paper": BuiltinModel(
-        "the ball of Eqs. 2 to 5 with the friction of Eq. 8; Eqs. 9 and 10 end at loads below those of an impact.",
-        lambda: Striker(Ball(), AdhesionHysteresis())),
-    "coulomb": BuiltinModel("the ball of Eqs. 2 to 5 with a constant coefficient of friction.",
-                            lambda: Striker(Ball(), CoulombFriction())),
-    "power-law": BuiltinModel("a soft body without gas, with a constant coefficient of friction.",
-                              lambda: Striker(PowerLaw(), CoulombFriction())),
-}  # fmt: skip
-TUMBLE_MODELS: dict[str, BuiltinModel] = {
-    "paper": BuiltinModel("torque-free rotation of a body of revolution, read by perfect gyroscopes (Section 5).",
-                          RigidBody),
-    "rigid-body": BuiltinModel("the same as paper.", RigidBody),
-}  # fmt: skip
-BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS, "oblique": OBLIQUE_MODELS, "tumble": TUMBLE_MODELS}
-
-
-def describe_models() -> str:
-    """The built-in models, one line each."""
-    width = max(len(name) for models in BUILTIN.values() for name in models)
-    lines = []
-    for family, models in BUILTIN.items():
-        lines.append(f"for records of the family {family}:")
-        lines += [f"  {name:<{width}}  {model.text}" for name, model in models.items()]
-    return "\n".join(lines)
 
 
 def is_fitted(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -200,15 +201,35 @@ class ParameterSpace:
         return [s.name for s in self.slots
                 if s.owner in owners and s.parameter.free and (shapes or s.parameter.kind != "shape")]
 
-    def public(self, name: str, u: float, sd: float, spread: float = 1.959964) -> dict[str, Any]:
-        """Estimate, standard deviation and 95 % interval of a parameter in its public unit from its coordinate."""
-        p = self.slots[self.index[name]].parameter
-        low, high = (float(from_coordinate(p.coordinate, np.float64(u + k * spread * sd))) for k in (-1, 1))
-        middle = float(from_coordinate(p.coordinate, np.float64(u)))
+    def unit(self, name: str, u: np.ndarray) -> str:
+        """Unit of a parameter at coordinates `u`, shape (parameters,): powers that are parameters too are put in.
+
+        A stiffness in N/m^q is one in N/m^1.4 where the power q of its effect is 1.4.
+        """
+        slot = self.slots[self.index[name]]
+        text = slot.parameter.unit
+        for k, other in enumerate(self.slots):
+            if other.owner == slot.owner and "^" in text:
+                value = f"{to_public(other.parameter.coordinate, u[k]):.3g}"
+                text = re.sub(rf"\^{re.escape(other.parameter.name)}\b", "" if value == "1" else f"^{value}", text)
+        return text
+
+    def public(self, name: str, u: np.ndarray, sd: float, spread: float = 1.959964) -> dict[str, Any]:
+        """Estimate, standard deviation and 95 % interval of a parameter in its public unit.
+
+        Args:
+            name: of the parameter.
+            u: coordinates of all, shape (parameters,).
+            sd: of the coordinate; spread: of the interval, in those.
+        """
+        p, at = self.slots[self.index[name]].parameter, float(u[self.index[name]])
+        low, high = (float(from_coordinate(p.coordinate, np.float64(at + k * spread * sd))) for k in (-1, 1))
+        middle = float(from_coordinate(p.coordinate, np.float64(at)))
         slope = {"log": middle, "logit": middle * (1 - middle)}.get(p.coordinate, 1.0)
         width = abs(slope) * sd
         if p.coordinate == "inverse":
             width = width / middle**2 if middle else math.inf
             low, high = (1.0 / high if high > 0 else math.inf), (1.0 / low if low > 0 else math.inf)
             middle = 1.0 / middle if middle else math.inf
-        return {"estimate": middle, "sd": width, "q025": low, "q975": high, "unit": p.unit}
+        return {"estimate": middle, "sd": width, "q025": low, "q975": high,
+                "unit": self.unit(name, u)}

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..contact.effect import AbstractEffect, parameters_of
 from ..contact.law import AbstractReference
+from ..discrepancy.detectability import reach_limit
+from ..inference.parameters import to_public
 from .fits import PeakData, PeakFit, fit_models, hold_out
 from .peaks import DIRECTIONS, PeakProgram
 from .rivals import make_row
@@ -18,11 +20,6 @@ from .rows import Noise, PeakRow, compare_rows, judge_gain, measure_cost
 ATMOSPHERE = 101325.0  # Pa
 VISIBLE = 0.05  # share of a parameter's signature that must survive for it to be fitted
 FINALISTS = 8  # pairs of effects whose held-out errors are computed
-# Where an estimate stops being physics. Few numbers cannot overrule it: a model that needs more does not count.
-PHYSICAL = {
-    "polytropic-gas.n": (1.0, 1.67), "ambient-pressure.p_a": (0.0, 1.1e5), "wall-stiffness.k_w": (0.0, np.inf),
-    "membrane-area.alpha": (0.0, 1.0), "inflation-growth.beta": (0.0, 5.0), "sensor-gain.g": (0.5, 2.0),
-}  # fmt: skip
 
 
 @dc.dataclass(frozen=True)
@@ -120,7 +117,7 @@ class Bench:
             seen = size[k] * self.program.scale[number] > 1e-8
             sd = float(np.sqrt(max(covariance[k, k], 0.0)) / size[k]) if seen else float("inf")
             with np.errstate(over="ignore"):  # of what the peaks do not fix, the interval is the whole range
-                found[name] = self.program.space.public(name, float(fit.x[number]), sd)
+                found[name] = self.program.space.public(name, fit.x, sd)
         return found
 
     def starts_of(self, effect: type[AbstractEffect]) -> list[dict[str, float]]:
@@ -213,13 +210,16 @@ class Bench:
                         remark="chosen: " + "; ".join(names))
 
     def _outside(self, names: Sequence[str], x: np.ndarray) -> str:
-        """The first estimate outside its physical range, in words; empty where there is none."""
+        """The first estimate of an effect outside its physical limits, in words; empty where there is none.
+
+        Few numbers cannot overrule these: a model that needs more does not count.
+        """
         for name in names:
-            if name in PHYSICAL:
-                value = self.program.space.public(name, float(x[self.program.space.index[name]]), 0.0)
-                low, high = PHYSICAL[name]
-                if not low <= float(value["estimate"]) <= high:
-                    return f"{name} = {float(value['estimate']):.3g} {value['unit']}".strip()
+            number = self.program.space.index[name]
+            value = float(self.program.space.public(name, x, 0.0)["estimate"])
+            slot = self.program.space.slots[number]
+            if slot.owner is not None and slot.parameter.excludes(value, value):
+                return f"{name} = {value:.3g} {self.program.space.unit(name, x)}".strip()
         return ""
 
     def read_as_gauge(self) -> list[PeakRow]:
@@ -286,16 +286,23 @@ def rank_candidates(bench: Bench, base: PeakRow, singles: Sequence[PeakRow]) -> 
         gain = max(cost - measure_cost(row, peaks, noise), 0.0)
         amplitude = next(n for n in bench.program.space.of([effect]) if n in row.estimates)
         visible, per_unit = _signature(bench, base, amplitude)
+        detectable = _publish_size(bench, amplitude, 3.0 * sigma / per_unit if per_unit > 0 else np.inf)
         twins = [other.effects[-1] for other in singles if other is not row
                  and not compare_rows(row, other, peaks).decided and not compare_rows(other, row, peaks).decided]
         found.append({
             "effect": effect, "p_value": judge_gain(base, row, peaks, noise, len(singles)),
             "explains": float(np.clip(gain / above, 0.0, 1.0)) if above > 0 else 0.0, "visible": visible,
             "heldout_nrmse": row.heldout, "physical": row.physical,
-            "smallest_detectable": {amplitude: 3.0 * sigma / per_unit if per_unit > 0 else None},
+            "smallest_detectable": {} if detectable is None else {amplitude: detectable},
             "indistinguishable_from": twins,
         })
     return found
+
+
+def _publish_size(bench: Bench, name: str, size: float) -> float | None:
+    """Public value of an amplitude at a distance from its null; None beyond what physics allows."""
+    p = bench.program.space.slots[bench.program.space.index[name]].parameter
+    return to_public(p.coordinate, p.default + (p.sign or 1) * size) if size <= reach_limit(p) else None
 
 
 def _signature(bench: Bench, base: PeakRow, name: str) -> tuple[float, float]:

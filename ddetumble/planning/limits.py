@@ -6,8 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from .._errors import InputError
-from ..contact.friction import DIVERGES_ABOVE
-from ..contact.sliding import RubberFriction
+from ..contact.effect import read_validity
 from ..inference.archive import SavedModel
 from ..inference.families import ATTITUDES
 from ..measurement.headings import expand_role, read_pairs
@@ -112,9 +111,9 @@ def _extend(saved: SavedModel, name: str, low: float, high: float) -> tuple[floa
         return max(low, 0.0), WIDE * high
     factor = NARROW if high < STILL * low else WIDE
     low, high = low / factor, high * factor
-    if name == "normal_load" and isinstance(saved.space.reference, RubberFriction):
-        high = max(min(high, DIVERGES_ABOVE), saved.ranges[name][1])  # beyond, Eq. 10 breaks down
-    return low, high
+    # Not beyond where the model's equations hold, unless the campaign lies there as a whole.
+    first, last = read_validity(saved.space.reference).get(name, (low, high))
+    return (max(low, first), min(high, last)) if max(low, first) < min(high, last) else saved.ranges[name]
 
 
 def _read_range(name: str, text: str) -> tuple[float, float]:

@@ -175,6 +175,6 @@ def _narrow(saved: SavedModel, found: Distances) -> tuple[Narrowing, ...]:
         k = saved.space.index[name]
         before, after = float(np.linalg.norm(spread[:, k])), float(np.sqrt(max(covariance[k, k], 0.0)))
         if before > 0:
-            values = [saved.space.public(name, float(saved.u[k]), sd) for sd in (before, after)]
+            values = [saved.space.public(name, saved.u, sd) for sd in (before, after)]
             narrowed.append(Narrowing(name, str(values[0]["unit"]), float(values[0]["sd"]), float(values[1]["sd"])))
     return tuple(sorted(narrowed, key=lambda n: n.after / max(n.before, 1e-300)))

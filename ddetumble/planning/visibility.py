@@ -1,14 +1,7 @@
-r"""What a campaign could see before any test of it: how small an effect, and which pairs would look alike.
+"""What a campaign could see before any test of it: how small an effect, and which pairs would look alike.
 
-An effect of size $a$ changes the whitened readings by $f(a) - f(0)$. What refitted reference parameters and every
-record's own nuisances leave of that, $s(a)$, is what can be seen: its squared length is the expected rise of
-chi-square. The family-wise score test of `discover`, over $m$ directions at level $\alpha$, finds it with 95 % power
-where
-
-$$\|s(a)\| = z_\alpha + 1.645,\qquad z_\alpha^2 = \chi^2_1{}^{-1}\left((1 - \alpha)^{1/m}\right).$$
-
-Two effects of that size look alike where the cosine between their $s$ is near one. Nothing is linear in the size here:
-the model is computed with each effect in it.
+Every effect is taken at the size that `discrepancy.detectability` finds; two of them look alike where the cosine
+between what can be seen of them is near one.
 """
 
 import dataclasses as dc
@@ -17,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from .._errors import ComputationError
 from ..contact.effect import AbstractEffect, parameters_of
 from ..discrepancy.candidates import ALIKE
+from ..discrepancy.detectability import detectable_length, find_size, reach_limit
 from ..discrepancy.holdout import DECISIVE
 from ..discrepancy.shifts import EACH
 from ..discrepancy.workbench import Workbench
-from ..inference.arrow import profile_own
 from ..inference.assembly import default_starts
 from ..inference.families import name_family
 from ..inference.files import list_versions, make_plain, write_json
@@ -38,11 +30,7 @@ from .plans import read_plan
 
 
 FILE = "map.json"
-POWER = 0.95
 SAME = 0.9995  # |cos| from which no size tells two effects apart
-TRIALS = 6  # sizes tried until the length is right
-CLOSE = 0.02  # relative error of the length that is good enough
-HUGE = 300.0  # typical changes beyond which an effect counts as unseen
 Progress = Callable[[str, float], None]
 
 
@@ -57,7 +45,8 @@ class Visible:
         shapes: values of its shape parameters there, public.
         visible: share of its own signature (squared length) that refits leave.
         closest: effect whose signature is most like it, `cosine` of the two.
-        told: multiple of `size` from which it is told from `closest`; None where never.
+        told: multiple of the departure of `size` from the null from which it is told from `closest`; None where no
+            value that physics allows is.
         sizes: of each component of a vector, by public name.
     """
 
@@ -170,7 +159,7 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: S
     bench = Workbench(campaign, resolved.reference, tuple(effects), resolved.effects)
     solution = _stand(bench, planned)
     count = len(bench.directions((), depth=float(solution.state.max())))
-    goal = float(np.sqrt(stats.chi2.isf(-np.expm1(np.log1p(-EACH) / count), 1)) + stats.norm.ppf(POWER))
+    goal = detectable_length(count)
     jobs = [(effect, f"{effect.id}.{p.name}", start) for effect in bench.catalogue for p in parameters_of(effect)
             if p.kind != "shape" for start in default_starts(effect)]
     done: list[int] = []
@@ -201,10 +190,6 @@ def _stand(bench: Workbench, planned: bool) -> Solution:
 def _find_size(bench: Workbench, solution: Solution, effect, name: str, start: dict[str, float], goal: float
                ) -> _Signature | None:
     """The size of one amplitude at which its signature has the wanted length."""
-    p = bench.space.slots[bench.space.index[name]].parameter
-    null, side = p.default, float(p.sign or 1)
-    reach = p.bounds[1] - null if side > 0 else null - p.bounds[0]
-    most = min(HUGE * p.typical, 0.999 * reach)
     origin = solution.u.copy()
     for n, v in start.items():
         if n.split(".", 1)[0] == effect.id and n != name:
@@ -212,53 +197,8 @@ def _find_size(bench: Workbench, solution: Solution, effect, name: str, start: d
             origin[bench.space.index[n]] = v if other.kind == "shape" else other.default
     shapes = {n: float(origin[bench.space.index[n]]) for n in start
               if n != name and bench.space.slots[bench.space.index[n]].parameter.kind == "shape"}
-    size = min(0.1 * p.typical, most)
-    before: tuple[float, float] | None = None
-    best = None
-    for _ in range(TRIALS):
-        found = _show(bench, solution, origin, name, null + side * size)
-        if found is None:
-            return best
-        length, visible, column = found
-        if length <= 0.0:
-            return None
-        best = _Signature(effect.id, name, null + side * size, shapes, visible, column)
-        if abs(length / goal - 1.0) < CLOSE:
-            return best
-        power = 1.0
-        if before is not None and before[0] != size and length != before[1]:
-            power = float(np.clip(np.log(length / before[1]) / np.log(size / before[0]), 0.3, 3.0))
-        before = (size, length)
-        new = size * (goal / length) ** (1.0 / power)
-        if new >= most and size >= 0.99 * most:
-            return dc.replace(best, size=float("nan"))  # all that physics allows would not be seen
-        size = float(np.clip(new, 1e-9 * p.typical, most))
-    return best
-
-
-def _show(bench: Workbench, solution: Solution, origin: np.ndarray, name: str, value: float
-          ) -> tuple[float, float, np.ndarray] | None:
-    """Length of what can be seen of an effect, its share of the whole signature, and its direction."""
-    u = origin.copy()
-    u[bench.space.index[name]] = value
-    moved = bench.problem.solve([], u, solution.z, moving=False)
-    if moved.failed:
-        return None
-    change = moved.residual - solution.residual
-    whole = float(np.sum(change**2))
-    records, _, own = solution.own.shape
-    pad = np.zeros((records, own))
-    rows = np.concatenate([solution.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
-    shared = np.concatenate([solution.shared, np.zeros((records, own, solution.shared.shape[2]))], axis=1)
-    shared, left = profile_own(shared, rows, np.concatenate([change, pad], axis=1))
-    flat = left.reshape(-1)
-    if shared.shape[2]:
-        q, _ = np.linalg.qr(shared.reshape(-1, shared.shape[2]))
-        flat = flat - q @ (q.T @ flat)
-    length = float(np.linalg.norm(flat))
-    if length < 1e-6 * np.sqrt(max(whole, 1e-300)):
-        return 0.0, 0.0, flat
-    return length, length**2 / whole, flat / length
+    found = find_size(bench.problem, solution, origin, name, goal)
+    return None if found is None else _Signature(effect.id, name, found.size, shapes, found.visible, found.column)
 
 
 def _imitate(one: _Signature, others: Sequence[_Signature]) -> float:
@@ -287,7 +227,8 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
         own = groups[effect.id]
         first = next(p for p in parameters_of(effect) if p.kind != "shape")
         if not own:
-            effects.append(Visible(effect.id, first.name, first.unit, None, {}, 0.0, None, 0.0, None, {}))
+            unit = bench.space.unit(f"{effect.id}.{first.name}", bench.start)
+            effects.append(Visible(effect.id, first.name, unit, None, {}, 0.0, None, 0.0, None, {}))
             continue
         sizes: dict[str, _Signature] = {}
         for s in own:
@@ -298,10 +239,12 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
         row = np.where(np.arange(len(names)) == k, -1.0, cosines[k])
         near = int(np.argmax(row)) if len(names) > 1 else None
         cosine = 0.0 if near is None else float(row[near])
-        told = float(np.sqrt(DECISIVE / (1.0 - cosine**2)) / goal) if cosine < SAME else None
+        told = max(float(np.sqrt(DECISIVE / (1.0 - cosine**2)) / goal), 1.0) if cosine < SAME else None
+        if told is not None and told * abs(best.size - p.default) > reach_limit(p):
+            told = None
         effects.append(Visible(
-            effect.id, p.name, p.unit, to_public(p.coordinate, best.size), _publish(bench, best.shapes), best.visible,
-            None if near is None else names[near], cosine, None if told is None else max(told, 1.0),
+            effect.id, p.name, bench.space.unit(best.name, bench.start), to_public(p.coordinate, best.size),
+            _publish(bench, best.shapes), best.visible, None if near is None else names[near], cosine, told,
             _publish(bench, {n: s.size for n, s in sizes.items()})))
     alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
                   if cosines[i, j] >= ALIKE)
@@ -330,7 +273,7 @@ def _explain(bench: Workbench, effects: Sequence[Visible], alike: Sequence[tuple
     sentence += (f". They could not tell apart: {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
                  if alike else ". No two of these would look alike.")
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
-                       for v in [bench.space.public(n, float(bench.start[bench.space.index[n]]), 0.0)])
+                       for v in [bench.space.public(n, bench.start, 0.0)])
     return sentence, (
         f"Found with 95 % power by the family-wise test of discover (level {EACH:g}); noise white and as stated, "
         "nuisances as stated.",

@@ -35,7 +35,8 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
     best = missing.shapes[0]
     pictures = [Picture(
         "missing-shape", "The force that is missing, fitted inside the equation of motion, with two posterior standard "
-        "deviations, a simple law that draws it (dashed), and below, grey, where the samples lie. Right: how much "
+        "deviations, a simple law that draws it (dashed, where it holds beside the same values of the model's "
+        "parameters), and below, grey, where the samples lie. Right: how much "
         "of the misfit of left-out conditions each removes" + (", and the force's spectrum (grey: two standard "
         "deviations of what noise leaves)." if best.spectrum.shape[1] > 2 else "."),
         figures.draw_missing_shape(missing), f"Missing {clean(best.way)} over {clean(best.variable)}.")]

@@ -8,6 +8,7 @@ from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, 
 from ..figures.views import View
 
 
+WHOLE = 0.995  # share from which a range is all there is
 _PHASES = {
     "loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
     "backward": " on strokes backward",
@@ -48,9 +49,12 @@ def say_place(place: Place, view: View) -> str:
         period = f"; it repeats every {format_number(shown.scale * place.period)}{unit}"
     channel = describe_quantity(place.channel).name
     share = f"{format_share(place.share)} of the misfit of the {channel}"
+    removes = "" if place.removes is None else f"; a simple force of it removes {format_share(place.removes)}"
     if place.variable == "direction":
-        return f"{share} depends on the {name}{period}."
-    return f"{share} sits where the {name} is {span}{phase}{period}."
+        return f"{share} depends on the {name}{period}{removes}."
+    if place.removes is not None and place.share >= WHOLE:
+        return f"The misfit of the {channel} depends on the {name}, {span}{period}{removes}."
+    return f"{share} sits where the {name} is {span}{phase}{period}{removes}."
 
 
 def count_records(discovery: Discovery) -> int:

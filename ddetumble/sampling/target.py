@@ -186,7 +186,8 @@ def pose_fit(fit: Fit) -> CampaignTarget:
                 "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
     covariance = cap_covariance(known.covariance, high - low)
-    target = CampaignTarget(names, tuple(p.unit for p in slots), tuple(p.coordinate for p in slots),
+    target = CampaignTarget(names, tuple(full.unit(n, found.solution.u) for n in names),
+                            tuple(p.coordinate for p in slots),
                             found.solution.u[places], covariance, low, high, problem.priors, records.keys, identity,
                             (), fit, space, records, plan, 0.0)
     return _judge(target)

@@ -40,6 +40,7 @@ class Bench:
         traces: the campaign's readings as views, one a record, shape (samples, channels): faults act on them.
         prepare: for a setting and a seed, the function effects -> rms over noise that a refitted reference leaves.
         hold_out: noise-free tests elsewhere, from effects and setting.
+        edition: of the way in which cases are drawn: another one asks other questions under the same seed.
     """
 
     name: str
@@ -53,3 +54,4 @@ class Bench:
     traces: Callable[[dict[str, Any]], list[np.ndarray]]
     prepare: Callable[[Mapping[str, Any], int], Callable[[Mapping[str, Any]], float]]
     hold_out: Callable[[Mapping[str, Any], Mapping[str, Any]], list[HeldOut]]
+    edition: int = 1

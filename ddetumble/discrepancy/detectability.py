@@ -1,0 +1,120 @@
+r"""How small an effect a campaign could see.
+
+An effect of size $a$ changes the whitened readings by $f(a) - f(0)$. What refitted reference parameters and every
+record's own nuisances leave of that, $s(a)$, is what can be seen: its squared length is the expected rise of
+chi-square. The family-wise score test of `discover`, over $m$ directions at level $\alpha$, finds it with 95 % power
+where
+
+$$\|s(a)\| = z_\alpha + 1.645,\qquad z_\alpha^2 = \chi^2_1{}^{-1}\left((1 - \alpha)^{1/m}\right).$$
+
+Nothing is linear in the size here: the model is computed with the effect in it.
+"""
+
+import dataclasses as dc
+import math
+
+import numpy as np
+from scipy import stats
+
+from ..contact.effect import Parameter
+from ..inference.arrow import profile_own
+from ..inference.problem import Problem, Solution
+from .shifts import EACH
+
+
+POWER = 0.95
+TRIALS = 6  # sizes tried until the length is right
+CLOSE, NEAR = 0.02, 0.1  # relative error of the length that is good enough, and beyond which there is no size
+HUGE = 300.0  # typical changes beyond which an effect counts as unseen
+DARK = 1e-6  # share of the length of a change below which what refits leave of it is rounding
+
+
+@dc.dataclass(frozen=True)
+class Signature:
+    """What a campaign could see of one amplitude at one shape.
+
+    Attributes:
+        name: of the amplitude.
+        size: value of its field that would be found; nan where none that physics allows would be.
+        visible: share of its signature (squared length) that refits leave.
+        column: direction of what is seen, of unit length, shape (rows,).
+    """
+
+    name: str
+    size: float
+    visible: float
+    column: np.ndarray
+
+
+def detectable_length(directions: int) -> float:
+    """Length of a signature that the family-wise test over so many directions finds, in standard deviations."""
+    return float(np.sqrt(stats.chi2.isf(-np.expm1(np.log1p(-EACH) / directions), 1)) + stats.norm.ppf(POWER))
+
+
+def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: str, goal: float,
+              first: float | None = None) -> Signature | None:
+    """Size of an amplitude at which its signature has the wanted length; None where none was found.
+
+    Args:
+        problem, solution: the model without the effect.
+        origin: coordinates with the shapes of the effect put in, shape (parameters,).
+        name: of the amplitude.
+        goal: the length.
+        first: distance from the null to try first; a tenth of a typical change where not given.
+    """
+    p = problem.space.slots[problem.space.index[name]].parameter
+    null, side = p.default, float(p.sign or 1)
+    most = reach_limit(p)
+    size = min(0.1 * p.typical if first is None else first, most)
+    before: tuple[float, float] | None = None
+    for _ in range(TRIALS):
+        found = _show(problem, solution, origin, name, null + side * size)
+        if found is None or found[0] <= 0.0:
+            return None
+        length, visible, column = found
+        if abs(length / goal - 1.0) < CLOSE:
+            return Signature(name, null + side * size, visible, column)
+        power = 1.0
+        if before is not None and before[0] != size and length != before[1]:
+            power = float(np.clip(np.log(length / before[1]) / np.log(size / before[0]), 0.3, 3.0))
+        before = (size, length)
+        new = size * (goal / length) ** (1.0 / power)
+        if new >= most and size >= 0.99 * most:
+            return Signature(name, math.nan, visible, column)
+        last, size = size, float(np.clip(new, 1e-9 * p.typical, most))
+    return Signature(name, null + side * last, visible, column) if abs(length / goal - 1.0) < NEAR else None
+
+
+def reach_limit(p: Parameter) -> float:
+    """Farthest that the field of an amplitude may be from its null: within bounds, what physics allows, and reason."""
+    low, high = p.limits
+    if p.coordinate == "inverse":
+        low, high = (1.0 / high if high else math.inf), (1.0 / low if low > 0 else math.inf)
+    low, high = max(low, p.bounds[0]), min(high, p.bounds[1])
+    reach = high - p.default if (p.sign or 1) > 0 else p.default - low
+    return min(HUGE * p.typical, 0.999 * reach)
+
+
+def _show(problem: Problem, solution: Solution, origin: np.ndarray, name: str, value: float
+          ) -> tuple[float, float, np.ndarray] | None:
+    """Length of what can be seen of an effect, its share of the whole signature, and its direction."""
+    u = origin.copy()
+    u[problem.space.index[name]] = value
+    moved = problem.solve([], u, solution.z, moving=False)
+    if moved.failed:
+        return None
+    change = moved.residual - solution.residual
+    whole = float(np.sum(change**2))
+    records, _, own = solution.own.shape
+    pad = np.zeros((records, own))
+    rows = np.concatenate([solution.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
+    shared = np.concatenate([solution.shared, np.zeros((records, own, solution.shared.shape[2]))], axis=1)
+    shared, left = profile_own(shared, rows, np.concatenate([change, pad], axis=1))
+    flat = left.reshape(-1)
+    if shared.shape[2]:
+        q, _ = np.linalg.qr(shared.reshape(-1, shared.shape[2]))
+        flat = flat - q @ (q.T @ flat)
+    length = float(np.linalg.norm(flat))
+    if length < DARK * np.sqrt(max(whole, 1e-300)):
+        return 0.0, 0.0, flat
+    return length, length**2 / whole, flat / length

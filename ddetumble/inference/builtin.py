@@ -1,0 +1,138 @@
+"""The reference models that come with the toolkit, by family and name; nothing heavy is imported until one is made."""
+
+import dataclasses as dc
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+
+if TYPE_CHECKING:
+    from ..contact.effect import AbstractModel
+
+
+@dc.dataclass(frozen=True)
+class BuiltinModel:
+    """A reference model that comes with the toolkit.
+
+    Attributes:
+        text: which equations it is, one sentence.
+        law: in one line.
+        source: where the law comes from.
+        make: builds the template.
+        rival: whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
+            themselves, or feed energy in, are none.
+    """
+
+    text: str
+    law: str
+    source: str
+    make: "Callable[[], AbstractModel]"
+    rival: bool = True
+
+
+def _ball(quarter: bool = False, **choices: Any) -> Any:
+    from .._numerics import scalar
+    from ..contact.law import Ball
+
+    return Ball(contact_radius_coefficient=scalar(0.25), **choices) if quarter else Ball(**choices)
+
+
+def _soft() -> Any:
+    from ..contact.law import PowerLaw
+
+    return PowerLaw()
+
+
+def _friction(name: str, **choices: Any) -> Any:
+    from ..contact import sliding
+
+    return getattr(sliding, name)(**choices)
+
+
+def _striker(normal: Any, tangential: Any) -> Any:
+    from ..contact.gripping import Striker
+
+    return Striker(normal, tangential)
+
+
+def _body() -> Any:
+    from ..contact.torque import RigidBody
+
+    return RigidBody()
+
+
+_GAS, _HUNT = "P' = P0 V0/V'", "Hunt & Crossley 1975, J. Appl. Mech. 42, 440"
+_EQ6 = "Lankarani & Nikravesh 1990, J. Mech. Des. 112, 369"
+_EQ8 = "mu = tan(delta_L) [pi/4 K sigma_0/p_r + pi/10 (3 P'/E*)^(2/3)]"
+_EQ9 = "s_c mu_slip(s), mu_slip = a + a exp(b s) [c sinh(d s) - e cosh(d s)]"
+MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel(
+        "Eqs. 2 to 5 with a constant perimeter (b = pi depression/4), the core counted once, exact damping.",
+        f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}", f"the paper, Eqs. 2 to 5; {_HUNT}", _ball),
+    "paper-eq6": BuiltinModel(
+        "as paper, with the damping coefficient of Eq. 6, which delivers another restitution than asked for.",
+        f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}, c_n = 3 (1 - e^2)/(4 v1)",
+        f"the paper, Eqs. 2 to 6; {_EQ6}", lambda: _ball(damping_form="printed")),
+    "paper-doubled-core": BuiltinModel(
+        "as paper, with the cylinder under the contact disc counted twice, as Eq. 2 prints it.",
+        f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}, V' with pi b^2 d twice",
+        f"the paper, Eqs. 2 to 5 as printed; {_HUNT}", lambda: _ball(doubled_core=True)),
+    "paper-printed": BuiltinModel(
+        "Eq. 7 as printed: b = depression/4 in the area alone, Eq. 2 with its doubled core, Eq. 6; a tenth of the "
+        "force.", f"F_n = P' pi b^2 (1 + c_n w), b = delta/4, {_GAS}, V' of b = pi delta/4",
+        f"the paper, Eqs. 2 to 7 as printed; {_EQ6}",
+        lambda: _ball(True, volume_coefficient=math.pi / 4, doubled_core=True, damping_form="printed"), rival=False),
+    "paper-quarter": BuiltinModel(
+        "Eq. 7 with b = depression/4 in the volume too, doubled core, Eq. 6; the perimeter is not kept.",
+        f"F_n = P' pi b^2 (1 + c_n w), b = delta/4, {_GAS}", f"the paper, Eqs. 2 to 7, another reading; {_EQ6}",
+        lambda: _ball(True, doubled_core=True, damping_form="printed"), rival=False),
+    "paper-eq5-sign": BuiltinModel(
+        "as paper, with the sign of Eq. 5 at face value: damping lowers the force while loading and feeds energy in.",
+        f"F_n = P' pi b^2 (1 - c_n w), b = pi delta/4, {_GAS}", "the paper, Eq. 5 as printed",
+        lambda: _ball(damping_sign=-1.0), rival=False),
+    "matunaga": BuiltinModel(
+        "Eq. 1: a truncated sphere at constant pressure, with exact damping.",
+        "F_n = P0 pi b^2 (1 + c_n w), b^2 = delta (D - delta)", f"the paper, Eq. 1 (Matunaga); {_HUNT}",
+        lambda: _ball(truncated=True)),
+    "power-law": BuiltinModel(
+        "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
+        "F_n = F_10 (delta/10 mm)^n (c/c_0)^beta (1 + c_n w)", f"Hertz 1882 is n = 3/2; {_HUNT}", _soft),
+}  # fmt: skip
+SLIP_MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel(
+        "Eqs. 8 to 11 with e = 1: friction at zero slip is that of Eq. 8 alone.",
+        f"f = mu F_n, {_EQ8} + {_EQ9}, e = 1", "the paper, Eqs. 8 to 11", lambda: _friction("RubberFriction")),
+    "paper-printed": BuiltinModel(
+        "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
+        f"f = mu F_n, {_EQ8} + {_EQ9}", "the paper, Eqs. 8 to 11 as printed",
+        lambda: _friction("RubberFriction", printed=True), rival=False),
+    "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", f"f = mu F_n, {_EQ8}", "the paper, Eq. 8",
+                        lambda: _friction("AdhesionHysteresis")),
+    "coulomb": BuiltinModel("a constant coefficient of friction.", "f = mu F_n", "Coulomb 1785",
+                            lambda: _friction("CoulombFriction")),
+}  # fmt: skip
+OBLIQUE_MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel(
+        "the ball of Eqs. 2 to 5 with the friction of Eq. 8; Eqs. 9 and 10 end at loads below those of an impact.",
+        f"{MODELS['paper'].law}; {SLIP_MODELS['eq8'].law}", f"the paper, Eqs. 2 to 5 and 8; {_HUNT}",
+        lambda: _striker(_ball(), _friction("AdhesionHysteresis"))),
+    "coulomb": BuiltinModel(
+        "the ball of Eqs. 2 to 5 with a constant coefficient of friction.", f"{MODELS['paper'].law}; f = mu F_n",
+        f"the paper, Eqs. 2 to 5; Coulomb 1785; {_HUNT}", lambda: _striker(_ball(), _friction("CoulombFriction"))),
+    "power-law": BuiltinModel(
+        "a soft body without gas, with a constant coefficient of friction.",
+        f"{MODELS['power-law'].law}; f = mu F_n", f"{MODELS['power-law'].source}; Coulomb 1785",
+        lambda: _striker(_soft(), _friction("CoulombFriction"))),
+}  # fmt: skip
+_EULER = "I domega/dt + omega x I omega = 0, I = diag(1, 1, inertia_ratio)"
+TUMBLE_MODELS: dict[str, BuiltinModel] = {
+    "paper": BuiltinModel("torque-free rotation of a body of revolution, read by perfect gyroscopes (Section 5).",
+                          _EULER, "Euler 1758; the paper, Section 5", _body),
+    "rigid-body": BuiltinModel("the same as paper.", _EULER, "Euler 1758; the paper, Section 5", _body),
+}  # fmt: skip
+BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS, "oblique": OBLIQUE_MODELS, "tumble": TUMBLE_MODELS}
+
+
+def list_names() -> str:
+    """Names of all built-in models by family, in one line."""
+    return "; ".join(f"{family}: {', '.join(models)}" for family, models in BUILTIN.items())
