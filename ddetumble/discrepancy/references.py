@@ -6,8 +6,8 @@ from typing import Any
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
-from ..inference.families import name_family
 from ..inference.builtin import BUILTIN
+from ..inference.families import name_family
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from .records import Discovery

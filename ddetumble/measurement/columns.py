@@ -155,7 +155,8 @@ def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str,
         problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.table.columns)}; give {option}"
         if any(name.casefold() == "file" for name in raw.table.columns):
             problem += f"; if it is the table of conditions, give --conditions {raw.table.file}"
-        elif role == "normal_force" and not accelerations and any(map(_is_acceleration, filter(None, raw.units.values()))):
+        elif (role == "normal_force" and not accelerations
+              and any(map(_is_acceleration, filter(None, raw.units.values())))):
             problem += "; --known 'effective_mass=1.2 kg' makes a force of an acceleration"
         elif role in ("time", "normal_force") and any(guess_role(c, "slip") == "slip" for c in raw.table.columns):
             problem += f", or, {FRICTION_TEST}"
