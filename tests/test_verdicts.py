@@ -1,5 +1,6 @@
 """What a verdict may claim: nothing held out where nothing can be, settings that swallow a misfit, one number each."""
 
+import dataclasses as dc
 import json
 import math
 
@@ -143,3 +144,34 @@ def test_ranking_says_what_the_verdict_says(tmp_path, effects, seed):
             assert one.heldout_nrmse == pytest.approx(first.heldout_nrmse, rel=1e-6)
     if len(found.effects) == 1 and found.verdict == "explained":
         assert alone[found.effects[0]].explains > 0.9
+
+
+@pytest.mark.slow
+def test_a_gain_beyond_a_calibration_is_no_explanation(tmp_path):
+    """A gauge that reads four tenths is a wrong range: the effect that would fit is not named."""
+    campaign = dd.read_campaign(write(tmp_path / "null", {}, 21, repeats=1))
+    force = campaign.samples["normal_force"] * 0.4
+    found = dd.discover(dc.replace(campaign, samples=campaign.samples.assign(normal_force=force)))
+    gain = next(c for c in found.candidates if c.effect == "sensor-gain")
+    assert found.steps[0].lack_of_fit.rejected and "sensor-gain" not in found.effects
+    assert gain.estimates["sensor-gain.g"].q975 < 0.5 and gain.text
+    assert found.verdict != "explained" and any("sensor-gain.g" in doubt for doubt in found.doubts)
+    assert json.loads(found.save(tmp_path / "found").read_text())["doubts"] == list(found.doubts)
+
+
+@pytest.mark.slow
+def test_a_wrong_unit_is_asked_about_before_physics_is_named(tmp_path):
+    campaign = dd.read_campaign(write(tmp_path / "wall", {"wall-stiffness": {"k_w": 1500.0}}, 22, repeats=1))
+    pressure = campaign.records["initial_pressure"] * 10
+    found = dd.discover(dc.replace(campaign, records=campaign.records.assign(initial_pressure=pressure)))
+    assert found.verdict == "undecided" and found.effects == ()
+    assert "initial_pressure in bar" in found.doubts[0] and found.doubts[0] in found.sentence
+
+
+@pytest.mark.study
+def test_another_reference_model_before_three_effects(tmp_path):
+    """The paper's printed volume with a wall: the other reading of Eq. 2 and one effect, and no gas that nobody has."""
+    wall = {"wall-stiffness": {"k_w": 30000.0, "q": 1.5}}
+    found = dd.discover(write(tmp_path / "printed", wall, 31, base={**BASE, "doubled_core": True}))
+    assert found.verdict == "explained" and found.effects == ("wall-stiffness",)
+    assert found.model == "paper-doubled-core" and len(found.references) > 1

@@ -9,6 +9,7 @@ from ..inference.parameters import to_public
 from .adequacy import Score
 from .detectability import detectable_length, find_size
 from .holdout import compare_losses
+from .limits import list_unphysical
 from .records import Candidate
 from .search import Grown, Tried, fit_with_shapes, merit
 from .steps import list_loose, public_estimates
@@ -123,6 +124,7 @@ def _describe(workbench: Workbench, finished: _Finished, tried: Tried, scores: l
         alike = tuple(e for e in tried.order if (e in alternatives or e == chosen) and e != effect)
     else:
         alike = tuple(e for e, c in cosines.items() if c > ALIKE)
+    beyond = () if absent else list_unphysical(workbench, fitted.solution)
     return Candidate(
         effect=effect, p_value=p_value,
         explains=float(np.clip(drop / excess, 0.0, 1.0)) if rejected else 0.0,  # without a misfit there is no share
@@ -132,7 +134,8 @@ def _describe(workbench: Workbench, finished: _Finished, tried: Tried, scores: l
         indistinguishable_from=alike,
         estimates={} if absent else public_estimates(workbench, fitted.solution, [effect]),
         heldout_difference=difference, standard_error=error, cosines=cosines,
-        text="its best amplitude has the wrong sign, or does nothing" if absent else "",
+        text="its best amplitude has the wrong sign, or does nothing" if absent else "; ".join(map(str, beyond)),
+        beyond=tuple(one.name for one in beyond),
         units={name: workbench.space.unit(name, before.solution.u) for name in detectable})
 
 

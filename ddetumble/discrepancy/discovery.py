@@ -11,17 +11,27 @@ from ..inference.families import find_family, name_family
 from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
+from ..measurement.plausibility import check_plausibility
 from .candidates import could_have_shown, describe_candidates
 from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .holdout import SURE
+from .limits import describe_beyond, describe_imitation
 from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
 from .records import Discovery, MissingForce, Place
-from .references import ALONE, Search, choose_reference, mention_references, stacks_up, try_references
+from .references import (
+    ALONE,
+    Search,
+    choose_reference,
+    keep_physical,
+    mention_references,
+    stacks_up,
+    try_references,
+)
 from .search import MOST, Grown, Tried, free_shapes, grow, merit, predicts_better, prune, try_effects
 from .shifts import EACH, LEVEL
 from .steps import describe_noise, describe_step, list_loose, noise_over_signal
-from .wording import explain, mention_faults
+from .wording import explain, mention_doubts, mention_faults
 from .workbench import Fitted, Workbench
 
 
@@ -85,21 +95,30 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
                 continue
         break
     name, rivals = resolved.name, ()
-    if stacks_up(found):
+    # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
+    questions = [str(one) for one in check_plausibility(state.campaign) if one.mistakes]
+    if stacks_up(found) and not questions:
         report("trying the other reference models", 0.88)
         rivals = try_references(resolved, state.campaign, effects, state.zeros,
                                 lambda bench, alone: _search(bench, alone, lambda text, share: None))
         better = choose_reference(found, rivals)
         found, name = (_grow_on(found, MOST, report), name) if better is None else (better.search, better.name)
-    workbench, grown, tried = found.workbench, found.grown, found.tried
+    workbench, tried = found.workbench, found.tried
+    grown, beyond = keep_physical(found)
+    doubts = (*questions, *([describe_beyond(found.grown[len(grown)].fitted.effects, beyond)] if beyond else ()))
     verdict, where, grown, beside = _decide(workbench, grown, found.visible)
     if not workbench.holds_out:
         verdict, grown = _decide_within(verdict, grown)
+    if questions and grown[0].lack.rejected:
+        verdict, grown = "undecided", grown[:1]
     missing = None
     if verdict in ("improved", "unexplained"):
         missing = _draw(workbench, grown, tried, beside, report)
     report("writing it down", 0.97)
     discovery = _assemble(workbench, name, grown, tried, verdict, where, missing, began)
+    if not beyond and verdict in ("improved", "unexplained"):
+        doubts += describe_imitation(discovery.candidates)
+    discovery = mention_doubts(discovery, doubts, units=bool(questions))
     if rivals:
         discovery = mention_references(discovery, resolved.name, rivals)
     return mention_faults(discovery, state.faults)

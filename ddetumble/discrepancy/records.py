@@ -149,6 +149,7 @@ class Candidate:
     `heldout_difference` and `standard_error` compare it with the best candidate (0 for the best). `smallest_detectable`
     are values of its amplitudes, in `units`, that would have been found with 95 % power; one of which no value within
     its physical limits would be is not among them, and none is where the records do not fix the reference model.
+    `beyond` names the estimates that lie wholly beyond their physical limits.
     """
 
     effect: str
@@ -164,6 +165,7 @@ class Candidate:
     cosines: Mapping[str, float]
     text: str = ""
     units: Mapping[str, str] = dc.field(default_factory=dict)
+    beyond: tuple[str, ...] = ()
 
 
 @dc.dataclass(frozen=True)
@@ -320,6 +322,7 @@ class Discovery:
         sentence: plain words: what is missing, how sure, what to measure next.
         notes: further sentences (what was assumed, what could not be seen).
         faults: of the data, and what was done about them.
+        doubts: what has to be settled first: units that may be wrong, estimates beyond what physics allows.
         references: other reference models that were tried beside the one that was asked for, and how far they came.
         settings: level, versions, timings.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
@@ -342,6 +345,7 @@ class Discovery:
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = dc.field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+    doubts: tuple[str, ...] = ()
     references: tuple[Mapping[str, Any], ...] = ()
     missing: MissingForce | None = None
     model_state: Any = dc.field(default=None, repr=False, compare=False)
@@ -389,7 +393,7 @@ class Discovery:
                 "indistinguishable_from": list(c.indistinguishable_from),
                 "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
                 "cosines": dict(c.cosines), "estimates": {k: dc.asdict(v) for k, v in c.estimates.items()},
-                "text": c.text, "units": dict(c.units),
+                "text": c.text, "units": dict(c.units), "beyond": list(c.beyond),
             } for c in self.candidates],
             "where": [{k: v for k, v in dc.asdict(w).items() if v is not None} for w in self.where],
             "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
@@ -397,7 +401,7 @@ class Discovery:
             "nuisances": list_shifts(last.shifts), "lack_of_fit": dc.asdict(first),
             "noise": {k: dict(v) for k, v in self.noise.items()},
             "missing_force": None if self.missing is None else self.missing.to_dict(),
-            "references": [dict(r) for r in self.references],
+            "references": [dict(r) for r in self.references], "doubts": list(self.doubts),
             "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
             "sha256": self.sha256, "settings": dict(self.settings),
         })

@@ -10,6 +10,7 @@ from ..inference.builtin import BUILTIN
 from ..inference.families import name_family
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
+from .limits import Unphysical, list_unphysical
 from .records import Discovery
 from .search import Grown, Tried, merit
 from .workbench import Fitted, Workbench
@@ -45,10 +46,28 @@ class Rival:
     search: Search
 
 
+def keep_physical(search: Search) -> tuple[list[Grown], tuple[Unphysical, ...]]:
+    """The steps up to the last one that lies within physical limits, and what lay beyond them in the next."""
+    grown, beyond = list(search.grown), ()
+    while len(grown) > 1:
+        now = list_unphysical(search.workbench, grown[-1].fitted.solution)
+        if not now:
+            break
+        beyond = now
+        grown.pop()
+    return grown, beyond
+
+
+def is_explained(search: Search) -> bool:
+    """Whether no misfit is left within physical limits."""
+    return not keep_physical(search)[0][-1].lack.rejected
+
+
 def stacks_up(search: Search) -> bool:
-    """Whether as many effects as may stand without a look at other reference models leave a misfit."""
-    last = search.grown[-1]
-    return last.lack.rejected and len(last.fitted.effects) >= ALONE
+    """Whether as many effects as may stand without a look at other reference models explain nothing, or one beyond
+    what physics allows."""
+    return not is_explained(search) and (len(search.grown[-1].fitted.effects) >= ALONE
+                                         or bool(keep_physical(search)[1]))
 
 
 def try_references(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
@@ -89,8 +108,8 @@ def _identify(reference: Any) -> tuple:
 
 def choose_reference(found: Search, rivals: Sequence[Rival]) -> Rival | None:
     """The rival that leaves no misfit with the fewest parameters, where the first model leaves one; else None."""
-    good = [r for r in rivals if not r.search.grown[-1].lack.rejected]
-    if not found.grown[-1].lack.rejected or not good:
+    good = [r for r in rivals if is_explained(r.search)]
+    if is_explained(found) or not good:
         return None
     return min(good, key=lambda r: (len(r.search.grown[-1].fitted.solution.names), merit(r.search.grown[-1].fitted)))
 

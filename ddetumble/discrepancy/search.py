@@ -9,6 +9,7 @@ from ..contact.effect import parameters_of
 from ..inference.assembly import default_starts
 from .adequacy import Score
 from .holdout import DECISIVE, SURE, compare_losses, is_beaten
+from .limits import list_unphysical
 from .records import LackOfFit
 from .workbench import Fitted, Workbench
 
@@ -27,7 +28,8 @@ class Tried:
         screened: by effect id, fitted loosely (and to thinned records where these are long).
         refined: the finalists among them, fitted to all samples.
         before: the model without the addition, on the samples of `screened`.
-        order: effect ids, best held-out prediction first.
+        order: effect ids, best held-out prediction first; behind those that help within their physical limits what
+            needs values beyond them.
     """
 
     screened: dict[str, Fitted]
@@ -73,6 +75,11 @@ def has_physical_sign(workbench: Workbench, fitted: Fitted, effect: str) -> bool
         if p.sign and p.sign * (fitted.solution.u[workbench.space.index[name]] - p.default) < 0:
             return False
     return True
+
+
+def is_beyond(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
+    """Whether an addition needs values beyond what physics allows."""
+    return grown.solution is not current.solution and bool(list_unphysical(workbench, grown.solution))
 
 
 def directed_starts(workbench: Workbench, effect: str, scores: Sequence[Score]) -> list[dict[str, float]]:
@@ -140,7 +147,11 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
     order = sorted(effects, key=lambda e: (merit(screened[e]), screened[e].solution.chi2))
     refined = refine(workbench, current, screened, before, order)
     rest = [e for e in order if e not in refined]
-    first = sorted(refined, key=lambda e: (merit(refined[e]), refined[e].solution.chi2))
+    beyond = {e: is_beyond(workbench, current, refined[e]) for e in refined}
+    # Where nothing helps within its limits, what fits beyond them may stand in for two effects that are both missing.
+    if not any(helps(workbench, current, refined[e]) for e in refined if not beyond[e]):
+        beyond = dict.fromkeys(refined, False)
+    first = sorted(refined, key=lambda e: (beyond[e], merit(refined[e]), refined[e].solution.chi2))
     return Tried(screened, refined, before, (*first, *rest))
 
 
@@ -216,6 +227,8 @@ def find_alternatives(workbench: Workbench, tried: Tried, current: Fitted) -> tu
     for effect in tried.order[1:]:
         if effect not in tried.refined or tried.refined[effect].solution is current.solution:
             continue
+        if is_beyond(workbench, current, tried.refined[effect]):
+            continue
         difference, error = compare_additions(workbench, tried, effect)
         if not is_beaten(difference, error) or fits_better(tried.refined[effect], best, current):
             close.append((effect, difference, error))
@@ -279,7 +292,9 @@ def swap_effects(workbench: Workbench, chosen: Fitted, tried: Tried, base: Fitte
             again = try_effects(workbench, start, scores, others, report)
             best = again.refined[again.order[0]]
             simpler = len(best.solution.names) < len(chosen.solution.names)
-            if merit(best) < merit(chosen) - (1e-6 if simpler else SURE):
+            within = (is_beyond(workbench, base, chosen), is_beyond(workbench, start, best))
+            if (within == (True, False) and helps(workbench, start, best)) or (
+                    within != (False, True) and merit(best) < merit(chosen) - (1e-6 if simpler else SURE)):
                 chosen, tried, base, changed = best, again, start, True
                 keep_free(workbench, chosen)
         if not changed:

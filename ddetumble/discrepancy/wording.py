@@ -8,6 +8,7 @@ import numpy as np
 from ..inference.families import Family
 from ..measurement.faults import Fault
 from .holdout import is_beaten
+from .limits import ALONE
 from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step
 from .shifts import EACH
 
@@ -17,7 +18,6 @@ CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", 
 CHANNEL_WORDS |= {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
 CHANNEL_WORDS |= {f"attitude_{a}": f"attitude component {a}" for a in (*"wxyz", *"0123")}
 LONG = 2.0  # s, from which times are said in seconds
-ALONE = 0.8  # share of a misfit from which an effect removes most of it
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
          "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0),
          "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0),
@@ -171,6 +171,24 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     if any(not s.converged for s in found.steps):
         notes.append("The optimiser did not converge at one of the steps: take its numbers with care.")
     return sentence, tuple(notes)
+
+
+def mention_doubts(found: Discovery, doubts: Sequence[str], units: bool) -> Discovery:
+    """The same with what has to be settled first.
+
+    Args:
+        found: the discovery.
+        doubts: sentences; where units are in doubt, that one is first.
+        units: whether they are.
+    """
+    first = found.steps[0]
+    if not doubts or not first.lack_of_fit.rejected:
+        return found
+    sentence = " ".join([found.sentence, *doubts])
+    if units:
+        sentence = (f"Undecided, because a unit may be wrong. {doubts[0]} As it stands, the model {found.model!r} "
+                    f"leaves {_level(first, found.noise_nrmse)}.")
+    return dc.replace(found, sentence=sentence, doubts=tuple(doubts))
 
 
 def mention_faults(found: Discovery, faults: Sequence[Fault]) -> Discovery:

@@ -96,7 +96,8 @@ def from_coordinate(kind: str, u):
         with np.errstate(over="ignore"):  # infinite is what an interval that reaches so far is
             return xp.exp(u)
     if kind == "logit":
-        return 1.0 / (1.0 + xp.exp(-u))
+        with np.errstate(over="ignore"):
+            return 1.0 / (1.0 + xp.exp(-u))
     return u
 
 
