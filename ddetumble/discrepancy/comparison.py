@@ -16,6 +16,7 @@ from ..inference.models import is_fitted, resolve_model
 from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
+from ..measurement.thinning import thin_campaign
 from .places import residual_places
 from .records import Estimate, LackOfFit, Place, Trace
 from .steps import describe_noise, public_estimates
@@ -25,6 +26,7 @@ from .workbench import Workbench
 
 
 BINS = 12
+MANY = 1_000_000  # samples that are looked at: a minute or two
 
 
 @dc.dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Comparison:
         where: places that hold most of the misfit.
         noise: by channel.
         traces: model beside measurement, every record and channel.
-        notes: sentences on records outside the model's range.
+        notes: sentences on records outside the model's range, and on samples that were not taken.
     """
 
     campaign: str
@@ -121,6 +123,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     catalogue = find_family(name_family(campaign), "compare").catalogue
     resolved = resolve_model(model, name_family(campaign))
     extra = [type(e) for e in resolved.effects if type(e) not in catalogue]
+    campaign, thinned = thin_campaign(campaign, MANY)
     bench = Workbench(campaign, resolved.reference, extra)
     for effect in resolved.effects:
         if type(effect) not in bench.catalogue:
@@ -160,7 +163,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         _say(name, campaign, channels, records, where, lack), lack, float(solution.chi2) / degrees, nrmse(traces),
         noise_nrmse(traces), channels, records, _by_condition(campaign, traces, bench.groups), residuals,
         public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces,
-        bench.warnings)
+        (*bench.warnings, *filter(None, [thinned])))
 
 
 def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:

@@ -86,7 +86,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     missing = _draw(workbench, grown, tried, beside, report) if verdict in ("improved", "unexplained") else None
     report("writing it down", 0.97)
     found = _assemble(workbench, resolved.name, grown, tried, verdict, where, missing, began)
-    return mention_faults(found, state.faults)
+    return mention_faults(dc.replace(found, notes=(*state.notes, *found.notes)), state.faults)
 
 
 def _search(workbench: Workbench, reference: Fitted, report: Progress) -> tuple[list[Grown], Tried, bool]:

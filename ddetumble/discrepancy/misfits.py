@@ -78,13 +78,16 @@ def measure_record(workbench: Workbench, problem: Problem, solution: Solution, r
         below[row:row + p.shape[0], column:column + p.shape[1]] = p
         row, column = row + p.shape[0], column + p.shape[1]
     moving = np.concatenate([np.concatenate(parts, axis=1), below])
-    basis = np.concatenate([workbench.bases[record], np.zeros((len(below), workbench.bases[record].shape[1]))])
     side = np.concatenate(right)
-    q = _span(moving)
+    square = moving.T @ moving
+    q = moving @ _orthonormalise(square, np.diag(square))
     side = side - q @ (q.T @ side)
-    u = _span(basis - q @ (q.T @ basis))
-    total, degrees = float(np.sum((u.T @ side) ** 2)), u.shape[1]
-    return judge(workbench, total, degrees)
+    basis = workbench.bases[record]
+    across = basis.T @ q[: len(own)]
+    square = (basis.T @ basis).toarray()
+    turn = _orthonormalise(square - across @ across.T, np.diag(square))
+    total = float(np.sum((turn.T @ (basis.T @ side[: len(own)])) ** 2))
+    return judge(workbench, total, turn.shape[1])
 
 
 def judge(workbench: Workbench, total: float, degrees: int) -> Misfit:
@@ -150,12 +153,19 @@ def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndar
     return found.reshape(-1, columns.shape[1])
 
 
-def _span(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of what columns span, shape (rows, rank); by their normal equations, which are small."""
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 1e-9] / size[size > 1e-9]
-    if not columns.shape[1]:
-        return np.zeros((len(columns), 0))
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    kept = values > 1e-11 * values[-1]
-    return columns @ (vectors[:, kept] / np.sqrt(values[kept]))
+def _orthonormalise(square: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Matrix by which columns become orthonormal, shape (columns, rank), from their normal equations.
+
+    Args:
+        square: of the columns, shape (columns, columns).
+        before: their squared lengths before anything was projected out: what is left of rounding counts as nothing.
+    """
+    size = np.sqrt(np.maximum(np.diag(square), 0.0))
+    kept = np.flatnonzero((size > 1e-9) & (size**2 > 1e-12 * before))
+    if not kept.size:
+        return np.zeros((len(square), 0))
+    values, vectors = np.linalg.eigh(square[np.ix_(kept, kept)] / np.outer(size[kept], size[kept]))
+    told = values > 1e-11 * values[-1]
+    turn = np.zeros((len(square), int(told.sum())))
+    turn[kept] = vectors[:, told] / np.sqrt(values[told]) / size[kept, None]
+    return turn

@@ -81,8 +81,8 @@ def scan_line(workbench: Workbench, fitted: Fitted, probe: type[AbstractEffect],
     power = np.zeros(len(grid))
     for k in range(len(grid)):
         own = [s for s in scores[k * len(names): (k + 1) * len(names)] if s.information > 0]
-        columns, z = np.stack([s.column.ravel() for s in own]), np.array([s.z for s in own])
-        power[k] = float(z @ np.linalg.pinv(columns @ columns.T, rcond=1e-6) @ z) if own else 0.0
+        among, z = np.array([s.cosines[[t.place for t in own]] for s in own]), np.array([s.z for s in own])
+        power[k] = float(z @ np.linalg.pinv(among, rcond=1e-6) @ z) if own else 0.0
     k = int(np.argmax(power))
     return float(grid[k]) if power[k] > 40.0 else None
 

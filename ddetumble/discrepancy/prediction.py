@@ -14,7 +14,7 @@ from ..contact.sliding import RubberFriction
 from ..inference.archive import SavedModel, load_model
 from ..inference.families import find_family
 from ..inference.problem import evaluate
-from ..inference.stack import Stack, pad_size
+from ..inference.stack import Stack, pad_shape
 from ..inference.starts import lay_mesh
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import si_unit
@@ -200,7 +200,7 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
                   settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
     count, longest = len(times), max(len(t) for t in times)
-    rows, samples = pad_size(count, saved.space.family.rows), pad_size(longest, saved.space.family.sizes)
+    rows, samples = pad_shape(count, longest, saved.space.family)
     time = np.zeros((rows, samples))
     for i, t in enumerate(times):
         time[i, :len(t)], time[i, len(t):] = t, t[-1]

@@ -26,7 +26,6 @@ from .records import LackOfFit
 
 THIN = 768  # samples a record on which candidates are screened
 SCREENING_STEPS = 8
-MANY, FEWER = 400_000, 1536  # samples of free-running records beyond which they are thinned, and to how many each
 STRAYED = 3.0  # typical changes that a reference parameter has moved from its guess: fits start from the guess too
 
 
@@ -78,9 +77,6 @@ class Workbench:
         self.family = self.space.family
         self.groups = group_conditions(campaign.records)
         self._stack({})
-        if self.records.lengths.sum() < len(campaign.samples if campaign.samples is not None else ()):
-            self.warnings = (*self.warnings, f"So many samples are thinned evenly to at most {FEWER} a record; `fit` "
-                             "takes all of them.")
         self.noise: dict[str, Noise] = {}
         self.freed: tuple[str, ...] = ()
         self.lost = False
@@ -112,10 +108,7 @@ class Workbench:
 
     def _stack(self, noise: dict[str, Noise]) -> None:
         """All samples, and thinned records on which many candidates are tried."""
-        samples = self.campaign.samples
-        many = self.family.free_running and samples is not None and len(samples) > MANY
-        most = FEWER if many else None
-        self.records: Records = stack_records(self.campaign, noise, most, self.zeros)
+        self.records: Records = stack_records(self.campaign, noise, zeros=self.zeros)
         self.problem = Problem(self.space, self.records)
         self.thin: Problem | None = None
         if self.records.lengths.max() > THIN:

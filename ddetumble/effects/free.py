@@ -139,10 +139,10 @@ def _splines(variables: Array, which: Array, centre: Array, width: Array) -> Arr
 def _blend_splines_jvp(primals, tangents):
     coefficients, variables, which, centre, width, direction, turn = primals
     by_coefficient, by_variable = tangents[:2]
-    weighed = turn.T @ (_splines(variables, which, centre, width)[:, None] * direction)
+    own = _splines(variables, which, centre, width)[:, None] * direction
     slope = (turn @ coefficients) * evaluate_slope((which @ variables - centre) / width) / width
-    return (coefficients @ weighed,
-            by_coefficient @ weighed + (direction.T @ (slope[:, None] * which)) @ by_variable)
+    return ((turn @ coefficients) @ own,
+            (turn @ by_coefficient) @ own + (direction.T @ (slope[:, None] * which)) @ by_variable)
 
 
 def add_splines(coefficients: Array, plan: Mapping[str, Array], variables: Array, directions: Array) -> Array:
