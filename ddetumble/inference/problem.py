@@ -26,8 +26,8 @@ from .stack import DRIFT, ZERO, Records, Stack
 WORKERS = 2
 FAILED = 1e4
 FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
-BLOCK = 3_000_000  # numbers of a Jacobian computed at once
-MIDWAY, COPIES = 30, 8  # times the memory of these that is taken on the way; and times that of the whole Jacobian
+BLOCK = 3_000_000  # numbers of the Jacobian of as many records as are computed at once
+MIDWAY, COPIES = 8, 4  # times the memory of these that is taken on the way; and times that of the whole Jacobian
 
 
 class Evaluation(eqx.Module):
@@ -102,25 +102,16 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
     Compiled on its own so that the optimiser, which asks for it in several places, traces it once.
     """
     count, own = theta.shape[0], z.shape[1]
-    records, samples = z.shape[0], stack.values[0].size
-    size = samples * (count + own + 1)
+    records, size = z.shape[0], stack.values[0].size * (count + own + 1)
     together = max((n for n in range(1, records + 1) if records % n == 0 and n * size <= BLOCK), default=1)
-    chunk = count + own if size <= BLOCK else max(BLOCK // samples, 1)
 
     def one(z_row, row, base_row):
         def f(a, b):
             return observe_record(space, names, channels, a, b, row, base_row, directions, low, high)
 
-        def push(e):
-            return jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True)
-
         unit = jnp.eye(count + own)
-        if chunk >= count + own:
-            return jax.vmap(push, out_axes=(None, -1, None))(unit)
-        unit = jnp.concatenate([unit, jnp.zeros((-(count + own) % chunk, count + own))])
-        jacobian = jax.lax.map(lambda e: push(e)[1], unit, batch_size=chunk)[: count + own]
-        model, aux = f(theta, z_row)
-        return model, jnp.moveaxis(jacobian, 0, -1), aux
+        return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
+                        out_axes=(None, -1, None))(unit)
 
     def block(x):
         rows = x[1]
@@ -332,7 +323,7 @@ class Problem:
         stack, count = self.records.stack, self.records.count
         slots = next(s for s in self.space.family.slots if len(free) <= s)
         numbers = stack.values.size * (slots + len(self.records.nuisances) + 1)
-        need = 8.0 * (COPIES * numbers + MIDWAY * min(numbers, BLOCK))
+        need = 8.0 * (COPIES * numbers + MIDWAY * max(min(numbers, BLOCK), numbers // len(stack.present)))
         columns = [self.space.index[name] for name in free]
         directions = np.zeros((slots, len(self.space)))
         scales = self.scales[columns]
