@@ -102,9 +102,14 @@ class Workbench:
         if differs_from_stated(self.noise):
             self._stack(self.noise)
             solution = self._require(self.problem.solve(self.base, solution.u, solution.z))
-        self.bases = smooth_bases(self.problem, solution.end)
+        self._span(solution)
         self.lost = is_lost(self.problem, solution)
         return self._file((), solution)
+
+    def _span(self, solution: Solution) -> None:
+        """The splines of every record, and, as they are asked for, what makes these orthonormal, by record."""
+        self.bases = smooth_bases(self.problem, solution.end)
+        self.turns: dict[int, np.ndarray] = {}
 
     def _stack(self, noise: dict[str, Noise]) -> None:
         """All samples, and thinned records on which many candidates are tried."""
@@ -155,7 +160,7 @@ class Workbench:
     def repeat(self, fitted: Fitted) -> Fitted:
         """The same model fitted again from where it was (after the noise has changed)."""
         solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
-        self.bases = smooth_bases(self.problem, solution.end)
+        self._span(solution)
         return self._file(fitted.effects, solution)
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
