@@ -104,7 +104,10 @@ def evaluate_form(form: Array, x: Array, onset: Array, length: Array, power: Arr
 def _add(weights: Array, values: Any) -> Array:
     """Sum of a few weighted terms, written out: compiled for many samples, that is several times faster than a product.
     """
-    return sum((weights[k] * values[k] for k in range(1, len(weights))), weights[0] * values[0])
+    total = weights[0] * values[0]
+    for k in range(1, len(weights)):
+        total = total + weights[k] * values[k]
+    return total
 
 
 def evaluate_slope(z: Array) -> Array:
