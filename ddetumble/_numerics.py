@@ -1,5 +1,6 @@
 """Small numerical helpers that keep values and gradients finite."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -8,6 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 
+FEW, BLOCK = 4096, 1024  # samples that are computed at once; and of more than that, in one block
 type_scalar = Float[Array, ""]
 
 
@@ -42,6 +44,17 @@ def safe_divide(a: Array, b: Array) -> Array:
 def stop(x: Array) -> Array:
     """Treat x as a constant: used for scales that must not carry derivatives."""
     return jax.lax.stop_gradient(x)
+
+
+def map_samples(f: Callable[[Any], Any], x: Any) -> Any:
+    """`jax.vmap(f)(x)`, of many samples block by block: what is only on the way does not grow with their number."""
+    count = jax.tree.leaves(x)[0].shape[0]
+    if count <= FEW:
+        return jax.vmap(f)(x)
+    blocks = -(-count // BLOCK)
+    filled = jax.tree.map(lambda a: jnp.concatenate([a, jnp.repeat(a[-1:], blocks * BLOCK - count, axis=0)])
+                          .reshape(blocks, BLOCK, *a.shape[1:]), x)
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], jax.lax.map(jax.vmap(f), filled))
 
 
 def is_known(value: Any) -> bool:

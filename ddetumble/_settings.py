@@ -1,13 +1,23 @@
-"""What every part relies on: JAX in 64 bits with a compilation cache on disk, and where the shipped data are."""
+"""What every part relies on: JAX in 64 bits with a compilation cache on disk, how much memory there is, and where the
+shipped data are.
+"""
 
 import logging
 import os
+import re
 import sys
+import threading
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from ._errors import InputError
 
 
 _OFF = ("off", "0", "no", "false")
+_SHARE = 0.5  # of the machine's memory: what else the process holds, and other processes, have the rest
+_UNKNOWN = 8e9  # bytes, of a machine that does not say what it has
 _configured = False
 
 
@@ -73,6 +83,69 @@ def find_data() -> Path:
     package = Path(__file__).resolve().parent
     installed = package / "_data"
     return installed if installed.is_dir() else package.parent / "data"
+
+
+def find_memory() -> float:
+    """Memory that one computation may take [bytes]: DDETUMBLE_MEMORY, such as `4 GB`, or half of the machine's."""
+    chosen = os.environ.get("DDETUMBLE_MEMORY", "").strip()
+    if not chosen:
+        return _SHARE * _measure_machine()
+    size = re.fullmatch(r"(\d+\.?\d*)\s*([MGT])i?B", chosen)
+    if size is None:
+        raise InputError(f"is {chosen!r}; give a size such as 4 GB", file="DDETUMBLE_MEMORY")
+    return float(size[1]) * {"M": 1e6, "G": 1e9, "T": 1e12}[size[2]]
+
+
+def refuse_memory(size: float, what: str) -> None:
+    """Refuse what would take more memory than is allowed, rather than be killed by the system for it.
+
+    Args:
+        size: that it takes [bytes].
+        what: that takes it, the subject of a sentence.
+
+    Raises:
+        InputError: It is more than `find_memory` allows.
+    """
+    allowed = find_memory()
+    if size > allowed:
+        raise InputError(f"{what} would take about {size / 1e9:.2g} GB of memory, and {allowed / 1e9:.2g} GB are "
+                         "allowed (DDETUMBLE_MEMORY, by default half of what the machine has): take fewer records, or "
+                         "every so many-th sample of them, or allow more")
+
+
+@contextmanager
+def reserve_memory(size: float, what: str) -> Iterator[None]:
+    """Wait until what runs beside it leaves so much of the allowed memory; arguments as of `refuse_memory`."""
+    global _reserved
+    refuse_memory(size, what)
+    with _room:
+        _room.wait_for(lambda: not _reserved or _reserved + size <= find_memory())
+        _reserved += size
+    try:
+        yield
+    finally:
+        with _room:
+            _reserved -= size
+            _room.notify_all()
+
+
+_room, _reserved = threading.Condition(), 0.0
+
+
+def _measure_machine() -> float:
+    """Memory of the machine, or less where the process is held to less [bytes]."""
+    found = []
+    with suppress(AttributeError, ValueError, OSError):
+        found.append(float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES"))
+    for place in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):  # `max` where there is no limit
+            found.append(float(int(Path(place).read_text())))
+    with suppress(ImportError):
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        found += [] if limit == resource.RLIM_INFINITY else [float(limit)]
+    return min(found, default=_UNKNOWN)
 
 
 def describe_cache() -> str:

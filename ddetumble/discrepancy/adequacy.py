@@ -10,9 +10,9 @@ looks at what the settings of the records had to swallow: how far they were move
 import dataclasses as dc
 
 import numpy as np
-from scipy import stats
+from scipy import sparse, stats
 
-from ..inference.noise import Noise, whiten
+from ..inference.noise import Noise, whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.whiteness import list_spans, spline_columns
 from .records import LackOfFit
@@ -20,51 +20,67 @@ from .shifts import LEVEL, combine_p_values, measure_shifts
 
 
 DRAWS = 4000  # of the parametric bootstrap
+ROWS = 16_384  # of a basis that are looked at at once
 
 
-def smooth_bases(problem: Problem, end: np.ndarray) -> list[np.ndarray]:
+def smooth_bases(problem: Problem, end: np.ndarray) -> list[sparse.csr_matrix]:
     """Whitened spline basis of each record over all channels, list of (rows, columns)."""
     stack, lengths = problem.records.stack, problem.records.lengths
     time, weights, taps = np.asarray(stack.time), np.asarray(stack.weights), np.asarray(stack.taps)
     bases = []
     for r, n in enumerate(lengths):
         columns = spline_columns(time[r, :n], list_spans(problem.records, r, float(end[r])))
-        blocks = []
-        for c in range(weights.shape[1]):
-            block = np.zeros((weights.shape[2], weights.shape[1] * columns.shape[1]))
-            here = slice(c * columns.shape[1], (c + 1) * columns.shape[1])
-            block[:n, here] = whiten(weights[r, c, :n], taps[r, c, :n], columns)
-            blocks.append(block)
-        bases.append(np.concatenate(blocks))
+        blocks = [whitening_matrix(weights[r, c, :n], taps[r, c, :n]) @ columns for c in range(weights.shape[1])]
+        for block in blocks:
+            block.resize(weights.shape[2], np.shape(columns)[1])
+        bases.append(sparse.block_diag(blocks, format="csr"))
     return bases
 
 
-def measure_smooth(problem: Problem, solution: Solution, bases: list[np.ndarray]) -> tuple[float, float]:
+def measure_smooth(problem: Problem, solution: Solution, bases: list[sparse.csr_matrix]) -> tuple[float, float]:
     """Sum of squares of the smooth part of residuals and nuisances, and its degrees of freedom."""
     total, degrees = 0.0, -float(solution.shared.shape[2])
     own = solution.own.shape[2]
     for r, basis in enumerate(bases):
-        rows = np.concatenate([
-            np.concatenate([basis, solution.own[r], solution.shared[r]], axis=1),
-            np.concatenate([np.zeros((own, basis.shape[1])), np.eye(own),
-                            np.zeros((own, solution.shared.shape[2]))], axis=1)])
-        scale = np.linalg.norm(rows, axis=0)
-        rows = rows[:, scale > 1e-9] / scale[scale > 1e-9]
-        right = np.concatenate([solution.residual[r], solution.z[r]])
+        dense = np.concatenate([
+            np.concatenate([solution.own[r], solution.shared[r], solution.residual[r, :, None]], axis=1),
+            np.concatenate([np.eye(own), np.zeros((own, solution.shared.shape[2])), solution.z[r, :, None]], axis=1)])
+        rows = sparse.csr_matrix(basis)
+        rows.resize(len(dense), np.shape(basis)[1])
         if problem.space.family.free_running:  # a tall matrix of many splines: its normal equations do
-            values, vectors = np.linalg.eigh(rows.T @ rows)
-            kept = values > 1e-11 * values[-1]
-            total += float(np.sum((vectors.T @ (rows.T @ right))[kept] ** 2 / values[kept]))
-            degrees += int(kept.sum()) - own
+            cross = rows.T @ dense
+            square = np.block([[(rows.T @ rows).toarray(), cross], [cross.T, dense.T @ dense]])
+            scale = np.sqrt(np.diag(square)[:-1])
+            kept = scale > 1e-9
+            square, side = (square[:-1, :-1][np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept]),
+                            square[:-1, -1][kept] / scale[kept])
+            values, vectors = np.linalg.eigh(square)
+            told = values > 1e-11 * values[-1]
+            total += float(np.sum((vectors.T @ side)[told] ** 2 / values[told]))
+            degrees += int(told.sum()) - own
             continue
-        u, s, _ = np.linalg.svd(rows, full_matrices=False)
+        # Singular vectors of a tall matrix are those of its triangular factor.
+        factor = _triangulate(rows, dense)
+        columns, right = factor[:, :-1], factor[:, -1]
+        scale = np.linalg.norm(columns, axis=0)
+        u, s, _ = np.linalg.svd(columns[:, scale > 1e-9] / scale[scale > 1e-9], full_matrices=False)
         u = u[:, s > 1e-7 * s[0]]
         total += float(np.sum((u.T @ right) ** 2))
         degrees += u.shape[1] - own  # each nuisance was fitted
     return total, degrees
 
 
-def judge_fit(problem: Problem, solution: Solution, bases: list[np.ndarray], noise: dict[str, Noise],
+def _triangulate(left: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
+    """Triangular factor of two blocks of columns side by side, a part of the rows at a time."""
+    count = np.shape(left)[1] + right.shape[1]
+    step, factor = max(ROWS, 2 * count), np.zeros((0, count))
+    for k in range(0, len(right), step):
+        part = np.concatenate([left[k: k + step].toarray(), right[k: k + step]], axis=1)
+        factor = np.linalg.qr(np.concatenate([factor, part]), mode="r")
+    return factor
+
+
+def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matrix], noise: dict[str, Noise],
               score_p_value: float, level: float = LEVEL) -> LackOfFit:
     """Judge whether a model lacks something.
 
@@ -103,7 +119,8 @@ class Score:
         step: amplitude that one Gauss-Newton step proposes (coordinate).
         information: of the amplitude [1/coordinate²].
         visible: share of the signature that refitting parameters and nuisances leaves.
-        column: projected signature, shape (records, rows), unit norm.
+        cosines: with every direction that was scored with it, of the projected signatures, shape (directions,); `place`
+            is its own among them.
         records: score of each record, shape (records,).
     """
 
@@ -114,7 +131,8 @@ class Score:
     step: float
     information: float
     visible: float
-    column: np.ndarray
+    cosines: np.ndarray
+    place: int
     records: np.ndarray
 
 
@@ -133,47 +151,52 @@ def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[st
             groups.append([k])
         else:
             home.append(k)
-    raw = np.zeros((*solution.residual.shape, len(wanted)))
-    places = []
+    points, order = [], []
     for members in groups:
         u = solution.u.copy()
         for m in members:
             for name, value in wanted[m][2].items():
                 u[problem.space.index[name]] = value
-        places.append(([wanted[m][1] for m in members], u))
-    for members, columns in zip(groups, problem.columns(places, solution.z), strict=True):
-        raw[..., members] = columns
+        points.append(([wanted[m][1] for m in members], u))
+        order += members
     records, _, own = solution.own.shape
-    rows = np.concatenate([solution.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
-    pad = np.zeros((records, own, 1))
-    basis, _ = np.linalg.qr(rows)
-
-    def project(x):
-        x = np.concatenate([x, np.broadcast_to(pad, (records, own, x.shape[2]))], axis=1)
-        return x - basis @ (np.swapaxes(basis, 1, 2) @ x)
-
-    kept = project(raw)
-    flat = kept.reshape(-1, len(wanted))
-    if solution.shared.shape[2]:
-        q, _ = np.linalg.qr(project(solution.shared).reshape(-1, solution.shared.shape[2]))
-        flat = flat - q @ (q.T @ flat)
-    residual = np.concatenate([solution.residual, solution.z], axis=1).reshape(-1)
+    # One array of all signatures, projected where it stands: there may be a hundred of them.
+    columns = problem.columns(points, solution.z, own)
+    basis, _ = np.linalg.qr(_append(solution.own, np.eye(own)))
+    count = solution.shared.shape[2]
+    shared = _project(basis, np.moveaxis(_append(solution.shared, np.zeros((own, count))), 2, 0))
+    q = np.linalg.qr(shared.reshape(count, -1).T)[0] if count else np.zeros((basis[..., 0].size, 0))
+    residual = np.concatenate([solution.residual, solution.z], axis=1)
+    norms, sizes = np.zeros(len(order)), np.zeros(len(order))
+    for k, column in enumerate(columns):
+        sizes[k] = np.linalg.norm(column)
+        column[:] = _project(basis, column)
+        column -= (q @ (q.T @ column.ravel())).reshape(column.shape)
+        norms[k] = np.linalg.norm(column)
+        told = norms[k] >= 1e-8 * max(sizes[k], 1e-300) and sizes[k] >= 1e-9
+        column *= 1.0 / norms[k] if told else 0.0
+        norms[k] *= told
+    flat = columns.reshape(len(order), -1)
+    cosines, by_record = flat @ flat.T, -np.einsum("kgr,gr->kg", columns, residual)
+    back = np.argsort(order)
     found = []
-    for k, (effect, name, shapes) in enumerate(wanted):
-        column = flat[:, k]
-        norm = np.linalg.norm(column)
-        size = np.linalg.norm(raw[..., k])
-        scale = problem.scales[problem.space.index[name]]
-        if norm < 1e-8 * max(size, 1e-300) or size < 1e-9:
-            found.append(Score(effect, name, shapes, 0.0, 0.0, 0.0, 0.0, np.zeros((records, flat.shape[0] // records)),
-                               np.zeros(records)))
-            continue
-        unit = (column / norm).reshape(records, -1)
-        by_record = -(unit * residual.reshape(records, -1)).sum(axis=1)
-        z = float(by_record.sum())
-        found.append(Score(effect, name, shapes, z, z / norm * scale, (norm / scale) ** 2, float((norm / size) ** 2),
-                           unit, by_record))
+    for m, (effect, name, shapes) in enumerate(wanted):
+        k, scale = back[m], problem.scales[problem.space.index[name]]
+        z, norm = float(by_record[k].sum()), norms[k]
+        size = max(sizes[k], 1e-300)
+        found.append(Score(effect, name, shapes, z, z / norm * scale if norm else 0.0, (norm / scale) ** 2,
+                           float((norm / size) ** 2), cosines[k, back], m, by_record[k]))
     return found
+
+
+def _append(columns: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Columns of every record, shape (records, rows, columns), with the rows of its nuisances' priors below."""
+    return np.concatenate([columns, np.broadcast_to(prior, (len(columns), *prior.shape))], axis=1)
+
+
+def _project(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns, shape (..., records, rows), without what each record's `basis` spans, shape (records, rows, own)."""
+    return columns - np.einsum("grk,...gk->...gr", basis, np.einsum("grk,...gr->...gk", basis, columns))
 
 
 def family_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
@@ -196,8 +219,7 @@ def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
     used = [s for s in scores if s.information > 0]
     if not used:
         return 1.0
-    flat = np.stack([s.column.ravel() for s in used])
-    values, vectors = np.linalg.eigh(flat @ flat.T)
+    values, vectors = np.linalg.eigh(np.array([s.cosines[[t.place for t in used]] for s in used]))
     generator = np.random.default_rng(20261121)
     drawn = generator.standard_normal((DRAWS, len(used))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     level = np.exp(max(n.log_level_sd for n in noise.values()) * generator.standard_normal(DRAWS))

@@ -167,7 +167,7 @@ def _cosines(own: list[Score], scores: list[Score], effect: str) -> dict[str, fl
     for s in own:
         for t in scores:
             if t.effect != effect and not t.effect.startswith("probe-"):
-                c = abs(float(np.sum(s.column * t.column)))
+                c = abs(float(s.cosines[t.place]))
                 if c > max(0.5, found.get(t.effect, 0.0)):
                     found[t.effect] = min(c, 1.0)
     return dict(sorted(found.items(), key=lambda item: -item[1]))

@@ -8,6 +8,7 @@ import numpy as np
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
+from ..measurement.thinning import thin_campaign
 from .adequacy import bootstrap_p_value, family_p_value, score_directions
 from .culprits import Search, find_culprit
 from .misfits import mask_records
@@ -19,6 +20,7 @@ from .zeros import find_moving_zeros, tell_zero
 
 
 ROUNDS = 4  # of leaving out and beginning again, at most
+MANY = 100_000  # samples that are searched: hundreds of fits to them take some ten minutes
 
 
 @dc.dataclass(frozen=True)
@@ -30,12 +32,14 @@ class Cleaned:
         faults: what was found so far.
         zeros: by channel whose zero and drift are fitted in every record their standard deviations over records, SI.
         keep_all: whether nothing is to be left out: faults are only reported.
+        notes: sentences on samples that were not taken because there are so many.
     """
 
     campaign: Campaign
     faults: tuple[Fault, ...] = ()
     zeros: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
     keep_all: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
@@ -48,13 +52,19 @@ def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
     lost = (*find_rate_units(campaign), *find_blind(cleaned))
     faults = (*faults, *lost)
     if keep_all:
-        return Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
-                                       for f in faults), keep_all=True)
+        return _thin(Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
+                                             for f in faults), keep_all=True))
     out = {key for fault in lost for key in fault.records}
     kept = [key for key in cleaned.record_keys if key not in out]
     if not kept:
         raise InputError(f"no record of campaign {campaign.name!r} can be used: {' '.join(map(str, lost))}")
-    return Cleaned(cleaned.select(kept), faults)
+    return _thin(Cleaned(cleaned.select(kept), faults))
+
+
+def _thin(state: Cleaned) -> Cleaned:
+    """No more samples than can be searched."""
+    campaign, note = thin_campaign(state.campaign, MANY)
+    return dc.replace(state, campaign=campaign, notes=(note,)) if note else state
 
 
 def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: bool,
@@ -89,7 +99,7 @@ def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: b
     # What was in doubt only beside the culprits is looked at again without them.
     faults = tuple(f for f in faults if f.kind != "doubtful")
     moving = {**state.zeros, zero.channel: zero.spread} if zero else state.zeros
-    return Cleaned(campaign, faults, moving), True
+    return dc.replace(state, campaign=campaign, faults=faults, zeros=moving), True
 
 
 def _identify(fault: Fault) -> tuple:

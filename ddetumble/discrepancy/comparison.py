@@ -16,6 +16,7 @@ from ..inference.models import is_fitted, resolve_model
 from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
+from ..measurement.thinning import thin_campaign
 from .places import residual_places
 from .records import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .shifts import hold_settings, is_moved, measure_shifts
@@ -26,6 +27,7 @@ from .workbench import Workbench
 
 
 BINS = 12
+MANY = 1_000_000  # samples that are looked at: a minute or two
 
 
 @dc.dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Comparison:
         traces: model beside measurement, every record and channel.
         shifts: how far the settings of the records were moved.
         held_nrmse: `nrmse` with every condition as it is written down; None where no setting was moved beyond chance.
-        notes: sentences on records outside the model's range.
+        notes: sentences on records outside the model's range, and on samples that were not taken.
     """
 
     campaign: str
@@ -129,6 +131,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     catalogue = find_family(name_family(campaign), "compare").catalogue
     resolved = resolve_model(model, name_family(campaign))
     extra = [type(e) for e in resolved.effects if type(e) not in catalogue]
+    campaign, thinned = thin_campaign(campaign, MANY)
     bench = Workbench(campaign, resolved.reference, extra)
     for effect in resolved.effects:
         if type(effect) not in bench.catalogue:
@@ -173,7 +176,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
         _by_condition(campaign, traces, bench.groups), residuals,
         public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces,
-        shifts, held, bench.warnings)
+        shifts, held, (*bench.warnings, *filter(None, [thinned])))
 
 
 def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:

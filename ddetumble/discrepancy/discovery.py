@@ -116,6 +116,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
         missing = _draw(workbench, grown, tried, beside, report)
     report("writing it down", 0.97)
     discovery = _assemble(workbench, name, grown, tried, verdict, where, missing, began)
+    discovery = dc.replace(discovery, notes=(*state.notes, *discovery.notes))
     if not beyond and verdict in ("improved", "unexplained"):
         doubts += describe_imitation(discovery.candidates)
     discovery = mention_doubts(discovery, doubts, units=bool(questions))

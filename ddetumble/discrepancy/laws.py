@@ -28,6 +28,7 @@ PARTNERS = 3  # of the best, in pairs
 GRID = 24
 TAKEN = 0.5  # least share of a misfit of one condition that a law of it takes away
 EDGE = 1e-2  # of the logarithm of a power, within which it stands at a bound
+ALONE = 30_000  # padded samples from which on the fits of laws are worth a program of their own, without idle columns
 VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing
 # Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
 # determines would else go anywhere when that is left out, and the linear step with it.
@@ -235,7 +236,7 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
             u[bench.space.index[f"{bench.simple.id}.{letter}_{slot + 1}"]] = value
         names += [f"{bench.simple.id}.{letter}_{slot + 1}" for letter in own
                   if letter in "ab" or letter in g.form.shapes]
-    idle = bench.coefficients[: bench.padding(len(names))]
+    idle = bench.coefficients[: bench.padding(len(names))] if bench.records.stack.values.size < ALONE else ()
     try:
         priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
         solution = Problem(bench.space, with_plan(bench.records, plan), priors).solve(

@@ -15,6 +15,9 @@ from ..inference.stack import Stack
 from .workbench import Workbench
 
 
+TOLD = 1e-11  # of a column's squared length: what is left of rounding, where the others hold it already
+
+
 @dc.dataclass(frozen=True)
 class Misfit:
     """Smooth part of a record's misfit: its sum of squares over `degrees`, and the chance of so much."""
@@ -78,13 +81,20 @@ def measure_record(workbench: Workbench, problem: Problem, solution: Solution, r
         below[row:row + p.shape[0], column:column + p.shape[1]] = p
         row, column = row + p.shape[0], column + p.shape[1]
     moving = np.concatenate([np.concatenate(parts, axis=1), below])
-    basis = np.concatenate([workbench.bases[record], np.zeros((len(below), workbench.bases[record].shape[1]))])
     side = np.concatenate(right)
-    q = _span(moving)
+    q = moving @ _orthonormalise(moving.T @ moving)
     side = side - q @ (q.T @ side)
-    u = _span(basis - q @ (q.T @ basis))
-    total, degrees = float(np.sum((u.T @ side) ** 2)), u.shape[1]
-    return judge(workbench, total, degrees)
+    basis = workbench.bases[record]
+    if record not in workbench.turns:
+        workbench.turns[record] = _orthonormalise((basis.T @ basis).toarray())
+    turn = workbench.turns[record].T
+    smooth = turn @ (basis.T @ side[: len(own)])
+    # What moves takes a part of a few directions of the splines, and leaves the others as they are.
+    common, cosines, _ = np.linalg.svd(turn @ (basis.T @ q[: len(own)]), full_matrices=False)
+    along, left = common.T @ smooth, 1.0 - cosines**2
+    told = left > TOLD
+    total = float(np.sum((smooth - common @ along) ** 2) + np.sum(along[told] ** 2 / left[told]))
+    return judge(workbench, total, len(smooth) - int(np.sum(~told)))
 
 
 def judge(workbench: Workbench, total: float, degrees: int) -> Misfit:
@@ -150,12 +160,14 @@ def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndar
     return found.reshape(-1, columns.shape[1])
 
 
-def _span(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of what columns span, shape (rows, rank); by their normal equations, which are small."""
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 1e-9] / size[size > 1e-9]
-    if not columns.shape[1]:
-        return np.zeros((len(columns), 0))
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    kept = values > 1e-11 * values[-1]
-    return columns @ (vectors[:, kept] / np.sqrt(values[kept]))
+def _orthonormalise(square: np.ndarray) -> np.ndarray:
+    """Matrix by which columns become orthonormal, shape (columns, rank), from their normal equations."""
+    size = np.sqrt(np.maximum(np.diag(square), 0.0))
+    kept = np.flatnonzero(size > 1e-9)
+    if not kept.size:
+        return np.zeros((len(square), 0))
+    values, vectors = np.linalg.eigh(square[np.ix_(kept, kept)] / np.outer(size[kept], size[kept]))
+    told = values > TOLD * values[-1]
+    turn = np.zeros((len(square), int(told.sum())))
+    turn[kept] = vectors[:, told] / np.sqrt(values[told]) / size[kept, None]
+    return turn

@@ -97,7 +97,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
         found = MissingForce(workbench.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
                              (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no "
                              f"misfit that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
-    return dc.replace(found, notes=(*map(str, state.faults), *found.notes))
+    return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
 def _start_inside(workbench: Workbench, effects: Sequence[type[AbstractEffect]]) -> dict[str, float]:

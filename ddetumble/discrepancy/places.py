@@ -12,6 +12,8 @@ from .workbench import Fitted, Workbench
 
 
 FINE = 24  # bins of the state, in which an onset lies anywhere
+LINES = 4096  # frequencies that are tried, a quarter of a cycle apart: records of 2,500 samples hold no more
+AT_ONCE = 2_000_000  # values of them at samples that are computed at once
 
 
 def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
@@ -51,7 +53,7 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
     values, solution = np.asarray(workbench.records.stack.values), fitted.solution
     over, last, sign = _abscissa(workbench, fitted)
     step = float(np.median(np.abs(np.diff(over[0]))))
-    grid = np.arange(1.5 / float(np.min(last)), 0.4 / step, 0.25 / float(np.max(last)))
+    grid = np.arange(1.5 / float(np.min(last)), 0.4 / step, 0.25 / float(np.max(last)))[:LINES]
     if len(grid) < 8:
         return None
     power = np.zeros(len(grid))
@@ -63,7 +65,9 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
             continue
         window = np.hanning(len(t) + 2)[1:-1]
         x = (x - np.polyval(np.polyfit(t, x, 3), t)) * window
-        power += np.abs(np.exp(-2j * np.pi * grid[:, None] * t[None, :]) @ x) ** 2 / np.sum(window**2)
+        parts = np.array_split(grid, -(-len(grid) * len(t) // AT_ONCE))
+        line = np.concatenate([np.exp(-2j * np.pi * part[:, None] * t[None, :]) @ x for part in parts])
+        power += np.abs(line) ** 2 / np.sum(window**2)
     k = int(np.argmax(power))
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
 
@@ -86,8 +90,8 @@ def scan_line(workbench: Workbench, fitted: Fitted, probe: type[AbstractEffect],
     power = np.zeros(len(grid))
     for k in range(len(grid)):
         own = [s for s in scores[k * len(names): (k + 1) * len(names)] if s.information > 0]
-        columns, z = np.stack([s.column.ravel() for s in own]), np.array([s.z for s in own])
-        power[k] = float(z @ np.linalg.pinv(columns @ columns.T, rcond=1e-6) @ z) if own else 0.0
+        among, z = np.array([s.cosines[[t.place for t in own]] for s in own]), np.array([s.z for s in own])
+        power[k] = float(z @ np.linalg.pinv(among, rcond=1e-6) @ z) if own else 0.0
     k = int(np.argmax(power))
     return float(grid[k]) if power[k] > 40.0 else None
 

@@ -14,7 +14,7 @@ from ..contact.sliding import RubberFriction
 from ..inference.archive import SavedModel, load_model
 from ..inference.families import find_family
 from ..inference.problem import evaluate
-from ..inference.stack import Stack, pad_size
+from ..inference.stack import Stack, pad_shape
 from ..inference.starts import lay_mesh
 from ..sampling.weights import FILE as WEIGHTS
 from .requests import Request, read_request
@@ -231,7 +231,7 @@ def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
         ComputationError: A record could not be integrated.
     """
     count, longest = len(times), max(len(t) for t in times)
-    rows, samples = pad_size(count, saved.space.family.rows), pad_size(longest, saved.space.family.sizes)
+    rows, samples = pad_shape(count, longest, saved.space.family)
     time = np.zeros((rows, samples))
     for i, t in enumerate(times):
         time[i, :len(t)], time[i, len(t):] = t, t[-1]

@@ -27,7 +27,6 @@ from .traces import measure_error
 
 THIN = 768  # samples a record on which candidates are screened
 SCREENING_STEPS = 8
-MANY, FEWER = 400_000, 1536  # samples of free-running records beyond which they are thinned, and to how many each
 STRAYED = 3.0  # typical changes that a reference parameter has moved from its guess: fits start from the guess too
 
 
@@ -81,9 +80,6 @@ class Workbench:
         self.conditions = count_conditions(campaign.records)
         self.holds_out = can_leave_out(campaign.records, self.family.free_running)
         self._stack({})
-        if self.records.lengths.sum() < len(campaign.samples if campaign.samples is not None else ()):
-            self.warnings = (*self.warnings, f"So many samples are thinned evenly to at most {FEWER} a record; `fit` "
-                             "takes all of them.")
         self.noise: dict[str, Noise] = {}
         self.freed: tuple[str, ...] = ()
         self.lost = False
@@ -109,16 +105,18 @@ class Workbench:
         if differs_from_stated(self.noise):
             self._stack(self.noise)
             solution = self._require(self.problem.solve(self.base, solution.u, solution.z))
-        self.bases = smooth_bases(self.problem, solution.end)
+        self._span(solution)
         self.lost = is_lost(self.problem, solution)
         return self._file((), solution)
 
+    def _span(self, solution: Solution) -> None:
+        """The splines of every record, and, as they are asked for, what makes these orthonormal, by record."""
+        self.bases = smooth_bases(self.problem, solution.end)
+        self.turns: dict[int, np.ndarray] = {}
+
     def _stack(self, noise: dict[str, Noise]) -> None:
         """All samples, and thinned records on which many candidates are tried."""
-        samples = self.campaign.samples
-        many = self.family.free_running and samples is not None and len(samples) > MANY
-        most = FEWER if many else None
-        self.records: Records = stack_records(self.campaign, noise, most, self.zeros)
+        self.records: Records = stack_records(self.campaign, noise, zeros=self.zeros)
         self.problem = Problem(self.space, self.records)
         self.thin: Problem | None = None
         if self.records.lengths.max() > THIN:
@@ -165,7 +163,7 @@ class Workbench:
     def repeat(self, fitted: Fitted) -> Fitted:
         """The same model fitted again from where it was (after the noise has changed)."""
         solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
-        self.bases = smooth_bases(self.problem, solution.end)
+        self._span(solution)
         return self._file(fitted.effects, solution)
 
     def finish(self, fitted: Fitted) -> Fitted:

@@ -24,6 +24,7 @@ TREND = 0.5  # share of the zeros' scatter that conditions may explain
 FEWEST = 4  # records
 BEFORE = 3  # samples before first touch that tell a zero
 CHANCE = 1e-4
+PAIRS = 2_000_000  # of samples whose covariances are computed at once
 
 
 @dc.dataclass(frozen=True)
@@ -164,7 +165,8 @@ def _moves_before_touch(workbench: Workbench, c: int) -> bool:
         if calm.sum() < BEFORE:
             continue
         t, x = time[r, :n][calm], values[r, c, :n][calm]
-        covariance = noise.covariance(t[:, None] - t[None, :])
-        total += float(np.sum(x)) ** 2 / float(np.sum(covariance))
+        parts = np.array_split(t, -(-len(t) ** 2 // PAIRS))
+        variance = sum(float(np.sum(noise.covariance(part[:, None] - t))) for part in parts)
+        total += float(np.sum(x)) ** 2 / variance
         count += 1
     return count >= FEWEST and bool(stats.chi2.sf(total, count) < CHANCE)

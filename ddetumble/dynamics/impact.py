@@ -12,7 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
-from .._numerics import safe_divide, stop
+from .._numerics import map_samples, safe_divide, stop
 from ..contact.effect import Scalar
 from ..contact.law import AbstractReference, ContactLaw
 from ..contact.signal import Signal
@@ -296,7 +296,7 @@ def read_motion(law: ContactLaw, conditions: Mapping[str, Array], times: Array, 
     if shares is not None:
         wanted.append(end * shares)
     # One call for samples and grids: the law is compiled once.
-    everywhere = jax.vmap(at)(jnp.concatenate(wanted))
+    everywhere = map_samples(at, jnp.concatenate(wanted))
     course = None if shares is None else jax.tree.map(lambda x: x[-len(shares):], everywhere)
     reading = jnp.where(touch, everywhere.normal_force[:count], 0.0)
     if law.has_sensor():

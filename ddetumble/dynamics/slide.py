@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._numerics import map_samples
 from ..contact.effect import Scalar
 from ..contact.sliding import FrictionLaw, Slide
 
@@ -57,22 +58,28 @@ def slide(law: FrictionLaw, conditions: Mapping[str, Array], slip: Array, direct
         path = jnp.cumsum(slip - begins)
         time = jnp.where(speed > 0, path / jnp.where(speed > 0, speed, 1.0), 0.0)
 
-    def force(distance: Array, work: Array, instant: Array, sign: Array) -> Scalar:
-        return law.force(Slide(distance, speed, conditions["normal_load"],
-                               conditions.get("internal_pressure", jnp.zeros(())), work, instant, sign, conditions))
+    constants = law, conditions, speed
 
     def advance(work, ends):
         start, end, *rest = ends
         step = (end - start) / SUBSTEPS
         for k in range(SUBSTEPS):
             at = start + k * step
-            k1 = jnp.abs(force(at, work, *rest))
-            k2 = jnp.abs(force(at + 0.5 * step, work + 0.5 * step * k1, *rest))
-            k3 = jnp.abs(force(at + 0.5 * step, work + 0.5 * step * k2, *rest))
-            k4 = jnp.abs(force(at + step, work + step * k3, *rest))
+            k1 = jnp.abs(_force(constants, at, work, *rest))
+            k2 = jnp.abs(_force(constants, at + 0.5 * step, work + 0.5 * step * k1, *rest))
+            k3 = jnp.abs(_force(constants, at + 0.5 * step, work + 0.5 * step * k2, *rest))
+            k4 = jnp.abs(_force(constants, at + step, work + step * k3, *rest))
             work = work + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         return work, work
 
     _, work = jax.lax.scan(advance, jnp.zeros(()), (begins, slip, time, way))
-    signed = way * jax.vmap(force)(slip, work, time, way)
+    signed = way * map_samples(lambda x: _force(constants, *x), (slip, work, time, way))
     return Friction(signed, work, ~jnp.all(jnp.isfinite(signed)))
+
+
+@jax.jit
+def _force(constants: tuple, distance: Array, work: Array, instant: Array, sign: Array) -> Scalar:
+    """Friction force at one place. Compiled on its own: it is asked for in many places, and traced once."""
+    law, conditions, speed = constants
+    return law.force(Slide(distance, speed, conditions["normal_load"],
+                           conditions.get("internal_pressure", jnp.zeros(())), work, instant, sign, conditions))

@@ -7,12 +7,14 @@ the low-frequency residuals of a model under suspicion.
 import dataclasses as dc
 
 import numpy as np
+from scipy import sparse
 
 from .noise_kinds import Weighing, weigh_kinds
 
 
 TAPS = 8
 PAIRS = 6  # samples apart, at most
+BATCH = 16_384  # samples whose predictors are computed at once
 MOST = 2000  # frequencies kept apart
 WORTH = 4.0  # in the logarithm of the likelihood, that a further parameter of the noise has to bring
 BELOW = np.array([0.05, 0.15, 0.35, 0.6, 0.9])  # of the lowest frequency used: where the contact's own are
@@ -196,23 +198,33 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
     weights, taps = np.where(valid, 1.0 / noise.sd, 0.0), np.zeros((n, TAPS))
     if noise.correlation <= 0 or n < 2:
         return weights, taps
-    steps = np.diff(time)
-    even = bool(np.allclose(steps, steps[0], rtol=1e-3))
-    known: dict[tuple[int, ...], tuple[np.ndarray, float]] = {}
-    for t in range(n):
-        if not valid[t]:
-            continue
-        back = tuple(k for k in range(1, TAPS + 1) if t - k >= 0 and valid[t - k])
-        if not back:
-            continue
-        if not even or back not in known:
-            times = time[[t - k for k in back]]
-            among = noise.covariance(times[:, None] - times[None, :]) + 1e-12 * noise.sd**2 * np.eye(len(back))
-            to = noise.covariance(times - time[t])
-            a = np.linalg.solve(among, to)
-            known[back] = a, 1.0 / float(np.sqrt(max(noise.sd**2 - a @ to, 1e-6 * noise.sd**2)))
-        taps[t, np.array(back) - 1], weights[t] = known[back]
+    steps, place = np.diff(time), np.arange(n)[:, None] - np.arange(1, TAPS + 1)
+    seen = (place >= 0) & valid[np.maximum(place, 0)] & valid[:, None]
+    rows = np.flatnonzero(seen.any(axis=1))
+    first = which = np.arange(len(rows))
+    if np.allclose(steps, steps[0], rtol=1e-3):  # what came before looks alike nearly everywhere
+        _, first, which = np.unique(seen[rows] @ 2 ** np.arange(TAPS), return_index=True, return_inverse=True)
+    found, scale = np.zeros((len(first), TAPS)), np.zeros(len(first))
+    for k in range(0, len(first), BATCH):
+        t = rows[first[k: k + BATCH]]
+        there = seen[t]
+        times = time[np.maximum(place[t], 0)]
+        among = noise.covariance(times[:, :, None] - times[:, None, :]) + 1e-12 * noise.sd**2 * np.eye(TAPS)
+        among = np.where(there[:, :, None] & there[:, None, :], among, noise.sd**2 * np.eye(TAPS))
+        to = np.where(there, noise.covariance(times - time[t, None]), 0.0)
+        found[k: k + BATCH] = np.linalg.solve(among, to[..., None])[..., 0]
+        left = noise.sd**2 - np.sum(found[k: k + BATCH] * to, axis=1)
+        scale[k: k + BATCH] = 1.0 / np.sqrt(np.maximum(left, 1e-6 * noise.sd**2))
+    taps[rows], weights[rows] = found[which], scale[which]
     return weights, taps
+
+
+def whitening_matrix(weights: np.ndarray, taps: np.ndarray) -> sparse.csr_matrix:
+    """A whitening filter as a banded matrix, shape (samples, samples)."""
+    found = sparse.diags(weights)
+    for k in range(1, min(TAPS, len(weights) - 1) + 1) if taps.any() else ():
+        found = found - sparse.diags((weights * taps[:, k - 1])[k:], -k)
+    return sparse.csr_matrix(found)
 
 
 def whiten(weights: np.ndarray, taps: np.ndarray, x: np.ndarray) -> np.ndarray:

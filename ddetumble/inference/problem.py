@@ -17,6 +17,7 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._errors import ComputationError
+from .._settings import reserve_memory
 from .arrow import ArrowMarquardt, profile_own
 from .parameters import ParameterSpace
 from .stack import DRIFT, ZERO, Records, Stack
@@ -25,7 +26,8 @@ from .stack import DRIFT, ZERO, Records, Stack
 WORKERS = 2
 FAILED = 1e4
 FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
-LARGE = 60_000  # samples of all records together beyond which free-running ones are computed one after the other
+BLOCK = 3_000_000  # numbers of the Jacobian of as many records as are computed at once
+MIDWAY, COPIES = 8, 4  # times the memory of these that is taken on the way; and times that of the whole Jacobian
 
 
 class Evaluation(eqx.Module):
@@ -111,6 +113,8 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
     Compiled on its own so that the optimiser, which asks for it in several places, traces it once.
     """
     count, own = theta.shape[0], z.shape[1]
+    records, size = z.shape[0], stack.values[0].size * (count + own + 1)
+    together = max((n for n in range(1, records + 1) if records % n == 0 and n * size <= BLOCK), default=1)
 
     def one(z_row, row, base_row):
         def f(a, b):
@@ -120,25 +124,22 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
         return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
                         out_axes=(None, -1, None))(unit)
 
-    def weighed(z_rows, rows, base_rows, run):
-        model, jacobian, (state, rate, end, failed) = run(z_rows, rows, base_rows)
+    def block(x):
+        rows = x[1]
+        model, jacobian, (state, rate, end, failed) = jax.vmap(
+            lambda own, row, start: one(own, dc.replace(row, rtol=stack.rtol), start))(*x)
         failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
         columns = jnp.concatenate([(model - rows.values)[..., None], jacobian], axis=-1)
         return model, _weigh(rows, failed, columns), state, rate, end, failed
 
-    if space.family.free_running and stack.time.size > LARGE:
-        # So many samples at once would fill the memory with what is only on the way.
-        rows = eqx.tree_at(lambda s: s.rtol, stack, jnp.broadcast_to(stack.rtol, stack.present.shape))
-
-        def alone(x):
-            own, row, start = jax.tree.map(lambda a: a[None], x)
-            return weighed(own, row, start, jax.vmap(one))
-
-        each = jax.lax.map(alone, (z, rows, base))
-        model, columns, state, rate, end, failed = jax.tree.map(lambda a: a[:, 0], each)
+    everything = (z, dc.replace(stack, rtol=None), base)
+    if together == records:
+        model, columns, state, rate, end, failed = block(everything)
     else:
-        axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
-        model, columns, state, rate, end, failed = weighed(z, stack, base, jax.vmap(one, in_axes=(0, axes, 0)))
+        # More at once would fill the memory with what is only on the way.
+        blocks = jax.tree.map(lambda a: a.reshape(-1, together, *a.shape[1:]), everything)
+        model, columns, state, rate, end, failed = jax.tree.map(
+            lambda a: a.reshape(records, *a.shape[2:]), jax.lax.map(block, blocks))
     failed = failed & (stack.present > 0)
     residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
     return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate,
@@ -176,20 +177,26 @@ def _solve(space, names, channels, stack, base, directions, low, high, prior_mea
     """Levenberg-Marquardt by optimistix; `moving` 0 evaluates at the start only."""
     count = directions.shape[0]
 
-    @jax.custom_jvp
-    def model(theta, z):
+    def compute(theta, z):
         at = evaluate(space, names, channels, moving * theta, z0 + moving * z, stack, base, directions, low, high)
+        # All that the normal equations need of a record's rows, in as few as it has columns: the optimiser keeps
+        # several copies of what it is given.
+        factor = jnp.linalg.qr(jnp.concatenate([at.own, at.shared, at.residual[..., None]], axis=-1), mode="r")
         own_prior = (z0 + moving * z) * stack.present[:, None]
         shared_prior = (moving * theta - prior_mean) * prior_weight
-        return (at.residual, own_prior, shared_prior), at
+        return (factor[..., -1], own_prior, shared_prior), at, factor[..., :-1]
+
+    @jax.custom_jvp
+    def model(theta, z):
+        return compute(theta, z)[:2]
 
     @model.defjvp
     def _(primals, tangents):
         theta_dot, z_dot = tangents
-        value, at = model(*primals)
+        value, at, factor = compute(*primals)
         theta_dot, z_dot = moving * theta_dot, moving * z_dot
-        data = jnp.einsum("grk,k->gr", at.shared, theta_dot) + jnp.einsum("grk,gk->gr", at.own, z_dot)
-        change = (data, z_dot * stack.present[:, None], theta_dot * prior_weight)
+        both = jnp.concatenate([z_dot, jnp.broadcast_to(theta_dot, (z_dot.shape[0], count))], axis=1)
+        change = (jnp.einsum("grk,gk->gr", factor, both), z_dot * stack.present[:, None], theta_dot * prior_weight)
         return (value, at), (change, jax.tree.map(_zero, at))
 
     def fn(y, args):
@@ -296,23 +303,31 @@ class Problem:
             z0[:count] = z
         return base, z0
 
-    def columns(self, wanted: Sequence[tuple[Sequence[str], np.ndarray]], z: np.ndarray) -> list[np.ndarray]:
+    def columns(self, wanted: Sequence[tuple[Sequence[str], np.ndarray]], z: np.ndarray, spare: int = 0) -> np.ndarray:
         """Whitened derivatives by coordinates, in units of their scales, without moving.
 
         Args:
             wanted: names and the point (coordinates of all parameters) at which to take their derivatives.
             z: nuisances, shape (records, nuisances).
+            spare: rows of zeros behind those of the data.
 
         Returns:
-            For each of `wanted` an array of shape (records, rows, names).
+            One array a name, in their order: shape (names of all together, records, rows + spare).
         """
-        few = self.space.family.slots[0]
-        jobs = [(k, names[first:first + few], u) for k, (names, u) in enumerate(wanted)
-                for first in range(0, len(names), few)]
+        few, rows = self.space.family.slots[0], self.records.stack.values[0].size
+        found = np.zeros((sum(len(names) for names, _ in wanted), self.records.count, rows + spare))
+        jobs, place = [], 0
+        for names, u in wanted:
+            jobs += [(place + first, names[first:first + few], u) for first in range(0, len(names), few)]
+            place += len(names)
+
+        def fill(job):
+            first, names, u = job
+            found[first: first + len(names), :, :rows] = np.moveaxis(self.solve(names, u, z, moving=False).shared, 2, 0)
+
         with ThreadPoolExecutor(WORKERS) as pool:
-            parts = list(pool.map(lambda job: self.solve(job[1], job[2], z, moving=False).shared, jobs))
-        return [np.concatenate([part for part, job in zip(parts, jobs, strict=True) if job[0] == k], axis=-1)
-                for k in range(len(wanted))]
+            list(pool.map(fill, jobs))
+        return found
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
               tolerance: float = 1e-7, max_steps: int = 30) -> Solution:
@@ -328,6 +343,8 @@ class Problem:
         """
         stack, count = self.records.stack, self.records.count
         slots = next(s for s in self.space.family.slots if len(free) <= s)
+        numbers = stack.values.size * (slots + len(self.records.nuisances) + 1)
+        need = 8.0 * (COPIES * numbers + MIDWAY * max(min(numbers, BLOCK), numbers // len(stack.present)))
         columns = [self.space.index[name] for name in free]
         directions = np.zeros((slots, len(self.space)))
         scales = self.scales[columns]
@@ -343,13 +360,17 @@ class Problem:
             if name in self.priors:
                 centre, sd = self.priors[name]
                 mean[k], weight[k] = (centre - np.ravel(base)[columns[k]]) / scales[k], scales[k] / sd
+        what = f"a fit of {slots} columns to {int(self.records.lengths.sum()):,} samples"
         try:
-            theta, z_new, at, converged, steps = jax.block_until_ready(_solve(
-                self.space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
-                jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean),
-                jnp.asarray(weight), jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance),
-                jnp.asarray(max_steps)))
+            with reserve_memory(need, what):
+                theta, z_new, at, converged, steps = jax.block_until_ready(_solve(
+                    self.space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
+                    jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean),
+                    jnp.asarray(weight), jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance),
+                    jnp.asarray(max_steps)))
         except (RuntimeError, ValueError) as error:
+            if "RESOURCE_EXHAUSTED" in str(error) or "Out of memory" in str(error):
+                raise MemoryError(f"{what} needs more than the machine has") from error
             # diffrax differentiates its event through a linear solve that refuses overflow, from inside the program.
             if "callback" not in str(error).lower():
                 raise

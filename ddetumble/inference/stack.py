@@ -11,7 +11,7 @@ from jaxtyping import Array
 from .._errors import InputError
 from ..dynamics.impact import RTOL
 from ..measurement.campaign import Campaign
-from .families import find_family, name_family
+from .families import Family, find_family, name_family
 from .noise import TAPS, Noise, whitening
 from .parameters import Common
 from .starts import list_starts, stack_starts, straighten
@@ -20,6 +20,8 @@ from .strokes import split_strokes
 
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
 GRAIN = 64  # trimmed records keep a multiple of so many samples
+SHARED = 60_000  # padded samples up to which records take a standard shape, so that small campaigns share programs
+ROWS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # of larger ones: a record may be left out in the same program
 
 
 ZERO, DRIFT = "zero", "drift"  # nuisances `zero:CHANNEL` and `drift:CHANNEL`: offset at the first sample, and what more
@@ -93,6 +95,19 @@ def pad_size(wanted: int, sizes: tuple[int, ...]) -> int:
         if wanted <= size:
             return size
     return int(-(-wanted // sizes[-1]) * sizes[-1])
+
+
+def pad_shape(count: int, longest: int, family: Family) -> tuple[int, int]:
+    """Records and samples to which a campaign is padded: a standard shape while that is small.
+
+    Padding costs memory and time in proportion, and a large campaign is worth a program of its own: it has at most half
+    as many rows more than records, and an eighth more samples than the longest of them.
+    """
+    rows, size = pad_size(count, family.rows), pad_size(longest, family.sizes)
+    if rows * size <= SHARED:
+        return rows, size
+    step = max(GRAIN, 2 ** (longest.bit_length() - 4))
+    return min(rows, pad_size(count, ROWS)), min(size, pad_size(longest, (step,)))
 
 
 def list_nuisances(campaign: Campaign) -> tuple[str, ...]:
@@ -173,7 +188,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     uncertainty = None if campaign.independent is None else campaign.independent.uncertainty
     blind = 3.0 * float(np.max(uncertainty.sd(np.ones(1)))) if uncertainty is not None else 0.0
     complete = np.ones((len(keys), len(channels)), dtype=bool)
-    rows, size = pad_size(len(keys), family.rows), pad_size(int(lengths.max()), family.sizes)
+    rows, size = pad_shape(len(keys), int(lengths.max()), family)
     time = np.zeros((rows, size))
     values = np.zeros((rows, len(channels), size))
     weights, taps = np.zeros_like(values), np.zeros((*values.shape, TAPS))

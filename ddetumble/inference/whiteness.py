@@ -37,19 +37,18 @@ def list_spans(records: Records, row: int, end: float) -> list[tuple[float, floa
     return [(float(a), float(time[b]), SPLINES) for a, b in zip(starts, ends, strict=True)]
 
 
-def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> np.ndarray:
-    """Cubic B-splines over each span, shape (samples, columns)."""
-    found = []
+def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> sparse.csr_matrix:
+    """Cubic B-splines over each span, shape (samples, columns); four of a span are not zero at a time."""
+    found = [sparse.csr_matrix((len(time), 0))]
     for low, high, number in spans:
-        inside = (time > low) & (time <= high)
-        number = min(number, int(inside.sum()) // 4)
+        inside = np.flatnonzero((time > low) & (time <= high))
+        number = min(number, len(inside) // 4)
         if number < 4:
             continue
         knots = np.concatenate([[low] * 3, np.linspace(low, high, number - 2), [high] * 3])
-        columns = np.zeros((len(time), number))
-        columns[inside] = BSpline.design_matrix(time[inside], knots, 3).toarray()
-        found.append(columns)
-    return np.concatenate(found, axis=1) if found else np.zeros((len(time), 0))
+        own = BSpline.design_matrix(time[inside], knots, 3).tocoo()
+        found.append(sparse.csr_matrix((own.data, (inside[own.row], own.col)), shape=(len(time), number)))
+    return sparse.csr_matrix(sparse.hstack(found))
 
 
 def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
@@ -105,14 +104,13 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
     return found
 
 
-def _fit_splines(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
     """Coefficients of least squares; those of long records by the normal equations, which splines leave banded."""
-    if columns.size < LARGE:
-        return np.linalg.lstsq(columns, values, rcond=None)[0]
-    thin = sparse.csr_matrix(columns)
-    square = (thin.T @ thin).toarray()
+    if np.prod(np.shape(columns)) < LARGE:
+        return np.linalg.lstsq(columns.toarray(), values, rcond=None)[0]
+    square = (columns.T @ columns).toarray()
     square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / len(square)
-    return np.linalg.solve(square, thin.T @ values)
+    return np.linalg.solve(square, columns.T @ values)
 
 
 def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] | None:
