@@ -1,6 +1,7 @@
 """Plans of impacts: the closed-form optimum, certificates, limits kept, what cannot be done, scenarios, pages."""
 
 import dataclasses as dc
+import itertools
 import json
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from ddetumble import Ball, CoulombFriction, Cylinder, InputError, PowerLaw, RubberFriction, Striker, find_data
 from ddetumble._rotation import rotate
@@ -310,6 +312,49 @@ def test_a_fit_of_oblique_impacts_brings_its_friction_and_its_mount():
     assert [type(one) for one in law.effects] == [TangentialCompliance]
     mounted = mount_law(scenario, fitted, None).reference
     assert float(mounted.ball.inertia()) == float(mounted.tangential_mass) == 10.0 and mounted.rolling_mass > 1e8
+
+
+SQUARE = """schema = "ddetumble.plan/1"
+starts = 1
+[debris]
+{shape}
+mass = 4.0
+angular_velocity = [2.0, 1.0, 0.5]
+[arm]
+mass = 1.0
+speed = 0.5
+[limits]
+force = 10.0
+edge = 0.005
+"""
+
+
+def write_mesh(file, lengths):
+    """A box as a closed mesh of triangles."""
+    corners = 0.5 * np.array(list(itertools.product([-1, 1], repeat=3))) * lengths
+    hull = ConvexHull(corners)
+    outward = [np.cross(b - a, c - a) @ plane[:3] > 0
+               for (a, b, c), plane in zip(corners[hull.simplices], hull.equations, strict=True)]
+    rows = np.where(np.array(outward)[:, None], hull.simplices, hull.simplices[:, ::-1]) + 1
+    lines = [f"v {x} {y} {z}\n" for x, y, z in corners] + [f"f {i} {j} {k}\n" for i, j, k in rows]
+    file.write_text("".join(lines), encoding="utf-8")
+
+
+@pytest.mark.parametrize("shape", [
+    'shape = "box"\nlengths = [0.1, 0.1, 0.34]',
+    *(pytest.param(text, marks=pytest.mark.study) for text in (
+        'shape = "box"\nlengths = [0.34, 0.1, 0.1]', 'shape = "box"\nlengths = [0.1, 0.1, 0.1]',
+        'shape = "mesh"\nfile = "square.obj"', 'shape = "mesh"\nfile = "cube.obj"')),
+], ids=["square", "along-x", "cube", "square-mesh", "cube-mesh"])  # fmt: skip
+def test_bodies_of_equal_moments_are_planned_for(tmp_path, shape):
+    """Flat faces and two or three equal moments, as of any CubeSat: XLA could not compile the impact's slopes."""
+    write_mesh(tmp_path / "square.obj", [0.1, 0.1, 0.34])
+    write_mesh(tmp_path / "cube.obj", [0.1, 0.1, 0.1])
+    (tmp_path / "case.toml").write_text(SQUARE.format(shape=shape), encoding="utf-8")
+    assert main(["plan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "plan")]) == 0
+    plan = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
+    one, = plan["impacts"]
+    assert one["allowed"] and one["certificate"]["gradient_error"] < 5e-3 and plan["share_left"] < 0.95
 
 
 @pytest.mark.study

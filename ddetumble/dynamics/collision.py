@@ -349,8 +349,11 @@ def _read_course(setup: _Setup, evaluate: Callable[[Array], _State], unit: Array
 
 def _find_peak(time: Array, values: Array) -> Array:
     """Largest value, by the parabola through the three places about the largest one."""
-    k = jnp.clip(jnp.argmax(values), 1, values.size - 2)
-    t, y = (jax.lax.dynamic_slice(x, (k - 1,), (3,)) for x in (time, values))
+    # As sums over a mask: XLA fuses a slice at a traced place with all that `values` is computed from, and for a
+    # polytope with an axis of equal moments cannot compile what comes out (jax 0.12.0, CPU).
+    places = jnp.clip(jnp.argmax(values), 1, values.size - 2) + jnp.arange(-1, 2)
+    mask = places[:, None] == jnp.arange(values.size)
+    t, y = (jnp.sum(jnp.where(mask, x, 0.0), axis=1) for x in (time, values))
     left, right = t[1] - t[0], t[2] - t[1]
     rise, fall = safe_divide(y[1] - y[0], left), safe_divide(y[2] - y[1], right)
     bend = safe_divide(fall - rise, left + right)
