@@ -27,11 +27,11 @@ from ddetumble.planning.strike_problem import (
     CONSTRAINTS,
     Goal,
     Limits,
-    Problem,
     drift,
     evaluate,
     evaluate_slopes,
     is_symmetric,
+    make_problem,
     read_design,
     screen,
     span_plane,
@@ -48,8 +48,8 @@ STAGE = make_debris(Cylinder())
 def pose(rates, friction=0.0, mass=8.0, goal=None, **limits):
     """The paper's stage."""
     law = Striker(Ball(effective_mass=mass), CoulombFriction(friction), tangential_mass=mass, rolling_mass=1e9)
-    return Problem(law.extend(()), STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(rates, float),
-                   Limits(**{"force": 1000.0} | limits), goal or Goal(), {}, is_symmetric(STAGE))
+    return make_problem(law.extend(()), STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(rates, float),
+                        Limits(**{"force": 1000.0} | limits), goal or Goal(), {})
 
 
 @pytest.fixture(scope="module")
@@ -153,8 +153,8 @@ def test_plan_is_no_worse_than_random_designs(flat):
 def test_estimate_is_near_the_impact():
     """Closed forms that choose the starts: score within a few per cent where the contact is short."""
     problem = pose([0.05, 0.02, 0.03], 0.2)
-    for face, x in find_starts(problem, 3):
-        rough = np.asarray(screen(problem, jnp.array([face]), jnp.asarray(x)[None]))[0]
+    for face, x in find_starts(problem, 3).places:
+        rough = np.asarray(screen(problem, jnp.array([face]), jnp.asarray(x)[None])[1])[0]
         exact = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x)))
         assert abs(rough[0] - exact[0]) < 0.05
         np.testing.assert_allclose(rough[[1, 2, 6]], exact[[1, 2, 6]], atol=1e-9)
@@ -163,7 +163,7 @@ def test_estimate_is_near_the_impact():
 def test_slopes_are_those_of_differences():
     """Score and all constraints by all seven variables."""
     problem = pose([0.05, 0.02, 0.03], 0.2)
-    face, x = find_starts(problem, 1)[0]
+    face, x = find_starts(problem, 1).places[0]
     value, slopes = evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x))
     # As close as the integrator's tolerance of 1e-8 a step lets two runs of it be.
     np.testing.assert_allclose(value, evaluate(problem, jnp.asarray(face), jnp.asarray(x)), rtol=5e-7)
@@ -402,7 +402,7 @@ def test_every_design_that_approaches_is_integrated():
     for k in range(300):
         x = random.uniform(-1.0, 1.0, 7)
         x[3:5] *= 0.1
-        if x[2] > -0.9:
+        if x[2] > 0.0:
             assert np.isfinite(evaluate(problem, jnp.asarray(k % 3), jnp.asarray(x))).all(), (k, x)
 
 

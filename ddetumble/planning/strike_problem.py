@@ -1,8 +1,9 @@
 r"""One impact as a problem of optimisation: what can be chosen, what is wanted, what must not happen.
 
-Seven variables, each over -1 to 1: two coordinates of the point on a face, the velocity of the arm along the surface's
-normal and two tangents, the pressure in the ball, and the instant within a window. Wanted is a weighted sum of the
-shares of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must not
+Seven variables: two coordinates of the point on a face, the velocity of the arm relative to the surface there, against
+the normal and along two tangents, the pressure in the ball, and the instant within a window. Velocities are in units of
+the approach speed that force and depression allow (`allow_speed`), all others over -1 to 1. Wanted is a weighted sum of
+the shares of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must not
 happen is told by `CONSTRAINTS`, each at least zero where the plan is allowed.
 """
 
@@ -27,10 +28,12 @@ from ..dynamics.rigid import measure_energy
 from ..dynamics.surfaces import Debris
 
 
-VARIABLES = ("first coordinate", "second coordinate", "speed along the normal", "first tangential speed",
+VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first tangential speed",
              "second tangential speed", "pressure", "instant")
+SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
 CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "reachable side", "nothing else hit")
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384
+SETTLED = 0.999  # of the arm's speed, to which designs that are looked at are brought: just inside
 MISSED = 1e-3  # share of the least approach speed, below which a ball strikes nothing
 TINY = 1e-7  # share of the momentum below which its size is rounded off
 PATH = np.linspace(0.1, 1.0, 6)  # shares of the clearance time at which the ball's path is looked at
@@ -92,6 +95,8 @@ class Problem(eqx.Module):
         goal: what is wanted.
         conditions: what else the law reads, by name, SI.
         symmetric: whether body z is an axis of revolution, whose free motion is trigonometric.
+        unit: of the velocities among the variables [m/s]; the same under another law and later in a sequence, so that
+            variables mean the same there.
     """
 
     law: StrikeLaw
@@ -101,7 +106,8 @@ class Problem(eqx.Module):
     limits: Limits
     goal: Goal
     conditions: Mapping[str, Array]
-    symmetric: bool = eqx.field(static=True, default=False)
+    symmetric: bool = eqx.field(static=True)
+    unit: Array = eqx.field(converter=scalar)
 
 
 class Design(eqx.Module):
@@ -156,17 +162,61 @@ def drift(problem: Problem, time: Array) -> tuple[Array, Array]:
     return attitude[0], rates[0]
 
 
+def make_problem(law: StrikeLaw, debris: Debris, attitude, angular_velocity, limits: Limits, goal: Goal,
+                 conditions: Mapping[str, Array]) -> Problem:
+    """A `Problem`, its symmetry and its unit of velocities taken from the rest."""
+    problem = Problem(law, debris, attitude, angular_velocity, limits, goal, conditions, is_symmetric(debris), 1.0)
+    return eqx.tree_at(lambda p: p.unit, problem, allow_speed(problem))
+
+
+def reach_speed(problem: Problem) -> Array:
+    """Speed that arm and surface cannot meet faster than [m/s]: the arm's, and the surface's at the fastest that the
+    body can turn with its momentum.
+    """
+    inertia = problem.debris.inertia
+    momentum = jnp.linalg.norm(inertia @ problem.angular_velocity)
+    return problem.limits.speed + momentum / jnp.linalg.eigvalsh(inertia)[0] * problem.debris.surface.reach()
+
+
+@eqx.filter_jit
+def allow_speed(problem: Problem) -> Array:
+    r"""Approach speed at which a ball without damping comes to the limit of force or depression, $\sqrt{2 W/m}$ [m/s].
+
+    $W$ is the work of the elastic force up to there, at the pressure that allows most; $m$ the reduced mass of an
+    impact through the centre of mass. At most `reach_speed`, at least the least approach speed where that is less.
+    """
+    limits, normal, ball = problem.limits, problem.law.normal, problem.law.reference.ball
+    # Evenly spaced in the logarithm, as a small force may allow a small part of the depression only.
+    depths = limits.depression * jnp.geomspace(1e-3, 1.0, 64)
+
+    def measure_work(pressure):
+        given = {**problem.conditions, "initial_pressure": pressure, "approach_speed": limits.approach}
+
+        def push(depth):
+            return normal.contact(given, ball.diameter(), jnp.zeros(()), depth, jnp.zeros(()),
+                                  jnp.zeros((len(normal.stateful()),))).elastic_force
+
+        force = jnp.maximum(jax.vmap(push)(depths), 0.0)
+        work = jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))
+        return jnp.interp(limits.force, force[1:], work)
+
+    work = jnp.max(jax.vmap(measure_work)(limits.pressure))
+    fastest = reach_speed(problem)
+    allowed = jnp.sqrt(2.0 * work * (1.0 / ball.inertia() + 1.0 / problem.debris.mass))
+    return jnp.clip(allowed, jnp.minimum(limits.approach, fastest), fastest)
+
+
 def read_design(problem: Problem, face: Array, x: Array) -> Design:
-    """Physical quantities of seven variables over -1 to 1."""
+    """Physical quantities of seven variables."""
     limits = problem.limits
-    point = problem.debris.surface.place(face, x[:2])
-    normal = problem.debris.surface.find_foot(point).normal
-    first, second = span_plane(normal)
-    body = limits.speed * (-0.5 * (1.0 + x[2]) * normal + x[3] * first + x[4] * second)
     low, high = limits.pressure
     early, late = limits.window
     instant = early + 0.5 * (1.0 + x[6]) * (late - early)
     attitude, rates = drift(problem, instant)
+    point = problem.debris.surface.place(face, x[:2])
+    normal = problem.debris.surface.find_foot(point).normal
+    first, second = span_plane(normal)
+    body = jnp.cross(rates, point) + problem.unit * (-x[2] * normal + x[3] * first + x[4] * second)
     return Design(face, point, rotate(attitude, body), low + 0.5 * (1.0 + x[5]) * (high - low), instant, attitude,
                   rates, rotate(attitude, normal))
 
@@ -261,13 +311,36 @@ def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
 
 
 @eqx.filter_jit
-def screen(problem: Problem, faces: Array, designs: Array) -> Array:
-    """The same columns for many designs by closed forms, shape (designs, 1 + constraints): where searches start.
+def screen(problem: Problem, faces: Array, designs: Array) -> tuple[Array, Array]:
+    """The same columns for many designs by closed forms: where searches start.
 
     The impact is an instant: normal impulse by the reduced mass, friction sliding throughout or stopping the slip, the
     peak by energy on a force that grows with the square of the depression. Never a plan's result.
+
+    Returns:
+        The designs, their velocities changed where the arm is too slow for them, shape (designs, 7); the columns, shape
+        (designs, 1 + constraints).
     """
-    return jax.vmap(lambda face, x: _estimate(problem, face, x))(faces, designs)
+    def one(face, x):
+        x = _settle(problem, face, x)
+        return x, _estimate(problem, face, x)
+
+    return jax.vmap(one)(faces, designs)
+
+
+def _settle(problem: Problem, face: Array, x: Array) -> Array:
+    """A design whose arm is no faster than it can: its velocity cut along the normal first, then across."""
+    design, most = read_design(problem, face, x), SETTLED * problem.limits.speed
+    local = rotate_back(design.attitude, design.velocity)
+    normal = rotate_back(design.attitude, design.normal)
+    first, second = span_plane(normal)
+    along, across = normal @ local, jnp.stack([first @ local, second @ local])
+    kept = jnp.clip(along, -most, most)
+    # Where the surface recedes faster than the arm can follow, nothing is kept of the approach: that stays a violation.
+    approach = jnp.maximum(x[SPEED] + (along - kept) / problem.unit, jnp.minimum(x[SPEED], 0.0))
+    size = jnp.sqrt(jnp.sum(across**2) + 1e-300)
+    cut = jnp.minimum(1.0, jnp.sqrt(most**2 - kept**2) / size) - 1.0
+    return x.at[SPEED].set(approach).at[SLIPS].add(cut * across / problem.unit)
 
 
 def _estimate(problem: Problem, face: Array, x: Array) -> Array:
@@ -292,7 +365,11 @@ def _estimate(problem: Problem, face: Array, x: Array) -> Array:
     patch = Patch(jnp.zeros(()), jnp.asarray(probe), contact.contact_radius, height, contact.pressure,
                   contact.elastic_force, conditions)
     friction = problem.law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / contact.elastic_force
-    rubbed = jnp.minimum(friction * impulse, slip / (1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass))
+    # What a tangential impulse changes the slip by: of ball, arm and body.
+    turned = jnp.cross(design.point, across / slip)
+    give = (1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass + 1.0 / debris.mass
+            + turned @ jnp.linalg.solve(debris.inertia, turned))
+    rubbed = jnp.minimum(friction * impulse, slip / give)
     push = rubbed * across / slip - impulse * foot.normal
     rates = design.angular_velocity + jnp.linalg.solve(debris.inertia, jnp.cross(design.point, push))
     margin = foot.margin - contact.contact_radius * depression / probe

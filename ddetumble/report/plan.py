@@ -17,8 +17,8 @@ from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
 from ..planning.ambiguity import Assessment
 from ..planning.prospect import Prospect
-from ..planning.sequence import LEAST_GAIN, Sequence, measure_share
-from ..planning.strike_plan import StrikePlan
+from ..planning.sequence import Sequence, measure_share
+from ..planning.strike_plan import LEAST_GAIN, StrikePlan
 from ..planning.strike_problem import Problem
 from .outlook import list_outlook, show_outlook
 from .page import Section, Table, write_page, write_whole
