@@ -20,8 +20,9 @@ from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load_model
 from ddetumble.planning.chain import follow_chain, follow_slopes, plan_together, read_chain, refine_sequence
 from ddetumble.planning.guesses import find_starts
+from ddetumble.planning.measured import find_measured_ranges
 from ddetumble.planning.scenario import mount_law, pose_laws, pose_problem, read_scenario
-from ddetumble.planning.sequence import bound_impacts, find_floor, find_lever, plan_sequence
+from ddetumble.planning.sequence import Sequence, bound_impacts, find_floor, find_lever, plan_sequence
 from ddetumble.planning.strike_plan import plan_strike, weigh_constraints
 from ddetumble.planning.strike_problem import (
     CONSTRAINTS,
@@ -36,6 +37,7 @@ from ddetumble.planning.strike_problem import (
     screen,
     span_plane,
 )
+from ddetumble.report.plan import write_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -209,6 +211,100 @@ def test_sequence_ends_and_respects_its_bound():
     assert find_lever(problem) == pytest.approx(1.5)
     biggest = max(-np.diff([1.0, *found.shares])) * 100.0
     assert bound_impacts(problem, 0.02) <= np.ceil(98.0 / biggest)
+
+
+GENTLE = """schema = "ddetumble.plan/1"
+seed = {seed}
+[debris]
+attitude = [0.703748748342, 0.418030875455, -0.570307098997, -0.068830946576]
+angular_momentum = [24.764, -41.782, 54.27]
+[arm]
+mass = 10.0
+speed = {speed}
+[limits]
+force = 76.0
+depression = 0.025
+[goal]
+impacts = 40
+share = 0.368
+"""
+
+
+@pytest.mark.parametrize("seed, speed", [(0, 2.0), (1, 2.0), (0, 0.6)])
+def test_limits_that_allow_a_tenth_of_the_arms_speed(tmp_path, seed, speed):
+    """76 N let a ball approach at 0.2 m/s: every seed and every arm finds the nine impacts that this takes.
+
+    Searches over the arm's whole speed stopped after three here, at 77 %, for the lack of a further impact.
+    """
+    (tmp_path / "case.toml").write_text(GENTLE.format(seed=seed, speed=speed), encoding="utf-8")
+    assert main(["plan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "plan")]) == 0
+    plan = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
+    assert plan["reached"] and len(plan["impacts"]) == 9 and plan["refused"] is None
+    assert all(one["peak_normal_force"] <= 76.0 * (1 + 1e-5) for one in plan["impacts"])
+
+
+def test_a_wider_limit_makes_no_plan_worse():
+    """One impact, 76 N: an arm of 0.3 m/s can do all that one of 20 m/s does."""
+    scores = [plan_strike(pose([0.05, 0.02, 0.03], 0.2, force=76.0, speed=speed)).score for speed in (0.3, 2.0, 20.0)]
+    assert max(scores[1:]) <= scores[0] * (1 + 1e-4)
+    deeper = [plan_strike(pose([0.05, 0.02, 0.03], 0.2, force=76.0, depression=d)).score for d in (0.007, 0.03)]
+    assert deeper[1] <= deeper[0] * (1 + 1e-4)
+
+
+def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):
+    """Closed forms see an impact, the search came to none: `possible` is unknown, and the page does not say no."""
+    problem, plan = flat
+    assert plan.worth and not plan.missed
+    for one, possible in ((dc.replace(plan, allowed=False), None), (dc.replace(plan, score=0.995), None),
+                          (dc.replace(plan, allowed=False, estimate=1.0), False)):
+        assert one.missed == (possible is None)
+        write_plan(problem, Sequence((), (), (), 0.0, False, 1, 0.0, one), tmp_path)
+        result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+        assert result["possible"] is possible and result["refused"]["missed"] == one.missed
+        assert ("cannot be done" in result["sentence"]) == (possible is False)
+
+
+def test_plans_beyond_what_was_measured_say_so(tmp_path):
+    """A fit over 0.14 to 0.62 m/s plans 2 m/s: headline, table and result say so; within the limits none does."""
+    fit = Path(__file__).resolve().parent.parent / "fits" / "impact-b"
+    text = f"""schema = "ddetumble.plan/1"
+starts = 1
+[debris]
+angular_velocity = [0.05, 0.02, 0.03]
+[ball]
+model = "{fit.as_posix()}"
+"""
+    within = ("[arm]\nspeed = 0.4\n"
+              "[limits]\nforce = 90.0\ndepression = 0.007\npressure = [0.6e6, 2.0e6]\napproach = 0.15\n")
+    saved = load_model(fit)
+    for limits, beyond in (("[limits]\nforce = 2500.0\ndepression = 0.025\n", True), (within, False)):
+        (tmp_path / "case.toml").write_text(text + limits, encoding="utf-8")
+        assert main(["plan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "plan")]) == 0
+        plan = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
+        measured = {one["quantity"]: (one["low"], one["high"]) for one in plan["measured"]}
+        assert measured["approach_speed"] == saved.ranges["approach_speed"]
+        # The campaign has no such channel: what the fitted model reaches at its fastest approach, 7.9 mm.
+        assert 0.007 < measured["peak_depression"][1] < 0.009
+        (one,) = plan["impacts"]
+        outside = {other["quantity"] for other in one["extrapolated"]}
+        assert ({"approach_speed", "peak_depression", "peak_normal_force"} <= outside) if beyond else not outside
+        assert ("impact-b" in plan["sentence"]) == beyond
+        page = (tmp_path / "plan" / "report.html").read_text(encoding="utf-8")
+        assert page.count("measured 0.139 to 0.621 m/s") == (2 if beyond else 0)
+
+
+def test_what_a_friction_fit_was_measured_at():
+    """Its largest load and slip speed bound those of an impact, which passes through all smaller ones."""
+    fits = Path(__file__).resolve().parent.parent / "fits"
+    scenario = read_scenario(find_data() / "scenarios" / "paper-case-2.toml")
+    ball = scenario.ball.model_copy(update={"friction_model": "friction-constants", "model": "impact-b"})
+    found = {one.quantity: one for one in find_measured_ranges(scenario.model_copy(update={"ball": ball}), fits)
+             if one.fit == "friction-constants"}
+    saved = load_model(fits / "friction-constants")
+    assert found["peak_normal_force"].low == 0.0
+    assert found["peak_normal_force"].high == saved.ranges["normal_load"][1]
+    assert (found["initial_pressure"].low, found["initial_pressure"].high) == saved.ranges["internal_pressure"]
+    assert find_measured_ranges(scenario, fits) == ()
 
 
 def test_what_cannot_be_done_is_said(tmp_path, capsys):

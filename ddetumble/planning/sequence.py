@@ -15,7 +15,7 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate
-from .strike_plan import LEAST_GAIN, StrikePlan, plan_strike
+from .strike_plan import StrikePlan, plan_strike
 from .strike_problem import Problem, reach_speed
 
 
@@ -191,7 +191,7 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 3,
             break
         if revise is not None and plan.allowed:
             plan = revise(now, plan)
-        if not plan.allowed or plan.score > plan.untouched * (1.0 - LEAST_GAIN):
+        if not plan.worth:
             refused = plan
             break
         impacts.append(plan)

@@ -93,6 +93,16 @@ class StrikePlan:
     tally: Tally
     scores: tuple[tuple[str, float, bool], ...]
 
+    @property
+    def worth(self) -> bool:
+        """Whether it is allowed, and brings down what is wanted small by `LEAST_GAIN` or more."""
+        return self.allowed and self.untouched - self.score >= LEAST_GAIN * self.untouched
+
+    @property
+    def missed(self) -> bool:
+        """Whether closed forms see an allowed impact that is worth its while, and the search found none."""
+        return not self.worth and self.untouched - self.estimate >= LEAST_GAIN * self.untouched
+
 
 class _Search:
     """The problem as SciPy asks for it; each design is integrated once for its values and once for its derivatives."""
