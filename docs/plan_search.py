@@ -27,7 +27,7 @@ from ddetumble.planning.tables import SCHEMA, Scenario
 
 
 WORSE = 1e-3  # share of the momentum at the start, by which a plan has to be better to count
-SHAPES = ("cylinder", "square box", "box", "cube")
+SHAPES = ("cylinder", "square box", "box", "cube")  # in turn
 TIGHTER = {  # table, key, and the factor of the limit or the part of its range that is kept
     "arm's speed": ("arm", "speed", 0.5), "force": ("limits", "force", 0.7),
     "depression": ("limits", "depression", 0.7), "cone": ("arm", "cone_degrees", 0.7),
@@ -36,27 +36,35 @@ TIGHTER = {  # table, key, and the factor of the limit or the part of its range 
 
 
 def draw_scenario(number: int) -> dict:
-    """A body of 4 to 1,000 kg in a random spin, with limits of which each may hold the plan."""
+    """A random body, spin and arm, and limits of which each may hold the plan: one impact takes a twelfth to a half.
+
+    Sizes follow from one another: an approach speed, the peak force and depression that it makes on a ball of 1 MPa
+    (46 N at 5 mm, growing with the square), and a momentum that so many of such impacts take.
+    """
     draw = np.random.default_rng(5000 + number)
     shape = SHAPES[number % len(SHAPES)]
     size = float(np.exp(draw.uniform(np.log(0.3), np.log(2.0))))
     sides = {"square box": [size, size, 2.5 * size], "box": [size, 1.5 * size, 2.5 * size], "cube": [size] * 3}
     body = ({"shape": "cylinder", "radius": 0.5 * size, "length": 2.5 * size} if shape == "cylinder" else
             {"shape": "box", "lengths": sides[shape]})
-    direction = draw.normal(size=3)
-    surface = draw.uniform(0.02, 0.4)  # m/s, of the body's surface: slower and faster than the arm can be
-    chaser = draw.normal(size=3)
+    weight, mass = 100.0 * size**3 * draw.uniform(0.5, 2.0), draw.uniform(1.0, 10.0)
+    inertia = weight * np.array([0.5, 0.5, 0.15] if shape != "cube" else [0.17] * 3) * size**2  # roughly
+    speed, restitution = draw.uniform(0.1, 0.6), draw.uniform(0.5, 0.85)
+    felt = 1.0 / (1.0 / mass + 1.0 / weight + size**2 / inertia[0])
+    stiff = 46.0 / 5e-3**2
+    depth = np.cbrt(1.5 * felt * speed**2 / stiff)
+    momentum = felt * (1.0 + restitution) * speed * size / draw.uniform(1.0 / 12.0, 0.5)
+    spin = draw.normal(size=3)
+    rates = spin * momentum / np.linalg.norm(inertia * spin)
     return {
         "schema": SCHEMA, "seed": number,
-        "debris": {**body, "mass": float(100.0 * size**3 * draw.uniform(0.5, 2.0)),
-                   "attitude": list(draw.normal(size=4)),
-                   "angular_velocity": list(direction / np.linalg.norm(direction) * surface / size)},
-        "ball": {"restitution": float(draw.uniform(0.5, 0.85)), "friction": float(draw.uniform(0.05, 0.4))},
-        "arm": {"mass": float(draw.uniform(1.0, 10.0)), "speed": float(np.exp(draw.uniform(np.log(0.3), np.log(3.0)))),
-                "chaser": list(chaser), "cone_degrees": float(draw.uniform(60.0, 180.0))},
-        "limits": {"force": float(np.exp(draw.uniform(np.log(10.0), np.log(600.0)))),
-                   "depression": float(draw.uniform(0.005, 0.025)), "edge": 0.02 * size, "approach": 0.01,
-                   "window": [0.0, 60.0]},
+        "debris": {**body, "mass": float(weight), "attitude": draw.normal(size=4).tolist(),
+                   "angular_velocity": rates.tolist()},
+        "ball": {"restitution": float(restitution), "friction": float(draw.uniform(0.05, 0.4))},
+        "arm": {"mass": float(mass), "speed": float(speed * np.exp(draw.uniform(np.log(0.7), np.log(15.0)))),
+                "chaser": draw.normal(size=3).tolist(), "cone_degrees": float(draw.uniform(60.0, 180.0))},
+        "limits": {"force": float(stiff * depth**2), "depression": float(depth * draw.uniform(0.8, 2.0)),
+                   "edge": 0.02 * size, "approach": 0.01, "window": [0.0, 60.0]},
         "goal": {"impacts": int(draw.integers(1, 5)), "share": 0.05},
     }  # fmt: skip
 

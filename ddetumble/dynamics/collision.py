@@ -104,7 +104,7 @@ class _Touch(eqx.Module):
     friction: Array
     slip: Array
     slider: Array
-    margin: Array
+    margins: Array
     change: Any
 
 
@@ -204,7 +204,7 @@ def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
         arm_work=arm @ velocity, normal_loss=normal_force * rate, rolling_loss=brake @ rolling,
         friction_loss=friction @ slip, own=normal_law.rates(contact, state.own))
     return _Touch(depression, rate, contact.pressure, normal_force, friction, safe_sqrt(slip @ slip), sliding,
-                  foot.margin - contact.contact_radius, moved)
+                  foot.margins - contact.contact_radius, moved)
 
 
 @jax.jit
@@ -342,7 +342,7 @@ def _read_course(setup: _Setup, evaluate: Callable[[Array], _State], unit: Array
     def read(share):
         touch = _touch(setup, share * end * unit, evaluate(share * end))
         return Course(share * end * unit, touch.depression, touch.rate, touch.pressure, touch.normal_force,
-                      touch.friction, touch.slip, touch.margin)
+                      touch.friction, touch.slip, touch.margins)
 
     return jax.vmap(read)(jnp.asarray(SHARES))
 
@@ -385,4 +385,4 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
     return Collision(
         attitude, after, momentum, body, final.debris, final.debris_momentum, velocity, setup.normal, speed, sliding,
         end, _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
-        jnp.max(course.pressure), jnp.min(course.margin), course, ledger, separated, bad | ~finite, steps)
+        jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from .guesses import find_bounds
 from .sequence import Sequence, measure_share, move_on, plan_sequence
-from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, weigh_constraints
+from .strike_plan import ALLOWED, STARTS, Certificate, StrikePlan, Tally, weigh_constraints
 from .strike_problem import (
     CONSTRAINTS,
     MISSED,
@@ -258,8 +258,8 @@ def _pick(binding: dict[str, float], number: int) -> dict[str, float]:
     return {mark.sub("", name): size for name, size in binding.items() if mark.search(name) or ": " not in name}
 
 
-def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = 3, seed: int = 0,
-                  progress: Callable[[str], object] | None = None) -> Sequence:
+def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = STARTS,
+                  seed: int = 0, progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, and change them all together.
 
     Args:

@@ -1,4 +1,4 @@
-"""Where refinements start: thousands of designs by closed forms at once, then closer about the best of them."""
+"""Where refinements start: thousands of designs by closed forms at once, bettered by differential evolution."""
 
 import dataclasses as dc
 from collections.abc import Sequence
@@ -7,15 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from .strike_problem import SLIPS, SPEED, VARIABLES, Problem, reach_speed, score, screen
+from .screening import screen
+from .strike_problem import SLIPS, SPEED, VARIABLES, Problem, reach_speed, score
 
 
-DRAWS = 2048  # designs that are looked at in every round, on all faces together
-CENTRES = 16  # about which later rounds look
-ROUNDS, WIDTH, SHRINK = 8, 0.3, 0.7  # of these; standard deviation about a centre, in variables
-APART, LAST_APART = 0.6, 0.3  # distance of two centres on one face, and of two starts
+DRAWS, EACH = 2048, 128  # designs of a generation, on all faces together and on each of many at least
+GENERATIONS = 120  # after which the best of one seed is that of another to a thousandth
+LEADERS = 0.1  # share of a face's designs, towards one of which each is moved
+STRETCH, CROSSED = (0.4, 0.9), 0.9  # of steps, and share of variables that they change (Zhang and Sanderson 2009)
+APART = 0.3  # distance of two starts on one face, in variables
 WRAPS = ("side", "sphere")  # faces whose first coordinate goes round
-PENALTY = 3.0
+PENALTY = 3.0  # of a scaled violation, in units of the score
 FAST = 2.0  # of the speed that limits allow by the closed form, up to which it may be wrong
 
 
@@ -51,18 +53,19 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
                 near: Sequence[tuple[int, np.ndarray]] = ()) -> Starts:
     """The most promising designs that are apart from each other.
 
-    A Sobol sample over all faces, then rounds of normal steps about the best of it, ever shorter; each round is one
-    call of `screen`, all designs under `vmap`. Without a gradient, so that nothing has to be compiled for it; the
-    integrated impact is refined with one.
+    A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
+    difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
+    nothing has to be compiled for it; the integrated impact is refined with one.
 
     Args:
         problem: what is given, allowed and wanted.
         starts: how many are wanted.
-        draws: designs of a round.
+        draws: designs of a generation.
         seed: of their places.
-        near: designs about which it looks as well, such as the impact before.
+        near: further designs of the first, such as the impact before.
     """
     names = problem.debris.surface.face_names()
+    draws = max(draws, EACH * len(names))
     x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
     faces = np.arange(draws) % len(names)
     low, high = find_bounds(problem, 0)[SPEED]
@@ -72,33 +75,28 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
     x[::2, SLIPS] *= 0.1
     x[1::8, SLIPS] *= high
     for k, (face, place) in enumerate(near):
-        faces[k], x[k] = face, place
+        x[face + k * len(names)] = place
     x, worth, least = _rank(problem, faces, x)
-    kept = _part(faces, x, worth, max(starts, CENTRES), APART)
-    kept += [k for k in range(len(near)) if k not in kept]
-    faces, x, worth, later = _close_in(problem, faces[kept], x[kept], worth[kept], draws, seed)
-    return Starts(tuple((int(faces[k]), x[k]) for k in _part(faces, x, worth, starts, LAST_APART)), min(least, later))
+    low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in range(len(names))]), -1, 0)
+    count, draw = np.bincount(faces), np.random.default_rng(seed)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    for _ in range(GENERATIONS):
+        ranked = np.lexsort((worth, faces))
+        leader = ranked[first[faces] + (draw.random(draws) * np.maximum(LEADERS * count, 1.0)[faces]).astype(int)]
+        one, other = (faces + len(names) * (draw.random(draws) * count[faces]).astype(int) for _ in range(2))
+        step = draw.uniform(*STRETCH, (draws, 1))
+        moved = np.where(draw.random(x.shape) < CROSSED, x + step * (x[leader] - x + x[one] - x[other]), x)
+        moved, found, seen = _rank(problem, faces, np.clip(moved, low[faces], high[faces]))
+        better = found < worth
+        x, worth, least = np.where(better[:, None], moved, x), np.where(better, found, worth), min(least, seen)
+    return Starts(tuple((int(faces[k]), x[k]) for k in _part(faces, x, worth, starts)),
+                  min(least, float(score(problem, problem.angular_velocity))))
 
 
-def _close_in(problem: Problem, faces: np.ndarray, x: np.ndarray, worth: np.ndarray, draws: int,
-              seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Every centre moved to the best that was found about it; least score of all that were seen allowed."""
-    each, rows, least = draws // len(faces), np.arange(len(faces)), np.inf
-    low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in faces])[:, None], -1, 0)
-    draw = np.random.default_rng(seed)
-    for width in WIDTH * SHRINK ** np.arange(ROUNDS if each else 0):
-        near = np.clip(x[:, None] + width * draw.normal(size=(len(faces), each, x.shape[1])), low, high)
-        # Filled up to as many as before, so that the same compiled program serves.
-        spread = np.resize(near.reshape(-1, x.shape[1]), (draws, x.shape[1]))
-        on = np.resize(np.repeat(faces, each), draws)
-        spread, found, score = _rank(problem, on, spread)
-        least = min(least, score)
-        count = near[..., 0].size
-        near, found = spread[:count].reshape(near.shape), found[:count].reshape(len(faces), each)
-        best = np.argmin(found, axis=1)
-        better = found[rows, best] < worth
-        x, worth = np.where(better[:, None], near[rows, best], x), np.where(better, found[rows, best], worth)
-    return faces, x, worth, least
+def estimate_score(problem: Problem, face: int, x: np.ndarray, draws: int = DRAWS) -> float:
+    """Score of one design by closed forms [-]."""
+    # As many of it as designs in a round, so that the same compiled program serves.
+    return float(screen(problem, jnp.full(draws, face), jnp.tile(jnp.asarray(x), (draws, 1)))[1][0, 0])
 
 
 def _rank(problem: Problem, faces: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -109,15 +107,14 @@ def _rank(problem: Problem, faces: np.ndarray, x: np.ndarray) -> tuple[np.ndarra
     over = np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
     worth = found[:, 0] + PENALTY * over
     worth = np.where(np.isfinite(worth), worth, np.inf)
-    untouched = float(score(problem, problem.angular_velocity))
-    return settled, worth, float(np.min(worth[over == 0.0], initial=untouched))
+    return settled, worth, float(np.min(worth[over == 0.0], initial=np.inf))
 
 
-def _part(faces: np.ndarray, x: np.ndarray, worth: np.ndarray, count: int, apart: float) -> list[int]:
+def _part(faces: np.ndarray, x: np.ndarray, worth: np.ndarray, count: int) -> list[int]:
     """Numbers of the best that are on other faces or far enough from each other."""
     chosen: list[int] = []
     for k in np.argsort(worth, kind="stable"):
-        if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > apart for j in chosen):
+        if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > APART for j in chosen):
             chosen.append(int(k))
         if len(chosen) == count:
             break

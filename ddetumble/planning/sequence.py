@@ -15,7 +15,7 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate
-from .strike_plan import StrikePlan, plan_strike
+from .strike_plan import STARTS, StrikePlan, plan_strike
 from .strike_problem import Problem, reach_speed
 
 
@@ -160,7 +160,7 @@ def move_on(problem: Problem, plan: StrikePlan) -> Problem:
                        (plan.collision.attitude, plan.collision.angular_velocity))
 
 
-def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 3, seed: int = 0,
+def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
                   revise: Callable[[Problem, StrikePlan], StrikePlan] | None = None,
                   progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.

@@ -12,7 +12,7 @@ from scipy.optimize import minimize, nnls
 
 from .._errors import ComputationError
 from ..dynamics.outcome import Collision
-from .guesses import DRAWS, find_bounds, find_starts
+from .guesses import DRAWS, estimate_score, find_bounds, find_starts
 from .strike_problem import (
     CONSTRAINTS,
     VARIABLES,
@@ -29,8 +29,9 @@ from .strike_problem import (
 BINDING = 1e-4  # scaled constraint, or distance of a variable from its bound, that counts as none
 ALLOWED = 1e-5  # by which a scaled constraint may be missed
 LOST = 10.0  # score of what cannot be computed
+STARTS = 6  # of three, one seed in six ended 0.15 % behind another; of six, none of twelve did
 LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
-FOUND = 0.8  # of the gain that closed forms see; on the shipped scenarios they are right to a few per cent
+FOUND = 0.9  # of the largest gain that closed forms see, which they must see at a plan; they err by a few per cent
 WIDER, MORE, TURN = 2, 4, 1009  # further searches, their starts over those of the first, and what their seeds differ by
 
 
@@ -131,24 +132,31 @@ class _Search:
 
 
 def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    """Variables and values where sequential quadratic programming (SLSQP) ends from a start."""
+    """Variables and values where sequential quadratic programming (SLSQP) ends from a start.
+
+    Where that is outside what is allowed, it is begun again from there, once, without what it had learnt of curvature.
+    """
     search = _Search(problem, face, tally)
     bounds = find_bounds(problem, face)
-    found = minimize(
-        lambda z: search.values(z)[0], np.clip(x, *bounds.T), jac=lambda z: search.slopes(z)[0], method="SLSQP",
-        bounds=bounds, options={"maxiter": steps, "ftol": 1e-7},
-        constraints={"type": "ineq", "fun": lambda z: search.values(z)[1:], "jac": lambda z: search.slopes(z)[1:]})
-    best = np.clip(found.x, *bounds.T)
+    best = np.clip(x, *bounds.T)
+    for _ in range(2):
+        found = minimize(
+            lambda z: search.values(z)[0], best, jac=lambda z: search.slopes(z)[0], method="SLSQP", bounds=bounds,
+            options={"maxiter": steps, "ftol": 1e-7},
+            constraints={"type": "ineq", "fun": lambda z: search.values(z)[1:], "jac": lambda z: search.slopes(z)[1:]})
+        best = np.clip(found.x, *bounds.T)
+        if search.values(best)[1:].min() >= -ALLOWED:
+            break
     return best, search.values(best)
 
 
-def plan_strike(problem: Problem, *, starts: int = 3, draws: int = DRAWS, seed: int = 0,
+def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, seed: int = 0,
                 near: Sequence[tuple[int, np.ndarray]] = (), progress: Callable[[str], object] | None = None
                 ) -> StrikePlan:
     """Plan one impact.
 
-    Where nothing worth its while is found, or less than `FOUND` of what closed forms see, it is searched for again from
-    other and more starts, `WIDER` times at most.
+    Where nothing worth its while is found, or closed forms see a much better design than the one that is, it is
+    searched for again from other and more starts, `WIDER` times at most.
 
     Args:
         problem: what is given, allowed and wanted.
@@ -174,12 +182,15 @@ def plan_strike(problem: Problem, *, starts: int = 3, draws: int = DRAWS, seed: 
             x, values = refine(problem, face, x, tally)
             if values[0] < LOST:
                 ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
-        least = min((end[1] for end in ends if end[0]), default=untouched)
-        if untouched - least >= max(FOUND * (untouched - estimate), LEAST_GAIN * untouched):
+        ends.sort(key=lambda end: (not end[0], end[1]))
+        if not ends or not ends[0][0] or untouched - ends[0][1] < LEAST_GAIN * untouched:
+            continue
+        # Closed forms against closed forms: what they promise everywhere alike, no search can find.
+        if untouched - estimate_score(problem, *ends[0][2:4], draws) >= FOUND * (untouched - estimate):
             break
     if not ends:
         raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
-    allowed, best, face, x, values = min(ends, key=lambda end: (not end[0], end[1]))
+    allowed, best, face, x, values = ends[0]
     design = read_design(problem, jnp.asarray(face), jnp.asarray(x))
     collision = strike_debris(problem, design)
     return StrikePlan(

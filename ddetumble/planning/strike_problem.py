@@ -19,9 +19,9 @@ from jaxtyping import Array
 
 from .._numerics import safe_divide, scalar
 from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
-from ..contact.gripping import Patch, StrikeLaw, find_height
+from ..contact.gripping import StrikeLaw, find_height
 from ..dynamics.angles import measure_nutation
-from ..dynamics.collision import collide, reduce_mass
+from ..dynamics.collision import collide
 from ..dynamics.free_motion import coast, coast_symmetric
 from ..dynamics.outcome import Collision
 from ..dynamics.rigid import measure_energy
@@ -31,9 +31,9 @@ from ..dynamics.surfaces import Debris
 VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first tangential speed",
              "second tangential speed", "pressure", "instant")
 SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
-CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "reachable side", "nothing else hit")
+CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
+               "nothing else hit")
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384
-SETTLED = 0.999  # of the arm's speed, to which designs that are looked at are brought: just inside
 MISSED = 1e-3  # share of the least approach speed, below which a ball strikes nothing
 TINY = 1e-7  # share of the momentum below which its size is rounded off
 PATH = np.linspace(0.1, 1.0, 6)  # shares of the clearance time at which the ball's path is looked at
@@ -241,7 +241,17 @@ def score(problem: Problem, rates: Array) -> Array:
     return goal.momentum * momentum + goal.energy * energy + goal.nutation * nutation
 
 
-def _keep_clear(problem: Problem, design: Design, collision: Collision, radius: Array) -> Array:
+class Parting(eqx.Module):
+    """Body and ball at separation; names as of `Collision`."""
+
+    attitude: Array
+    angular_velocity: Array
+    displacement: Array
+    velocity: Array
+    arm_velocity: Array
+
+
+def keep_clear(problem: Problem, design: Design, after: Parting | Collision, radius: Array) -> Array:
     """Least distance between ball and body before and after the contact, less what it is at first touch [m].
 
     The ball keeps its velocity on either side, the body its rates; over less than a second that is enough.
@@ -257,15 +267,27 @@ def _keep_clear(problem: Problem, design: Design, collision: Collision, radius: 
     earlier = jax.vmap(lambda t: distance(-t, design.attitude, design.angular_velocity, start, design.velocity,
                                           jnp.zeros(3), jnp.zeros(3)))(times)
     # The ball touches where it ends: it is placed a radius off the surface again.
-    moved = collision.displacement + rotate(collision.attitude, design.point)
-    away = moved + radius * rotate(collision.attitude, surface.find_foot(design.point).normal)
-    later = jax.vmap(lambda t: distance(t, collision.attitude, collision.angular_velocity, away,
-                                        collision.arm_velocity, collision.displacement, collision.velocity))(times)
+    moved = after.displacement + rotate(after.attitude, design.point)
+    away = moved + radius * rotate(after.attitude, surface.find_foot(design.point).normal)
+    later = jax.vmap(lambda t: distance(t, after.attitude, after.angular_velocity, away, after.arm_velocity,
+                                        after.displacement, after.velocity))(times)
     return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
 
 
+def judge_margins(limits: Limits, margins: Array) -> Array:
+    """Nearest and next nearest edge, scaled, shape (2,)."""
+    nearest = jnp.argmin(margins)
+    others = jnp.where(jnp.arange(margins.size) == nearest, jnp.inf, margins)
+    # No more than from a metre off: where there is no other edge, there is nothing to be told.
+    return jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
+
+
 def judge(problem: Problem, design: Design, collision: Collision) -> Array:
-    """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,)."""
+    """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,).
+
+    The next edge holds nothing that the edge does not: in a corner, where the lever arm is largest and the nearest edge
+    changes, it tells a search of the other one, so that both hold it there.
+    """
     limits = problem.limits
     diameter = problem.law.reference.ball.diameter()
     radius = find_height(diameter, jnp.zeros(()))
@@ -273,7 +295,7 @@ def judge(problem: Problem, design: Design, collision: Collision) -> Array:
     return jnp.stack([
         1.0 - jnp.sum(design.velocity**2) / limits.speed**2, collision.approach_speed / limits.approach - 1.0,
         1.0 - collision.peak_force / limits.force, 1.0 - collision.peak_depression / limits.depression,
-        (collision.margin - limits.edge) / 0.1, side, _keep_clear(problem, design, collision, radius) / 0.01])
+        *judge_margins(limits, collision.margins), side, keep_clear(problem, design, collision, radius) / 0.01])
 
 
 @eqx.filter_jit
@@ -308,72 +330,3 @@ def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
         collision.approach_speed / problem.limits.approach - 1.0)
     bad = (collision.failed | ~collision.separated) & ~missed
     return jnp.where(missed, blank, jnp.where(bad, jnp.nan, values))
-
-
-@eqx.filter_jit
-def screen(problem: Problem, faces: Array, designs: Array) -> tuple[Array, Array]:
-    """The same columns for many designs by closed forms: where searches start.
-
-    The impact is an instant: normal impulse by the reduced mass, friction sliding throughout or stopping the slip, the
-    peak by energy on a force that grows with the square of the depression. Never a plan's result.
-
-    Returns:
-        The designs, their velocities changed where the arm is too slow for them, shape (designs, 7); the columns, shape
-        (designs, 1 + constraints).
-    """
-    def one(face, x):
-        x = _settle(problem, face, x)
-        return x, _estimate(problem, face, x)
-
-    return jax.vmap(one)(faces, designs)
-
-
-def _settle(problem: Problem, face: Array, x: Array) -> Array:
-    """A design whose arm is no faster than it can: its velocity cut along the normal first, then across."""
-    design, most = read_design(problem, face, x), SETTLED * problem.limits.speed
-    local = rotate_back(design.attitude, design.velocity)
-    normal = rotate_back(design.attitude, design.normal)
-    first, second = span_plane(normal)
-    along, across = normal @ local, jnp.stack([first @ local, second @ local])
-    kept = jnp.clip(along, -most, most)
-    # Where the surface recedes faster than the arm can follow, nothing is kept of the approach: that stays a violation.
-    approach = jnp.maximum(x[SPEED] + (along - kept) / problem.unit, jnp.minimum(x[SPEED], 0.0))
-    size = jnp.sqrt(jnp.sum(across**2) + 1e-300)
-    cut = jnp.minimum(1.0, jnp.sqrt(most**2 - kept**2) / size) - 1.0
-    return x.at[SPEED].set(approach).at[SLIPS].add(cut * across / problem.unit)
-
-
-def _estimate(problem: Problem, face: Array, x: Array) -> Array:
-    limits, debris, reference = problem.limits, problem.debris, problem.law.reference
-    design = read_design(problem, face, x)
-    foot = debris.surface.find_foot(design.point)
-    local = rotate_back(design.attitude, design.velocity)
-    relative = local - jnp.cross(design.angular_velocity, design.point)
-    speed = -(foot.normal @ relative)
-    mass = reduce_mass(debris, design.point, foot.normal, reference.ball.inertia())
-    approach = jnp.maximum(speed, 0.0)
-    impulse = mass * (1.0 + reference.ball.rebound()) * approach
-    conditions = {**problem.conditions, "initial_pressure": design.pressure, "approach_speed": jnp.maximum(speed, 1e-3)}
-    law, probe, blank = problem.law.normal, 5e-3, jnp.zeros((len(problem.law.normal.stateful()),))
-    contact = law.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(probe), jnp.zeros(()),
-                          blank)
-    curve = contact.elastic_force / probe**2
-    depression = jnp.cbrt(1.5 * mass * approach**2 / curve)
-    across = relative + speed * foot.normal
-    slip = jnp.sqrt(jnp.sum(across**2) + 1e-12)
-    height = find_height(reference.ball.diameter(), jnp.zeros(()))
-    patch = Patch(jnp.zeros(()), jnp.asarray(probe), contact.contact_radius, height, contact.pressure,
-                  contact.elastic_force, conditions)
-    friction = problem.law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / contact.elastic_force
-    # What a tangential impulse changes the slip by: of ball, arm and body.
-    turned = jnp.cross(design.point, across / slip)
-    give = (1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass + 1.0 / debris.mass
-            + turned @ jnp.linalg.solve(debris.inertia, turned))
-    rubbed = jnp.minimum(friction * impulse, slip / give)
-    push = rubbed * across / slip - impulse * foot.normal
-    rates = design.angular_velocity + jnp.linalg.solve(debris.inertia, jnp.cross(design.point, push))
-    margin = foot.margin - contact.contact_radius * depression / probe
-    return jnp.stack([
-        score(problem, rates), 1.0 - jnp.sum(design.velocity**2) / limits.speed**2, speed / limits.approach - 1.0,
-        1.0 - curve * depression**2 / limits.force, 1.0 - depression / limits.depression,
-        (margin - limits.edge) / 0.1, jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), jnp.zeros(())])
