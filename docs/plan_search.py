@@ -1,6 +1,6 @@
 """Whether planned sequences depend on the seed, and whether a tighter limit ever gives a better plan.
 
-    python -m docs.plan_search -o fits/plan-search [--seeds 6] [--scenarios 8]
+    python -m docs.plan_search -o fits/plan-search [--seeds 6] [--scenarios 4]
 
 Seeds: `paper-case-1` with 76 N and 40 impacts, where one impact takes 8 % and the arm is ten times too fast for it; the
 same plan is asked of every seed. Limits: scenarios drawn at random (shapes with equal moments among them), each planned
@@ -162,7 +162,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--scenarios", type=int, default=8)
+    parser.add_argument("--scenarios", type=int, default=4)
     parser.add_argument("--first", type=int, default=0, help="number of the first scenario")
     given = parser.parse_args(arguments)
     seeds, limits = study_seeds(given.seeds), study_limits(given.scenarios, given.first)

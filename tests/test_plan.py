@@ -163,6 +163,20 @@ def test_estimate_is_near_the_impact():
         np.testing.assert_allclose(rough[[1, 2, 7]], exact[[1, 2, 7]], atol=1e-9)
 
 
+def test_of_many_faces_the_most_promising_are_searched():
+    """256 designs are enough for two faces of three: those near, and that of the best."""
+    problem = pose([0.05, 0.02, 0.03], 0.2)
+    every = find_starts(problem, 1)
+    for seed in range(3):
+        found = find_starts(problem, 3, draws=256, seed=seed)
+        assert found.places[0][0] == every.places[0][0] and len({face for face, _ in found.places}) <= 2
+        assert found.score < every.score + 0.002
+    kept = find_starts(problem, 3, draws=256, near=[(face, np.zeros(7)) for face in (1, 2)])
+    assert {face for face, _ in kept.places} <= {1, 2}
+    # A design that it is given is in the first generation, and is not lost.
+    assert find_starts(problem, 1, draws=256, near=every.places).score <= every.score + 1e-9
+
+
 def test_slopes_are_those_of_differences():
     """Score and all constraints by all seven variables."""
     problem = pose([0.05, 0.02, 0.03], 0.2)

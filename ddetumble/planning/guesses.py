@@ -11,8 +11,10 @@ from .screening import screen
 from .strike_problem import SLIPS, SPEED, VARIABLES, Problem, reach_speed, score
 
 
-DRAWS, EACH = 2048, 128  # designs of a generation, on all faces together and on each of many at least
+DRAWS = 2048  # designs of a generation, on all faces together; a power of 2, as a Sobol sample is even there
+EACH = 128  # on one face at least: of more faces than that leaves room for, the most promising after a short look
 GENERATIONS = 120  # after which the best of one seed is that of another to a thousandth
+LOOKS = 20  # generations of that look
 LEADERS = 0.1  # share of a face's designs, towards one of which each is moved
 STRETCH, CROSSED = (0.4, 0.9), 0.9  # of steps, and share of variables that they change (Zhang and Sanderson 2009)
 APART = 0.3  # distance of two starts on one face, in variables
@@ -55,7 +57,8 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
 
     A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
     difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
-    nothing has to be compiled for it; the integrated impact is refined with one.
+    nothing has to be compiled for it; the integrated impact is refined with one. Of many faces a short evolution on all
+    of them chooses those of the long one.
 
     Args:
         problem: what is given, allowed and wanted.
@@ -64,33 +67,56 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
         seed: of their places.
         near: further designs of the first, such as the impact before.
     """
-    names = problem.debris.surface.face_names()
-    draws = max(draws, EACH * len(names))
+    count, most = len(problem.debris.surface.face_names()), max(draws // EACH, 1)
+    chosen = np.arange(count)
+    if count > most:
+        # Those near are always kept; of more faces than designs, each seed leaves out others.
+        kept, order = [face for face, _ in near], np.random.default_rng(seed).permutation(count)
+        chosen = _put_first(kept, order)[:draws]
+        faces, _, worth, _ = _evolve(problem, chosen, draws, seed, near, LOOKS)
+        best = [np.min(worth[faces == face]) for face in chosen]
+        chosen = _put_first(kept, chosen[np.argsort(best, kind="stable")])[: max(most, len(near))]
+    faces, x, worth, least = _evolve(problem, chosen, draws, seed, near, GENERATIONS)
+    return Starts(tuple((int(faces[k]), x[k]) for k in _part(faces, x, worth, starts)),
+                  min(least, float(score(problem, problem.angular_velocity))))
+
+
+def _put_first(some: Sequence[int], every: np.ndarray) -> np.ndarray:
+    return np.array(list(dict.fromkeys([*some, *every.tolist()])))
+
+
+def _evolve(problem: Problem, chosen: np.ndarray, draws: int, seed: int, near: Sequence[tuple[int, np.ndarray]],
+            generations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Faces, variables and worth of the last generation, on the chosen faces alike; the least score seen allowed."""
+    group = np.arange(draws) % len(chosen)
+    faces, count, x = chosen[group], np.bincount(group), _spread(problem, draws, seed)
+    for k, (face, place) in enumerate(near):
+        x[np.flatnonzero(faces == face)[k]] = place
+    x, worth, least = _rank(problem, faces, x)
+    low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in chosen]), -1, 0)
+    first, draw = np.concatenate([[0], np.cumsum(count)[:-1]]), np.random.default_rng(seed)
+    for _ in range(generations):
+        ranked = np.lexsort((worth, group))
+        leader = ranked[first[group] + (draw.random(draws) * np.maximum(LEADERS * count, 1.0)[group]).astype(int)]
+        one, other = (group + len(chosen) * (draw.random(draws) * count[group]).astype(int) for _ in range(2))
+        step = draw.uniform(*STRETCH, (draws, 1))
+        moved = np.where(draw.random(x.shape) < CROSSED, x + step * (x[leader] - x + x[one] - x[other]), x)
+        moved, found, seen = _rank(problem, faces, np.clip(moved, low[group], high[group]))
+        better = found < worth
+        x, worth, least = np.where(better[:, None], moved, x), np.where(better, found, worth), min(least, seen)
+    return faces, x, worth, least
+
+
+def _spread(problem: Problem, draws: int, seed: int) -> np.ndarray:
+    """Variables of a Sobol sample, at speeds that may be allowed, shape (draws, 7)."""
     x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
-    faces = np.arange(draws) % len(names)
     low, high = find_bounds(problem, 0)[SPEED]
     x[:, SPEED] = low + 0.5 * (1.0 + x[:, SPEED]) * (min(FAST, high) - low)
     # Half of the designs come along the moment that is wanted: others are rarely best. An eighth may rub as fast as the
     # arm can.
     x[::2, SLIPS] *= 0.1
     x[1::8, SLIPS] *= high
-    for k, (face, place) in enumerate(near):
-        x[face + k * len(names)] = place
-    x, worth, least = _rank(problem, faces, x)
-    low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in range(len(names))]), -1, 0)
-    count, draw = np.bincount(faces), np.random.default_rng(seed)
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    for _ in range(GENERATIONS):
-        ranked = np.lexsort((worth, faces))
-        leader = ranked[first[faces] + (draw.random(draws) * np.maximum(LEADERS * count, 1.0)[faces]).astype(int)]
-        one, other = (faces + len(names) * (draw.random(draws) * count[faces]).astype(int) for _ in range(2))
-        step = draw.uniform(*STRETCH, (draws, 1))
-        moved = np.where(draw.random(x.shape) < CROSSED, x + step * (x[leader] - x + x[one] - x[other]), x)
-        moved, found, seen = _rank(problem, faces, np.clip(moved, low[faces], high[faces]))
-        better = found < worth
-        x, worth, least = np.where(better[:, None], moved, x), np.where(better, found, worth), min(least, seen)
-    return Starts(tuple((int(faces[k]), x[k]) for k in _part(faces, x, worth, starts)),
-                  min(least, float(score(problem, problem.angular_velocity))))
+    return x
 
 
 def estimate_score(problem: Problem, face: int, x: np.ndarray, draws: int = DRAWS) -> float:
