@@ -145,15 +145,18 @@ def tell(seeds: list[dict], limits: list[dict]) -> str:
         f"impact of the fewest ({fewest}; no plan does with fewer than {seeds[0]['bound'] if seeds else 0}).",
         f"- {len(limits)} scenarios drawn at random, each with {len(TIGHTER)} limits tightened in turn: in {better} of "
         f"{pairs} pairs the tighter limit gives the better plan (fewer impacts, or, where neither reaches its share, "
-        f"{100 * WORSE:g} % of the momentum at the start less).", "",
-        "| scenario | shape | reached | impacts | left | tighter limits that give a better plan |",
-        "| --- | --- | --- | --- | --- | --- |"]
+        f"{100 * WORSE:g} % of the momentum at the start less).",
+        "- The lead is how much less of the momentum at the start the best plan under a tightened limit leaves, whether or "
+        "not both reach the share.",
+        "- This is a sample: where it shows no failure of the search, it does not prove that there is none.", "",
+        "| scenario | shape | reached | impacts | left | lead | tighter limits that give a better plan |",
+        "| --- | --- | --- | --- | --- | --- | --- |"]
     for row in limits:
         told = ", ".join(f"{name} ({row['tighter'][name]['impacts']} impacts, {100 * row['tighter'][name]['left']:.2f} "
                          "%)" for name in row["better"]) or "none"
         wide = row["wide"]
         lines.append(f"| {row['scenario']} | {row['shape']} | {'yes' if wide['reached'] else 'no'} | {wide['impacts']} "
-                     f"| {100 * wide['left']:.2f} % | {told} |")
+                     f"| {100 * wide['left']:.2f} % | {100 * row['ahead']:.4f} % | {told} |")
     return "\n".join([*lines, ""])
 
 

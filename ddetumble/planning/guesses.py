@@ -63,7 +63,7 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
     Args:
         problem: what is given, allowed and wanted.
         starts: how many are wanted.
-        draws: designs of a generation.
+        draws: designs of a generation; a power of 2.
         seed: of their places.
         near: further designs of the first, such as the impact before.
     """

@@ -161,9 +161,9 @@ def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, s
     Args:
         problem: what is given, allowed and wanted.
         starts: how many of the designs that closed forms find promising are refined on the integrated impact.
-        draws: how many designs the closed forms look at in every round, all at once under `vmap`.
+        draws: how many designs the closed forms look at in every generation, all at once under `vmap`; a power of 2.
         seed: of their places.
-        near: faces and variables about which they look as well, such as those of the impact before.
+        near: faces and variables that they look at as well, such as those of the impact before.
         progress: told one line at a time.
 
     Raises:
@@ -186,7 +186,8 @@ def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, s
         if not ends or not ends[0][0] or untouched - ends[0][1] < LEAST_GAIN * untouched:
             continue
         # Closed forms against closed forms: what they promise everywhere alike, no search can find.
-        if untouched - estimate_score(problem, *ends[0][2:4], draws) >= FOUND * (untouched - estimate):
+        _, _, face, x, _ = ends[0]
+        if untouched - estimate_score(problem, face, x, draws) >= FOUND * (untouched - estimate):
             break
     if not ends:
         raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
