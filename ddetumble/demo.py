@@ -64,6 +64,7 @@ def plan_one(folder: Path, number: int) -> list[str]:
         number: of the impact on this ball, for effects that know how often it was used.
     """
     from .planning.ambiguity import assess_plan
+    from .planning.measured import find_measured_ranges, list_extrapolations, warn_of_extrapolation
     from .planning.scenario import pose_laws, pose_problem, read_scenario
     from .planning.sequence import plan_sequence
     from .planning.tables import BallTable, UncertaintyTable
@@ -75,14 +76,16 @@ def plan_one(folder: Path, number: int) -> list[str]:
         update={"ball": ball, "uncertainty": UncertaintyTable()})
     laws = pose_laws(scenario, place)
     assert laws is not None
-    problem = pose_problem(scenario, place, laws)
+    problem, ranges = pose_problem(scenario, place, laws), find_measured_ranges(scenario, place)
     share = scenario.goal.share
     found = plan_sequence(problem, share, 1, starts=2)
     if not found.impacts:
-        return [describe_plan(problem, found, share)]
+        return [describe_plan(problem, found, share, ranges)]
     sure = assess_plan(problem, found.impacts[0], laws)
-    page = write_plan(problem, found, folder / "plan", title=scenario.title, share=share, assessment=sure)
+    page = write_plan(problem, found, folder / "plan", title=scenario.title, share=share, assessment=sure,
+                      ranges=ranges)
     left = sure.whole.momentum
     told = (f"It takes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum out (90 % of the "
             f"draws: {100 * (1 - left.q95):.2f} to {100 * (1 - left.q05):.2f} %).")
-    return [told, *sure.sentences[1:], f"Where, how fast and when: {page}"]
+    beyond = warn_of_extrapolation(list_extrapolations(ranges, found.impacts, problem.conditions))
+    return [told, *sure.sentences[1:], *filter(None, [beyond]), f"Where, how fast and when: {page}"]

@@ -24,7 +24,7 @@ from ddetumble import Ball, CoulombFriction, Cylinder, Striker
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.planning.guesses import find_bounds, find_starts
 from ddetumble.planning.strike_plan import StrikePlan, plan_strike
-from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, evaluate_slopes, is_symmetric
+from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, evaluate_slopes, make_problem
 
 
 PENALTY = 3.0
@@ -42,8 +42,8 @@ def pose(number: int) -> Problem:
     limits = Limits(chaser=chaser / np.linalg.norm(chaser), cone=np.radians(60.0), force=draw.uniform(200.0, 1500.0))
     law = Striker(Ball(effective_mass=draw.uniform(4.0, 15.0)), CoulombFriction(draw.uniform(0.05, 0.4)),
                   tangential_mass=8.0, rolling_mass=1e9).extend(())
-    return Problem(law, debris, draw.normal(size=4), momentum / np.diag(np.asarray(debris.inertia)), limits, Goal(), {},
-                   is_symmetric(debris))
+    return make_problem(law, debris, draw.normal(size=4), momentum / np.diag(np.asarray(debris.inertia)), limits,
+                        Goal(), {})
 
 
 class Worth:
@@ -67,7 +67,7 @@ class Worth:
 def find_reference(problem: Problem) -> dict:
     """Best score by differential evolution and local rounds, with its count of impacts and its last improvement."""
     worth = Worth(problem)
-    bounds = [(-1.0, 1.0)] * 7 + [(0.0, len(worth.names) - 1e-9)]
+    bounds = [(-1.0, 1.0), *find_bounds(problem, 0)[1:], (0.0, len(worth.names) - 1e-9)]
     found = differential_evolution(worth, bounds, maxiter=GENERATIONS, popsize=POPULATION, seed=1, polish=False, tol=0)
     best, gain = search_near(worth, found.x, found.fun)
     return {"score": best, "impacts": worth.count, "last_gain": gain}
@@ -75,7 +75,7 @@ def find_reference(problem: Problem) -> dict:
 
 def search_near(worth: Worth, centre: np.ndarray, best: float) -> tuple[float, float]:
     """Best score of a dense local sample in a box that shrinks round by round, and what the last round gained."""
-    box, width, gain = find_bounds(worth.names, worth.face(centre)), 0.15, 1.0
+    box, width, gain = find_bounds(worth.problem, worth.face(centre)), 0.15, 1.0
     for turn in range(ROUNDS):
         before = best
         for unit in qmc.Sobol(7, rng=np.random.default_rng(turn)).random(LOCAL):
@@ -100,8 +100,7 @@ def search_from_plan(problem: Problem, plan: StrikePlan) -> float:
 
 def measure_costs(problem: Problem) -> dict[str, float]:
     """Time of a gradient and of the closed forms over that of an impact [-], each the least of several."""
-    x, face = jnp.asarray(find_starts(problem, 1)[0][1]), jnp.asarray(find_starts(problem, 1)[0][0])
-
+    face, x = (jnp.asarray(one) for one in find_starts(problem, 1).places[0])
     actions = {"impact": lambda: np.asarray(evaluate(problem, face, x)),
                "gradient": lambda: np.asarray(evaluate_slopes(problem, face, x)[0]),
                "starts": lambda: find_starts(problem, 3)}

@@ -47,19 +47,22 @@ RESULT = """\
 | `schema` | `ddetumble.plan-result/1` |
 | `scenario`, `title`, `version` | file, its title, version of ddetumble |
 | `sentence` | the answer in words |
-| `possible`, `reached` | whether any impact helps; whether the wanted share is reached |
+| `possible`, `reached` | whether any impact helps, null if the search failed; whether the wanted share is reached |
 | `wanted_share`, `share_left`, `axial_share` | of the angular momentum: wanted, left, what no normal force can take |
 | `impulse`, `duration` | sizes of all contact impulses added up [N s]; from time 0 to the last separation [s] |
 | `fewest_impacts` | lower bound on their number; null where none can be given |
 | `together` | what changing all impacts at once gained |
 | `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
 | `refused` | the best further impact, where it is not allowed or not worth its while |
+| `measured` | values over which the ball's fits were measured; empty for the paper's ball |
 | `uncertainty` | distribution of the momentum left, by model, and whether it matters which is true |
 
 An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `impulse` and `angular_momentum` are
 inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives.
 `certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
-`gradient_error` its largest difference from central differences.
+`gradient_error` its largest difference from central differences. `extrapolated` lists what lies outside of
+`measured`. In `refused`, `estimate` is the least that closed forms see allowed, and `missed` says whether that is worth
+its while: then the search has failed.
 """
 
 

@@ -33,11 +33,13 @@ def plan_impacts(
     """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes."""
     shipped = find_data() / "scenarios" / scenario.name
     path = scenario if scenario.exists() or scenario.parent.name or not shipped.is_file() else shipped
+    from ..planning.measured import find_measured_ranges
     from ..planning.scenario import pose_laws, pose_problem, read_scenario
 
     wanted = read_scenario(path)
     laws = pose_laws(wanted, path.parent)
     problem = pose_problem(wanted, path.parent, laws)
+    ranges = find_measured_ranges(wanted, path.parent)
     from ..planning.ambiguity import assess_plan
     from ..planning.chain import plan_together
     from ..planning.prospect import assess_sequence
@@ -71,8 +73,8 @@ def plan_impacts(
                 report("trying all impacts on all draws")
                 prospect = assess_sequence(problem, found, laws, goal.share, tail=table.tail)
         write_plan(problem, found, out.draft, title=wanted.title or path.stem, share=wanted.goal.share,
-                   source=path.name, assessment=assessment, plan_for=aim, prospect=prospect)
-    typer.echo(describe_plan(problem, found, wanted.goal.share))
+                   source=path.name, assessment=assessment, plan_for=aim, prospect=prospect, ranges=ranges)
+    typer.echo(describe_plan(problem, found, wanted.goal.share, ranges))
     for sentence in assessment.sentences if assessment is not None else ():
         typer.echo(sentence)
     if prospect is not None:

@@ -9,8 +9,12 @@ _SERIES = 12
 _SMALL = 0.04
 
 
-def _phi(x: Array) -> Array:
-    """(x - log(1 + x)) / x**2, by its series near zero."""
+def damped_work(x: Array) -> Array:
+    r"""$(x - \ln(1 + x))/x^2$, by its series near zero: half at 0, and less where damping takes a part of it.
+
+    With $\kappa = c_n v_1$ the work of the spring alone while the rate falls from $v_1$ to $s v_1$ is
+    $m v_1^2 (\phi(\kappa) - s^2 \phi(\kappa s))$, for any spring law.
+    """
     small = jnp.abs(x) < _SMALL
     inside = jnp.where(small, x, 0.0)
     series = jnp.zeros_like(inside)
@@ -26,7 +30,7 @@ def restitution_balance(kappa: Array, restitution: Array) -> Array:
     The closed form $\kappa - \ln(1+\kappa) = -\kappa e - \ln(1 - \kappa e)$ divided by $\kappa^2$, so that it stays
     regular at $\kappa = 0$ (where $e = 1$).
     """
-    return _phi(kappa) - restitution**2 * _phi(-kappa * restitution)
+    return damped_work(kappa) - restitution**2 * damped_work(-kappa * restitution)
 
 
 @jax.custom_jvp

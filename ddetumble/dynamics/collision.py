@@ -104,7 +104,7 @@ class _Touch(eqx.Module):
     friction: Array
     slip: Array
     slider: Array
-    margin: Array
+    margins: Array
     change: Any
 
 
@@ -204,7 +204,7 @@ def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
         arm_work=arm @ velocity, normal_loss=normal_force * rate, rolling_loss=brake @ rolling,
         friction_loss=friction @ slip, own=normal_law.rates(contact, state.own))
     return _Touch(depression, rate, contact.pressure, normal_force, friction, safe_sqrt(slip @ slip), sliding,
-                  foot.margin - contact.contact_radius, moved)
+                  foot.margins - contact.contact_radius, moved)
 
 
 @jax.jit
@@ -342,15 +342,18 @@ def _read_course(setup: _Setup, evaluate: Callable[[Array], _State], unit: Array
     def read(share):
         touch = _touch(setup, share * end * unit, evaluate(share * end))
         return Course(share * end * unit, touch.depression, touch.rate, touch.pressure, touch.normal_force,
-                      touch.friction, touch.slip, touch.margin)
+                      touch.friction, touch.slip, touch.margins)
 
     return jax.vmap(read)(jnp.asarray(SHARES))
 
 
 def _find_peak(time: Array, values: Array) -> Array:
     """Largest value, by the parabola through the three places about the largest one."""
-    k = jnp.clip(jnp.argmax(values), 1, values.size - 2)
-    t, y = (jax.lax.dynamic_slice(x, (k - 1,), (3,)) for x in (time, values))
+    # As sums over a mask: XLA fuses a slice at a traced place with all that `values` is computed from, and for a
+    # polytope with an axis of equal moments cannot compile what comes out (jax 0.12.0, CPU).
+    places = jnp.clip(jnp.argmax(values), 1, values.size - 2) + jnp.arange(-1, 2)
+    mask = places[:, None] == jnp.arange(values.size)
+    t, y = (jnp.sum(jnp.where(mask, x, 0.0), axis=1) for x in (time, values))
     left, right = t[1] - t[0], t[2] - t[1]
     rise, fall = safe_divide(y[1] - y[0], left), safe_divide(y[2] - y[1], right)
     bend = safe_divide(fall - rise, left + right)
@@ -382,4 +385,4 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
     return Collision(
         attitude, after, momentum, body, final.debris, final.debris_momentum, velocity, setup.normal, speed, sliding,
         end, _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
-        jnp.max(course.pressure), jnp.min(course.margin), course, ledger, separated, bad | ~finite, steps)
+        jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)

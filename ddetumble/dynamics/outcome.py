@@ -1,6 +1,7 @@
 """What one impact on debris in free fall leaves: both bodies after it, and where momentum and energy went."""
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..contact.effect import Scalar
@@ -16,7 +17,7 @@ class Course(eqx.Module):
         normal_force: on the debris [N].
         friction: on the debris, inertial components, shape (places, 3) [N].
         slip_speed: of the ball over the surface [m/s].
-        margin: from the rim of the contact disc to the nearest edge of the surface [m].
+        margins: from the rim of the contact disc to each edge of the face, shape (places, edges) [m].
     """
 
     time: Float[Array, " places"]
@@ -26,7 +27,7 @@ class Course(eqx.Module):
     normal_force: Float[Array, " places"]
     friction: Float[Array, "places 3"]
     slip_speed: Float[Array, " places"]
-    margin: Float[Array, " places"]
+    margins: Float[Array, "places edges"]
 
 
 class Ledger(eqx.Module):
@@ -75,7 +76,7 @@ class Collision(eqx.Module):
         approach_speed, tangential_speed: along the normal and across, at first touch [m/s].
         separation: time of separation [s].
         peak_force, peak_depression, peak_pressure: largest values [N], [m], [Pa].
-        margin: least distance of the contact disc from an edge; below zero it reaches over one [m].
+        margins: least distance of the contact disc from each edge; below zero it reaches over one, shape (edges,) [m].
         course: the contact over its duration.
         ledger: momentum and energy.
         separated: whether they separated within the span.
@@ -97,12 +98,17 @@ class Collision(eqx.Module):
     peak_force: Scalar
     peak_depression: Scalar
     peak_pressure: Scalar
-    margin: Scalar
+    margins: Float[Array, " edges"]
     course: Course
     ledger: Ledger
     separated: Bool[Array, ""]
     failed: Bool[Array, ""]
     steps: Array
+
+    @property
+    def margin(self) -> Array:
+        """Least distance of the contact disc from the nearest edge [m]."""
+        return jnp.min(self.margins, axis=-1)
 
 
 def weigh_ledger(collision: Collision) -> dict[str, Array]:

@@ -27,12 +27,18 @@ class Foot(eqx.Module):
     Attributes:
         distance: of the point from the surface, below zero inside [m].
         normal: outward, unit, shape (3,) [-].
-        margin: from there to the nearest edge of the face; below zero where the nearest place is the edge itself [m].
+        margins: from there to each edge of the face, shape (edges,); below zero where the nearest place is the edge
+            itself, `FAR` for edges of other faces [m].
     """
 
     distance: Float[Array, ""]
     normal: Float[Array, " 3"]
-    margin: Float[Array, ""]
+    margins: Float[Array, " edges"]
+
+    @property
+    def margin(self) -> Array:
+        """To the nearest edge [m]."""
+        return jnp.min(self.margins)
 
 
 class AbstractSurface(eqx.Module):
@@ -78,14 +84,16 @@ class CylinderSurface(AbstractSurface):
         return ("side", "upper end", "lower end")
 
     def find_foot(self, point: Array) -> Foot:
-        """Side where it is the nearer face, else an end; margin by the way along the face to the rim."""
+        """Side where it is the nearer face, else an end; margins by the way along the face to upper and lower rim."""
         across = safe_sqrt(point[0] ** 2 + point[1] ** 2)
         up = jnp.where(point[2] < 0, -1.0, 1.0)
         beside, above = across - self.radius, up * point[2] - 0.5 * self.length
         side = beside > above
         outward = jnp.stack([safe_divide(point[0], across), safe_divide(point[1], across), jnp.zeros_like(across)])
         axial = jnp.stack([jnp.zeros_like(up), jnp.zeros_like(up), up])
-        return Foot(jnp.where(side, beside, above), jnp.where(side, outward, axial), -jnp.where(side, above, beside))
+        ends = jnp.stack([point[2], -point[2]]) - 0.5 * self.length
+        margins = jnp.where(side, -ends, jnp.where(jnp.stack([up, -up]) > 0, -beside, FAR))
+        return Foot(jnp.where(side, beside, above), jnp.where(side, outward, axial), margins)
 
     def place(self, face: Array, coordinates: Array) -> Array:
         """Side: turn over pi and height over half the length. Ends: a square mapped onto the disc, no two alike."""
@@ -121,7 +129,7 @@ class SphereSurface(AbstractSurface):
     def find_foot(self, point: Array) -> Foot:
         """Radially below the point; no edges."""
         size = safe_sqrt(jnp.sum(point**2))
-        return Foot(size - self.radius, point / jnp.where(size > 0, size, 1.0), jnp.full_like(size, FAR))
+        return Foot(size - self.radius, point / jnp.where(size > 0, size, 1.0), jnp.full((1,), FAR))
 
     def place(self, face: Array, coordinates: Array) -> Array:
         """Longitude over pi, and sine of the latitude."""
@@ -163,14 +171,14 @@ class Polytope(AbstractSurface):
         return self.names
 
     def find_foot(self, point: Array) -> Foot:
-        """Below the point on the face that it is farthest outside of; margin to the neighbouring planes."""
+        """Below the point on the face that it is farthest outside of; margins to the neighbouring planes."""
         heights = self.normals @ point - self.offsets
         face = jnp.argmax(heights)
         normal, distance = self.normals[face], heights[face]
         beyond = heights - distance * (self.normals @ normal)
         lean = jnp.sqrt(jnp.maximum(1.0 - (self.normals @ normal) ** 2, 1e-12))
         gaps = jnp.where(jnp.arange(heights.size) == face, FAR, -beyond / lean)
-        return Foot(distance, normal, jnp.min(gaps))
+        return Foot(distance, normal, gaps)
 
     def place(self, face: Array, coordinates: Array) -> Array:
         """Within the rectangle around the face."""

@@ -17,7 +17,7 @@ from .strike_problem import CONSTRAINTS, Goal, Problem
 REFERENCE = name_rival(())
 RESOLUTION = 1e-3  # share of the momentum at the start, below which no difference between models counts
 BEYOND = 1e-2  # scaled constraint by which a limit may be passed before it counts
-UNITS = {"edge": (100.0, "mm"), "nothing else hit": (10.0, "mm")}  # of a scaled constraint; of all others per cent
+UNITS = {"edge": (100.0, "mm"), "next edge": (100.0, "mm"), "nothing else hit": (10.0, "mm")}  # of all others per cent
 
 
 @dc.dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import Any
 
 import diffrax as dfx
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -15,7 +14,7 @@ from scipy.optimize import minimize
 
 from .guesses import find_bounds
 from .sequence import Sequence, measure_share, move_on, plan_sequence
-from .strike_plan import ALLOWED, Certificate, StrikePlan, Tally, weigh_constraints
+from .strike_plan import ALLOWED, STARTS, Certificate, StrikePlan, Tally, weigh_constraints
 from .strike_problem import (
     CONSTRAINTS,
     MISSED,
@@ -29,6 +28,7 @@ from .strike_problem import (
 )
 
 
+STATE = 7  # attitude and rates, which one impact hands on to the next
 IMPULSE, DURATION, SHARE = 0, 1, 2  # places of what `follow_chain` returns before the constraints
 WINDOWS = (0.3, 0.1)  # of the window, to which further sequences are planned that are to be quick
 
@@ -58,32 +58,43 @@ class Chain:
     tally: Tally
 
 
-def _strike(problem: Problem, faces: Array, x: Array, adjoint: dfx.AbstractAdjoint | None) -> Array:
-    start = problem.debris.inertia @ problem.angular_velocity
-
-    def strike(state, one):
-        face, variables = one
-        now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, state)
-        design = read_design(now, face, variables)
-        collision = strike_debris(now, design, adjoint)
-        left = jnp.sum((problem.debris.inertia @ collision.angular_velocity) ** 2) / jnp.sum(start**2)
-        row = jnp.concatenate([jnp.stack([jnp.linalg.norm(collision.impulse), design.instant + collision.separation,
-                                          left]), judge(now, design, collision)])
-        # A ball that does not approach strikes nothing, which its approach says; anything else has to end.
-        ended = ~collision.failed & (collision.separated | (collision.approach_speed <= MISSED * now.limits.approach))
-        row = jnp.where(ended, row, jnp.nan)
-        return (collision.attitude, collision.angular_velocity), row
-
-    return jax.lax.scan(strike, (problem.attitude, problem.angular_velocity), (faces, x))[1]
-
-
-def _add_up(rows: Array) -> Array:
-    end, constraints = rows[-1, SHARE:SHARE + 1], jnp.ravel(rows[:, SHARE + 1:])
-    return jnp.concatenate([jnp.sum(rows[:, :SHARE], axis=0), end, constraints])
+def _strike(problem: Problem, start: Array, state: Array, face: Array, x: Array,
+            adjoint: dfx.AbstractAdjoint | None) -> Array:
+    """Attitude and rates after one impact from those before it, and the impact's row, shape (7 + 3 + constraints,)."""
+    now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, (state[:4], state[4:]))
+    design = read_design(now, face, x)
+    collision = strike_debris(now, design, adjoint)
+    left = jnp.sum((problem.debris.inertia @ collision.angular_velocity) ** 2) / start
+    row = jnp.concatenate([jnp.stack([jnp.linalg.norm(collision.impulse), design.instant + collision.separation, left]),
+                           judge(now, design, collision)])
+    # A ball that does not approach strikes nothing, which its approach says; anything else has to end.
+    ended = ~collision.failed & (collision.separated | (collision.approach_speed <= MISSED * now.limits.approach))
+    return jnp.concatenate([collision.attitude, collision.angular_velocity, jnp.where(ended, row, jnp.nan)])
 
 
 @eqx.filter_jit
-def follow_impacts(problem: Problem, faces: Array, x: Array) -> Array:
+def _follow(problem: Problem, start: Array, state: Array, face: Array, x: Array) -> Array:
+    return _strike(problem, start, state, face, x, None)
+
+
+@eqx.filter_jit
+def _follow_slopes(problem: Problem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
+    """One impact, and its derivatives by the state before and by its variables, the second shape (values, 7 + 7)."""
+    return with_slopes(lambda z: _strike(problem, start, z[:STATE], face, z[STATE:], dfx.ForwardMode()),
+                       jnp.concatenate([state, x]))
+
+
+def _begin(problem: Problem) -> tuple[Array, Array]:
+    """Square of the momentum, and state, at the start."""
+    return (jnp.sum((problem.debris.inertia @ problem.angular_velocity) ** 2),
+            jnp.concatenate([problem.attitude, problem.angular_velocity]))
+
+
+def _add_up(rows: np.ndarray) -> np.ndarray:
+    return np.concatenate([rows[:, :SHARE].sum(axis=0), rows[-1, SHARE : SHARE + 1], rows[:, SHARE + 1 :].ravel()])
+
+
+def follow_impacts(problem: Problem, faces: Array, x: Array) -> np.ndarray:
     """Every impact of a sequence, each from the motion that the one before left.
 
     Args:
@@ -95,20 +106,45 @@ def follow_impacts(problem: Problem, faces: Array, x: Array) -> Array:
         Shape (impacts, 3 + constraints): impulse [N s], time from the last separation to its own [s], square of the
         share of |L| left after it, its constraints; NaN from the first on that could not be integrated to its end.
     """
-    return _strike(problem, faces, x, None)
+    start, state = _begin(problem)
+    rows = []
+    for face, own in zip(jnp.asarray(faces), jnp.asarray(x), strict=True):
+        found = _follow(problem, start, state, face, own)
+        state = found[:STATE]
+        rows.append(np.asarray(found[STATE:]))
+        if np.isnan(rows[-1]).any():
+            break
+    return np.stack(rows + [np.full_like(rows[-1], np.nan)] * (len(x) - len(rows)))
 
 
-def follow_chain(problem: Problem, faces: Array, x: Array) -> Array:
+def follow_chain(problem: Problem, faces: Array, x: Array) -> np.ndarray:
     """Sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints of all impacts:
     `follow_impacts` added up, shape (3 + impacts * constraints,).
     """
     return _add_up(follow_impacts(problem, faces, x))
 
 
-@eqx.filter_jit
-def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[Array, Array]:
-    """The same with derivatives by all variables of all impacts, the second shape (values, impacts, 7)."""
-    return with_slopes(lambda x: _add_up(_strike(problem, faces, x, dfx.ForwardMode())), x)
+def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[np.ndarray, np.ndarray]:
+    """The same with derivatives by all variables of all impacts, the second shape (values, impacts, 7).
+
+    By the chain rule over the state between two impacts: an impact is differentiated by fourteen numbers, however many
+    there are, by one compiled program.
+    """
+    count, width = x.shape
+    start, state = _begin(problem)
+    before = np.zeros((STATE, count, width))  # of the state, by all variables
+    rows, slopes = [], []
+    for k, (face, own) in enumerate(zip(jnp.asarray(faces), jnp.asarray(x), strict=True)):
+        value, slope = _follow_slopes(problem, start, state, face, own)
+        state, slope = value[:STATE], np.asarray(slope)
+        total = np.tensordot(slope[:, :STATE], before, axes=1)
+        total[:, k] += slope[:, STATE:]
+        before = total[:STATE]
+        rows.append(np.asarray(value[STATE:]))
+        slopes.append(total[STATE:])
+    every = np.stack(slopes)
+    return _add_up(np.stack(rows)), np.concatenate([
+        every[:, :SHARE].sum(axis=0), every[-1, SHARE : SHARE + 1], every[:, SHARE + 1 :].reshape(-1, count, width)])
 
 
 class _Search:
@@ -123,8 +159,7 @@ class _Search:
         if self.at[0] != z.tobytes():
             value, slopes = follow_slopes(self.problem, self.faces, jnp.asarray(z.reshape(self.shape)))
             self.tally.slopes += 1
-            rows = np.nan_to_num(np.asarray(slopes)).reshape(-1, z.size)
-            found = np.asarray(value)
+            rows, found = np.nan_to_num(slopes).reshape(-1, z.size), value
             if not np.isfinite(found).all():  # far worse than where it began, and not allowed
                 worst = 10.0 * self.passed[0][1][:3] if self.passed else np.full(3, 1e6)
                 found = np.concatenate([worst, np.full(found.size - 3, -1.0)])
@@ -134,7 +169,7 @@ class _Search:
 
     def follow(self, z: np.ndarray) -> np.ndarray:
         self.tally.values += 1
-        return np.asarray(follow_chain(self.problem, self.faces, jnp.asarray(z.reshape(self.shape))))
+        return follow_chain(self.problem, self.faces, jnp.asarray(z.reshape(self.shape)))
 
 
 def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str = "impulse",
@@ -152,7 +187,7 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
     names = problem.debris.surface.face_names()
     faces = np.array([names.index(plan.face) for plan in sequence.impacts])
     first = np.stack([plan.x for plan in sequence.impacts])
-    bounds = np.concatenate([find_bounds(names, int(face)) for face in faces])
+    bounds = np.concatenate([find_bounds(problem, int(face)) for face in faces])
     search = _Search(problem, faces, first.shape)
     place = {"impulse": IMPULSE, "time": DURATION, "share": SHARE}[aim]
     limit = max(share, 1e-6) ** 2
@@ -204,7 +239,7 @@ def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float,
         allowed = bool(values.min() >= -ALLOWED and collision.separated and not collision.failed)
         proof = dc.replace(chain.certificate, binding=about, least=float(values.min()), margin=float(collision.margin))
         plans.append(StrikePlan(
-            names[int(face)], x, worth, float(score(now, now.angular_velocity)),
+            names[int(face)], x, worth, float(score(now, now.angular_velocity)), worth,
             dict(zip(CONSTRAINTS, map(float, values), strict=True)), design, collision, allowed, proof, chain.tally,
             ((names[int(face)], worth, allowed),)))
         instants.append(time + float(design.instant))
@@ -223,8 +258,8 @@ def _pick(binding: dict[str, float], number: int) -> dict[str, float]:
     return {mark.sub("", name): size for name, size in binding.items() if mark.search(name) or ": " not in name}
 
 
-def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = 3, seed: int = 0,
-                  progress: Callable[[str], object] | None = None) -> Sequence:
+def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = STARTS,
+                  seed: int = 0, progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, and change them all together.
 
     Args:

@@ -1,82 +1,146 @@
-"""Where refinements start: thousands of designs by closed forms at once, then closer about the best of them."""
+"""Where refinements start: thousands of designs by closed forms at once, bettered by differential evolution."""
+
+import dataclasses as dc
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.stats import qmc
 
-from .strike_problem import VARIABLES, Problem, screen
+from .screening import screen
+from .strike_problem import SLIPS, SPEED, VARIABLES, Problem, reach_speed, score
 
 
-DRAWS = 2048  # designs that are looked at in every round, on all faces together
-CENTRES = 16  # about which later rounds look
-ROUNDS, WIDTH, SHRINK = 8, 0.3, 0.7  # of these; standard deviation about a centre, in variables over -1 to 1
-APART, LAST_APART = 0.6, 0.3  # distance of two centres on one face, and of two starts
+DRAWS = 2048  # designs of a generation, on all faces together; a power of 2, as a Sobol sample is even there
+EACH = 128  # on one face at least: of more faces than that leaves room for, the most promising after a short look
+GENERATIONS = 120  # after which the best of one seed is that of another to a thousandth
+LOOKS = 20  # generations of that look
+LEADERS = 0.1  # share of a face's designs, towards one of which each is moved
+STRETCH, CROSSED = (0.4, 0.9), 0.9  # of steps, and share of variables that they change (Zhang and Sanderson 2009)
+APART = 0.3  # distance of two starts on one face, in variables
 WRAPS = ("side", "sphere")  # faces whose first coordinate goes round
-PENALTY = 3.0
+PENALTY = 3.0  # of a scaled violation, in units of the score
+FAST = 2.0  # of the speed that limits allow by the closed form, up to which it may be wrong
 
 
-def find_bounds(names: tuple[str, ...], face: int) -> np.ndarray:
-    """Lowest and highest value of the seven variables, shape (7, 2); an angle may go beyond half a turn."""
+def find_bounds(problem: Problem, face: int) -> np.ndarray:
+    """Lowest and highest value of the seven variables, shape (7, 2).
+
+    An angle may go beyond half a turn. Half of the least approach speed is the slowest, so that every design strikes:
+    a search that came to one which does not would find no slope there.
+    """
     bounds = np.tile([-1.0, 1.0], (len(VARIABLES), 1))
-    if names[face] in WRAPS:
+    if problem.debris.surface.face_names()[face] in WRAPS:
         bounds[0] = [-2.0, 2.0]
+    fastest = float(reach_speed(problem) / problem.unit)
+    bounds[SPEED] = [min(0.5 * float(problem.limits.approach / problem.unit), fastest), fastest]
+    bounds[SLIPS] = [-fastest, fastest]
     return bounds
 
 
-def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0) -> list[tuple[int, np.ndarray]]:
-    """Faces and variables of the most promising designs that are apart from each other, the best first.
+@dc.dataclass(frozen=True)
+class Starts:
+    """Where refinements start.
 
-    A Sobol sample over all faces, then rounds of normal steps about the best of it, ever shorter; each round is one
-    call of `screen`, all designs under `vmap`. Without a gradient, so that nothing has to be compiled for it; the
-    integrated impact is refined with one.
+    Attributes:
+        places: face and variables of the most promising designs, the best first.
+        score: least by closed forms of all designs that these see allowed; that without an impact where they see none.
+    """
+
+    places: tuple[tuple[int, np.ndarray], ...]
+    score: float
+
+
+def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0,
+                near: Sequence[tuple[int, np.ndarray]] = ()) -> Starts:
+    """The most promising designs that are apart from each other.
+
+    A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
+    difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
+    nothing has to be compiled for it; the integrated impact is refined with one. Of many faces a short evolution on all
+    of them chooses those of the long one.
 
     Args:
         problem: what is given, allowed and wanted.
         starts: how many are wanted.
-        draws: designs of a round.
+        draws: designs of a generation; a power of 2.
         seed: of their places.
+        near: further designs of the first, such as the impact before.
     """
-    names = problem.debris.surface.face_names()
+    count, most = len(problem.debris.surface.face_names()), max(draws // EACH, 1)
+    chosen = np.arange(count)
+    if count > most:
+        # Those near are always kept; of more faces than designs, each seed leaves out others.
+        kept, order = [face for face, _ in near], np.random.default_rng(seed).permutation(count)
+        chosen = _put_first(kept, order)[:draws]
+        faces, _, worth, _ = _evolve(problem, chosen, draws, seed, near, LOOKS)
+        best = [np.min(worth[faces == face]) for face in chosen]
+        chosen = _put_first(kept, chosen[np.argsort(best, kind="stable")])[: max(most, len(near))]
+    faces, x, worth, least = _evolve(problem, chosen, draws, seed, near, GENERATIONS)
+    return Starts(tuple((int(faces[k]), x[k]) for k in _part(faces, x, worth, starts)),
+                  min(least, float(score(problem, problem.angular_velocity))))
+
+
+def _put_first(some: Sequence[int], every: np.ndarray) -> np.ndarray:
+    return np.array(list(dict.fromkeys([*some, *every.tolist()])))
+
+
+def _evolve(problem: Problem, chosen: np.ndarray, draws: int, seed: int, near: Sequence[tuple[int, np.ndarray]],
+            generations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Faces, variables and worth of the last generation, on the chosen faces alike; the least score seen allowed."""
+    group = np.arange(draws) % len(chosen)
+    faces, count, x = chosen[group], np.bincount(group), _spread(problem, draws, seed)
+    for k, (face, place) in enumerate(near):
+        x[np.flatnonzero(faces == face)[k]] = place
+    x, worth, least = _rank(problem, faces, x)
+    low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in chosen]), -1, 0)
+    first, draw = np.concatenate([[0], np.cumsum(count)[:-1]]), np.random.default_rng(seed)
+    for _ in range(generations):
+        ranked = np.lexsort((worth, group))
+        leader = ranked[first[group] + (draw.random(draws) * np.maximum(LEADERS * count, 1.0)[group]).astype(int)]
+        one, other = (group + len(chosen) * (draw.random(draws) * count[group]).astype(int) for _ in range(2))
+        step = draw.uniform(*STRETCH, (draws, 1))
+        moved = np.where(draw.random(x.shape) < CROSSED, x + step * (x[leader] - x + x[one] - x[other]), x)
+        moved, found, seen = _rank(problem, faces, np.clip(moved, low[group], high[group]))
+        better = found < worth
+        x, worth, least = np.where(better[:, None], moved, x), np.where(better, found, worth), min(least, seen)
+    return faces, x, worth, least
+
+
+def _spread(problem: Problem, draws: int, seed: int) -> np.ndarray:
+    """Variables of a Sobol sample, at speeds that may be allowed, shape (draws, 7)."""
     x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
-    # Half of the designs come without tangential speed and along the moment that is wanted: others are rarely best.
-    x[::2, 3:5] *= 0.1
-    faces = np.arange(draws) % len(names)
-    worth = _rank(problem, faces, x)
-    kept = _part(faces, x, worth, max(starts, CENTRES), APART)
-    faces, x, worth = _close_in(problem, faces[kept], x[kept], worth[kept], draws, seed)
-    return [(int(faces[k]), x[k]) for k in _part(faces, x, worth, starts, LAST_APART)]
+    low, high = find_bounds(problem, 0)[SPEED]
+    x[:, SPEED] = low + 0.5 * (1.0 + x[:, SPEED]) * (min(FAST, high) - low)
+    # Half of the designs come along the moment that is wanted: others are rarely best. An eighth may rub as fast as the
+    # arm can.
+    x[::2, SLIPS] *= 0.1
+    x[1::8, SLIPS] *= high
+    return x
 
 
-def _close_in(problem: Problem, faces: np.ndarray, x: np.ndarray, worth: np.ndarray, draws: int,
-              seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Every centre moved to the best that was found about it."""
-    names, each, rows = problem.debris.surface.face_names(), draws // len(faces), np.arange(len(faces))
-    low, high = np.moveaxis(np.stack([find_bounds(names, face) for face in faces])[:, None], -1, 0)
-    draw = np.random.default_rng(seed)
-    for width in WIDTH * SHRINK ** np.arange(ROUNDS if each else 0):
-        near = np.clip(x[:, None] + width * draw.normal(size=(len(faces), each, x.shape[1])), low, high)
-        # Filled up to as many as before, so that the same compiled program serves.
-        spread = np.resize(near.reshape(-1, x.shape[1]), (draws, x.shape[1]))
-        found = _rank(problem, np.resize(np.repeat(faces, each), draws), spread)[: near[..., 0].size]
-        found = found.reshape(len(faces), each)
-        best = np.argmin(found, axis=1)
-        better = found[rows, best] < worth
-        x, worth = np.where(better[:, None], near[rows, best], x), np.where(better, found[rows, best], worth)
-    return faces, x, worth
+def estimate_score(problem: Problem, face: int, x: np.ndarray, draws: int = DRAWS) -> float:
+    """Score of one design by closed forms [-]."""
+    # As many of it as designs in a round, so that the same compiled program serves.
+    return float(screen(problem, jnp.full(draws, face), jnp.tile(jnp.asarray(x), (draws, 1)))[1][0, 0])
 
 
-def _rank(problem: Problem, faces: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Score by closed forms with violations as a penalty, shape (designs,); infinite where it cannot be computed."""
-    found = np.asarray(screen(problem, jnp.asarray(faces), jnp.asarray(x)))
-    worth = found[:, 0] + PENALTY * np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
-    return np.where(np.isfinite(worth), worth, np.inf)
+def _rank(problem: Problem, faces: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Designs as the arm can make them; their score by closed forms with violations as a penalty, shape (designs,),
+    infinite where it cannot be computed; the least score of those without violation.
+    """
+    settled, found = (np.array(one) for one in screen(problem, jnp.asarray(faces), jnp.asarray(x)))
+    over = np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
+    worth = found[:, 0] + PENALTY * over
+    worth = np.where(np.isfinite(worth), worth, np.inf)
+    return settled, worth, float(np.min(worth[over == 0.0], initial=np.inf))
 
 
-def _part(faces: np.ndarray, x: np.ndarray, worth: np.ndarray, count: int, apart: float) -> list[int]:
+def _part(faces: np.ndarray, x: np.ndarray, worth: np.ndarray, count: int) -> list[int]:
     """Numbers of the best that are on other faces or far enough from each other."""
     chosen: list[int] = []
     for k in np.argsort(worth, kind="stable"):
-        if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > apart for j in chosen):
+        if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > APART for j in chosen):
             chosen.append(int(k))
         if len(chosen) == count:
             break

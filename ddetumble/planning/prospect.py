@@ -1,8 +1,8 @@
 """What a whole sequence leaves when the contact is another than it was planned with.
 
-Every impact is struck as planned: at its place on the body, with its velocity in the body's frame, its pressure, and
-its wait after the impact before. So the arm follows the body as it sees it, and nothing is planned again; what an
-impact leaves otherwise than planned, the next ones meet.
+Every impact is struck as planned: at its place on the body, with its velocity relative to that, its pressure, and its
+wait after the impact before. So the arm follows the body as it sees it, and nothing is planned again; what an impact
+leaves otherwise than planned, the next ones meet.
 """
 
 import dataclasses as dc
@@ -59,8 +59,8 @@ def assess_sequence(problem: Problem, sequence: Sequence, laws: Laws, share: flo
     names = problem.debris.surface.face_names()
     faces = jnp.asarray([names.index(plan.face) for plan in sequence.impacts])
     x = jnp.asarray(np.stack([plan.x for plan in sequence.impacts]))
-    best = np.asarray(follow_impacts(eqx.tree_at(lambda p: p.law, problem, laws.main), faces, x))
-    rows = np.stack([np.asarray(follow_impacts(one, faces, x)) for one in pose_draws(problem, laws)])
+    best = follow_impacts(eqx.tree_at(lambda p: p.law, problem, laws.main), faces, x)
+    rows = np.stack([follow_impacts(one, faces, x) for one in pose_draws(problem, laws)])
     weights = laws.shares()
     approach = rows[:, :, SHARE + 1 + CONSTRAINTS.index("approach")]
     whole = np.isfinite(rows).all(axis=(1, 2)) & ~(approach <= MISSED - 1.0).any(axis=1)

@@ -172,7 +172,7 @@ def plan_robust_strike(problem: Problem, laws: Laws, plan: StrikePlan, *, aim: A
     """
     face = problem.debris.surface.face_names().index(plan.face)
     search = RobustSearch(problem, laws, face, aim, tail)
-    bounds = find_bounds(problem.debris.surface.face_names(), face)
+    bounds = find_bounds(problem, face)
     if progress is not None:
         progress(f"planning for the {aim} over {len(search.problems)} draws")
     found = minimize(
@@ -196,7 +196,9 @@ def plan_robust_strike(problem: Problem, laws: Laws, plan: StrikePlan, *, aim: A
         return np.nan if drawn[:, 0].max() >= LOST else float(judge_draws(drawn, search.weights, aim, tail)[0][0])
 
     proof = weigh_constraints(wanted, value, slopes, bounds, x, float(collision.margin))
-    return StrikePlan(plan.face, x, float(value[0]), float(score(problem, problem.angular_velocity)),
+    # Closed forms say nothing of draws.
+    untouched = float(score(problem, problem.angular_velocity))
+    return StrikePlan(plan.face, x, float(value[0]), untouched, untouched,
                       dict(zip(CONSTRAINTS, map(float, value[1:]), strict=True)), design, collision,
                       bool(value[1:].min() >= -KEPT), proof, search.tally,
                       ((plan.face, float(value[0]), bool(value[1:].min() >= -KEPT)),))

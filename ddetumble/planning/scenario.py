@@ -26,7 +26,7 @@ from ..dynamics.surfaces import Debris, make_debris
 from ..inference.archive import load_model
 from ..inference.models import is_fitted
 from .draws import Laws, draw_laws, find_models, vary_law
-from .strike_problem import Goal, Limits, Problem, is_symmetric
+from .strike_problem import Goal, Limits, Problem, make_problem
 from .tables import SCHEMA, DebrisTable, Scenario
 
 
@@ -234,5 +234,5 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> Pr
         chaser=chaser / np.linalg.norm(chaser), cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
     law = make_law(scenario, here) if laws is None else laws.main
     conditions = {name: scalar(value) for name, value in scenario.ball.conditions.items()}
-    return Problem(law, debris, attitude, rates, allowed, Goal(goal.momentum, goal.energy, goal.nutation), conditions,
-                   is_symmetric(debris))
+    return make_problem(law, debris, attitude, rates, allowed, Goal(goal.momentum, goal.energy, goal.nutation),
+                        conditions)

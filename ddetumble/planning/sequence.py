@@ -15,11 +15,10 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate
-from .strike_plan import StrikePlan, plan_strike
-from .strike_problem import Problem
+from .strike_plan import STARTS, StrikePlan, plan_strike
+from .strike_problem import Problem, reach_speed
 
 
-LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
 SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
 PRESSURES = np.linspace(0.0, 1.0, 5)
 RUBBED = np.array([0.03, 0.1, 0.3, 1.0])  # of the depression and of the speed, at which friction is looked at
@@ -121,7 +120,7 @@ def bound_impacts(problem: Problem, share: float) -> int:
     limits, surface = problem.limits, problem.debris.surface
     inertia = np.asarray(problem.debris.inertia)
     size = float(np.linalg.norm(inertia @ np.asarray(problem.angular_velocity)))
-    fastest = float(limits.speed) + size / float(np.linalg.eigvalsh(inertia)[0]) * float(surface.reach())
+    fastest = float(reach_speed(problem))
     low, high = np.asarray(limits.pressure)
     found = np.asarray(_press(problem.law, problem.conditions, limits.depression, jnp.asarray(fastest * SPEEDS),
                               jnp.asarray(low + PRESSURES * (high - low))))
@@ -161,7 +160,7 @@ def move_on(problem: Problem, plan: StrikePlan) -> Problem:
                        (plan.collision.attitude, plan.collision.angular_velocity))
 
 
-def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 3, seed: int = 0,
+def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
                   revise: Callable[[Problem, StrikePlan], StrikePlan] | None = None,
                   progress: Callable[[str], object] | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
@@ -177,21 +176,22 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = 3,
     Raises:
         ComputationError: where not even a first impact could be planned.
     """
-    now, time, left = problem, 0.0, 1.0
+    names, now, time, left = problem.debris.surface.face_names(), problem, 0.0, 1.0
     impacts: list[StrikePlan] = []
     instants: list[float] = []
     shares: list[float] = []
     refused = None
     while left > share and len(impacts) < most:
         try:
-            plan = plan_strike(now, starts=starts, seed=seed + len(impacts))
+            near = [(names.index(one.face), one.x) for one in impacts[-1:]]
+            plan = plan_strike(now, starts=starts, seed=seed + len(impacts), near=near)
         except ComputationError:
             if not impacts:
                 raise
             break
         if revise is not None and plan.allowed:
             plan = revise(now, plan)
-        if not plan.allowed or plan.score > plan.untouched * (1.0 - LEAST_GAIN):
+        if not plan.worth:
             refused = plan
             break
         impacts.append(plan)

@@ -1,8 +1,9 @@
 r"""One impact as a problem of optimisation: what can be chosen, what is wanted, what must not happen.
 
-Seven variables, each over -1 to 1: two coordinates of the point on a face, the velocity of the arm along the surface's
-normal and two tangents, the pressure in the ball, and the instant within a window. Wanted is a weighted sum of the
-shares of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must not
+Seven variables: two coordinates of the point on a face, the velocity of the arm relative to the surface there, against
+the normal and along two tangents, the pressure in the ball, and the instant within a window. Velocities are in units of
+the approach speed that force and depression allow (`allow_speed`), all others over -1 to 1. Wanted is a weighted sum of
+the shares of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must not
 happen is told by `CONSTRAINTS`, each at least zero where the plan is allowed.
 """
 
@@ -18,18 +19,20 @@ from jaxtyping import Array
 
 from .._numerics import safe_divide, scalar
 from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
-from ..contact.gripping import Patch, StrikeLaw, find_height
+from ..contact.gripping import StrikeLaw, find_height
 from ..dynamics.angles import measure_nutation
-from ..dynamics.collision import collide, reduce_mass
+from ..dynamics.collision import collide
 from ..dynamics.free_motion import coast, coast_symmetric
 from ..dynamics.outcome import Collision
 from ..dynamics.rigid import measure_energy
 from ..dynamics.surfaces import Debris
 
 
-VARIABLES = ("first coordinate", "second coordinate", "speed along the normal", "first tangential speed",
+VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first tangential speed",
              "second tangential speed", "pressure", "instant")
-CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "reachable side", "nothing else hit")
+SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
+CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
+               "nothing else hit")
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384
 MISSED = 1e-3  # share of the least approach speed, below which a ball strikes nothing
 TINY = 1e-7  # share of the momentum below which its size is rounded off
@@ -92,6 +95,8 @@ class Problem(eqx.Module):
         goal: what is wanted.
         conditions: what else the law reads, by name, SI.
         symmetric: whether body z is an axis of revolution, whose free motion is trigonometric.
+        unit: of the velocities among the variables [m/s]; the same under another law and later in a sequence, so that
+            variables mean the same there.
     """
 
     law: StrikeLaw
@@ -101,7 +106,8 @@ class Problem(eqx.Module):
     limits: Limits
     goal: Goal
     conditions: Mapping[str, Array]
-    symmetric: bool = eqx.field(static=True, default=False)
+    symmetric: bool = eqx.field(static=True)
+    unit: Array = eqx.field(converter=scalar)
 
 
 class Design(eqx.Module):
@@ -156,17 +162,61 @@ def drift(problem: Problem, time: Array) -> tuple[Array, Array]:
     return attitude[0], rates[0]
 
 
+def make_problem(law: StrikeLaw, debris: Debris, attitude, angular_velocity, limits: Limits, goal: Goal,
+                 conditions: Mapping[str, Array]) -> Problem:
+    """A `Problem`, its symmetry and its unit of velocities taken from the rest."""
+    problem = Problem(law, debris, attitude, angular_velocity, limits, goal, conditions, is_symmetric(debris), 1.0)
+    return eqx.tree_at(lambda p: p.unit, problem, allow_speed(problem))
+
+
+def reach_speed(problem: Problem) -> Array:
+    """Speed that arm and surface cannot meet faster than [m/s]: the arm's, and the surface's at the fastest that the
+    body can turn with its momentum.
+    """
+    inertia = problem.debris.inertia
+    momentum = jnp.linalg.norm(inertia @ problem.angular_velocity)
+    return problem.limits.speed + momentum / jnp.linalg.eigvalsh(inertia)[0] * problem.debris.surface.reach()
+
+
+@eqx.filter_jit
+def allow_speed(problem: Problem) -> Array:
+    r"""Approach speed at which a ball without damping comes to the limit of force or depression, $\sqrt{2 W/m}$ [m/s].
+
+    $W$ is the work of the elastic force up to there, at the pressure that allows most; $m$ the reduced mass of an
+    impact through the centre of mass. At most `reach_speed`, at least the least approach speed where that is less.
+    """
+    limits, normal, ball = problem.limits, problem.law.normal, problem.law.reference.ball
+    # Evenly spaced in the logarithm, as a small force may allow a small part of the depression only.
+    depths = limits.depression * jnp.geomspace(1e-3, 1.0, 64)
+
+    def measure_work(pressure):
+        given = {**problem.conditions, "initial_pressure": pressure, "approach_speed": limits.approach}
+
+        def push(depth):
+            return normal.contact(given, ball.diameter(), jnp.zeros(()), depth, jnp.zeros(()),
+                                  jnp.zeros((len(normal.stateful()),))).elastic_force
+
+        force = jnp.maximum(jax.vmap(push)(depths), 0.0)
+        work = jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))
+        return jnp.interp(limits.force, force[1:], work)
+
+    work = jnp.max(jax.vmap(measure_work)(limits.pressure))
+    fastest = reach_speed(problem)
+    allowed = jnp.sqrt(2.0 * work * (1.0 / ball.inertia() + 1.0 / problem.debris.mass))
+    return jnp.clip(allowed, jnp.minimum(limits.approach, fastest), fastest)
+
+
 def read_design(problem: Problem, face: Array, x: Array) -> Design:
-    """Physical quantities of seven variables over -1 to 1."""
+    """Physical quantities of seven variables."""
     limits = problem.limits
-    point = problem.debris.surface.place(face, x[:2])
-    normal = problem.debris.surface.find_foot(point).normal
-    first, second = span_plane(normal)
-    body = limits.speed * (-0.5 * (1.0 + x[2]) * normal + x[3] * first + x[4] * second)
     low, high = limits.pressure
     early, late = limits.window
     instant = early + 0.5 * (1.0 + x[6]) * (late - early)
     attitude, rates = drift(problem, instant)
+    point = problem.debris.surface.place(face, x[:2])
+    normal = problem.debris.surface.find_foot(point).normal
+    first, second = span_plane(normal)
+    body = jnp.cross(rates, point) + problem.unit * (-x[2] * normal + x[3] * first + x[4] * second)
     return Design(face, point, rotate(attitude, body), low + 0.5 * (1.0 + x[5]) * (high - low), instant, attitude,
                   rates, rotate(attitude, normal))
 
@@ -191,7 +241,17 @@ def score(problem: Problem, rates: Array) -> Array:
     return goal.momentum * momentum + goal.energy * energy + goal.nutation * nutation
 
 
-def _keep_clear(problem: Problem, design: Design, collision: Collision, radius: Array) -> Array:
+class Parting(eqx.Module):
+    """Body and ball at separation; names as of `Collision`."""
+
+    attitude: Array
+    angular_velocity: Array
+    displacement: Array
+    velocity: Array
+    arm_velocity: Array
+
+
+def keep_clear(problem: Problem, design: Design, after: Parting | Collision, radius: Array) -> Array:
     """Least distance between ball and body before and after the contact, less what it is at first touch [m].
 
     The ball keeps its velocity on either side, the body its rates; over less than a second that is enough.
@@ -207,15 +267,27 @@ def _keep_clear(problem: Problem, design: Design, collision: Collision, radius: 
     earlier = jax.vmap(lambda t: distance(-t, design.attitude, design.angular_velocity, start, design.velocity,
                                           jnp.zeros(3), jnp.zeros(3)))(times)
     # The ball touches where it ends: it is placed a radius off the surface again.
-    moved = collision.displacement + rotate(collision.attitude, design.point)
-    away = moved + radius * rotate(collision.attitude, surface.find_foot(design.point).normal)
-    later = jax.vmap(lambda t: distance(t, collision.attitude, collision.angular_velocity, away,
-                                        collision.arm_velocity, collision.displacement, collision.velocity))(times)
+    moved = after.displacement + rotate(after.attitude, design.point)
+    away = moved + radius * rotate(after.attitude, surface.find_foot(design.point).normal)
+    later = jax.vmap(lambda t: distance(t, after.attitude, after.angular_velocity, away, after.arm_velocity,
+                                        after.displacement, after.velocity))(times)
     return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
 
 
+def judge_margins(limits: Limits, margins: Array) -> Array:
+    """Nearest and next nearest edge, scaled, shape (2,)."""
+    nearest = jnp.argmin(margins)
+    others = jnp.where(jnp.arange(margins.size) == nearest, jnp.inf, margins)
+    # No more than from a metre off: where there is no other edge, there is nothing to be told.
+    return jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
+
+
 def judge(problem: Problem, design: Design, collision: Collision) -> Array:
-    """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,)."""
+    """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,).
+
+    The next edge holds nothing that the edge does not: in a corner, where the lever arm is largest and the nearest edge
+    changes, it tells a search of the other one, so that both hold it there.
+    """
     limits = problem.limits
     diameter = problem.law.reference.ball.diameter()
     radius = find_height(diameter, jnp.zeros(()))
@@ -223,7 +295,7 @@ def judge(problem: Problem, design: Design, collision: Collision) -> Array:
     return jnp.stack([
         1.0 - jnp.sum(design.velocity**2) / limits.speed**2, collision.approach_speed / limits.approach - 1.0,
         1.0 - collision.peak_force / limits.force, 1.0 - collision.peak_depression / limits.depression,
-        (collision.margin - limits.edge) / 0.1, side, _keep_clear(problem, design, collision, radius) / 0.01])
+        *judge_margins(limits, collision.margins), side, keep_clear(problem, design, collision, radius) / 0.01])
 
 
 @eqx.filter_jit
@@ -258,45 +330,3 @@ def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
         collision.approach_speed / problem.limits.approach - 1.0)
     bad = (collision.failed | ~collision.separated) & ~missed
     return jnp.where(missed, blank, jnp.where(bad, jnp.nan, values))
-
-
-@eqx.filter_jit
-def screen(problem: Problem, faces: Array, designs: Array) -> Array:
-    """The same columns for many designs by closed forms, shape (designs, 1 + constraints): where searches start.
-
-    The impact is an instant: normal impulse by the reduced mass, friction sliding throughout or stopping the slip, the
-    peak by energy on a force that grows with the square of the depression. Never a plan's result.
-    """
-    return jax.vmap(lambda face, x: _estimate(problem, face, x))(faces, designs)
-
-
-def _estimate(problem: Problem, face: Array, x: Array) -> Array:
-    limits, debris, reference = problem.limits, problem.debris, problem.law.reference
-    design = read_design(problem, face, x)
-    foot = debris.surface.find_foot(design.point)
-    local = rotate_back(design.attitude, design.velocity)
-    relative = local - jnp.cross(design.angular_velocity, design.point)
-    speed = -(foot.normal @ relative)
-    mass = reduce_mass(debris, design.point, foot.normal, reference.ball.inertia())
-    approach = jnp.maximum(speed, 0.0)
-    impulse = mass * (1.0 + reference.ball.rebound()) * approach
-    conditions = {**problem.conditions, "initial_pressure": design.pressure, "approach_speed": jnp.maximum(speed, 1e-3)}
-    law, probe, blank = problem.law.normal, 5e-3, jnp.zeros((len(problem.law.normal.stateful()),))
-    contact = law.contact(conditions, reference.ball.diameter(), jnp.zeros(()), jnp.asarray(probe), jnp.zeros(()),
-                          blank)
-    curve = contact.elastic_force / probe**2
-    depression = jnp.cbrt(1.5 * mass * approach**2 / curve)
-    across = relative + speed * foot.normal
-    slip = jnp.sqrt(jnp.sum(across**2) + 1e-12)
-    height = find_height(reference.ball.diameter(), jnp.zeros(()))
-    patch = Patch(jnp.zeros(()), jnp.asarray(probe), contact.contact_radius, height, contact.pressure,
-                  contact.elastic_force, conditions)
-    friction = problem.law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / contact.elastic_force
-    rubbed = jnp.minimum(friction * impulse, slip / (1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass))
-    push = rubbed * across / slip - impulse * foot.normal
-    rates = design.angular_velocity + jnp.linalg.solve(debris.inertia, jnp.cross(design.point, push))
-    margin = foot.margin - contact.contact_radius * depression / probe
-    return jnp.stack([
-        score(problem, rates), 1.0 - jnp.sum(design.velocity**2) / limits.speed**2, speed / limits.approach - 1.0,
-        1.0 - curve * depression**2 / limits.force, 1.0 - depression / limits.depression,
-        (margin - limits.edge) / 0.1, jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), jnp.zeros(())])

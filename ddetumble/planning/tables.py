@@ -214,7 +214,7 @@ class Scenario(_Strict):
     goal: GoalTable = GoalTable()
     uncertainty: UncertaintyTable | None = None
     seed: Annotated[StrictInt, Field(ge=0)] = 0
-    starts: Annotated[StrictInt, Field(ge=1, le=64)] = 3
+    starts: Annotated[StrictInt, Field(ge=1, le=64)] = 6
 
     @pydantic.model_validator(mode="after")
     def _check(self):

@@ -1,5 +1,6 @@
 """Planned impacts as `plan.json` and a page: a view that turns, momentum and nutation over time, a table."""
 
+import dataclasses as dc
 import json
 from importlib import metadata, resources
 from pathlib import Path
@@ -16,9 +17,16 @@ from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
 from ..planning.ambiguity import Assessment
+from ..planning.measured import (
+    Extrapolation,
+    MeasuredRange,
+    format_extrapolation,
+    list_extrapolations,
+    warn_of_extrapolation,
+)
 from ..planning.prospect import Prospect
-from ..planning.sequence import LEAST_GAIN, Sequence, measure_share
-from ..planning.strike_plan import StrikePlan
+from ..planning.sequence import Sequence, measure_share
+from ..planning.strike_plan import LEAST_GAIN, StrikePlan
 from ..planning.strike_problem import Problem
 from .outlook import list_outlook, show_outlook
 from .page import Section, Table, write_page, write_whole
@@ -41,8 +49,9 @@ AFTERWARDS = 30.0  # s, of free motion drawn at either end
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
 
-def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
-    """What was found, in one or two sentences."""
+def describe_plan(problem: Problem, sequence: Sequence, share: float,
+                  ranges: tuple[MeasuredRange, ...] = ()) -> str:
+    """What was found, in a few sentences; `ranges` are those of `find_measured_ranges`."""
     floor, count = sequence.floor, len(sequence.impacts)
     frictionless = ""
     if floor > 1e-3:
@@ -52,7 +61,8 @@ def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
             " A normal force has no moment about the axis of a body of revolution: "
             f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone.")
     if not count:
-        return f"This cannot be done: {_say_why(sequence)}.{frictionless}"
+        missed = sequence.refused is not None and sequence.refused.missed
+        return f"{'No impact was found' if missed else 'This cannot be done'}: {_say_why(sequence)}.{frictionless}"
     left = 100 * sequence.shares[-1]
     start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {left:.2f} % of the angular momentum"
     aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
@@ -61,7 +71,8 @@ def describe_plan(problem: Problem, sequence: Sequence, share: float) -> str:
     ended += f": {_say_why(sequence)}." if ended and sequence.refused is not None else "." if ended else ""
     told = sequence.together or sequence.tried
     together = f" {told}" if told else ""
-    return f"{start}{aim}.{ended}{together}{bound}{frictionless}"
+    beyond = warn_of_extrapolation(list_extrapolations(ranges, sequence.impacts, problem.conditions))
+    return f"{start}{aim}.{ended}{together}{bound}{frictionless} {beyond}".rstrip()
 
 
 def _say_why(sequence: Sequence) -> str:
@@ -70,6 +81,10 @@ def _say_why(sequence: Sequence) -> str:
     further = "a further" if sequence.impacts else "the best single"
     if best is None:
         return "no impact is allowed"
+    if best.missed:
+        return (f"the search found no {'further ' * bool(sequence.impacts)}impact that keeps the limits and is worth "
+                f"{100 * LEAST_GAIN:.0f} % of what is wanted, though closed forms see one worth "
+                f"{100 * (1.0 - best.estimate / best.untouched):.1f} %; another seed or more starts may find it")
     if best.allowed:
         gain = max(0.0, 1.0 - best.score / best.untouched)
         return (f"{further} impact changes what is wanted by {100 * gain:.2f} %, "
@@ -78,7 +93,8 @@ def _say_why(sequence: Sequence) -> str:
     return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"
 
 
-def list_impact(number: int, instant: float, share: float, problem: Problem, plan: StrikePlan) -> dict[str, Any]:
+def list_impact(number: int, instant: float, share: float, plan: StrikePlan, beyond: list[Extrapolation]
+                ) -> dict[str, Any]:
     """One impact as `plan.json` has it, SI."""
     design, collision, proof = plan.design, plan.collision, plan.certificate
 
@@ -99,6 +115,7 @@ def list_impact(number: int, instant: float, share: float, problem: Problem, pla
                         "binding": proof.binding, "edge_margin": proof.margin},
         "integrations": {"values": plan.tally.values, "gradients": plan.tally.slopes},
         "starts": [{"face": face, "score": score, "allowed": allowed} for face, score, allowed in plan.scores],
+        "extrapolated": [{"value": one.value, **dc.asdict(one.measured)} for one in beyond],
     }  # fmt: skip
 
 
@@ -173,7 +190,7 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
 
 def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "", share: float = 0.01,
                source: str = "", assessment: Assessment | None = None, plan_for: str = "best",
-               prospect: Prospect | None = None) -> Path:
+               prospect: Prospect | None = None, ranges: tuple[MeasuredRange, ...] = ()) -> Path:
     """Write `plan.json` and `report.html` into a folder.
 
     Args:
@@ -186,25 +203,31 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         assessment: how sure its first impact is.
         plan_for: what it was planned for: the `best` estimate, the `mean` or the `tail` of the draws.
         prospect: how sure all impacts together are; only beside `assessment`.
+        ranges: over which the contact model was measured.
 
     Returns:
         Path of the page.
     """
     folder = Path(folder)
-    sentence = describe_plan(problem, sequence, share)
-    impacts = [list_impact(k + 1, sequence.instants[k], sequence.shares[k], problem, plan)
+    sentence = describe_plan(problem, sequence, share, ranges)
+    beyond = list_extrapolations(ranges, sequence.impacts, problem.conditions)
+    outside = [[one for one in beyond if one.impact == k] for k in range(1, len(sequence.impacts) + 1)]
+    impacts = [list_impact(k + 1, sequence.instants[k], sequence.shares[k], plan, outside[k])
                for k, plan in enumerate(sequence.impacts)]
     best = sequence.refused
     result = {
-        "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, "possible": bool(impacts),
+        "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, 
+        "possible": True if impacts else None if best is not None and best.missed else False,
         "reached": sequence.reached, "wanted_share": share, "share_left": sequence.shares[-1] if impacts else 1.0,
         "impulse": sequence.impulse, "duration": sequence.duration, "together": sequence.together,
         "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
+            "estimate": best.estimate, "missed": best.missed,
             "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
             "constraints": best.values},
+        "measured": [dc.asdict(one) for one in ranges],
         "uncertainty": None if assessment is None else list_outlook(assessment, plan_for, prospect),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
@@ -219,11 +242,14 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
             [np.linalg.norm(np.asarray(c.friction), axis=1) for c in courses], [f"impact {k + 1}" for k in chosen])))
     table = Table(
         ["impact", "at [s]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
-         "peak force [N]", "depression [mm]", "contact [ms]", "|L| left [%]", "held by"],
+         "peak force [N]", "depression [mm]", "contact [ms]", "|L| left [%]", "held by"]
+        + ["beyond what was measured"] * bool(ranges),
         [[str(one["impact"]), f"{one['instant']:.2f}", one["face"], _list(one["point"]), _list(one["arm_velocity"]),
           f"{one['initial_pressure'] / 1e6:.3f}", f"{one['peak_normal_force']:.1f}",
           f"{1e3 * one['peak_depression']:.2f}", f"{1e3 * one['duration']:.1f}", f"{100 * one['share_left']:.3f}",
-          ", ".join(one["certificate"]["binding"]) or "nothing"] for one in impacts])
+          ", ".join(one["certificate"]["binding"]) or "nothing"]
+         + [", ".join(map(format_extrapolation, others)) or "nothing"] * bool(ranges)
+         for one, others in zip(impacts, outside, strict=True)])
     proofs = Table(
         ["impact", "gradient left over [-]", "gradient against differences [-]", "disc to edge [mm]",
          "integrations", "gradients", "starts: score"],

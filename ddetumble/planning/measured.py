@@ -1,0 +1,163 @@
+"""Which planned impacts lie outside of what the contact model was fitted to."""
+
+import dataclasses as dc
+from collections.abc import Sequence
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..contact.gripping import StrikeLaw
+from ..discrepancy.wording import NAMES
+from ..dynamics.impact import simulate
+from ..inference.archive import SavedModel
+from .draws import find_models
+from .strike_plan import StrikePlan
+from .tables import Scenario
+from .wording import join_words, say_value
+
+
+SLACK = 0.02  # of a limit, by which a planned value may lie beyond it; as in predictions
+SPAN = 1.0  # s, after which no impact of a campaign lasts
+
+
+@dc.dataclass(frozen=True)
+class MeasuredRange:
+    """Values of one quantity over the campaign of a fit.
+
+    Attributes:
+        quantity: `approach_speed`, `peak_depression`, `peak_normal_force`, ..., or a condition that a scenario gives.
+        low, high: lowest and highest, SI.
+        unit: SI.
+        fit: the folder, as the scenario names it.
+    """
+
+    quantity: str
+    low: float
+    high: float
+    unit: str
+    fit: str
+
+
+@dc.dataclass(frozen=True)
+class Extrapolation:
+    """A planned value outside of what was measured.
+
+    Attributes:
+        impact: its number, from 1 on.
+        value: what is planned, SI.
+        measured: what was measured.
+    """
+
+    impact: int
+    value: float
+    measured: MeasuredRange
+
+
+def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange, ...]:
+    """What the campaigns covered that a scenario's contact models were fitted to; none for the paper's own ball.
+
+    Of an impact the depression and force that the fitted model reaches at the campaign's fastest approach count where
+    the campaign has no such channel. Of slip records the largest load, pressure and slip speed bound those of an
+    impact, which itself passes through all smaller loads and speeds.
+
+    Args:
+        scenario: what was read, and could be posed.
+        here: the file's folder.
+    """
+    fit = "" if scenario.uncertainty is None else scenario.uncertainty.fit.removesuffix("/result.json")
+    found: dict[tuple[str, str], MeasuredRange] = {}
+    for name in filter(None, (scenario.ball.model, scenario.ball.friction_model, fit)):
+        saved = max(find_models(here / name)[0], key=lambda one: one[2])[1]
+        for one in _list_slips(saved, name) if saved.family == "slip" else _list_impacts(saved, name):
+            found.setdefault((one.quantity, saved.sha256), one)
+    return tuple(found.values())
+
+
+def _list_impacts(saved: SavedModel, name: str) -> list[MeasuredRange]:
+    # An impact passes through all smaller slip speeds than its first.
+    found = [MeasuredRange(n, 0.0 if n == "tangential_speed" else low, high, saved.units[n], name)
+             for n, (low, high) in saved.ranges.items() if n != "sequence"]
+    depression, force = _reach(saved)
+    largest = {} if saved.sampling is None else saved.sampling.largest
+    for quantity, channel, value, unit in (("peak_depression", "depression", depression, "m"),
+                                           ("peak_normal_force", "normal_force", force, "N")):
+        high = largest.get(channel, value)
+        if np.isfinite(high):
+            found.append(MeasuredRange(quantity, 0.0, high, unit, name))
+    return found
+
+
+def _list_slips(saved: SavedModel, name: str) -> list[MeasuredRange]:
+    among = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
+             "slip_speed": "tangential_speed"}
+    return [MeasuredRange(among.get(n, n), low if n == "internal_pressure" or n not in among else 0.0, high,
+                          saved.units[n], name) for n, (low, high) in saved.ranges.items() if n != "sequence"]
+
+
+def _reach(saved: SavedModel) -> tuple[float, float]:
+    """Largest depression [m] and normal force [N] of the fitted model at the fastest approach of its campaign."""
+    law = saved.law()
+    law = law.normal if isinstance(law, StrikeLaw) else law
+    given = {n: jnp.asarray(0.5 * (low + high)) for n, (low, high) in saved.ranges.items()}
+    given["approach_speed"] = jnp.asarray(saved.ranges["approach_speed"][1])
+
+    @eqx.filter_jit
+    def press(law, pressures):
+        def one(pressure):
+            conditions = given | {"initial_pressure": pressure}
+            end = simulate(law, conditions, jnp.linspace(0.0, SPAN, 2)).separation
+            impact = simulate(law, conditions, end * jnp.linspace(0.0, 1.0, 65), span=jnp.asarray(SPAN))
+            return jnp.stack([jnp.max(impact.depression), jnp.max(impact.normal_force)])
+
+        return jnp.max(jax.vmap(one)(pressures), axis=0)
+
+    depression, force = np.asarray(press(law, jnp.asarray(saved.ranges.get("initial_pressure", (0.0, 0.0)))))
+    return float(depression), float(force)
+
+
+def list_extrapolations(ranges: Sequence[MeasuredRange], impacts: Sequence[StrikePlan], conditions=None
+                        ) -> tuple[Extrapolation, ...]:
+    """Every planned value outside of what was measured, by impact.
+
+    Args:
+        ranges: of `find_measured_ranges`.
+        impacts: as planned, in order.
+        conditions: what else the contact law is given, by name.
+    """
+    found = []
+    for number, plan in enumerate(impacts, 1):
+        collision = plan.collision
+        values = {name: float(value) for name, value in (conditions or {}).items()} | {
+            "approach_speed": float(collision.approach_speed), "tangential_speed": float(collision.tangential_speed),
+            "initial_pressure": float(plan.design.pressure), "peak_depression": float(collision.peak_depression),
+            "peak_normal_force": float(collision.peak_force)}
+        for one in ranges:
+            value = values.get(one.quantity)
+            if value is not None and not one.low - SLACK * abs(one.low) <= value <= one.high + SLACK * abs(one.high):
+                found.append(Extrapolation(number, value, one))
+    return tuple(found)
+
+
+def format_extrapolation(found: Extrapolation) -> str:
+    """`approach speed 2 m/s (measured 0.14 to 0.62 m/s)`."""
+    one = found.measured
+    quantity = one.quantity.removeprefix("peak_")
+    high = say_value(quantity, one.high, one.unit)
+    low = "up to" if one.low == 0 else f"{say_value(quantity, one.low, one.unit).split()[0]} to"
+    name = NAMES.get(quantity, quantity.replace("_", " "))
+    return f"{name} {say_value(quantity, found.value, one.unit)} (measured {low} {high})"
+
+
+def warn_of_extrapolation(found: Sequence[Extrapolation]) -> str:
+    """One sentence with the farthest value of every quantity; '' where all was measured."""
+    worst: dict[MeasuredRange, Extrapolation] = {}
+    for one in sorted(found, key=lambda one: max(one.value - one.measured.high, one.measured.low - one.value)):
+        worst[one.measured] = one
+    if not worst:
+        return ""
+    fits = join_words(list(dict.fromkeys(Path(one.fit).name for one in worst)))
+    told = join_words([format_extrapolation(one) for one in worst.values()])
+    return f"The plan extrapolates beyond what {fits} was fitted to: {told}. Measure there, or narrow the limits."
