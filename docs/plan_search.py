@@ -146,8 +146,8 @@ def tell(seeds: list[dict], limits: list[dict]) -> str:
         f"- {len(limits)} scenarios drawn at random, each with {len(TIGHTER)} limits tightened in turn: in {better} of "
         f"{pairs} pairs the tighter limit gives the better plan (fewer impacts, or, where neither reaches its share, "
         f"{100 * WORSE:g} % of the momentum at the start less).",
-        "- The lead is how much less of the momentum at the start the best plan under a tightened limit leaves, whether "
-        "or not both reach the share.",
+        "- The lead is how much less of the momentum at the start the best plan under a tightened limit leaves, "
+        "whether or not both reach the share.",
         "- This is a sample: where it shows no failure of the search, it does not prove that there is none.", "",
         "| scenario | shape | reached | impacts | left | lead | tighter limits that give a better plan |",
         "| --- | --- | --- | --- | --- | --- | --- |"]
