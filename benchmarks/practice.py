@@ -52,7 +52,6 @@ def main(arguments=None):
 def judge(folder, truth):
     """One campaign."""
     from ddetumble import discover, fit, predict, read_campaign
-    from ddetumble.discrepancy.saving import save_discovery
 
     found = discover(folder)
     main, abscissa = FAMILIES[truth["family"]]
@@ -67,7 +66,7 @@ def judge(folder, truth):
     conditions = pd.concat(settings, ignore_index=True)
     wanted = np.concatenate([channels(one["y"], len(main)) for one in truth["heldout"]])
     with tempfile.TemporaryDirectory() as place:
-        save_discovery(found, Path(place) / "grown")
+        found.save(Path(place) / "grown")
         grown = predict(Path(place) / "grown", conditions)[list(main)].to_numpy()
         fit(folder).save(Path(place) / "reference")
         width = compare_widths(last, fit(folder, effects=list(truth["effects"]))) if inside_catalogue(truth) else None

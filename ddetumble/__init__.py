@@ -59,7 +59,7 @@ _HOMES = {
     "draw_laws": "planning.draws", "plan_robust_strike": "planning.risk", "assess_plan": "planning.ambiguity",
     "assess_sequence": "planning.prospect",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
-    "simulate": "dynamics.impact", "resolve_model": "inference.models", "fit": "inference.estimation",
+    "simulate": "dynamics.impact", "resolve_model": "inference.archive", "fit": "inference.estimation",
     "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
     "draw_missing_force": "discrepancy.missing",
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
@@ -135,12 +135,12 @@ if TYPE_CHECKING:
     from .exam.drawing import Exam as Exam
     from .exam.examination import examine as examine
     from .exam.scorecard import write_scorecard as write_scorecard
+    from .inference.archive import resolve_model as resolve_model
     from .inference.curves import SlipRecord as SlipRecord
     from .inference.curves import fit_rubber as fit_rubber
     from .inference.curves import fit_slip_curve as fit_slip_curve
     from .inference.curves import fit_slip_polynomials as fit_slip_polynomials
     from .inference.estimation import fit as fit
-    from .inference.models import resolve_model as resolve_model
     from .inference.regression import fit_curve as fit_curve
     from .measurement.campaign import Campaign as Campaign
     from .measurement.laboratory import import_tests as import_tests

@@ -24,11 +24,12 @@ from ddetumble.contact.effect import parameters_of
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures.style import AFTER, BEFORE, GREY, dress, new_figure, render_png, styled
+from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.assembly import assemble_space, default_starts
 from ddetumble.inference.bounded import solve_bounded
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.inference.findings import Fit, summarise_fit
-from ddetumble.inference.models import resolve_effect, resolve_model
+from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.parameters import ParameterSpace, to_public
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records, trim_records

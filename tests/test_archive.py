@@ -9,8 +9,8 @@ from ddetumble._errors import InputError
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import load_model, save_model
-from ddetumble.inference.models import resolve_effect, resolve_model
+from ddetumble.inference.archive import load_model, resolve_model, save_model
+from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Solution

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ddetumble._errors import InputError
 from ddetumble.measurement import import_tests, read_campaign
-from ddetumble.measurement.storage import format_campaign
+from ddetumble.measurement.package import format_campaign
 
 
 def refused(folder, *words):

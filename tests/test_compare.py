@@ -14,9 +14,9 @@ from ddetumble.discrepancy.records import Trace
 from ddetumble.discrepancy.traces import noise_nrmse, nrmse, nrmse_by_channel
 from ddetumble.effects.wall import WallStiffness
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import save_model
+from ddetumble.inference.archive import resolve_model, save_model
 from ddetumble.inference.families import FAMILIES
-from ddetumble.inference.models import is_fitted, resolve_model
+from ddetumble.inference.models import is_fitted
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from ddetumble._errors import InputError
 from ddetumble.cli.application import main
-from ddetumble.measurement import import_tests, read_campaign
+from ddetumble.measurement import import_tests, read_campaign, write_campaign
 
 
 SLIP = np.linspace(0.0, 8.0, 41)  # mm
@@ -38,7 +38,7 @@ def back_and_forth():
 def test_one_test_with_everything_from_options(tmp_path):
     path = stroke(tmp_path / "a.csv", (SLIP, FRICTION, FRICTION), ("Weg [mm]", "Ft [N]", "Fx2 [N]"))
     campaign = import_tests(path, slip="Weg [mm]", force="Ft [N]", gauge=False, **OPTIONS)
-    again = campaign.write(tmp_path / "campaign")
+    again = write_campaign(tmp_path / "campaign", campaign)
     assert again.records.loc["a"].to_dict() == {"normal_load": 20.0, "internal_pressure": 1e6, "slip_speed": 0.05}
     np.testing.assert_allclose(again.trace("a")["slip"], SLIP * 1e-3)
     notes = "\n".join(again.notes)
@@ -60,7 +60,7 @@ def test_a_folder_with_its_table_of_conditions_and_short_notes(tmp_path):
 
 def test_strokes_over_time_need_no_uncertainty_of_the_slip(tmp_path):
     path = stroke(tmp_path / "a.csv", back_and_forth(), ("t [s]", "Slip [mm]", "Ft [N]"))
-    campaign = import_tests(path, **OPTIONS).write(tmp_path / "campaign")
+    campaign = write_campaign(tmp_path / "campaign", import_tests(path, **OPTIONS))
     assert campaign.independent and campaign.independent.name == "time"
     assert list(campaign.channels) == ["tangential_force", "slip"]
 
@@ -81,7 +81,7 @@ def test_friction_that_counts_negative_is_turned(tmp_path, over_time):
 
 def test_a_campaign_with_negative_friction_is_refused(tmp_path):
     folder = tmp_path / "campaign"
-    import_tests(stroke(tmp_path / "a.csv"), **OPTIONS).write(folder)
+    write_campaign(folder, import_tests(stroke(tmp_path / "a.csv"), **OPTIONS))
     lines = (folder / "samples.csv").read_text().splitlines()
     turned = [",".join([*line.split(",")[:-1], "-" + line.split(",")[-1]]) for line in lines[1:]]
     (folder / "samples.csv").write_text("\n".join([lines[0], *turned]) + "\n")

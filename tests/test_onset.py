@@ -121,8 +121,9 @@ def write_raw(folder, seed, **options):
 
 def import_raw(folder, table):
     """The campaign of `write_raw`, by a glob that holds the table of conditions too."""
-    return dd.import_tests(sorted(folder.glob("*.csv")), conditions=table, known="outer_diameter=60 mm",
-                           uncertainty=["p0=0.5 %", "speed=0.3 %"]).write(folder / "campaign")
+    found = dd.import_tests(sorted(folder.glob("*.csv")), conditions=table, known="outer_diameter=60 mm",
+                            uncertainty=["p0=0.5 %", "speed=0.3 %"])
+    return dd.write_campaign(folder / "campaign", found)
 
 
 @pytest.mark.slow
@@ -151,7 +152,7 @@ def late(tmp_path_factory):
 
 def test_a_common_error_is_read_and_written(late, tmp_path):
     assert late.column("time").common.absolute == pytest.approx(2e-4)
-    again = late.write(tmp_path / "again")
+    again = dd.write_campaign(tmp_path / "again", late)
     assert again.column("time").common == late.column("time").common
     assert again.column("normal_force").common is None
 

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ddetumble._errors import InputError
+from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.builtin import MODELS
-from ddetumble.inference.models import resolve_model
 
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,7 @@ from scipy import stats
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
-from ddetumble.discrepancy.averaging import average_predictions
-from ddetumble.discrepancy.prediction import predict
+from ddetumble.discrepancy.prediction import average_predictions, predict
 from ddetumble.inference.estimation import fit
 from ddetumble.measurement.package import read_campaign
 from ddetumble.sampling.checks import check_posterior

@@ -1,6 +1,7 @@
 """The project as a whole: lint, types, layers, sizes, what is imported when, and what README promises."""
 
 import ast
+import graphlib
 import os
 import re
 import subprocess
@@ -59,8 +60,11 @@ def read_texts():
     return texts
 
 
-def list_imports(path):
-    """Dotted names of all modules that a file imports, at its top or inside functions."""
+def list_imports(path, modules=()):
+    """Dotted names of all modules that a file imports, at its top or inside functions.
+
+    Of `modules`, a name that is one is meant itself, not the package that it is imported from.
+    """
     inside = path.relative_to(ROOT).with_suffix("").parts
     here = inside if path.name == "__init__.py" else inside[:-1]
     here = here[:-1] if path.name == "__init__.py" else here
@@ -71,7 +75,9 @@ def list_imports(path):
         elif isinstance(node, ast.ImportFrom):
             base = here[: len(here) - node.level + 1] if node.level else ()
             module = [*base, *(node.module.split(".") if node.module else [])]
-            found += [".".join(module)] if node.module else [".".join([*module, alias.name]) for alias in node.names]
+            whole = [".".join([*module, alias.name]) for alias in node.names]
+            inside_it = [name for name in whole if name in modules]
+            found += inside_it or ([".".join(module)] if node.module else whole)
     return found
 
 
@@ -112,6 +118,21 @@ def test_layers(path):
         if other not in (None, own):
             assert other in order, f"{module} stands in no layer"
             assert order[other] <= order[own], f"{own} must not import {module}"
+
+
+def test_no_module_imports_itself():
+    """No circle of imports, those inside functions included, from module to module."""
+    names = {}
+    for path in MODULES:
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        names[".".join(parts[:-1] if path.name == "__init__.py" else parts)] = path
+    graph = {}
+    for name, path in names.items():
+        if name == "ddetumble":
+            continue  # its names are imported when they are used
+        own = set(list_imports(path, names))
+        graph[name] = {module for module in own & set(names) if module not in ("ddetumble", name)}
+    graphlib.TopologicalSorter(graph).prepare()
 
 
 def test_measurement_stands_alone():

@@ -8,7 +8,8 @@ import pytest
 from ddetumble import InputError, check_effect
 from ddetumble.cli import main
 from ddetumble.effects.template import STAGES, write_template
-from ddetumble.inference.models import list_effects, resolve_effect, resolve_model
+from ddetumble.inference.archive import resolve_model
+from ddetumble.inference.models import list_effects, resolve_effect
 
 
 @pytest.mark.slow

@@ -203,7 +203,7 @@ def _prove_contract(effect, model: str, family: str) -> None:
     from ..contact.contract import check_effect
     from ..contact.effect import family_of
     from ..effects import CATALOGUES
-    from ..inference.models import resolve_model
+    from ..inference.archive import resolve_model
 
     if family_of(effect) == family and not any(effect in known for known in CATALOGUES.values()):
         check_effect(effect, resolve_model(model, family).reference).require()

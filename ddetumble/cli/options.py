@@ -123,7 +123,8 @@ class Choice:
 def _list_units(model: str, family: str, effects: Sequence[str]) -> dict[str, str]:
     """Units of all parameters of a model with effects, by name."""
     from ..contact.effect import parameters_of
-    from ..inference.models import resolve_effect, resolve_model
+    from ..inference.archive import resolve_model
+    from ..inference.models import resolve_effect
 
     resolved = resolve_model(model, family)
     classes = [*(type(e) for e in resolved.effects), *(resolve_effect(name) for name in effects)]

@@ -10,9 +10,10 @@ import pandas as pd
 
 from .._errors import InputError
 from ..contact.effect import parameters_of
+from ..inference.archive import resolve_model
 from ..inference.families import Family, find_family, name_family
 from ..inference.files import make_plain, write_json
-from ..inference.models import is_fitted, resolve_model
+from ..inference.models import is_fitted
 from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect
+from ..inference.archive import resolve_model
 from ..inference.families import find_family, name_family
-from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility

@@ -13,9 +13,9 @@ import pandas as pd
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
-from ..inference.archive import load_model
+from ..inference.archive import load_model, resolve_model
 from ..inference.files import make_plain
-from ..inference.models import ResolvedModel, is_fitted, resolve_model
+from ..inference.models import ResolvedModel, is_fitted
 from ..inference.noise import Noise, estimate_noise
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.stack import default_noise

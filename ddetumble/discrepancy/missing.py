@@ -8,9 +8,9 @@ import numpy as np
 
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
+from ..inference.archive import resolve_model
 from ..inference.assembly import require_samples
 from ..inference.families import find_family, name_family
-from ..inference.models import resolve_model
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from .cleaning import ROUNDS, begin_cleaning, clean_records

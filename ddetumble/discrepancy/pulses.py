@@ -9,7 +9,17 @@ import pandas as pd
 from .._errors import InputError
 from ..inference.archive import SavedModel, load_model
 from ..sampling.weights import FILE as WEIGHTS
-from .prediction import CHUNK, ask_model, evaluate_rows, find_ends, list_channels, name_conditions, name_scatter
+from .prediction import (
+    CHUNK,
+    ask_model,
+    average_predictions,
+    evaluate_rows,
+    find_ends,
+    list_channels,
+    name_conditions,
+    name_scatter,
+    read_rivals,
+)
 from .requests import Request
 
 
@@ -44,8 +54,6 @@ def predict_pulses(model: str | Path | SavedModel, conditions: str | Path | pd.D
         ComputationError: The model could not be integrated there.
     """
     if not isinstance(model, SavedModel) and (Path(model) / WEIGHTS).is_file():
-        from .averaging import average_predictions, read_rivals
-
         _, models, weights = read_rivals(Path(model))
         tables = [predict_pulses(one, conditions) for one in models]
         result = average_predictions(tables, weights)
@@ -73,8 +81,6 @@ def predict_pulses(model: str | Path | SavedModel, conditions: str | Path | pd.D
 
 def has_pulses(model: str | Path) -> bool:
     """Whether the model in a folder is of impacts that `predict_pulses` reads."""
-    from .averaging import read_rivals
-
     folder = Path(model)
     models = read_rivals(folder)[1] if (folder / WEIGHTS).is_file() else [load_model(folder)]
     return all(one.family in FAMILIES and one.sampling is not None for one in models)

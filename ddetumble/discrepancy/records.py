@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from ..measurement.faults import Fault
 
 
+RESULT = "result.json"  # what `save` writes for programs
+RIVALS = "rivals"  # folder of the models that the last step could not tell from the best one
 UNSEEN = 0.002  # below this share of its own signature, a campaign cannot see an effect
 
 
@@ -357,18 +360,38 @@ class Discovery:
         """The sentence and its notes, one a line."""
         return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
 
-    def save(self, folder: Any) -> Any:
+    def save(self, folder: Path | str) -> Path:
         """Write `result.json`, and `model.json` with the grown model for `predict`, into a folder.
+
+        Every model that the last step could not tell from the best one is written to `rivals/NUMBER/model.json`.
 
         Args:
             folder: made if it is not there.
 
         Returns:
             Path of `result.json`.
-        """
-        from .saving import save_discovery
 
-        return save_discovery(self, folder)
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        from ..inference.archive import FILE, save_model
+        from ..inference.files import list_versions, write_json
+
+        folder = Path(folder)
+        if self.model_state is not None:
+            workbench, solution = self.model_state["workbench"], self.model_state["solution"]
+
+            def save(place, fitted, effects):
+                save_model(place, campaign=workbench.campaign, model_name=self.model, space=workbench.space,
+                           solution=fitted, noise=workbench.noise, effects=effects, extra={"verdict": self.verdict})
+
+            save(folder, solution, self.effects)
+            for old in (folder / RIVALS).glob(f"*/{FILE}"):  # of an earlier discovery
+                old.unlink()
+            for number, rival in enumerate(self.model_state["rivals"], 1):
+                save(folder / RIVALS / str(number), rival.solution, rival.effects)
+        write_json(folder / RESULT, {**self.to_dict(), "versions": list_versions()})
+        return folder / RESULT
 
     def to_dict(self) -> dict[str, Any]:
         """`result.json` of `discover`: plain numbers, text, lists."""

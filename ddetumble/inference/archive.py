@@ -18,7 +18,7 @@ from ..effects import CATALOGUES
 from ..measurement.campaign import Campaign, Uncertainty
 from .families import name_family
 from .files import hash_file, list_versions, make_plain, refuse_peaks, write_json
-from .models import resolve_effect, resolve_model
+from .models import ResolvedModel, find_model, is_fitted, resolve_effect
 from .noise import Noise
 from .parameters import Common, ParameterSpace
 from .problem import Solution
@@ -284,6 +284,27 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
          if entry.absolute is not None or entry.relative is not None},
         content.time_sd, {name: (entry.low, entry.high) for name, entry in content.conditions.items()},
         content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)), content.sampling)
+
+
+def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
+    """The reference model that a name stands for.
+
+    Args:
+        name: a built-in model; a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or
+            `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or `AbstractFriction`, an
+            instance of one or of `Striker`, or a law that extends one by effects.
+        family: of the records, as built-in names stand for different models in different families.
+
+    Raises:
+        InputError: There is no such model, file or name, or it is none of these things.
+    """
+    if not is_fitted(name):
+        return find_model(name, family)
+    saved = load_model(name)
+    law = saved.law()
+    added = f" with {', '.join(saved.effects)}" if saved.effects else ""
+    return ResolvedModel(saved.model, law.reference, f"{saved.model}{added}, as fitted to {saved.campaign}.",
+                         tuple(law.effects))
 
 
 def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect]) -> bool:

@@ -13,12 +13,13 @@ from ..contact.effect import AbstractEffect, parameters_of
 from ..measurement.campaign import Campaign
 from ..measurement.faults import screen_samples
 from ..measurement.package import read_campaign
+from .archive import resolve_model
 from .assembly import Assembly, assemble_space, default_starts, list_origins
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .families import find_family, name_family
 from .findings import Fit, summarise_fit
 from .horizon import MOST, is_lost, solve_growing
-from .models import ResolvedModel, resolve_effect, resolve_model
+from .models import ResolvedModel, resolve_effect
 from .noise import Noise
 from .parameters import ParameterSpace, from_public, to_public
 from .problem import Problem, Solution

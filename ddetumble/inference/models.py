@@ -41,13 +41,12 @@ def is_fitted(name: str) -> bool:
     return not any(str(name) in models for models in BUILTIN.values()) and Path(name).is_dir()
 
 
-def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
-    """The reference model that a name stands for.
+def find_model(name: str, family: str = "impact") -> ResolvedModel:
+    """The reference model that a name stands for, where it is no fitted one.
 
     Args:
-        name: a built-in model; a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or
-            `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or `AbstractFriction`, an
-            instance of one or of `Striker`, or a law that extends one by effects.
+        name: a built-in model, or `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or
+            `AbstractFriction`, an instance of one or of `Striker`, or a law that extends one by effects.
         family: of the records, as built-in names stand for different models in different families.
 
     Raises:
@@ -61,8 +60,6 @@ def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
     path, colon, attribute = name.rpartition(":")
     if colon and path.endswith(".py"):
         return _import_model(name, Path(path), attribute)
-    if is_fitted(name):
-        return _read_folder(Path(name))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
     other = [kind for kind, known in BUILTIN.items() if name in known]
@@ -121,17 +118,6 @@ def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[
         raise InputError(f"there is no effect {attribute!r} in the file: it has to be a class made from one of "
                          "ddetumble's effect classes", file=path)
     return found
-
-
-def _read_folder(folder: Path) -> ResolvedModel:
-    """The model that was fitted, its values as defaults."""
-    from .archive import load_model
-
-    saved = load_model(folder)
-    law = saved.law()
-    added = f" with {', '.join(saved.effects)}" if saved.effects else ""
-    return ResolvedModel(saved.model, law.reference, f"{saved.model}{added}, as fitted to {saved.campaign}.",
-                         tuple(law.effects))
 
 
 def _run_file(path: Path) -> types.ModuleType:

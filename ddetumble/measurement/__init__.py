@@ -1,11 +1,11 @@
 """What was done on the bench and what was read: campaigns in SI units, from data packages and raw files."""
 
-from .campaign import Campaign, Column, Uncertainty
+from .campaign import Campaign, Column
 from .laboratory import import_tests
 from .onset import Onsets, find_onsets
-from .package import read_campaign
+from .package import read_campaign, write_campaign
 from .plausibility import Implausibility, check_plausibility
-from .storage import write_campaign
+from .units import Uncertainty
 
 
 __all__ = [

@@ -7,28 +7,10 @@ import numpy as np
 import pandas as pd
 
 from .._errors import InputError
+from .units import Uncertainty
 
 
 FAMILIES = ("impact", "slip", "tumble")
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """One standard deviation of a measured number.
-
-    Args:
-        absolute: In the column's SI unit, or None.
-        relative: As a share of the value (0.005 for 0.5 %), or None.
-    """
-
-    absolute: float | None = None
-    relative: float | None = None
-
-    def sd(self, values) -> np.ndarray:
-        """Standard deviation at `values` (any shape, SI), in the same shape and unit."""
-        values = np.asarray(values, dtype=float)
-        constant = np.full(values.shape, self.absolute or 0.0)
-        return constant if self.relative is None else np.hypot(constant, self.relative * np.abs(values))
 
 
 @dataclass(frozen=True)
@@ -164,12 +146,6 @@ class Campaign:
             samples = arrange_samples(samples.loc[samples["record"].isin(keys)], keys)
         peaks = None if self.peaks is None else self.peaks.loc[[key for key in keys if key in self.peaks.index]]
         return replace(self, records=self.records.loc[keys], samples=samples, peaks=peaks)
-
-    def write(self, folder, *, overwrite: bool = False) -> "Campaign":
-        """Write the campaign as a data package; see `package.write_campaign`."""
-        from .package import write_campaign
-
-        return write_campaign(folder, self, overwrite=overwrite)
 
     def _check_keys(self, keys):
         for key in keys:

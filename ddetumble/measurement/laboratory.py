@@ -9,7 +9,7 @@ import pandas as pd
 
 from .._errors import InputError
 from .alignment import RawTest, align_tests, check_increase
-from .campaign import FAMILIES, Campaign, Column, Uncertainty
+from .campaign import FAMILIES, Campaign, Column
 from .checks import FEWEST_SAMPLES, check_finite, check_known, check_values
 from .columns import CHANNELS, Plan, choose_columns, find_unit, make_plan
 from .conditions import Conditions, point_to_gauge, read_conditions, read_names, read_options
@@ -20,7 +20,7 @@ from .package import REQUIRED
 from .plausibility import check_plausibility
 from .tables import Table, convert_column, pick_column
 from .tumbling import start_clocks, turn_axes
-from .units import ROLES, check_unit, parse_quantity, parse_uncertainty, si_unit
+from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
 
 
 _UNKNOWN = {

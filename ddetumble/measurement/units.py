@@ -12,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 
 from .._errors import InputError
-from .campaign import Uncertainty
 
 
 ALIASES = {
@@ -54,6 +53,25 @@ _ROLES = {
 }
 ROLES = {name: kind for kind, names in _ROLES.items() for name in names.split()}
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """One standard deviation of a measured number.
+
+    Args:
+        absolute: In the column's SI unit, or None.
+        relative: As a share of the value (0.005 for 0.5 %), or None.
+    """
+
+    absolute: float | None = None
+    relative: float | None = None
+
+    def sd(self, values) -> np.ndarray:
+        """Standard deviation at `values` (any shape, SI), in the same shape and unit."""
+        values = np.asarray(values, dtype=float)
+        constant = np.full(values.shape, self.absolute or 0.0)
+        return constant if self.relative is None else np.hypot(constant, self.relative * np.abs(values))
 
 
 @dataclass(frozen=True)

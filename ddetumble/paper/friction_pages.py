@@ -10,8 +10,7 @@ import numpy as np
 from . import drawings
 from . import friction_figures as figures
 from .band import BAND, compare_band, find_band, measure_bends, place_band
-from .friction import RELEASED, SCALED, FrictionJudgement
-from .friction_sentences import describe_best
+from .friction import RELEASED, SCALED, FrictionJudgement, describe_best
 from .shipped import find_data
 from .slipping import CORRECTED, UNCORRECTED, err_scaled
 from .words import sign

@@ -117,7 +117,7 @@ def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:
         `table()` and `to_dict()`.
     """
     from .._errors import InputError
-    from ..inference.models import resolve_model
+    from ..inference.archive import resolve_model
 
     extra = ()
     if options.get("reference") is None:

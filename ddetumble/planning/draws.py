@@ -18,7 +18,7 @@ from scipy.stats import qmc
 from .._errors import InputError
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
-from ..discrepancy.saving import RIVALS
+from ..discrepancy.records import RIVALS
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import SavedModel, load_model
 from ..inference.parameters import ParameterSpace, from_public

@@ -10,8 +10,7 @@ import numpy as np
 
 from .._errors import ComputationError, InputError
 from ..discrepancy.holdout import DECISIVE
-from ..discrepancy.saving import FILE as RESULT
-from ..discrepancy.saving import RIVALS
+from ..discrepancy.records import RESULT, RIVALS
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import SavedModel, load_model
 from .limits import Extra, list_extras, set_limits

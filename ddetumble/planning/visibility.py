@@ -18,10 +18,10 @@ from ..discrepancy.detectability import detectable_length, find_size, reach_limi
 from ..discrepancy.holdout import DECISIVE
 from ..discrepancy.shifts import EACH
 from ..discrepancy.workbench import Workbench
+from ..inference.archive import resolve_model
 from ..inference.assembly import default_starts
 from ..inference.families import name_family
 from ..inference.files import list_versions, make_plain, write_json
-from ..inference.models import resolve_model
 from ..inference.parameters import to_public
 from ..inference.problem import Solution
 from ..measurement.campaign import Campaign
