@@ -99,7 +99,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     questions = [str(one) for one in check_plausibility(state.campaign) if one.mistakes]
     if stacks_up(found) and not questions:
         report("trying the other reference models", 0.88)
-        rivals = try_references(resolved, state.campaign, effects, state.zeros,
+        rivals = try_references(resolved, state.campaign, effects, state.zeros, found.grown[0].fitted,
                                 lambda bench, alone: _search(bench, alone, lambda text, share: None))
         better = choose_reference(found, rivals)
         found, name = (_grow_on(found, MOST, report), name) if better is None else (better.search, better.name)

@@ -4,6 +4,8 @@ import dataclasses as dc
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
 from ..inference.builtin import BUILTIN
@@ -17,7 +19,9 @@ from .workbench import Fitted, Workbench
 
 
 ALONE = 2  # additions after which the other reference models are tried: three make up for nearly any wrong reference
-BEST = 3  # other reference models that are searched, those that fit best by themselves
+BEST = 2  # other reference models that are searched, those that fit best by themselves: each takes as long as the first
+FARTHER = 4.0  # times the misfit of the model asked for, alone, beyond which another is no rival: both lack the effects
+SAME = 1e-6  # of chi-square: of two models that fit alike so closely one is the other with renamed parameters
 
 
 @dc.dataclass(frozen=True)
@@ -71,16 +75,16 @@ def stacks_up(search: Search) -> bool:
 
 
 def try_references(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
-                   zeros: Mapping[str, tuple[float, float]], begin: Callable[[Workbench, Fitted], Search]
-                   ) -> tuple[Rival, ...]:
+                   zeros: Mapping[str, tuple[float, float]], asked: Fitted,
+                   begin: Callable[[Workbench, Fitted], Search]) -> tuple[Rival, ...]:
     """Search beside every other built-in reference model of the family that fits about as well by itself.
 
     Args:
-        resolved: the reference model that was asked for.
+        resolved: the reference model that was asked for; `asked` its fit.
         campaign, effects, zeros: as the search beside that had them.
         begin: searches beside a fitted reference model.
     """
-    fitted = []
+    fitted, own = [], asked.solution
     for name, built in BUILTIN.get(name_family(campaign), {}).items():
         reference = built.make()
         if not built.rival or _identify(reference) == _identify(resolved.reference) or _identify(reference) in [
@@ -88,9 +92,14 @@ def try_references(resolved: ResolvedModel, campaign: Campaign, effects: Sequenc
             continue
         try:
             bench = Workbench(campaign, reference, effects, (), zeros)
-            fitted.append((name, built.text, bench, bench.begin()))
+            alone = bench.begin()
         except (ComputationError, InputError):
             continue
+        rows = float((np.asarray(bench.records.stack.weights) > 0).sum())
+        other = alone.solution
+        if (abs(other.chi2 - own.chi2) > SAME * own.chi2 or len(other.names) != len(own.names)) and (
+                other.chi2 - rows <= FARTHER * max(own.chi2 - rows, 1.0)):
+            fitted.append((name, built.text, bench, alone))
     fitted.sort(key=lambda one: merit(one[3]))
     rivals = []
     for name, text, bench, alone in fitted[:BEST]:
