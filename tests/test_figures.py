@@ -118,6 +118,7 @@ def test_names_are_short_and_distinct():
     short = shorten_names(names, 18)
     assert len(set(short.values())) == len(names) and max(map(len, short.values())) <= 18
     assert all(f"run{i:03d}" in short[name] for i, name in enumerate(names, 1))
+    assert shorten_names([*names, "b"], 18) == {**short, "b": "b"}
     alike = [f"{'a' * 40}{i}{'b' * 40}" for i in range(12)]
     assert len(set(shorten_names(alike, 12).values())) == 12 >= max(map(len, shorten_names(alike, 12).values()))
     assert shorten_names(["r1", "r2"], 10) == {"r1": "r1", "r2": "r2"} and shorten_names([], 10) == {}

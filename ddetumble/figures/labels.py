@@ -3,6 +3,7 @@
 import dataclasses as dc
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -94,21 +95,24 @@ def shorten(text, length: int) -> str:
 def shorten_names(names: Iterable, length: int) -> dict[str, str]:
     """Short names of records that stay distinct, by their full name.
 
-    Where one is longer than `length`, whole words that all of them begin or end with are left out first, then the
-    middle; names that would then be alike are numbered in their order.
+    Of those longer than `length`, whole words that all of them begin or end with are left out first, then the middle;
+    names that would then be alike are numbered in their order.
     """
     full = list(dict.fromkeys(str(name) for name in names))
-    short = [clean(name, 4000) for name in full]
-    if len(short) > 1 and max(map(len, short)) > length:
-        words = [re.split(r"(?<=[_\-./ ])", name) for name in short]
-        least = min(map(len, words)) - 1
-        head = next((i for i in range(least) if len({own[i] for own in words}) > 1), least)
-        tail = next((i for i in range(least - head) if len({own[-1 - i] for own in words}) > 1), least - head)
-        short = ["".join(own[head : len(own) - tail]).strip("_-./ ") for own in words]
-    short = [shorten(name, length) for name in short]
-    if len(set(short)) < len(short):
-        short = [f"{shorten(name, max(length - len(str(i)) - 1, 1))}#{i}" for i, name in enumerate(short, 1)]
-    return dict(zip(full, short, strict=True))
+    short = {name: clean(name, 4000) for name in full}
+    words = {name: re.split(r"(?<=[_\-./ ])", text) for name, text in short.items() if len(text) > length}
+    if len(words) > 1:
+        least = min(map(len, words.values())) - 1
+        head = next((i for i in range(least) if len({own[i] for own in words.values()}) > 1), least)
+        least -= head
+        tail = next((i for i in range(least) if len({own[-1 - i] for own in words.values()}) > 1), least)
+        short |= {name: "".join(own[head : len(own) - tail]).strip("_-./ ") for name, own in words.items()}
+    short = {name: shorten(text, length) for name, text in short.items()}
+    count = Counter(short.values())
+    for i, (name, text) in enumerate(short.items(), 1):
+        if count[text] > 1:
+            short[name] = f"{shorten(text, max(length - len(str(i)) - 1, 1))}#{i}"
+    return short
 
 
 def vary(records: Iterable[Mapping[str, float]]) -> tuple[str, ...]:

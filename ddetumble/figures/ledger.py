@@ -82,7 +82,8 @@ def draw_ledger(discovery: Discovery, narrow: bool = False):
             for text, side in ((wrap_text(name, NARROW - 0.4, 10), "bottom"), (below, "top")):
                 axes.annotate(text, (0, row), xycoords=("axes fraction", "data"),
                               xytext=(4, 11 if side == "bottom" else -11), textcoords="offset points", va=side,
-                              color=INK if side == "bottom" else GREY, fontsize=10 if side == "bottom" else 8.5)
+                              color=INK if side == "bottom" else GREY, fontsize=10 if side == "bottom" else 8.5,
+                              zorder=5, bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 1.0})
         names = [""] * len(steps)
     else:
         names = [wrap_text(name, 3.0, 10) for name in names]

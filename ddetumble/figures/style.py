@@ -99,7 +99,7 @@ def colour_models(count: int) -> list[str]:
     return [AFTER] if count == 1 else [BEFORE, AFTER][:count]
 
 
-def space_ticks(axes, count: int = 5):
+def space_ticks(axes, count: int = 8):
     """Put at most `count` numbers along the axes, fewer where they would touch; returns the axes."""
     axes.xaxis.set_major_locator(_load_spaced()(count))
     return axes
@@ -124,7 +124,7 @@ def _load_spaced():
                 self.set_params(nbins=number)
                 places = super().__call__()
                 words = axis.get_major_formatter().format_ticks([x for x in places if low <= x <= high])
-                if sum(_EM * TICKS * (len(word) + 1.5) for word in words) <= length:
+                if sum(_EM * TICKS * (len(word) + 3) for word in words) <= length:
                     break
             return places
 

@@ -16,6 +16,7 @@ from ..figures.style import render_png
 
 
 BUDGET = 2_700_000  # characters of all figures in a page
+WIDE, SMALL = 104, 72  # pixels an inch of a figure, type of 13 and 9 pixels; the latter on a telephone
 HEADLINE, LONGEST, SHORTEST = 150, 230, 24  # characters: two short sentences, what still reads as one, a clause
 _NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?$|^–?$")
 
@@ -114,7 +115,8 @@ def write_page(
             "title": section.title, "paragraphs": section.paragraphs, "points": section.points,
             "figures": [
                 {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data,
-                 "narrow": small, "width": round(104 * float(picture.figure.get_size_inches()[0]))}
+                 "narrow": small, **{name: round(pixels * float(picture.figure.get_size_inches()[0]))
+                                     for name, pixels in (("width", WIDE), ("small", SMALL))}}
                 for picture, data, small in list(zip(pictures, shown, narrow, strict=True))[start : start + count]
             ],
             "tables": [_read_table(table) for table in section.tables],
