@@ -98,6 +98,16 @@ def test_long_names_have_room(make):
         check_layout(figure)
 
 
+def test_numbers_with_many_digits_have_room():
+    time, generator = np.arange(0, 602, 2.0), np.random.default_rng(1)
+    traces = []
+    for i, rate in enumerate((0.02211, 0.117222, 0.10368, 0.061845)):
+        model, noise = np.full(time.size, rate), 2e-5 * generator.normal(size=time.size)
+        traces.append(Trace(f"r{i}", "angular_velocity_z", "rad/s", {}, time, model + noise, model, 2e-5, time, model,
+                            "tumble"))  # fmt: skip
+    check_layout(figures.draw_fit({"reference model": traces}, "angular_velocity_z", 4))
+
+
 def test_many_records_without_conditions_have_room():
     check_layout(figures.draw_record_errors({"reference model": make_hour(60), LONG: make_hour(60)}))
 

@@ -82,7 +82,9 @@ def new_figure(height: float, width: float = WIDTH, gap: float = 0.05):
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05))
+    # Room at the right for half of a last number, which may only appear after the layout is made.
+    rect = (0.0, 0.0, 1.0 - 0.1 / width, 1.0)
+    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05, rect=rect))
 
 
 def dress(axes, grid: str = "y"):
