@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import re
 
 import jax.numpy as jnp
 import numpy as np
@@ -338,7 +339,8 @@ def test_report_of_a_posterior(fits, tmp_path):
     html = write_posterior(found, folder).read_text(encoding="utf-8")
     first = html[html.index("<h1"): html.index("</h1>")]
     assert "95 % probability" in first or "not converged" in first
-    assert "http" not in html.split("<body", 1)[1].replace("http-equiv", "")
+    bare = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html)  # chance writes any four letters into a megabyte of pixels
+    assert "http" not in bare.split("<body", 1)[1].replace("http-equiv", "")
     for name in ("corner", "trace", "ranks", "predictive", "left-out"):
         assert (folder / "figures" / f"{name}.png").stat().st_size > 5000
 

@@ -18,12 +18,13 @@ from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.thinning import thin_campaign
+from ..measurement.units import choose_time_unit
 from .places import residual_places
 from .records import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .shifts import hold_settings, is_moved, measure_shifts
 from .steps import describe_noise, public_estimates
 from .traces import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel
-from .wording import LONG, say_level
+from .wording import say_level
 from .workbench import Workbench
 
 
@@ -304,7 +305,8 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
         spot = max(where, key=lambda w: w.share)
         known = {"depression": (1e3, "mm"), "slip": (1e3, "mm"), "time": (1e3, "ms")}
         scale, unit = known.get(spot.variable, (1.0, ""))
-        scale, unit = (1.0, "s") if unit == "ms" and spot.range[1] > LONG else (scale, unit)
+        if unit == "ms":
+            unit, scale = choose_time_unit(spot.range[1])
         phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading", "backward") else ""
         place = (f"; the residuals of {spot.channel} are largest at {spot.variable.replace('_', ' ')} "
                  f"{spot.range[0] * scale:.3g} to {spot.range[1] * scale:.3g} {unit}".rstrip() + phase)

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..inference.families import Family
 from ..measurement.faults import Fault
+from ..measurement.units import choose_time_unit
 from .holdout import is_beaten
 from .limits import ALONE
 from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step
@@ -17,7 +18,6 @@ CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", 
                  "pressure": "pressure"}
 CHANNEL_WORDS |= {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
 CHANNEL_WORDS |= {f"attitude_{a}": f"attitude component {a}" for a in (*"wxyz", *"0123")}
-LONG = 2.0  # s, from which times are said in seconds
 UNITS = {"depression": ("mm", 1e3), "time": ("ms", 1e3), "depression_rate": ("m/s", 1.0),
          "initial_pressure": ("MPa", 1e-6), "approach_speed": ("m/s", 1.0), "sequence": ("", 1.0),
          "slip": ("mm", 1e3), "normal_load": ("N", 1.0), "internal_pressure": ("MPa", 1e-6), "slip_speed": ("m/s", 1.0),
@@ -47,8 +47,8 @@ def describe_place(place: Place) -> str:
     name = NAMES.get(place.variable, place.variable)
     if place.variable == "time" and place.channel.startswith(("angular_velocity", "attitude")):
         name = "time"
-    if unit == "ms" and place.range[1] > LONG:
-        unit, factor = "s", 1.0
+    if unit == "ms":
+        unit, factor = choose_time_unit(place.range[1])
     low, high = (f"{v * factor:.3g}" for v in place.range)
     phase = "" if place.phase == "both" else f" while {place.phase}"
     text = f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {name} {low} to {high} {unit}".rstrip() + phase

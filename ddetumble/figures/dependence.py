@@ -8,7 +8,20 @@ import numpy as np
 from ..discrepancy.records import Place, Trace
 from .binning import bin_residuals, group_values, list_levels, pick_channel, standardise
 from .labels import Quantity, clean, describe_quantity, format_number, format_share, vary
-from .style import FLOOR, GREY, INK, PLACE, WIDTH, colour_models, dress, head_figure, new_figure, styled
+from .style import (
+    FLOOR,
+    GREY,
+    INK,
+    PLACE,
+    WIDTH,
+    colour_models,
+    dress,
+    head_figure,
+    new_figure,
+    space_ticks,
+    styled,
+    wrap_text,
+)
 from .views import View, choose_view, find_phase, find_strokes, find_values
 
 
@@ -95,7 +108,7 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     shown = describe_quantity(channel, own[0].measured, own[0].unit)
     condition = describe_quantity(name, [trace.conditions.get(name, math.nan) for trace in own])
     levels = list_levels(own, name) if name else [math.nan]
-    state = describe_quantity(view.state)
+    state = describe_quantity(view.state, edges)
     lines = len(models) if view.phases else 1
     figure = new_figure(0.5 + 2.6 * lines, WIDTH)
     panels = figure.subplots(lines, len(models) * len(phases) // lines, squeeze=False, sharex=True, sharey=True)
@@ -122,7 +135,8 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
                 if k == 0 and column == 0 and name:
                     text = f"{condition.name} " if not handles else ""
                     handles.append((line, f"{text}{condition.format(level)} {condition.unit}".strip()))
-            axes.set_title(f"{clean(label, 50)}: {phase}" if phase else clean(label, 50))
+            title = f"{clean(label, 80)}: {phase}" if phase else clean(label, 80)
+            axes.set_title(wrap_text(title, WIDTH / panels.shape[1] - 0.6))
     for axes in panels[-1]:
         axes.set_xlabel(state.label)
     for axes in panels[:, 0]:
@@ -182,7 +196,7 @@ def _draw_means(axes, traces: Mapping[str, Sequence[Trace]], variable: str, edge
 def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, inside: bool) -> bool:
     """Shade where the misfit sits, if a place is a range of this variable; whether there was one.
 
-    Words over a narrow panel (`inside`) stay within its width.
+    The words stay within the panel's width, which is a narrow one's where it is `inside` a row of many.
     """
     places = [place for place in places if _same(place.variable, variable) and variable not in ("time", "direction")]
     told: list[tuple[float, float]] = []
@@ -193,15 +207,15 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
             continue  # two lines of words in one place cannot be read
         told.append((start, end))
         middle, side = 0.5 * (start + end), "center"
-        if inside:
-            low, high = axes.get_xlim()
-            share = (middle - low) / (high - low)
-            middle, side = (low, "left") if share < 0.3 else (high, "right") if share > 0.7 else (middle, side)
+        low, high = axes.get_xlim()
+        share = (middle - low) / (high - low)
+        middle, side = (low, "left") if share < 0.4 else (high, "right") if share > 0.6 else (middle, side)
         text = f"{format_share(place.share)} of the misfit"
         if place.removes is not None and place.share > 0.995:  # a range that is all there is says nothing
             text = f"{format_share(place.removes)} of the misfit removed by a simple force"
         if place.period is not None and math.isfinite(place.period):
             text += f", every {format_number(shown.scale * place.period)} {shown.unit}".rstrip()
+        text = wrap_text(text, 1.7 if inside and variable != "slip" else 3.0, 8)
         axes.annotate(text, (middle, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom", fontsize=8,
                       color=GREY)
     return bool(places)
@@ -209,11 +223,9 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
 
 def _label_variable(axes, variable: str, shown: Quantity, view: View):
     """Say what lies along the axes, and where it stands for a phase, which."""
-    from matplotlib.ticker import MaxNLocator
-
     axes.set_xlabel(view.share if variable == "time" else shown.label)
     if variable == "sequence":
-        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        space_ticks(axes).xaxis.get_major_locator().set_params(integer=True)
     if variable == "direction":
         axes.set_xlim(-1.6, 1.6)
         axes.set_xticks([-1, 1], view.phases[::-1])

@@ -19,8 +19,6 @@ def draw_parameters(steps: Mapping[str, Step], count: int = 8):
     Returns:
         A matplotlib figure.
     """
-    from matplotlib.ticker import MaxNLocator
-
     final = list(steps.values())[-1]
     names = list(final.parameters)
     correlations = sorted(final.correlations, key=lambda item: -abs(item[2]))[:count]
@@ -49,7 +47,6 @@ def draw_parameters(steps: Mapping[str, Step], count: int = 8):
         pad = 0.12 * (max(drawn) - min(drawn)) if drawn and max(drawn) > min(drawn) else 1.0
         if drawn:
             axes.set_xlim(min(drawn) - pad, max(drawn) + pad)
-        axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axes.set_ylabel(_wrap(name), rotation=0, ha="right", va="center", fontsize=9.5, labelpad=10)
         axes.text(1.02, 0.5, _describe(final.parameters[name]), transform=axes.transAxes, va="center", fontsize=9)
     if right is not None:
@@ -57,8 +54,9 @@ def draw_parameters(steps: Mapping[str, Step], count: int = 8):
         for row, (_, _, value) in enumerate(correlations):
             shade = INK if abs(value) > 0.95 else GREY if abs(value) > 0.8 else OTHER
             axes.barh(row, value, height=0.55, color=shade)
-            axes.text(value + math.copysign(0.03, value), row, f"{value:+.2f}".replace("-", "−"), va="center",
-                      ha="left" if value >= 0 else "right", fontsize=8.5)
+            # On the other side of zero, where no name is.
+            axes.text(-math.copysign(0.05, value), row, f"{value:+.2f}".replace("-", "−"), va="center",
+                      ha="right" if value >= 0 else "left", fontsize=8.5)
         axes.axvline(0, color=GREY, lw=0.7)
         axes.set_xlim(-1.28, 1.28)
         axes.set_xticks([-1, 0, 1])

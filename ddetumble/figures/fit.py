@@ -7,22 +7,36 @@ import numpy as np
 
 from ..discrepancy.records import Trace
 from .binning import choose_records, group_values, pick_channel, sort_traces, standardise
-from .labels import clean, describe_conditions, describe_quantity, vary
-from .style import FLOOR, GREY, INK, WIDTH, colour_models, dress, head_figure, new_figure, styled
+from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
+from .style import (
+    FLOOR,
+    GREY,
+    INK,
+    NARROW,
+    WIDTH,
+    colour_models,
+    count_characters,
+    dress,
+    head_figure,
+    new_figure,
+    styled,
+    wrap_text,
+)
 from .views import choose_view, find_span, find_strokes
 
 
-BESIDE = 33  # characters of a panel's conditions and of its record's name that have room side by side
+KEY = 18  # characters of a record's name
 
 
 @styled
-def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, count: int = 8):
+def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, count: int = 8, narrow: bool = False):
     """Records spread over the conditions, each with the models through it and, below, the residual over the noise.
 
     Args:
         models: one or two models by the name they are to have in the legend, the reference model first.
         channel: what to draw; the family's force where it is not given.
         count: how many records at most.
+        narrow: draw for a telephone, one record below the other.
 
     Returns:
         A matplotlib figure.
@@ -38,9 +52,14 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
     names = vary(trace.conditions for trace in first.values())
     shown = describe_quantity(channel, np.concatenate([trace.measured for trace in chosen]), chosen[0].unit)
     along = describe_quantity(view.along, np.concatenate([trace.time for trace in chosen]))
-    columns = 3 if len(chosen) in (5, 6) else min(4, len(chosen))
+    columns = 1 if narrow else 3 if len(chosen) in (5, 6) else min(4, len(chosen))
     rows = math.ceil(len(chosen) / columns)
-    figure = new_figure(0.5 + 2.75 * rows, WIDTH if columns > 2 else 3.2 * columns + 1, gap=0.045)
+    width = NARROW if narrow else WIDTH if columns > 2 else 3.2 * columns + 1
+    panel = (width - 0.7) / columns - 0.15  # inch
+    titles = {trace.record: describe_conditions(trace.conditions, names[:3]) for trace in chosen}
+    short = shorten_names(first, KEY if any(titles.values()) else 26)
+    beside = max(len(f"{title}  {short[own]}") for own, title in titles.items()) <= count_characters(panel, 9.0)
+    figure = new_figure(0.5 + (2.75 if beside else 2.9) * rows, width, gap=0.045)
     grid = figure.add_gridspec(rows, columns)
     limit = _limit_residuals(traces, chosen)
     handles, labels, lower = [], [], None
@@ -69,26 +88,25 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         start, end = find_span(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
         upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
-        title = describe_conditions(trace.conditions, names[:3]) or clean(trace.record, 20)
-        upper.set_title(title, fontsize=9.5 if len(title) < 24 else 8.5 if len(title) < 28 else 8.0)
-        key = clean(trace.record, 10) if names else ""
-        if len(title) + len(key) > BESIDE:
-            upper.annotate(key, (1.0, 1.0), (-2, -2), "axes fraction", textcoords="offset points", ha="right", va="top",
-                           color=GREY, fontsize=8)
-        elif key:
-            upper.set_title(key, loc="right", color=GREY, fontsize=8)
+        title = titles[trace.record] or short[trace.record]
+        size = 9.5 if len(title) < 24 else 8.5 if len(title) < 28 else 8.0
+        title = wrap_text(title, panel, 0.95 * size)
+        upper.set_title(title, fontsize=size)
+        if titles[trace.record]:  # the record's name beside its conditions, or in a line above them
+            key = short[trace.record] if beside else short[trace.record] + "\n" * (title.count("\n") + 1)
+            upper.set_title(key, loc="right" if beside else "center", color=GREY, fontsize=8, **({} if beside else
+                            {"x": 0.0, "ha": "left", "linespacing": 1.6}))
         upper.tick_params(labelbottom=False)
         upper.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
-        lower.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
         lower.set_ylim(-1.1 * limit, 1.1 * limit)
         lower.set_yticks([-_tick(limit), 0, _tick(limit)])
         if column:
             lower.tick_params(labelleft=False)
         else:
-            upper.set_ylabel(shown.label)
+            upper.set_ylabel(wrap_text(shown.label, 1.75))
             lower.set_ylabel("residual\n/ noise")
-        if i + columns >= len(chosen):
-            lower.set_xlabel(along.label)
+        if row >= rows - 2:  # all panels of a row leave the same room
+            lower.set_xlabel(along.label if i + columns >= len(chosen) else " " if len(chosen) % columns else "")
     band = _band()
     head_figure(figure, [*handles, band], ["measured", *labels, "± 2 × noise"])
     return figure

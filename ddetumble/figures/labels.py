@@ -2,9 +2,13 @@
 
 import dataclasses as dc
 import math
+import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+
+from ..measurement.units import choose_time_unit
 
 
 @dc.dataclass(frozen=True)
@@ -42,7 +46,6 @@ _QUANTITIES = {
 }  # fmt: skip
 _MAIN = ("initial_pressure", "approach_speed", "tangential_speed", "normal_load", "internal_pressure", "slip_speed")
 _DIGITS = {"normal_load": "#.3g", "slip_speed": ".3g"}  # others by their unit
-_LONG = 2.0  # s, from which a record's time is shown in seconds
 VERDICTS = {
     "nothing-missing": "nothing missing",
     "explained": "explained",
@@ -53,11 +56,11 @@ VERDICTS = {
 
 
 def describe_quantity(name: str, values=None, unit: str = "") -> Quantity:
-    """Name, unit and scale in which a quantity is shown; small pressures are shown in kPa, long times in seconds.
+    """Name, unit and scale in which a quantity is shown; small pressures are shown in kPa, long times in s or h.
 
     Args:
         name: of a channel, condition or variable.
-        values: SI values to be shown, which decide on kPa or MPa, ms or s.
+        values: SI values to be shown, which decide on kPa or MPa, and on ms, s or h.
         unit: SI unit of a quantity that has no unit of its own here.
     """
     if name not in _QUANTITIES:
@@ -68,8 +71,8 @@ def describe_quantity(name: str, values=None, unit: str = "") -> Quantity:
         finite = finite[np.isfinite(finite)]
         if shown == "MPa" and finite.size and finite.max() < 2e5:
             return Quantity(words, "kPa", 1e-3)
-        if shown == "ms" and finite.size and finite.max() > _LONG:
-            return Quantity(words, "s", 1.0)
+        if shown == "ms" and finite.size:
+            return Quantity(words, *choose_time_unit(finite.max()))
     digits = _DIGITS.get(name, ".2f" if shown in ("MPa", "m/s") else ".3g")
     return Quantity(words, shown, scale, digits)
 
@@ -78,6 +81,38 @@ def clean(text, length: int = 200) -> str:
     """Text from a file on one line, without control characters; cut where it is longer than `length`."""
     text = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def shorten(text, length: int) -> str:
+    """Text from a file on one line; the middle is left out where it is longer than `length`, as ends tell apart."""
+    text = clean(text, 4000)
+    if len(text) <= length:
+        return text
+    end = (length - 1) // 2
+    return f"{text[: length - 1 - end]}…{text[len(text) - end :]}"
+
+
+def shorten_names(names: Iterable, length: int) -> dict[str, str]:
+    """Short names of records that stay distinct, by their full name.
+
+    Of those longer than `length`, whole words that all of them begin or end with are left out first, then the middle;
+    names that would then be alike are numbered in their order.
+    """
+    full = list(dict.fromkeys(str(name) for name in names))
+    short = {name: clean(name, 4000) for name in full}
+    words = {name: re.split(r"(?<=[_\-./ ])", text) for name, text in short.items() if len(text) > length}
+    if len(words) > 1:
+        least = min(map(len, words.values())) - 1
+        head = next((i for i in range(least) if len({own[i] for own in words.values()}) > 1), least)
+        least -= head
+        tail = next((i for i in range(least) if len({own[-1 - i] for own in words.values()}) > 1), least)
+        short |= {name: "".join(own[head : len(own) - tail]).strip("_-./ ") for name, own in words.items()}
+    short = {name: shorten(text, length) for name, text in short.items()}
+    count = Counter(short.values())
+    for i, (name, text) in enumerate(short.items(), 1):
+        if count[text] > 1:
+            short[name] = f"{shorten(text, max(length - len(str(i)) - 1, 1))}#{i}"
+    return short
 
 
 def vary(records: Iterable[Mapping[str, float]]) -> tuple[str, ...]:

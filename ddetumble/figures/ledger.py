@@ -4,15 +4,30 @@ import math
 
 from ..discrepancy.records import Discovery, Step
 from .labels import clean, format_error, format_number, name_step, say_p
-from .style import AFTER, BEFORE, FLOOR, GREY, INK, PALE, WIDTH, dress, head_figure, new_figure, styled
+from .style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GREY,
+    INK,
+    NARROW,
+    PALE,
+    WIDTH,
+    dress,
+    head_figure,
+    new_figure,
+    styled,
+    wrap_text,
+)
 
 
 @styled
-def draw_ledger(discovery: Discovery):
+def draw_ledger(discovery: Discovery, narrow: bool = False):
     """One row a model of the loop: its error on fitted and on held-out records, with the noise floor drawn in.
 
     Args:
         discovery: its `steps`, `noise_nrmse` and `model` are drawn.
+        narrow: draw for a telephone, names and numbers above and below each row.
 
     Returns:
         A matplotlib figure.
@@ -21,7 +36,7 @@ def draw_ledger(discovery: Discovery):
     from matplotlib.patches import Patch
 
     steps, floor = discovery.steps, discovery.noise_nrmse
-    figure = new_figure(1.15 + 0.62 * len(steps), WIDTH)
+    figure = new_figure(1.5 + 1.1 * len(steps), NARROW) if narrow else new_figure(1.15 + 0.62 * len(steps), WIDTH)
     axes = dress(figure.add_subplot(), grid="x")
     errors = [100 * error for step in steps for error in (step.nrmse, step.heldout_nrmse) if math.isfinite(error)]
     noise = 100 * floor if math.isfinite(floor) else 0.0
@@ -36,7 +51,8 @@ def draw_ledger(discovery: Discovery):
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     beside = top * (top / left) ** 0.05 if logarithmic else 1.05 * top
-    axes.set_xlim(left, top * (top / left) ** 0.6 if logarithmic else 1.5 * top)
+    room = 0.06 if narrow else 0.6  # for words at the right, as a share of the axes
+    axes.set_xlim(left, top * (top / left) ** room if logarithmic else (1 + room * 5 / 6) * top)
     if noise > 0:
         axes.axvspan(left, noise, color=FLOOR, alpha=0.18, lw=0)
         axes.axvline(noise, color=FLOOR, lw=1.2)
@@ -50,6 +66,8 @@ def draw_ledger(discovery: Discovery):
                           arrowprops={"arrowstyle": "-|>", "color": FLOOR, "lw": 1.3, "shrinkA": 0, "shrinkB": 7})
         axes.scatter(fitted, row, s=70, color=colour, zorder=4)
         axes.scatter(held, row, s=140, facecolor="none", edgecolor=colour, lw=1.6, zorder=3)
+        if narrow:
+            continue
         text = f", held out {format_error(step.heldout_nrmse)}" if math.isfinite(held) else ""
         axes.annotate(format_error(step.nrmse) + text, (beside, row),
                       xytext=(0, 2), textcoords="offset points", va="bottom", color=INK, fontsize=9.5)
@@ -57,6 +75,18 @@ def draw_ledger(discovery: Discovery):
                       color=GREY, fontsize=8.5)
     names = [f"reference: {clean(discovery.model, 24)}"] + [
         name_step(steps, number, discovery.model) for number in range(1, len(steps))]
+    if narrow:
+        for row, (name, step) in enumerate(zip(names, steps, strict=True)):
+            held = f", held out {format_error(step.heldout_nrmse)}" if math.isfinite(step.heldout_nrmse) else ""
+            below = f"{format_error(step.nrmse)}{held}\n{_describe_fit(step)}"
+            for text, side in ((wrap_text(name, NARROW - 0.4, 10), "bottom"), (below, "top")):
+                axes.annotate(text, (0, row), xycoords=("axes fraction", "data"),
+                              xytext=(4, 11 if side == "bottom" else -11), textcoords="offset points", va=side,
+                              color=INK if side == "bottom" else GREY, fontsize=10 if side == "bottom" else 8.5,
+                              zorder=5, bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 1.0})
+        names = [""] * len(steps)
+    else:
+        names = [wrap_text(name, 3.0, 10) for name in names]
     axes.set_yticks(range(len(steps)), names)
     axes.set_ylim(len(steps) - 0.45, -0.55)
     axes.tick_params(axis="y", length=0, labelsize=10)

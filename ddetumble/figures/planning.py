@@ -1,18 +1,15 @@
 """Figures of tests to come: what the rivals say of the next one, and what a planned campaign could see."""
 
-import textwrap
-
 import numpy as np
 
 from ..planning.proposals import Design
 from ..planning.visibility import Visibility
 from ..planning.wording import describe_test
 from .labels import clean, describe_quantity
-from .style import AFTER, BEFORE, GREY, INK, KIN, OTHER, WIDTH, dress, head_figure, new_figure, styled
+from .style import AFTER, BEFORE, GREY, INK, KIN, OTHER, WIDTH, dress, head_figure, new_figure, styled, wrap_text
 
 
 COLOURS = (AFTER, BEFORE, KIN, OTHER, GREY)
-LINE = 88  # characters of a line below the map
 
 
 @styled
@@ -103,5 +100,5 @@ def draw_map(found: Visibility):
     unseen = [e.effect for e in found.effects if e.size is None]
     text = "|cos| between what can be seen of two effects; found from the stated size on, with 95 % power."
     text += f" Cannot be seen: {', '.join(unseen)}." if unseen else ""
-    axes.set_xlabel(textwrap.fill(clean(text, 300), LINE), loc="left", color=INK, multialignment="left")
+    axes.set_xlabel(wrap_text(clean(text, 300), WIDTH - 4.2), loc="left", color=INK, multialignment="left")
     return figure

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ..measurement.units import si_unit
-from .labels import clean, describe_conditions, describe_quantity, vary
-from .style import AFTER, BEFORE, FLOOR, KIN, WIDTH, dress, head_figure, new_figure, styled
+from .labels import describe_conditions, describe_quantity, shorten_names, vary
+from .style import AFTER, BEFORE, FLOOR, KIN, WIDTH, dress, head_figure, new_figure, styled, wrap_text
 
 
 MOST = 12  # records drawn
@@ -35,7 +35,8 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
     columns = min(COLUMNS, len(keys))
     rows = math.ceil(len(keys) / columns) * len(groups)
     wide = columns > 1 or len(groups[0]) > 1  # one panel is narrower, if its legend has room
-    figure = new_figure(0.6 + 2.9 * rows, WIDTH if wide else 7.0, gap=0.045)
+    width, short = WIDTH if wide else 7.0, shorten_names(keys, 22)
+    figure = new_figure(0.6 + 2.9 * rows, width, gap=0.045)
     grid = figure.add_gridspec(rows, columns)
     names = vary(settings.values())[:3]
     along = describe_quantity(abscissa, table[abscissa])
@@ -54,7 +55,9 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
             upper.tick_params(labelbottom=False, labelleft=column == 0)
             lower.tick_params(labelleft=column == 0)
             if g == 0:
-                upper.set_title(clean(f"{key}: {describe_conditions(settings[key], names)}".removesuffix(": "), 40))
+                said = describe_conditions(settings[key], names)
+                lines = [short[str(key)], wrap_text(said, (width - 0.8) / columns - 0.2)]
+                upper.set_title("\n".join(line for line in lines if line))
             if row == rows - 1 or i + columns >= len(keys):
                 lower.set_xlabel(along.label)
             if column == 0:

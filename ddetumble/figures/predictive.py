@@ -7,8 +7,24 @@ import numpy as np
 
 from ..sampling.checks import LEVEL, STATISTICS, Checks
 from ..sampling.scores import Scores
-from .labels import clean, describe_conditions, describe_quantity, vary
-from .style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER, PALE, WIDTH, dress, head_figure, new_figure, styled
+from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
+from .style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GREY,
+    INK,
+    KIN,
+    OTHER,
+    PALE,
+    WIDTH,
+    dress,
+    head_figure,
+    name_ticks,
+    new_figure,
+    styled,
+    wrap_text,
+)
 
 
 _MARKS = {"chi_square": ("o", AFTER), "largest": ("^", BEFORE), "lag": ("s", "#7a5195")}
@@ -46,9 +62,8 @@ def draw_predictive(checks: Checks, family: str = "impact", count: int = 4):
     axes.set_yticks([1, 1e-2, 1e-4, 1e-6, _LEAST], ["1", "0.01", "1e−4", "1e−6", "≤ 1e−7"])
     axes.minorticks_off()
     axes.set_xlim(-0.7, len(records) - 0.3)
-    every = max(1, -(-len(records) // 26))
-    axes.set_xticks(place[::every], [clean(one.record, 8) for one in records[::every]],
-                    rotation=90 if len(records) > 16 else 0, fontsize=8)
+    short = shorten_names((one.record for one in records), 14)
+    name_ticks(axes, [short[str(one.record)] for one in records], WIDTH - 1.2, 8)
     axes.set_ylabel("p-value of a replicate")
     handles: list[Any] = [Line2D([], [], ls="none", marker=mark, ms=5, color=colour)
                           for mark, colour in _MARKS.values()]
@@ -67,6 +82,7 @@ def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
     wanted = [*order[: -(-count // 2)], *order[-(count // 2):]] if len(order) > count else order
     chosen = sorted(int(g) for g in wanted)
     names = vary(one.conditions for one in checks.records)
+    short = shorten_names((one.record for one in checks.records), 20)
     panels = figure.subplots(-(-len(chosen) // 2), 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
     channel = own.channels[0]
     for axes in panels[len(chosen):]:
@@ -84,8 +100,8 @@ def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
         axes.fill_between(x, _run_mean(band[0]), _run_mean(band[1]), color=KIN, alpha=0.5, lw=0)
         axes.plot(x, (measured - middle) * shown.scale, color=INK, lw=0.7)
         axes.axhline(0, color=PALE, lw=0.8, zorder=1)
-        axes.set_title(f"{clean(checks.records[g].record, 12)}   "
-                       f"{describe_conditions(checks.records[g].conditions, names)}", fontsize=9)
+        title = f"{short[str(checks.records[g].record)]}   {describe_conditions(checks.records[g].conditions, names)}"
+        axes.set_title(wrap_text(title, WIDTH / 2 - 0.8, 9), fontsize=9)
         axes.margins(x=0)
         if k % 2 == 0:
             axes.set_ylabel(f"measured − model\n[{shown.unit or '–'}]", fontsize=8.5)

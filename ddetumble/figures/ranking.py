@@ -4,21 +4,38 @@ import math
 from collections.abc import Sequence
 
 from ..discrepancy.records import UNSEEN, Candidate
-from .labels import clean, say_p
-from .style import AFTER, FAINT, GREY, INK, KIN, OTHER, PALE, WIDTH, dress, head_figure, new_figure, styled
+from .labels import say_p, shorten
+from .style import (
+    AFTER,
+    FAINT,
+    GREY,
+    INK,
+    KIN,
+    NARROW,
+    OTHER,
+    PALE,
+    WIDTH,
+    dress,
+    head_figure,
+    new_figure,
+    styled,
+    wrap_text,
+)
 
 
 CHANCE = 0.05  # p-value from which what an effect removes may be chance
 
 
 @styled
-def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), confused: Sequence[str] | None = None):
+def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), confused: Sequence[str] | None = None,
+                 narrow: bool = False):
     """One bar an effect: the share of the misfit above noise that it removes; a diamond for what can be seen of it.
 
     Args:
         candidates: as they stood at the first step, best first.
         chosen: effects that were added, in their order.
         confused: effects that this campaign cannot tell from the first chosen one; its own list where not given.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
@@ -29,7 +46,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     if confused is None:
         own = [candidate for candidate in candidates if candidate.effect in tuple(chosen)[:1]]
         confused = own[0].indistinguishable_from if own else ()
-    figure = new_figure(1.0 + 0.27 * max(len(candidates), 1), WIDTH)
+    figure = new_figure((2.0 if narrow else 1.0) + 0.27 * max(len(candidates), 1), NARROW if narrow else WIDTH)
     axes = dress(figure.add_subplot(), grid="x")
     colours = {"chosen": AFTER, "kin": KIN, "other": OTHER, "unseen": FAINT}
     edges = {"unseen": PALE, "kin": "white"}
@@ -47,17 +64,20 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
             axes.plot(100 * candidate.visible, row, marker="D", ms=5.5, mfc="white", mec=GREY if unseen else INK,
                       mew=1.2, zorder=4, clip_on=False)
         text = "cannot be seen" if unseen else say_p(candidate.p_value) if share > 0 else "–"
-        axes.text(103, row, text, va="center", fontsize=8.5, color=GREY if unseen or candidate.p_value > 0.05 else INK)
-    axes.set_yticks(range(len(candidates)), [clean(candidate.effect, 36) for candidate in candidates])
-    for label, kind in zip(axes.get_yticklabels(), used, strict=True):
-        label.set_color(GREY if kind == "unseen" else INK)
-        label.set_fontweight("bold" if kind == "chosen" else "normal")
+        axes.text(106 if narrow else 103, row, text, va="center", fontsize=8.5,
+                  color=GREY if unseen or candidate.p_value > 0.05 else INK)
+    length = 22 if narrow else 36
+    axes.set_yticks(range(len(candidates)), [shorten(candidate.effect, length) for candidate in candidates])
+    for word, kind in zip(axes.get_yticklabels(), used, strict=True):
+        word.set_color(GREY if kind == "unseen" else INK)
+        word.set_fontweight("bold" if kind == "chosen" else "normal")
     axes.set_ylim(len(candidates) - 0.4, -0.6)
-    axes.set_xlim(0, 118)
-    axes.set_xticks(range(0, 101, 20))
+    axes.set_xlim(0, 175 if narrow else 118)
+    axes.set_xticks(range(0, 101, 50 if narrow else 20))
     axes.spines["bottom"].set_bounds(0, 100)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("share of the misfit above noise that it removes (bars) [%]")
+    label = "share of the misfit above noise that it removes (bars) [%]"
+    axes.set_xlabel(wrap_text(label, 2.3) if narrow else label)
     words = {
         "chosen": "added",
         "kin": "cannot be told from it",

@@ -16,8 +16,8 @@ from .binning import (
     sort_traces,
     standardise,
 )
-from .labels import clean, describe_conditions, describe_quantity, vary
-from .style import GREY, INK, WIDTH, dress, new_figure, styled
+from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
+from .style import GREY, INK, WIDTH, dress, name_ticks, new_figure, styled, wrap_text
 from .views import choose_view, share_span
 
 
@@ -63,7 +63,8 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
             for line in _find_breaks(order):
                 axes.axhline(line, color="white", lw=1.2)
             shown = describe_quantity(channel).name
-            axes.set_title(clean(name, 60) if len(channels) == 1 else f"{shown}: {clean(name, 50)}")
+            title = clean(name, 80) if len(channels) == 1 else f"{shown}: {clean(name, 80)}"
+            axes.set_title(wrap_text(title, (WIDTH - 2.8) / len(models)))
             axes.tick_params(axis="y", length=0)
             axes.set_yticks(range(len(order)), labels if column == 0 else [""] * len(order), fontsize=7.5)
             axes.set_xticks([0, 0.25, 0.5, 0.75, 1], [view.ends[0], "¼", "½", "¾", view.ends[1]])
@@ -94,7 +95,7 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
     first = next(iter(models.values()))
     channels = list_channels(first)
     grids = [[_grid_errors(pick_channel(traces, channel)) for traces in models.values()] for channel in channels]
-    lines = len(grids[0][0][2])
+    lines, panel = len(grids[0][0][2]), (WIDTH - 2.0) / len(models)
     figure = new_figure(0.75 + len(channels) * (0.65 + 0.36 * max(lines, 2)), WIDTH)
     panels = figure.subplots(len(channels), len(models), squeeze=False)
     for row, channel in enumerate(channels):
@@ -104,15 +105,17 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
             axes = dress(panels[row, column], grid="")
             image = axes.imshow(values, aspect="auto", origin="lower", cmap="YlOrBr", vmin=0.8, vmax=top)
             for i, j in np.ndindex(*values.shape):
-                if math.isfinite(values[i, j]):
+                if math.isfinite(values[i, j]) and panel / values.shape[1] > 0.26:  # room for three digits
                     dark = values[i, j] > 0.8 + 0.6 * (top - 0.8)
                     axes.text(j, i, f"{values[i, j]:.2f}" if values[i, j] < 10 else f"{values[i, j]:.0f}", ha="center",
-                              va="center", fontsize=9, color="white" if dark else INK)
-            axes.set_xticks(range(len(along)), along)
+                              va="center", fontsize=9 if panel / values.shape[1] > 0.4 else 7,
+                              color="white" if dark else INK)
+            name_ticks(axes, along, panel)
             axes.set_yticks(range(len(up)), up if column == 0 else [""] * len(up))
             axes.tick_params(length=0)
             shown = describe_quantity(channel).name
-            axes.set_title(clean(name, 60) if len(channels) == 1 else f"{shown}: {clean(name, 50)}")
+            title = clean(name, 80) if len(channels) == 1 else f"{shown}: {clean(name, 80)}"
+            axes.set_title(wrap_text(title, panel))
             if row == len(channels) - 1:
                 axes.set_xlabel(label_x)
             if column == 0:
@@ -148,7 +151,8 @@ def _label_rows(traces: Sequence[Trace], height: float) -> list[str]:
     """What each row is: record and conditions; every other one is left out where they would overlap."""
     names = vary(trace.conditions for trace in traces)[:3]
     every = max(1, math.ceil(len(traces) * 0.135 / height))
-    labels = [f"{describe_conditions(trace.conditions, names)}   {clean(trace.record, 10)}" for trace in traces]
+    short = shorten_names((trace.record for trace in traces), 18)
+    labels = [f"{describe_conditions(trace.conditions, names)}   {short[trace.record]}" for trace in traces]
     return [label if i % every == 0 else "" for i, label in enumerate(labels)]
 
 
@@ -173,7 +177,8 @@ def _grid_errors(traces: Sequence[Trace]):
     if len(names) < 2:
         order = sort_traces(traces)
         values = np.array([[measure_error(trace) for trace in order]])
-        return values, [clean(trace.record, 8) for trace in order], [""], "record", ""
+        short = shorten_names((trace.record for trace in order), 14)
+        return values, [short[trace.record] for trace in order], [""], "record", ""
     if math.prod(len(levels[name]) for name in names[1:]) > _ROWS:
         names = names[:2]
     errors = np.array([measure_error(trace) for trace in traces])

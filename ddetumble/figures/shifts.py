@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..discrepancy.records import SettingShift
-from .labels import clean, describe_quantity, format_number, say_p
+from .labels import clean, describe_quantity, format_number, say_p, shorten
 from .style import FLOOR, GREY, PALE, WIDTH, colour_models, dress, head_figure, new_figure, styled
 
 
@@ -25,7 +25,6 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]]):
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
-    from matplotlib.ticker import MaxNLocator
 
     names = [shift.name for shift in next(iter(models.values()))]
     figure = new_figure(0.7 + 1.35 * len(names), WIDTH)
@@ -44,7 +43,7 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]]):
             axes.plot(np.arange(1, len(shift.shifts) + 1), shift.shifts, mark, color=colour, ms=4.5, lw=0)
             top = max(top, 1.15 * float(np.max(np.abs(shift.shifts), initial=0.0)))
             if math.isfinite(shift.rms):
-                whose = f"{clean(label, 28)}: " if len(models) > 1 else ""
+                whose = f"{shorten(label, 28)}: " if len(models) > 1 else ""
                 remarks.append(f"{whose}rms {format_number(shift.rms, 2)}, {say_p(shift.p_value)}")
         axes.set_ylim(-top, top)
         words = "time origin" if name == "time" else describe_quantity(name).name
@@ -53,9 +52,9 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]]):
         axes.set_ylabel("shift /\nstated sd")
     panels[-1].set_xlabel("record, in the order of the campaign")
     panels[-1].margins(x=0.02)
-    panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    panels[-1].xaxis.get_major_locator().set_params(integer=True)
     handles: list = [Line2D([], [], ls="none", marker=mark, color=colour, ms=5)
                      for _, colour, mark in zip(models, colours, marks, strict=False)]
     handles.append(Patch(facecolor=FLOOR, alpha=0.35, edgecolor=PALE))
-    head_figure(figure, handles, [*(clean(label, 40) for label in models), "two stated deviations"])
+    head_figure(figure, handles, [*(clean(label, 80) for label in models), "two stated deviations"])
     return figure

@@ -2,8 +2,12 @@
 
 import functools
 import io
+import math
+import textwrap
 import warnings
+from collections.abc import Sequence
 from contextlib import contextmanager
+from typing import Any
 
 
 INK = "#1b2733"
@@ -18,6 +22,9 @@ FLOOR = "#8a97a5"
 PLACE = "#fbedbd"
 SHADES = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#e69f00", "#7a5195", "#66727f")  # of equals
 WIDTH = 10.0  # of every figure [inch]; a report shows it about 1000 pixels wide
+NARROW = 4.2  # of a figure for a telephone [inch]
+TICKS = 8.5  # size of the numbers along axes [point]
+_EM = 0.64  # mean width of a character over the size of its type, of DejaVu Sans, the widest of the fonts
 _FONTS = ("Source Sans 3", "Helvetica Neue", "Arial", "Liberation Sans", "DejaVu Sans")
 
 
@@ -75,12 +82,15 @@ def new_figure(height: float, width: float = WIDTH, gap: float = 0.05):
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05))
+    # Room at the right for half of a last number, which may only appear after the layout is made.
+    rect = (0.0, 0.0, 1.0 - 0.1 / width, 1.0)
+    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05, rect=rect))
 
 
 def dress(axes, grid: str = "y"):
     """Give axes the house's ticks and a faint grid along `grid` (`x`, `y`, `both` or nothing); returns the axes."""
-    axes.tick_params(labelsize=8.5, labelcolor=INK, color=GREY, length=3, width=0.7)
+    axes.tick_params(labelsize=TICKS, labelcolor=INK, color=GREY, length=3, width=0.7)
+    space_ticks(axes)
     if grid:
         axes.grid(True, axis=grid, color=FAINT, linewidth=0.8)
     return axes
@@ -91,12 +101,75 @@ def colour_models(count: int) -> list[str]:
     return [AFTER] if count == 1 else [BEFORE, AFTER][:count]
 
 
+def space_ticks(axes, count: int = 8):
+    """Put at most `count` numbers along the axes, fewer where they would touch; returns the axes."""
+    axes.xaxis.set_major_locator(_load_spaced()(count))
+    return axes
+
+
+@functools.lru_cache(maxsize=1)
+def _load_spaced():
+    """A locator that knows how long its numbers are."""
+    from matplotlib.ticker import MaxNLocator
+
+    class Spaced(MaxNLocator):
+        def __init__(self, most):
+            super().__init__(most, steps=[1, 2, 2.5, 5, 10])
+            self.most = most
+
+        def __call__(self):
+            places = []
+            axis: Any = self.axis
+            length = 72 * axis.axes.get_window_extent().width / axis.axes.figure.dpi  # pt
+            low, high = sorted(axis.get_view_interval())
+            for number in range(self.most, 0, -1):
+                self.set_params(nbins=number)
+                places = super().__call__()
+                words = axis.get_major_formatter().format_ticks([x for x in places if low <= x <= high])
+                if sum(_EM * TICKS * (len(word) + 3) for word in words) <= length:
+                    break
+            return places
+
+    return Spaced
+
+
+def wrap_text(text: str, width: float, size: float = 9.5) -> str:
+    """Text in lines of at most `width` [inch] in type of that size [point]."""
+    return textwrap.fill(text, max(8, count_characters(width, size)), break_on_hyphens=False)
+
+
+def count_characters(width: float, size: float = 9.5) -> int:
+    """How many characters of that size [point] have room in that width [inch]."""
+    return int(72 * width / (_EM * size))
+
+
 def head_figure(figure, handles, labels, columns: int = 6):
-    """Put one legend above all axes, at the left."""
-    legend = figure.legend(handles, labels, loc="outside upper left", ncols=columns, columnspacing=1.8)
-    for text in legend.get_texts():
-        text.set_parse_math(False)
-    return legend
+    """Put one legend above all axes, at the left, in as many columns as the figure has room for."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    room = figure.get_size_inches()[0] - 0.15
+    labels = [wrap_text(label, room - 0.5) for label in labels]
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    number = max(1, min(columns, len(labels)))
+    while True:
+        legend = figure.legend(handles, labels, loc="outside upper left", ncols=number, columnspacing=1.8)
+        for text in legend.get_texts():
+            text.set_parse_math(False)
+        if number == 1 or legend.get_window_extent(renderer).width <= room * figure.dpi:
+            return legend
+        legend.remove()
+        number -= 1
+
+
+def name_ticks(axes, labels: Sequence[str], width: float, size: float = 8.5):
+    """Put a word under each of the places 0, 1, ... along axes of that width [inch].
+
+    The words stand upright where they would touch, and some are left out where even these would.
+    """
+    each = 72 * width / max(len(labels), 1)
+    upright = max(map(len, labels), default=0) * _EM * size > 0.95 * each
+    every = max(1, math.ceil(1.25 * size / each)) if upright else 1
+    axes.set_xticks(range(0, len(labels), every), labels[::every], rotation=90 if upright else 0, fontsize=size)
 
 
 def render_png(figure, dpi: int = 160) -> bytes:

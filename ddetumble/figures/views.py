@@ -32,6 +32,7 @@ class View:
         series: what `sequence` counts.
         apart: words for how phases are told apart, empty without phases.
         free: parameters of the reference model, as a sentence names them.
+        longest: last value along the records, which decides on the unit of their time.
     """
 
     force: str
@@ -49,6 +50,7 @@ class View:
     series: str
     apart: str
     free: str
+    longest: float = 0.0
 
     @property
     def wide(self) -> bool:
@@ -77,6 +79,12 @@ _TUMBLE = View(
 
 def choose_view(traces: Sequence[Trace] = (), family: str = "impact") -> View:
     """The view of some traces; of the family alone where there are none."""
+    view = _choose(traces, family)
+    ends = [float(np.nanmax(trace.time)) for trace in traces if np.size(trace.time)]
+    return dc.replace(view, longest=max(ends)) if ends and view.along == "time" else view
+
+
+def _choose(traces: Sequence[Trace], family: str) -> View:
     family = traces[0].family if traces else family
     if family != "slip":
         return _TUMBLE if family == "tumble" else _IMPACT

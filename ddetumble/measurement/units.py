@@ -257,3 +257,11 @@ def _registry():
     import pint
 
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+def choose_time_unit(longest: float) -> tuple[str, float]:
+    """Unit in which times up to `longest` [s] are shown, and its number in a second.
+
+    Contacts last milliseconds, a body is followed for seconds to hours: four digits of seconds can still be read.
+    """
+    return ("ms", 1e3) if longest <= 2.0 else ("s", 1.0) if longest < 1e4 else ("h", 1 / 3600)

@@ -138,7 +138,8 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
         names = " and ".join(models)
         alt = f"{_begin(channel)} over {view.along} for up to eight records with {names}, and their residuals."
         figure = figures.draw_fit(models, channel, count=8 if i == 0 else 4)
-        pictures.append(Picture(f"fit-{channel}", caption, figure, alt))
+        narrow = figures.draw_fit(models, channel, count=2, narrow=True)
+        pictures.append(Picture(f"fit-{channel}", caption, figure, alt, narrow))
     return Section("Model against measurement", figures=pictures)
 
 
@@ -244,8 +245,9 @@ def _show_steps(discovery: Discovery) -> Section:
         "were fitted and on conditions that were left out. No model can do better than the noise floor."
     )
     alt = f"Error of {len(discovery.steps)} models against the noise floor of {format_error(discovery.noise_nrmse)}."
-    return Section("The error, step by step", figures=[Picture("ledger", caption, figures.draw_ledger(discovery), alt)],
-                   tables=[table])  # fmt: skip
+    return Section("The error, step by step", figures=[
+        Picture("ledger", caption, figures.draw_ledger(discovery), alt, figures.draw_ledger(discovery, narrow=True)),
+    ], tables=[table])  # fmt: skip
 
 
 def _show_ranking(discovery: Discovery) -> Section:
@@ -288,11 +290,12 @@ def _show_ranking(discovery: Discovery) -> Section:
     elif discovery.effects:
         paragraphs.append("No other effect of the catalogue can be mistaken for what was added.")
     caption = "Bars: share of the misfit that each effect removes. Diamonds: how much of it this campaign can see."
-    figure = figures.draw_ranking(discovery.candidates, discovery.effects)
+    figure, narrow = (figures.draw_ranking(discovery.candidates, discovery.effects, narrow=one)
+                      for one in (False, True))
     best = discovery.candidates[0]
     alt = f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, removes {format_share(best.explains)}."
     title = "Which effect is missing" if discovery.effects else "The catalogue, ranked"
-    return Section(title, paragraphs, [Picture("ranking", caption, figure, alt)], tables)
+    return Section(title, paragraphs, [Picture("ranking", caption, figure, alt, narrow)], tables)
 
 
 def _show_parameters(discovery: Discovery) -> Section:

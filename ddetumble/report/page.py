@@ -16,6 +16,8 @@ from ..figures.style import render_png
 
 
 BUDGET = 2_700_000  # characters of all figures in a page
+WIDE, SMALL = 104, 72  # pixels an inch of a figure, type of 13 and 9 pixels; the latter on a telephone
+HEADLINE, LONGEST, SHORTEST = 150, 230, 24  # characters: two short sentences, what still reads as one, a clause
 _NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?$|^–?$")
 
 
@@ -28,12 +30,14 @@ class Picture:
         caption: what it shows, one or two sentences.
         figure: a matplotlib figure.
         alt: what a reader who cannot see it should hear; the caption where it is empty.
+        narrow: the same drawn for a telephone; without it, the figure scrolls sideways there.
     """
 
     name: str
     caption: str
     figure: Any
     alt: str = ""
+    narrow: Any = None
 
 
 @dc.dataclass(frozen=True)
@@ -81,7 +85,7 @@ def write_page(
 
     Args:
         title: of the page, shown by the browser.
-        sentence: the first thing on the page, in plain words.
+        sentence: the first thing on the page, in plain words: its beginning as the headline, the rest below.
         sections: what follows.
         folder: where to write; made where it is not there.
         name: of the page's file.
@@ -102,7 +106,8 @@ def write_page(
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", picture.name):
             raise ValueError(f"{picture.name!r} is no name for a file: use letters, digits, dots, hyphens")
     images = [render_png(picture.figure) for picture in pictures]
-    shown = _fit_budget(pictures, images)
+    narrow = [_encode(render_png(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
+    shown = _fit_budget(pictures, images, BUDGET - sum(map(len, narrow)))
     blocks, start = [], 0
     for section in sections:
         count = len(section.figures)
@@ -110,14 +115,16 @@ def write_page(
             "title": section.title, "paragraphs": section.paragraphs, "points": section.points,
             "figures": [
                 {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data,
-                 "width": round(104 * float(picture.figure.get_size_inches()[0]))}
-                for picture, data in zip(pictures[start : start + count], shown[start : start + count], strict=True)
+                 "narrow": small, **{name: round(pixels * float(picture.figure.get_size_inches()[0]))
+                                     for name, pixels in (("width", WIDE), ("small", SMALL))}}
+                for picture, data, small in list(zip(pictures, shown, narrow, strict=True))[start : start + count]
             ],
             "tables": [_read_table(table) for table in section.tables],
         })  # fmt: skip
         start += count
+    headline, rest = split_sentence(sentence)
     html = _load_template("page.html").render(
-        title=clean(title, 120), sentence=sentence, sections=blocks, verdict=verdict, badge=badge,
+        title=clean(title, 120), headline=headline, rest=rest, sections=blocks, verdict=verdict, badge=badge,
         status=[item for item in status if item], facts=facts, style=_read_text("page.css"),
     )  # fmt: skip
     try:
@@ -128,6 +135,28 @@ def write_page(
     except OSError as error:
         raise InputError(f"the report cannot be written: {error.strerror}", file=error.filename or folder) from None
     return folder / name
+
+
+def split_sentence(text: str) -> tuple[str, str]:
+    """The headline, one or two short sentences, and the rest; a long sentence parts at a colon or a semicolon.
+
+    Stops within brackets, in numbers and in names part nothing.
+    """
+    if len(text) <= HEADLINE:
+        return text, ""
+    depth, ends, breaks = 0, [], []
+    for i, (character, after) in enumerate(zip(text, text[1:], strict=False)):
+        depth = max(0, depth + (character in "([") - (character in ")]"))
+        if depth == 0 and after == " " and i >= SHORTEST:
+            if character in ".?!" and text[i + 2 : i + 3].isupper():
+                ends.append(i + 1)
+            elif character in ":;":
+                breaks.append(i + 1)
+    place = max((end for end in ends if end <= HEADLINE), default=None)
+    if place is None:
+        place = next((one for one in breaks if one <= LONGEST), next(iter(ends), len(text)))
+    head, rest = text[:place], text[place:].strip()
+    return head[:-1] + "." if head[-1] in ":;" else head, rest[:1].upper() + rest[1:]
 
 
 def write_whole(path: Path, content: bytes):
@@ -145,14 +174,18 @@ def write_whole(path: Path, content: bytes):
         raise
 
 
-def _fit_budget(pictures: Sequence[Picture], images: Sequence[bytes]) -> list[str]:
+def _encode(image: bytes) -> str:
+    return base64.b64encode(image).decode("ascii")
+
+
+def _fit_budget(pictures: Sequence[Picture], images: Sequence[bytes], budget: int) -> list[str]:
     """Images as base64; the largest are drawn again with fewer pixels while the page would be too large."""
-    shown = [base64.b64encode(image).decode("ascii") for image in images]
+    shown = [_encode(image) for image in images]
     for dpi in (115, 85, 60):
         for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
-            if sum(map(len, shown)) <= BUDGET:
+            if sum(map(len, shown)) <= budget:
                 return shown
-            shown[i] = base64.b64encode(render_png(pictures[i].figure, dpi)).decode("ascii")
+            shown[i] = _encode(render_png(pictures[i].figure, dpi))
     return shown
 
 

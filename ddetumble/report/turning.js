@@ -23,7 +23,9 @@
     const a = project(tail), b = project(head), way = Math.atan2(b[1] - a[1], b[0] - a[0]);
     pen.fillStyle = colour; pen.beginPath(); pen.moveTo(b[0], b[1]);
     for (const turn of [2.7, -2.7]) pen.lineTo(b[0] + 12 * Math.cos(way + turn), b[1] + 12 * Math.sin(way + turn));
-    pen.fill(); pen.fillText(label, (at === "head" ? b : a)[0] + 6, (at === "head" ? b : a)[1] - 6);
+    pen.fill();
+    const end = at === "head" ? b : a, start = at === "head" ? a : b, side = end[0] < start[0] ? -1 : 1; // beyond the end
+    pen.textAlign = side < 0 ? "right" : "left"; pen.fillText(label, end[0] + 8 * side, end[1] + 5);
   }
   function draw() {
     pen.clearRect(0, 0, canvas.width, canvas.height);

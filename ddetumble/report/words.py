@@ -39,7 +39,7 @@ def share_at_step(discovery: Discovery, effect: str) -> tuple[int, float] | None
 def say_place(place: Place, view: View) -> str:
     """Where a misfit sits, as a sentence in the words of a view; a phase is named where there is another."""
     low, high = place.range
-    shown = describe_quantity(place.variable, [low, high])
+    shown = describe_quantity(place.variable, [low, high, *((view.longest,) if place.variable == "time" else ())])
     name = view.series if place.variable == "sequence" else shown.name
     unit = f" {shown.unit}" if shown.unit else ""
     span = f"{format_number(shown.scale * low)} to {format_number(shown.scale * high)}{unit}"
