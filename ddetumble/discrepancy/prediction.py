@@ -23,6 +23,7 @@ from .requests import Request, read_request
 
 CHUNK = 48  # records a call of the compiled program
 DIRECTIONS = 8  # slots of free parameters, a multiple of this
+OPEN = ("improved", "unexplained", "undecided")  # verdicts of models that leave a misfit
 PATH = 256  # points at which the path from zero slip to the last wanted one is followed
 SAMPLES = 200  # of a record whose times are chosen, about
 BEYOND = 1.25  # contact times that such an impact record lasts
@@ -65,6 +66,10 @@ def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.Da
     groups = request.groups()
     settings = request.settings(name_conditions(saved))
     notes = [*request.notes, *find_extrapolation(saved, [key for key, _ in groups], settings)]
+    verdict = saved.extra.get("verdict")
+    if verdict in OPEN:
+        notes.insert(0, f"The discovery of this model ended with {verdict!r}: it does not fit its own records to the "
+                        "noise, and the standard deviations do not hold what it lacks.")
     channels = list_channels(saved)
     size = len(keys)
     found = {c: np.zeros((3, size)) for c in channels}

@@ -164,8 +164,14 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         they = "they do" if len(unseen) > 1 else "it does"
         notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
                      f"absorbs more than 99.8 % of what {they}.")
+    needs = {effect.id: effect.requires for effect in family.catalogue}
     if left_out:
-        notes.append(f"Not tried, because the model or the campaign lacks what they need: {_join(list(left_out))}.")
+        notes.append("Not tried, because the model or the campaign lacks what they need: " + _join(
+            [f"{e} ({', '.join(needs[e])})" if needs.get(e) else e for e in left_out]) + ".")
+    ordered = [e for e in left_out if "sequence" in needs.get(e, ())]
+    if ordered and lack.rejected and found.verdict != "explained":
+        sentence += (f" {_join(ordered).capitalize()} could not be tried: the campaign does not say in which order the "
+                     "tests were made (a condition `sequence`: 1, 2, 3 ...).")
     for channel, noise in found.noise.items():
         notes.append(f"Noise of {channel}: {noise['text']}.")
     if any(not s.converged for s in found.steps):

@@ -123,6 +123,9 @@ def import_tests(
         else:
             plan.notes.append(f"{name} is that of {sources.sources[name]}; its column along the tests was left out.")
     given = {expand_role(k, family): v for k, v in read_pairs("uncertainty", uncertainty).items()}
+    if "angular_velocity" in given:  # of all three axes
+        rate = given.pop("angular_velocity")
+        given = {f"angular_velocity_{axis}": rate for axis in "xyz"} | given
     shared = {expand_role(k, family): v for k, v in read_pairs("common-uncertainty", common_uncertainty).items()}
     spreads, clock, commons = {}, None, {}
     if family == "impact":
@@ -353,7 +356,8 @@ def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, 
         elif name in names and not (family == "slip" and name != MAIN[family]):
             spread = spreads.get(name, 0.0)
             if not spread > 0:
-                example = f"--uncertainty {name}='0.25 {unit}'"
+                short = "angular_velocity" if name.startswith("angular_velocity_") else name
+                example = f"--uncertainty {short}='{'0.005' if unit == 'rad/s' else '0.25'} {unit}'"
                 how = "cannot be measured before contact" if plan.family == "impact" else "is not known"
                 raise InputError(f"the uncertainty of {name} {how}; give {example}")
             uncertainties[name] = Uncertainty(float(f"{spread:.4g}"))

@@ -56,6 +56,10 @@ class DebrisTable(_Strict):
             raise ValueError("a box needs lengths")
         if self.shape == "mesh" and not self.file:
             raise ValueError("a mesh needs file")
+        own = {"cylinder": {"radius", "length"}, "box": {"lengths"}, "sphere": {"radius"}, "mesh": {"file", "scale"}}
+        idle = sorted(self.model_fields_set & (set().union(*own.values()) - own[self.shape]))
+        if idle:
+            raise ValueError(f"a {self.shape} has no {', '.join(idle)}; it has {', '.join(sorted(own[self.shape]))}")
         return self
 
 

@@ -192,8 +192,8 @@ def read_rivals(folder: Path, campaign: Campaign | str | Path | None) -> tuple[s
     rest = [e for e, own in zip(found, effects, strict=True) if own != added]
     others = [e for e in dict.fromkeys(alike) if e not in effects]
     if not others:
-        raise InputError(f"discover found no rival of {', '.join(effects)}, so that there is nothing to weigh; name "
-                         "the campaign and the effects", file=path)
+        raise InputError(f"discover found no rival of {', '.join(effects)}, so that there is nothing to weigh; "
+                         "name the rivals yourself: `ddetumble weigh CAMPAIGN --effect ID --effect ID`", file=path)
     return model, [tuple(found), *((*rest, e) for e in others)], notes
 
 
