@@ -293,8 +293,9 @@ model = "{fit.as_posix()}"
     saved = load_model(fit)
     for limits, beyond in (("[limits]\nforce = 2500.0\ndepression = 0.025\n", True), (within, False)):
         (tmp_path / "case.toml").write_text(text + limits, encoding="utf-8")
-        assert main(["plan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "plan")]) == 0
-        plan = json.loads((tmp_path / "plan" / "plan.json").read_text(encoding="utf-8"))
+        out = tmp_path / f"plan-{beyond}"
+        assert main(["plan", str(tmp_path / "case.toml"), "-o", str(out)]) == 0
+        plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
         measured = {one["quantity"]: (one["low"], one["high"]) for one in plan["measured"]}
         assert measured["approach_speed"] == saved.ranges["approach_speed"]
         # The campaign has no such channel: what the fitted model reaches at its fastest approach, 7.9 mm.

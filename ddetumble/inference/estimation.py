@@ -216,7 +216,7 @@ def refuse_stray(problem: Problem, solution: Solution) -> None:
     """
     if meets_data(problem, solution):
         return
-    public = {n: problem.space.public(n, solution.u[problem.space.index[n]], 0.0)["estimate"] for n in solution.names}
+    public = {n: problem.space.public(n, solution.u, 0.0)["estimate"] for n in solution.names}
     values = ", ".join(f"{name} = {value:.3g}" for name, value in public.items())
     channel = problem.space.family.channels[0]
     raise ComputationError(
