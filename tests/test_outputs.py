@@ -62,8 +62,10 @@ def test_a_command_that_fails_leaves_nothing(words, tmp_path, capsys):
 @pytest.mark.slow
 def test_an_interrupted_command_leaves_nothing(tmp_path):
     place = tmp_path / "deep" / "new"
+    # Where tests run in the background the signal is ignored, and a child would inherit that.
     with subprocess.Popen([sys.executable, "-m", "ddetumble", "paper", "-o", str(place)], cwd=ROOT, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as process:
         while process.poll() is None and not os.listdir(tmp_path):
             time.sleep(0.05)
         time.sleep(1.0)
