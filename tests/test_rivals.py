@@ -5,18 +5,27 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ddetumble.contact.law import Ball
 from ddetumble.discrepancy.search import Tried, find_alternatives
 from ddetumble.discrepancy.workbench import Fitted
+from ddetumble.effects import CATALOGUES
+from ddetumble.inference.parameters import ParameterSpace
 
 
 GROUPS = np.array([0, 0, 1, 1, 2, 2])
+SPACE = ParameterSpace(Ball(), CATALOGUES["impact"])
+BENCH = SimpleNamespace(groups=GROUPS, space=SPACE)
+NAMES = ("sensor-gain.g", "sensor-lag.T", "adhesion.tau_a", "gas-leak.lambda", "membrane-area.alpha",
+         "viscous-dashpot.c_v", "arm-servo.k_s")
 
 
-def fitted(effect: str, chi2: float, heldout: float, parameters: int = 1) -> Fitted:
-    """A fit with held-out losses that are alike in all conditions."""
-    names = tuple(f"p{k}" for k in range(parameters))
-    loss = np.full(6, heldout / 6)
-    return Fitted((effect,) if effect else (), SimpleNamespace(chi2=chi2, names=names), loss, loss)
+def fitted(effect: str, chi2: float, heldout: float, parameters: int = 1, gain: float = 1.05) -> Fitted:
+    """A fit with held-out losses that are alike in all conditions, and estimates known to a hundredth."""
+    names, loss = NAMES[:parameters], np.full(6, heldout / 6)
+    u = np.zeros(len(SPACE))
+    u[SPACE.index["sensor-gain.g"]] = gain
+    solution = SimpleNamespace(chi2=chi2, names=names, u=u, covariance=lambda: 1e-4 * np.eye(len(names)))
+    return Fitted((effect,) if effect else (), solution, loss, loss)
 
 
 @pytest.mark.parametrize(("chi2", "heldout", "parameters", "rival"), [
@@ -31,6 +40,14 @@ def test_rivals_of_the_best(chi2, heldout, parameters, rival):
     best, other = fitted("best", 1000.0, 1100.0), fitted("other", chi2, heldout, parameters)
     before = fitted("", 2009.0, 2100.0, 0)
     tried = Tried({}, {"best": best, "other": other}, before, ("best", "other"))
-    found = find_alternatives(SimpleNamespace(groups=GROUPS), tried, before)
+    found = find_alternatives(BENCH, tried, before)
     assert [name for name, _, _ in found] == (["other"] if rival else [])
     assert all(difference == pytest.approx(heldout - 1100.0) for _, difference, _ in found)
+
+
+@pytest.mark.parametrize(("gain", "rival"), [(1.05, True), (1.99, True), (2.01, True), (2.03, False), (0.4, False)])
+def test_what_lies_wholly_beyond_physics_is_no_rival(gain, rival):
+    """A calibration is off by 2 at most; an interval of 0.02 either way that reaches that far still counts."""
+    tried = Tried({}, {"best": fitted("best", 1000.0, 1100.0), "other": fitted("other", 1000.0, 1105.0, 1, gain)},
+                  fitted("", 2009.0, 2100.0, 0), ("best", "other"))
+    assert bool(find_alternatives(BENCH, tried, tried.before)) == rival
