@@ -62,10 +62,11 @@ def test_a_command_that_fails_leaves_nothing(words, tmp_path, capsys):
 @pytest.mark.slow
 def test_an_interrupted_command_leaves_nothing(tmp_path):
     place = tmp_path / "deep" / "new"
-    # Where tests run in the background the signal is ignored, and a child would inherit that.
-    with subprocess.Popen([sys.executable, "-m", "ddetumble", "paper", "-o", str(place)], cwd=ROOT, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as process:
+    # Where tests run in the background the signal is ignored, and a child inherits that.
+    start = ("import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+             "from ddetumble.cli import main; sys.exit(main(sys.argv[1:]))")
+    with subprocess.Popen([sys.executable, "-c", start, "paper", "-o", str(place)], cwd=ROOT, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while process.poll() is None and not os.listdir(tmp_path):
             time.sleep(0.05)
         time.sleep(1.0)

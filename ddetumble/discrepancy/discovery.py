@@ -20,7 +20,7 @@ from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
 from .records import Discovery, MissingForce, Place
 from .references import (
-    ALONE,
+    BEFORE_RIVALS,
     Search,
     choose_reference,
     keep_physical,
@@ -132,7 +132,7 @@ def _search(workbench: Workbench, reference: Fitted, report: Progress) -> Search
     grown = [Grown(reference, lack, scores)]
     tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
                         lambda text, share: report(text, 0.2 + 0.4 * share))
-    return _grow_on(Search(workbench, grown, tried, could_have_shown(workbench, scores)), ALONE, report)
+    return _grow_on(Search(workbench, grown, tried, could_have_shown(workbench, scores)), BEFORE_RIVALS, report)
 
 
 def _grow_on(search: Search, most: int, report: Progress) -> Search:

@@ -10,7 +10,7 @@ from .records import Candidate
 from .workbench import Workbench
 
 
-ALONE = 0.8  # share of a misfit from which an effect removes most of it
+LARGEST_PART = 0.8  # share of a misfit from which an effect removes most of it
 
 
 @dc.dataclass(frozen=True)
@@ -63,7 +63,7 @@ def describe_beyond(effects: Sequence[str], unphysical: Sequence[Unphysical]) ->
 def describe_imitation(candidates: Sequence[Candidate]) -> tuple[str, ...]:
     """Sentence on the effect that removes most of a misfit alone, at values beyond its limits; none where none does."""
     for one in sorted(candidates, key=lambda c: -c.explains):
-        if one.beyond and one.explains > ALONE:
+        if one.beyond and one.explains > LARGEST_PART:
             return (f"{one.effect.capitalize()} alone would remove {one.explains:.0%} of the misfit, and explains "
                     f"nothing: {one.text}.",)
     return ()

@@ -18,7 +18,7 @@ from .search import Grown, Tried, merit
 from .workbench import Fitted, Workbench
 
 
-ALONE = 2  # additions after which the other reference models are tried: three make up for nearly any wrong reference
+BEFORE_RIVALS = 2  # additions after which the other reference models are tried: three make up for nearly any wrong reference
 BEST = 2  # other reference models that are searched, those that fit best by themselves: each takes as long as the first
 FARTHER = 4.0  # times the misfit of the model asked for, alone, beyond which another is no rival: both lack the effects
 SAME = 1e-6  # of chi-square: of two models that fit alike so closely one is the other with renamed parameters
@@ -70,7 +70,7 @@ def is_explained(search: Search) -> bool:
 def stacks_up(search: Search) -> bool:
     """Whether as many effects as may stand without a look at other reference models explain nothing, or one beyond
     what physics allows."""
-    return not is_explained(search) and (len(search.grown[-1].fitted.effects) >= ALONE
+    return not is_explained(search) and (len(search.grown[-1].fitted.effects) >= BEFORE_RIVALS
                                          or bool(keep_physical(search)[1]))
 
 

@@ -9,7 +9,7 @@ from ..inference.families import Family
 from ..measurement.faults import Fault
 from ..measurement.units import choose_time_unit
 from .holdout import is_beaten
-from .limits import ALONE
+from .limits import LARGEST_PART
 from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step
 from .shifts import EACH
 
@@ -117,7 +117,7 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
                 [f"{n} of {v:.3g} {c.units.get(n, '')}".rstrip()
                  for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
     elif found.verdict == "undecided" and lack.rejected:
-        fits = [c for c in found.candidates if c.explains > ALONE]
+        fits = [c for c in found.candidates if c.explains > LARGEST_PART]
         which = (f"{_join([c.effect for c in fits])} alone would remove most of that" if fits else
                  "no single effect of the catalogue removes most of that")
         sentence = (f"Undecided: the model {model!r} fails ({misfit}), and {records} at {_count_conditions(found)} "
