@@ -18,7 +18,7 @@ from .search import Grown, Tried, merit
 from .workbench import Fitted, Workbench
 
 
-BEFORE_RIVALS = 2  # additions after which the other reference models are tried: three make up for nearly any wrong reference
+BEFORE_RIVALS = 2  # additions before the other reference models are tried: three make up for nearly any wrong one
 BEST = 2  # other reference models that are searched, those that fit best by themselves: each takes as long as the first
 FARTHER = 4.0  # times the misfit of the model asked for, alone, beyond which another is no rival: both lack the effects
 SAME = 1e-6  # of chi-square: of two models that fit alike so closely one is the other with renamed parameters
