@@ -1,7 +1,8 @@
 """Small numerical helpers that keep values and gradients finite."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,18 @@ from jaxtyping import Array, Float
 
 
 FEW, BLOCK = 4096, 1024  # samples that are computed at once; and of more than that, in one block
+# Two compiled programs side by side use both of two cores better than one does, whose steps are mostly in sequence.
+# Under jax 0.10 they can wait for each other for ever (seen with two fits of slip campaigns), so there it is one.
+WORKERS = 2 if jax.__version_info__ >= (0, 11) else 1
+T = TypeVar("T")
+R = TypeVar("R")
 type_scalar = Float[Array, ""]
+
+
+def map_threads(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
+    """Apply a function that runs compiled programs to items, on as many threads as such programs may take."""
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return list(pool.map(function, items))
 
 
 def scalar(x: Any) -> Array:

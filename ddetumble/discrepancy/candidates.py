@@ -5,6 +5,7 @@ import dataclasses as dc
 import numpy as np
 from scipy import stats
 
+from .._numerics import map_threads
 from ..inference.parameters import to_public
 from .adequacy import Score
 from .detectability import detectable_length, find_size
@@ -44,7 +45,7 @@ def describe_candidates(workbench: Workbench, grown: list[Grown], tried: Tried) 
     sizes: dict[str, dict[str, float]] = {}
     # What is not known of the model may imitate anything, however far from where it stands.
     if not list_loose(workbench, grown[0].fitted.solution):
-        found = workbench.map(lambda e: _detectable(workbench, grown[0].fitted, [s for s in scores if s.effect == e],
+        found = map_threads(lambda e: _detectable(workbench, grown[0].fitted, [s for s in scores if s.effect == e],
                                                     len(scores)), order)
         sizes = dict(zip(order, found, strict=True))
     return [_describe(workbench, finished, tried, scores, e, chosen, alternatives, rejected, sizes.get(e, {}))
@@ -85,7 +86,7 @@ class _Finished:
                 found = dc.replace(start, effects=(effect,))
             return effect, found
 
-        self.fits = dict(workbench.map(one, tried.order))
+        self.fits = dict(map_threads(one, tried.order))
 
     def before_of(self, fitted: Fitted) -> Fitted:
         """The reference model on the samples of a fit."""

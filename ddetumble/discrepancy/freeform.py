@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from .._errors import ComputationError, InputError
+from .._numerics import map_threads
 from ..effects.free import COUNT, FREE, GROUNDS
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.problem import Problem, Solution
@@ -324,7 +325,7 @@ def draw_forces(bench: FreeBench, normals: dict[str, Normal],
     screened = bench.screen(normals)
     hopeful = [s for s in screened if bench.helps(bench.before, s.losses)][:FINALISTS]
     report("fitting the missing force", 0.4)
-    fits = bench.workbench.map(
+    fits = map_threads(
         lambda s: bench.draw([(s.term, s.intervals)], [s.deviation], s.start), hopeful)
     drawn = sorted((d for d in fits if d is not None and bench.helps(bench.before, d.losses)), key=lambda d: d.loss)
     if not drawn:

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .._errors import ComputationError
+from .._numerics import map_threads
 from ..effects.free import blank_plan
 from ..inference.problem import Problem, Solution
 from .freeform import FreeBench, cut
@@ -117,13 +118,13 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
         best.setdefault((guess.form.name, guess.term.way if guess.form.name == "constant" else guess.term.variable),
                         guess)
     chosen = list(best.values())[:REFINED]
-    fitted = [(law, (g,)) for g, law in zip(chosen, bench.workbench.map(lambda g: _fit(bench, (g,)), chosen),
+    fitted = [(law, (g,)) for g, law in zip(chosen, map_threads(lambda g: _fit(bench, (g,)), chosen),
                                             strict=True) if law is not None]
     laws = order_laws([law for law, _ in fitted])
     if laws and laws[0].loss > ceiling + SURE:
         first = next(guess[0] for law, guess in fitted if law is laws[0])
         others = [g for g in best.values() if g.form is not first.form][:PARTNERS]
-        pairs = bench.workbench.map(lambda g: _fit(bench, (first, g)), others)
+        pairs = map_threads(lambda g: _fit(bench, (first, g)), others)
         fitted += [(law, (first, g)) for g, law in zip(others, pairs, strict=True) if law is not None]
     excess = bench.model.solution.chi2 - bench.rows
     laws = order_laws([law for law, _ in fitted if bench.helps(bench.before, law.losses)

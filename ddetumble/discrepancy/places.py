@@ -4,6 +4,7 @@ import dataclasses as dc
 
 import numpy as np
 
+from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
 from .adequacy import score_directions
 from .holdout import compare_losses, is_beaten
@@ -39,7 +40,7 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
         return probe, workbench.fit((*base.effects, probe), [start], base.solution.u, base.solution.z, extra=extra)
 
     best: dict[str, Fitted] = {}
-    for probe, fitted in workbench.map(one, jobs):
+    for probe, fitted in map_threads(one, jobs):
         if fitted is not None and (probe not in best or fitted.solution.chi2 < best[probe].solution.chi2):
             best[probe] = fitted
     return dict(sorted(best.items(), key=lambda item: item[1].score))

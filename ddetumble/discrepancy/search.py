@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from .._numerics import map_threads
 from ..contact.effect import parameters_of
 from ..inference.assembly import default_starts
 from .adequacy import Score
@@ -128,7 +129,7 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
 
     jobs = [(e, s) for e in effects for s in directed_starts(workbench, e, scores)]
     count = len(jobs)
-    keep(workbench.map(one, jobs))
+    keep(map_threads(one, jobs))
     # A second start, one Gauss-Newton step from the null, where the first led astray.
     linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
     jobs = []
@@ -140,7 +141,7 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
             if not (p.sign and p.sign * s.step < 0):
                 origin = s.shapes.get(s.name, float(workbench.start[workbench.space.index[s.name]]))
                 jobs.append((effect, {**s.shapes, s.name: origin + s.step}))
-    keep(workbench.map(one, jobs))
+    keep(map_threads(one, jobs))
     for effect in effects:
         if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
             screened[effect] = dc.replace(before, effects=(*current.effects, effect))
@@ -183,7 +184,7 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
             fitted = dc.replace(current, effects=(*current.effects, effect))
         return effect, fitted
 
-    return dict(workbench.map(one, finalists))
+    return dict(map_threads(one, finalists))
 
 
 def list_held(workbench: Workbench, effect: str) -> list[str]:

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -14,7 +13,7 @@ from ..inference.families import find_family, name_family
 from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import Noise
 from ..inference.parameters import to_coordinate
-from ..inference.problem import WORKERS, Problem, Solution
+from ..inference.problem import Problem, Solution
 from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
@@ -220,11 +219,6 @@ class Workbench:
         problem = self.thin if fitted.thinned and self.thin is not None else self.problem
         channels, used = predict_left_out(problem, fitted.solution, self.groups)
         return measure_error(problem.records, channels, used)
-
-    def map(self, function, items: Sequence) -> list:
-        """Apply a function to items on the cores there are."""
-        with ThreadPoolExecutor(WORKERS) as pool:
-            return list(pool.map(function, items))
 
     def directions(self, exclude: Sequence[str], probes: bool = True, depth: float | None = None,
                    frequency: float | None = None) -> list[tuple[str, str, dict[str, float]]]:

@@ -6,7 +6,6 @@ unknowns with their stated uncertainty as prior, eliminated by the arrow structu
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import equinox as eqx
@@ -17,13 +16,13 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._errors import ComputationError
+from .._numerics import map_threads
 from .._settings import reserve_memory
 from .arrow import ArrowMarquardt, profile_own
 from .parameters import ParameterSpace
 from .stack import DRIFT, ZERO, Records, Stack
 
 
-WORKERS = 2
 FAILED = 1e4
 FAINT = 1e-6  # of derivatives by coordinates in their scales: below it, rounding and the integrator's tolerance
 BLOCK = 3_000_000  # numbers of the Jacobian of as many records as are computed at once
@@ -325,8 +324,7 @@ class Problem:
             first, names, u = job
             found[first: first + len(names), :, :rows] = np.moveaxis(self.solve(names, u, z, moving=False).shared, 2, 0)
 
-        with ThreadPoolExecutor(WORKERS) as pool:
-            list(pool.map(fill, jobs))
+        map_threads(fill, jobs)
         return found
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import ComputationError
+from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
 from ..discrepancy.candidates import ALIKE
 from ..discrepancy.detectability import detectable_length, find_size, reach_limit
@@ -171,7 +172,7 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: S
         report(f"looking for {effect.id}", 0.1 + 0.85 * len(done) / len(jobs))
         return found
 
-    signatures = [s for s in bench.map(one, jobs) if s is not None]
+    signatures = [s for s in map_threads(one, jobs) if s is not None]
     return _describe(bench, resolved.name, signatures, goal)
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import emcee
 import numpy as np
 
 from .._errors import ComputationError, InputError
+from .._numerics import map_threads
 from .adaptation import FEW, PARTS, adapt_mixture, start_mixture
 from .checkpoint import ChainFolder
 from .diagnostics import Convergence, judge_chains
@@ -17,7 +17,6 @@ from .moves import Mixture, mix_moves
 from .target import AbstractTarget, draw_inside
 
 
-WORKERS = 2
 Progress = Callable[[str, float], None]
 
 
@@ -195,27 +194,26 @@ def _run(target: AbstractTarget, settings: Settings, chain: ChainFolder | None, 
     if blocks:
         for k, ensemble in enumerate(ensembles):
             ensemble.resume(blocks[-1], k)
-    with ThreadPoolExecutor(WORKERS) as pool:
-        while True:
-            if done == settings.burn and settings.burn:
-                draws = _join(blocks, "x")[:, settings.burn // 2:].reshape(-1, len(target.names))
-                seed = np.random.SeedSequence([settings.seed, settings.ensembles, 1])
-                proposal, share = adapt_mixture(target, ensembles[0].density, draws, seed)
-                for ensemble in ensembles:
-                    ensemble.adapt(proposal, share)
-            if is_due(done, settings):
-                convergence = _judge(blocks, settings)
-                if convergence.enough or done >= settings.burn + settings.most:
-                    break
-            steps = min(settings.block, settings.burn - done if done < settings.burn else settings.block)
-            parts = list(pool.map(lambda e, n=steps: e.advance(n), ensembles))
-            block = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
-            blocks.append(block)
-            if chain:
-                chain.append(block)
-            done += steps
-            share = max(convergence.effective / settings.effective, (done - settings.burn) / settings.most)
-            report(f"step {done}: {_describe(convergence)}", float(np.clip(share, 0.0, 1.0)))
+    while True:
+        if done == settings.burn and settings.burn:
+            draws = _join(blocks, "x")[:, settings.burn // 2:].reshape(-1, len(target.names))
+            seed = np.random.SeedSequence([settings.seed, settings.ensembles, 1])
+            proposal, share = adapt_mixture(target, ensembles[0].density, draws, seed)
+            for ensemble in ensembles:
+                ensemble.adapt(proposal, share)
+        if is_due(done, settings):
+            convergence = _judge(blocks, settings)
+            if convergence.enough or done >= settings.burn + settings.most:
+                break
+        steps = min(settings.block, settings.burn - done if done < settings.burn else settings.block)
+        parts = map_threads(lambda e, n=steps: e.advance(n), ensembles)
+        block = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
+        blocks.append(block)
+        if chain:
+            chain.append(block)
+        done += steps
+        share = max(convergence.effective / settings.effective, (done - settings.burn) / settings.most)
+        report(f"step {done}: {_describe(convergence)}", float(np.clip(share, 0.0, 1.0)))
     counts = np.sum([b["counts"].sum(axis=0) for b in blocks], axis=0)
     late = [b for b, end in zip(blocks, np.cumsum([b["x"].shape[1] for b in blocks]), strict=True)
             if end > settings.burn]

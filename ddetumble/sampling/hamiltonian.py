@@ -8,7 +8,6 @@ nuisances are sampled here and integrated out for emcee, agreement of the two te
 
 import dataclasses as dc
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -19,11 +18,12 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import ComputationError, InputError
+from .._numerics import map_threads
 from ..inference.problem import evaluate
 from .checkpoint import ChainFolder
 from .curves import CurveTarget
 from .diagnostics import judge_chains
-from .ensemble import WORKERS, Progress, Settings
+from .ensemble import Progress, Settings
 from .posterior import Posterior, summarise_posterior
 from .target import AbstractTarget, CampaignTarget
 
@@ -198,29 +198,28 @@ def _run(kernel_of, target: AbstractTarget, settings: Settings, chain: ChainFold
         return jax.lax.scan(one, state, None, length=steps)
 
     place = jax.jit(jax.vmap(lambda v: _place(v[: len(target.names)], joint)))
-    with ThreadPoolExecutor(WORKERS) as pool:
-        while True:
-            late = np.concatenate([b["v"] for b in blocks], axis=1)[:, settings.burn:] if blocks else np.zeros(
-                (settings.ensembles, 0, size))
-            x = np.asarray(place(late.reshape(-1, size))[0]).reshape(*late.shape[:2], 1, len(target.names))
-            convergence = judge_chains(x, settings.effective)
-            if convergence.enough or done >= settings.burn + settings.most:
-                break
-            steps = settings.block
-            results = list(pool.map(lambda s, n=steps: jax.block_until_ready(advance(s, n)), states))
-            states = [r[0] for r in results]
-            named = zip(("v", "log_density", "leapfrogs", "diverging", "accept"), range(5), strict=True)
-            block = {name: np.stack([np.asarray(r[1][j]) for r in results]) for name, j in named}
-            leaves = [jax.tree.leaves(s) for s in states]
-            block |= {f"state_{j}": np.stack([np.asarray(own[j]) for own in leaves]) for j in range(form.num_leaves)}
-            blocks.append(block)
-            if chain:
-                chain.append(block)
-            done += steps
-            if progress:
-                share = max(convergence.effective / settings.effective, (done - settings.burn) / settings.most)
-                told = "settling" if done <= settings.burn else f"{convergence.effective:.0f} independent draws"
-                progress(f"step {done}: {told}", min(max(share, 0.0), 1.0))
+    while True:
+        late = np.concatenate([b["v"] for b in blocks], axis=1)[:, settings.burn:] if blocks else np.zeros(
+            (settings.ensembles, 0, size))
+        x = np.asarray(place(late.reshape(-1, size))[0]).reshape(*late.shape[:2], 1, len(target.names))
+        convergence = judge_chains(x, settings.effective)
+        if convergence.enough or done >= settings.burn + settings.most:
+            break
+        steps = settings.block
+        results = map_threads(lambda s, n=steps: jax.block_until_ready(advance(s, n)), states)
+        states = [r[0] for r in results]
+        named = zip(("v", "log_density", "leapfrogs", "diverging", "accept"), range(5), strict=True)
+        block = {name: np.stack([np.asarray(r[1][j]) for r in results]) for name, j in named}
+        leaves = [jax.tree.leaves(s) for s in states]
+        block |= {f"state_{j}": np.stack([np.asarray(own[j]) for own in leaves]) for j in range(form.num_leaves)}
+        blocks.append(block)
+        if chain:
+            chain.append(block)
+        done += steps
+        if progress:
+            share = max(convergence.effective / settings.effective, (done - settings.burn) / settings.most)
+            told = "settling" if done <= settings.burn else f"{convergence.effective:.0f} independent draws"
+            progress(f"step {done}: {told}", min(max(share, 0.0), 1.0))
     values = {name: np.concatenate([b[name] for b in blocks], axis=1)[:, settings.burn:]
               for name in ("log_density", "leapfrogs", "diverging", "accept")}
     statistics = {"accepted": float(values["accept"].mean()), "divergences": int(values["diverging"].sum()),

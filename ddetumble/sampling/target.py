@@ -3,7 +3,6 @@
 import dataclasses as dc
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, final
 
 import equinox as eqx
@@ -12,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import InputError
+from .._numerics import map_threads
 from ..inference.bounded import Bounded, linearise_all
 from ..inference.findings import Fit
 from ..inference.identifiability import Knowledge, analyse_columns
 from ..inference.parameters import ParameterSpace, to_public
-from ..inference.problem import WORKERS, Problem, Solution
+from ..inference.problem import Problem, Solution
 from ..inference.stack import Records, trim_records
 from .marginal import Integral, Plan, draw_nodes, integrate_nuisances
 
@@ -144,8 +144,7 @@ class CampaignTarget(AbstractTarget):
         blocks = np.split(x, max(1, len(x) // TRIALS) if len(x) > TRIALS else 1)
         if len(blocks) == 1:
             return run(x)
-        with ThreadPoolExecutor(WORKERS) as pool:
-            parts = list(pool.map(run, blocks))
+        parts = map_threads(run, blocks)
         return jax.tree.map(lambda *part: np.concatenate(part)[:size], *parts)
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
