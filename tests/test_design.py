@@ -9,7 +9,7 @@ import pytest
 
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
-from ddetumble.discrepancy.holdout import DECISIVE
+from ddetumble.discrepancy.settings import DEFAULT
 from ddetumble.discrepancy.workbench import Workbench
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
@@ -162,7 +162,7 @@ def test_nothing_separates_is_said(rivals):
     """At the old speed no load or pressure parts them, and the design says so."""
     found = design(rivals, limits={"speed": "0.1 m/s"})
     assert found.sentence.startswith("Nothing within these limits tells viscous-friction and adhesive-offset apart")
-    assert found.proposals[0].repeats is None and found.proposals[0].pairs[0].distance < np.sqrt(DECISIVE)
+    assert found.proposals[0].repeats is None and found.proposals[0].pairs[0].distance < np.sqrt(DEFAULT.decisive)
     assert draw_next_test(found).axes
 
 

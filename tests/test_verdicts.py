@@ -9,7 +9,8 @@ import pytest
 
 import ddetumble as dd
 from ddetumble.discrepancy.records import LackOfFit
-from ddetumble.discrepancy.shifts import EACH, combine_p_values, is_moved, measure_shifts
+from ddetumble.discrepancy.settings import DEFAULT
+from ddetumble.discrepancy.shifts import combine_p_values, is_moved, measure_shifts
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 
 
@@ -75,7 +76,7 @@ def test_settings_that_swallow_a_misfit(tmp_path):
 def test_settings_as_stated_raise_no_alarm(tmp_path):
     found = dd.compare(write(tmp_path / "null", {}, 8))
     assert not found.lack_of_fit.rejected and found.held_nrmse is None
-    assert all(s.p_value > EACH for s in found.shifts) and len(found.shifts) == 3
+    assert all(s.p_value > DEFAULT.level_each for s in found.shifts) and len(found.shifts) == 3
 
 
 class Bench:
@@ -89,11 +90,11 @@ class Bench:
 
 @pytest.mark.parametrize("count", [2, 8, 24])
 def test_shifts_are_chance_as_often_as_stated(count):
-    """Errors as stated: at most one set of records in 1/EACH is said to have moved (binomial bound over 3,000 sets)."""
+    """Errors as stated: at most one set of records in 1/DEFAULT.level_each is said to have moved (binomial bound over 3,000 sets)."""
     generator, bench = np.random.default_rng(4), Bench(count)
     alarms = sum(is_moved(measure_shifts(bench, type("Fit", (), {"z": generator.standard_normal((count, 4))})))
                  for _ in range(3000))
-    assert alarms <= 3000 * EACH + 3.0 * math.sqrt(3000 * EACH)
+    assert alarms <= 3000 * DEFAULT.level_each + 3.0 * math.sqrt(3000 * DEFAULT.level_each)
 
 
 @pytest.mark.parametrize(("shifts", "moved"), [

@@ -16,10 +16,10 @@ from ..inference.noise import Noise, whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.whiteness import list_spans, spline_columns
 from .records import LackOfFit
-from .shifts import LEVEL, combine_p_values, measure_shifts
+from .settings import DEFAULT, SelectionSettings
+from .shifts import combine_p_values, measure_shifts
 
 
-DRAWS = 4000  # of the parametric bootstrap
 ROWS = 16_384  # of a basis that are looked at at once
 
 
@@ -81,7 +81,7 @@ def _triangulate(left: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
 
 
 def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matrix], noise: dict[str, Noise],
-              score_p_value: float, level: float = LEVEL) -> LackOfFit:
+              score_p_value: float, settings: SelectionSettings = DEFAULT) -> LackOfFit:
     """Judge whether a model lacks something.
 
     Args:
@@ -89,7 +89,7 @@ def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matri
         bases: of `smooth_bases`.
         noise: by channel.
         score_p_value: family-wise p-value of the largest score outside the model.
-        level: probability of a false alarm, shared by the three statistics.
+        settings: level and draws.
     """
     total, degrees = measure_smooth(problem, solution, bases)
     ratio = total / max(degrees, 1.0)
@@ -97,16 +97,16 @@ def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matri
     sd = np.sqrt(2.0 / max(degrees, 1.0) + spread**2)
     smooth = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1.0)) / sd))
     shifts = [shift.p_value for shift in measure_shifts(problem.records, solution)]
-    settings = combine_p_values(shifts)
-    p = combine_p_values((smooth, score_p_value, settings))
+    moves = combine_p_values(shifts)
+    p = combine_p_values((smooth, score_p_value, moves))
     within = problem.space.family.free_running
-    how = (f", calibrated within records by a parametric bootstrap of {DRAWS} draws of the whitened noise" if within
+    how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened noise" if within
            else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
     text = (f"the smallest p-value, counted three times, of three statistics: chi-square of the smooth part of "
             f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to {spread:.1%}); the "
             f"largest efficient score of any effect or probe outside the model{how}{moved}")
-    return LackOfFit(ratio, degrees, p, level, p < level, smooth, score_p_value, settings, text)
+    return LackOfFit(ratio, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text)
 
 
 @dc.dataclass(frozen=True)
@@ -209,7 +209,7 @@ def family_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
     return float(-np.expm1(len(scores) * np.log1p(-min(single, 1 - 1e-16))))
 
 
-def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
+def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise], draws: int = DEFAULT.bootstrap) -> float:
     """The same for few long records: chance of so large a score by a parametric bootstrap of the whitened noise.
 
     Under a complete model the scores are normal with the covariance of their signatures; drawn together they count
@@ -221,8 +221,8 @@ def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
         return 1.0
     values, vectors = np.linalg.eigh(np.array([s.cosines[[t.place for t in used]] for s in used]))
     generator = np.random.default_rng(20261121)
-    drawn = generator.standard_normal((DRAWS, len(used))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    level = np.exp(max(n.log_level_sd for n in noise.values()) * generator.standard_normal(DRAWS))
+    drawn = generator.standard_normal((draws, len(used))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    level = np.exp(max(n.log_level_sd for n in noise.values()) * generator.standard_normal(draws))
     largest = np.max(drawn**2, axis=1) * level
     above = int(np.sum(largest >= max(s.z**2 for s in used)))
-    return (above + 1.0) / (DRAWS + 1.0)
+    return (above + 1.0) / (draws + 1.0)

@@ -12,20 +12,16 @@ from .detectability import detectable_length, find_size
 from .holdout import compare_losses
 from .limits import list_unphysical
 from .records import Candidate
-from .search import Grown, Tried, fit_with_shapes, merit
+from .search import Grown, Tried, fit_with_shapes
 from .steps import list_loose, public_estimates
 from .workbench import Fitted, Workbench
-
-
-SEEN = 4.5  # an amplitude of so many standard errors would be found
-ALIKE = 0.97
 
 
 def could_have_shown(workbench: Workbench, scores: list[Score]) -> bool:
     """Whether any effect whose own signature is three times the noise would have been found."""
     samples = float((np.asarray(workbench.records.stack.weights) > 0).sum())
     catalogued = {e.id for e in workbench.catalogue}
-    return any(9.0 * samples * s.visible > SEEN**2 for s in scores if s.effect in catalogued)
+    return any(9.0 * samples * s.visible > workbench.settings.shown**2 for s in scores if s.effect in catalogued)
 
 
 def describe_candidates(workbench: Workbench, grown: list[Grown], tried: Tried) -> list[Candidate]:
@@ -40,7 +36,7 @@ def describe_candidates(workbench: Workbench, grown: list[Grown], tried: Tried) 
     place = {e: k for k, e in enumerate(tried.order)}
     rejected = grown[0].lack.rejected
     order = sorted(tried.order, key=lambda e: (final.index(e) if e in final else len(final), *(
-        (finished.fits[e].thinned, merit(finished.fits[e]), finished.fits[e].solution.chi2) if rejected else ()),
+        (finished.fits[e].thinned, finished.fits[e].merit, finished.fits[e].solution.chi2) if rejected else ()),
         place[e]))
     sizes: dict[str, dict[str, float]] = {}
     # What is not known of the model may imitate anything, however far from where it stands.
@@ -94,7 +90,7 @@ class _Finished:
 
     def best_beside(self, workbench: Workbench, fitted: Fitted) -> Fitted:
         """The effect that predicts best, on the samples of a fit."""
-        best = min(self.fits.values(), key=lambda f: (f.thinned, merit(f)))
+        best = min(self.fits.values(), key=lambda f: (f.thinned, f.merit))
         if fitted.thinned == best.thinned:
             return best
         if self.best is None:
@@ -124,7 +120,7 @@ def _describe(workbench: Workbench, finished: _Finished, tried: Tried, scores: l
     elif effect in alternatives:
         alike = tuple(e for e in tried.order if (e in alternatives or e == chosen) and e != effect)
     else:
-        alike = tuple(e for e, c in cosines.items() if c > ALIKE)
+        alike = tuple(e for e, c in cosines.items() if c > workbench.settings.collinear)
     beyond = () if absent else list_unphysical(workbench, fitted.solution)
     return Candidate(
         effect=effect, p_value=p_value,
@@ -146,7 +142,7 @@ def _detectable(workbench: Workbench, reference: Fitted, own: list[Score], count
     None is given where no value that physics allows would have been. The model is computed at that value: the score
     alone is the slope at the null, which may be that of a place where nothing else holds.
     """
-    goal, best, found = detectable_length(count), {}, {}
+    goal, best, found = detectable_length(count, workbench.settings), {}, {}
     for s in sorted(own, key=lambda s: s.information):
         if s.information > 0:
             best[s.name] = s  # at the shape that shows most

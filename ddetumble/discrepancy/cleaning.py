@@ -9,18 +9,14 @@ from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
 from ..measurement.thinning import thin_campaign
-from .adequacy import bootstrap_p_value, family_p_value, score_directions
+from .adequacy import score_directions
 from .culprits import Search, find_culprit
 from .misfits import mask_records
 from .rate_units import find_rate_units
-from .shifts import EACH
+from .settings import DEFAULT
 from .suspects import Suspect, find_suspects, tell_fault
 from .workbench import Fitted, Workbench
 from .zeros import find_moving_zeros, tell_zero
-
-
-ROUNDS = 4  # of leaving out and beginning again, at most
-MANY = 100_000  # samples that are searched: hundreds of fits to them take some ten minutes
 
 
 @dc.dataclass(frozen=True)
@@ -42,7 +38,7 @@ class Cleaned:
     notes: tuple[str, ...] = ()
 
 
-def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
+def begin_cleaning(campaign: Campaign, keep_all: bool = False, most: int = DEFAULT.most_samples) -> Cleaned:
     """Look at the samples themselves, before any model.
 
     Raises:
@@ -53,17 +49,17 @@ def begin_cleaning(campaign: Campaign, keep_all: bool = False) -> Cleaned:
     faults = (*faults, *lost)
     if keep_all:
         return _thin(Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
-                                             for f in faults), keep_all=True))
+                                             for f in faults), keep_all=True), most)
     out = {key for fault in lost for key in fault.records}
     kept = [key for key in cleaned.record_keys if key not in out]
     if not kept:
         raise InputError(f"no record of campaign {campaign.name!r} can be used: {' '.join(map(str, lost))}")
-    return _thin(Cleaned(cleaned.select(kept), faults))
+    return _thin(Cleaned(cleaned.select(kept), faults), most)
 
 
-def _thin(state: Cleaned) -> Cleaned:
+def _thin(state: Cleaned, most: int) -> Cleaned:
     """No more samples than can be searched."""
-    campaign, note = thin_campaign(state.campaign, MANY)
+    campaign, note = thin_campaign(state.campaign, most)
     return dc.replace(state, campaign=campaign, notes=(note,)) if note else state
 
 
@@ -128,5 +124,4 @@ def _stands_alone(workbench: Workbench, suspect: Suspect) -> bool:
                              tolerance=1e-2)
     depth = float(solution.state.max())
     scores = score_directions(problem, solution, workbench.directions((), depth=depth))
-    calibrate = bootstrap_p_value if workbench.family.free_running else family_p_value
-    return calibrate(scores, workbench.noise) >= EACH
+    return workbench.calibrate(scores) >= workbench.settings.level_each

@@ -10,11 +10,9 @@ from collections.abc import Callable
 
 from ..measurement.campaign import Campaign
 from .misfits import measure_record, set_aside, settle
-from .suspects import CANDIDATES, FEWEST, SURE, Suspect, find_suspects
+from .suspects import Suspect, find_suspects
 from .workbench import Fitted, Workbench
 
-
-SHARE = 0.5  # of the misfit that leaving the record out has to remove
 
 Search = Callable[[Campaign], tuple[Workbench, Fitted] | None]
 
@@ -29,15 +27,16 @@ def find_culprit(workbench: Workbench, fitted: Fitted, search: Search) -> Suspec
     Returns:
         The record, judged under that model; None where none carries most of the misfit, or it is not beyond doubt.
     """
+    limits = workbench.settings.outliers
     keys, count = workbench.records.keys, workbench.records.count
-    if count <= FEWEST:
+    if count <= limits.fewest:
         return None
     found = {r: measure_record(workbench, workbench.problem, fitted.solution, r) for r in range(count)}
     excess = sum(m.total - m.degrees for m in found.values())
-    likely = sorted(found, key=lambda r: found[r].degrees - found[r].total)[:CANDIDATES]
+    likely = sorted(found, key=lambda r: found[r].degrees - found[r].total)[:limits.candidates]
     asides = [set_aside(workbench, fitted.solution, r) for r in likely]
     aside = min(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
-    if aside.own.p_value * count > SURE or aside.rest.total - aside.rest.degrees > (1.0 - SHARE) * excess:
+    if aside.own.p_value * count > limits.p_value or aside.rest.total - aside.rest.degrees > (1.0 - limits.removed) * excess:
         return None
     key = keys[aside.record]
     answer = search(workbench.campaign.select([k for k in workbench.campaign.record_keys if k != key]))

@@ -19,10 +19,9 @@ from scipy import stats
 from ..contact.effect import Parameter
 from ..inference.arrow import profile_own
 from ..inference.problem import Problem, Solution
-from .shifts import EACH
+from .settings import DEFAULT, SelectionSettings
 
 
-POWER = 0.95
 TRIALS = 6  # sizes tried until the length is right
 CLOSE, NEAR = 0.02, 0.1  # relative error of the length that is good enough, and beyond which there is no size
 HUGE = 300.0  # typical changes beyond which an effect counts as unseen
@@ -46,9 +45,10 @@ class Signature:
     column: np.ndarray
 
 
-def detectable_length(directions: int) -> float:
+def detectable_length(directions: int, settings: SelectionSettings = DEFAULT) -> float:
     """Length of a signature that the family-wise test over so many directions finds, in standard deviations."""
-    return float(np.sqrt(stats.chi2.isf(-np.expm1(np.log1p(-EACH) / directions), 1)) + stats.norm.ppf(POWER))
+    level = -np.expm1(np.log1p(-settings.level_each) / directions)
+    return float(np.sqrt(stats.chi2.isf(level, 1)) + stats.norm.ppf(settings.power))
 
 
 def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: str, goal: float,

@@ -13,9 +13,6 @@ from .misfits import Aside, Misfit, measure_record, replace_stack, settle, white
 from .workbench import Workbench
 
 
-FITS = 1e-3  # chance of the misfit that a change leaves, above which the record fits with it
-SMALL = 1.0  # the same as an excess
-WIDE, FEW = 6.0, 0.03  # deviations of a sample that is off, and share of the samples that may be
 RATIOS = {
     "1000": 1e3, "100": 100.0, "10": 10.0, "1e6": 1e6, "9.80665 (kgf and N)": 9.80665, "4.448 (lbf and N)": 4.4482216,
     "57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
@@ -25,7 +22,6 @@ RATIOS = {
 }
 DECIMAL = ("1000", "100", "10", "1e6")
 USUAL = {"N": ("9.", "4."), "rad/s": ("57", "9.5", "60"), "Pa": ("6.", "14"), "m": ("25",), "m/s": ("60", "3.")}
-CLOSE = 0.25  # share by which a first guess of a ratio may be off
 AMBIENT = 101_325.0
 
 
@@ -56,10 +52,11 @@ def diagnose(workbench: Workbench, aside: Aside) -> Diagnosis:
                      "Look up what was noted on that test, and repeat it.")
 
 
-def _fits(misfit: Misfit, aside: Aside) -> bool:
+def _fits(workbench: Workbench, misfit: Misfit, aside: Aside) -> bool:
     """Whether a change has made the record as good as the others."""
     others = max(max(m.excess for m in aside.others.values()), 0.0)
-    return misfit.p_value > FITS or misfit.excess < min(max(SMALL, others), 0.02 * aside.own.excess)
+    limits = workbench.settings.outliers
+    return misfit.p_value > limits.fits or misfit.excess < min(max(limits.small, others), 0.02 * aside.own.excess)
 
 
 def _hold(workbench: Workbench, aside: Aside, stack: Stack, z: np.ndarray | None = None) -> Misfit | None:
@@ -80,12 +77,12 @@ def _try_samples(workbench: Workbench, aside: Aside) -> Diagnosis | None:
     r, stack = aside.record, workbench.records.stack
     values, model = np.asarray(stack.values).copy(), aside.solution.channels[r]
     sd = np.array([workbench.noise[c].sd for c in workbench.records.channels])[:, None]
-    far = (np.abs(values[r] - model) > WIDE * sd) & (np.asarray(stack.weights)[r] > 0)
-    if not 0 < far.sum() <= FEW * workbench.records.lengths[r]:
+    far = (np.abs(values[r] - model) > workbench.settings.outliers.wide * sd) & (np.asarray(stack.weights)[r] > 0)
+    if not 0 < far.sum() <= workbench.settings.outliers.few * workbench.records.lengths[r]:
         return None
     values[r] = np.where(far, model, values[r])
     misfit = _hold(workbench, aside, eqx.tree_at(lambda s: s.values, stack, jnp.asarray(values)))
-    if misfit is None or not _fits(misfit, aside):
+    if misfit is None or not _fits(workbench, misfit, aside):
         return None
     channel = workbench.records.channels[int(np.argmax(far.sum(axis=1)))]
     number = int(far.sum())
@@ -109,7 +106,7 @@ def _try_channel_units(workbench: Workbench, aside: Aside) -> Diagnosis | None:
         guess = _guess_gain(workbench, aside, chosen)
         for label, ratio in _list_ratios(units[chosen[0]]).items():
             for factor in (ratio, 1.0 / ratio):
-                if not guess or abs(np.log(guess / factor)) > CLOSE:
+                if not guess or abs(np.log(guess / factor)) > workbench.settings.outliers.close:
                     continue
                 new = values.copy()
                 new[r, chosen] /= factor  # with its noise, which then is as stated
@@ -120,7 +117,7 @@ def _try_channel_units(workbench: Workbench, aside: Aside) -> Diagnosis | None:
                         conditions[name] = conditions[name].at[r].divide(factor)
                 changed = eqx.tree_at(lambda s: (s.values, s.conditions), stack, (jnp.asarray(new), conditions))
                 misfit = _hold(workbench, aside, changed)
-                if misfit is not None and _fits(misfit, aside) and (best is None or misfit.total < best[0]):
+                if misfit is not None and _fits(workbench, misfit, aside) and (best is None or misfit.total < best[0]):
                     what = "its " + " and ".join(records.channels[c] for c in chosen)
                     best = misfit.total, Diagnosis(
                         "unit", records.channels[chosen[0]],
@@ -177,7 +174,7 @@ def _try_condition_units(workbench: Workbench, aside: Aside) -> Diagnosis | None
                 sd[r, place] *= abs(value / own[r])
                 changed = eqx.tree_at(lambda s: s.condition_sd, changed, jnp.asarray(sd))
             misfit = _hold(workbench, aside, changed)
-            if misfit is not None and _fits(misfit, aside) and (best is None or misfit.total < best[0]):
+            if misfit is not None and _fits(workbench, misfit, aside) and (best is None or misfit.total < best[0]):
                 best = misfit.total, Diagnosis("unit", name, f"It fits once its {name} {words}.",
                                                f"Correct the {name} of that record.")
     return None if best is None else best[1]
@@ -199,12 +196,12 @@ def _try_columns(workbench: Workbench, aside: Aside) -> Diagnosis | None:
                 continue
             misfit = measure_record(workbench, workbench.problem, aside.stated, r, aside.spread, columns)
             move = _solve_columns(aside, columns)
-            if kind == "gain" and move[0] > 0.0 and not _fits(misfit, aside):
+            if kind == "gain" and move[0] > 0.0 and not _fits(workbench, misfit, aside):
                 # An amplifier multiplies the noise, too.
                 values = np.asarray(records.stack.values).copy()
                 values[r, c] /= 1.0 + move[0]
                 misfit = _hold(workbench, aside, eqx.tree_at(lambda s: s.values, records.stack, jnp.asarray(values)))
-            if misfit is not None and _fits(misfit, aside) and (best is None or misfit.total < best[0]):
+            if misfit is not None and _fits(workbench, misfit, aside) and (best is None or misfit.total < best[0]):
                 best = misfit.total, kind, c, move
     if best is None:
         return None
@@ -250,7 +247,7 @@ def _try_conditions(workbench: Workbench, aside: Aside) -> Diagnosis | None:
         if records.keys[r] in at.failed:
             continue
         misfit = measure_record(workbench, problem, at, r, aside.spread)
-        if _fits(misfit, aside):
+        if _fits(workbench, misfit, aside):
             found.append((misfit.total, name, float(at.z[r, k] * size)))
     if not found:
         return None

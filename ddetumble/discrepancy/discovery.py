@@ -13,14 +13,12 @@ from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
 from .candidates import could_have_shown, describe_candidates
-from .cleaning import ROUNDS, begin_cleaning, clean_records
-from .holdout import SURE
+from .cleaning import begin_cleaning, clean_records
 from .limits import describe_beyond, describe_imitation
 from .missing import describe_missing, summarise_missing
 from .places import fit_probes, locate
 from .records import Discovery, MissingForce, Place
 from .references import (
-    BEFORE_RIVALS,
     Search,
     choose_reference,
     keep_physical,
@@ -28,27 +26,26 @@ from .references import (
     stacks_up,
     try_references,
 )
-from .search import MOST, Grown, Tried, free_shapes, grow, merit, predicts_better, prune, try_effects
-from .shifts import EACH, LEVEL
+from .search import Grown, Tried, free_shapes, grow, predicts_better, prune, try_effects
+from .settings import DEFAULT, SelectionSettings
 from .steps import describe_noise, describe_step, list_loose, noise_over_signal
 from .wording import explain, mention_doubts, mention_faults
 from .workbench import Fitted, Workbench
 
 
-PLAIN = 1e-6  # lack of fit so sure that an effect which removes it is no imitation
-IMITATION = 0.5  # effects that gain less than this share of what one unlisted force gains only imitate it
-
 Progress = Callable[[str, float], None]
 
 
 def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
-             keep_all: bool = False, progress: Progress | None = None) -> Discovery:
+             settings: SelectionSettings = DEFAULT, keep_all: bool = False, progress: Progress | None = None
+             ) -> Discovery:
     """Find out which physical effect a campaign shows and the model lacks.
 
     Args:
         campaign: a campaign with samples, or its folder.
         model: reference model, see `ddetumble.inference.models`; one that has effects already is grown further.
         effects: effects of your own, tried beside the catalogue.
+        settings: thresholds that decide; the result keeps them.
         keep_all: leave out no record and no sample: faults of the data are reported, and nothing is done about them.
         progress: called with a sentence and the share done.
 
@@ -67,27 +64,27 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     resolved = resolve_model(model, name_family(campaign))
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
-    state = begin_cleaning(campaign, keep_all)
+    state = begin_cleaning(campaign, keep_all, settings.most_samples)
 
     def begin(campaign):
-        return Workbench(campaign, resolved.reference, effects, resolved.effects, state.zeros)
+        return Workbench(campaign, resolved.reference, effects, resolved.effects, state.zeros, settings)
 
     def search_again(campaign):
         report("looking behind a record", 0.87)
         bench = begin(campaign)
         last = _search(bench, bench.begin(), lambda text, share: None).grown[-1]
-        return (bench, last.fitted) if last.lack.smooth_p_value > EACH else None
+        return (bench, last.fitted) if last.lack.smooth_p_value > settings.level_each else None
 
-    for turn in range(ROUNDS):
+    for turn in range(settings.rounds):
         report("fitting the reference model", 0.02)
         workbench = begin(state.campaign)
         reference = workbench.begin()
         state, changed = clean_records(state, workbench, reference, False)
-        if changed and turn < ROUNDS - 1:
+        if changed and turn < settings.rounds - 1:
             continue
         found = _search(workbench, reference, report)
         grown = found.grown
-        if grown[0].lack.rejected and turn < ROUNDS - 1:
+        if grown[0].lack.rejected and turn < settings.rounds - 1:
             report("looking for records at fault", 0.86)
             state, changed = clean_records(state, workbench, grown[-1].fitted, True,
                                            search_again if grown[-1].lack.rejected else None)
@@ -99,10 +96,10 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     questions = [str(one) for one in check_plausibility(state.campaign) if one.mistakes]
     if stacks_up(found) and not questions:
         report("trying the other reference models", 0.88)
-        rivals = try_references(resolved, state.campaign, effects, state.zeros, found.grown[0].fitted,
+        rivals = try_references(resolved, state.campaign, effects, state.zeros, found.grown[0].fitted, settings,
                                 lambda bench, alone: _search(bench, alone, lambda text, share: None))
         better = choose_reference(found, rivals)
-        found, name = (_grow_on(found, MOST, report), name) if better is None else (better.search, better.name)
+        found, name = (_grow_on(found, settings.most_effects, report), name) if better is None else (better.search, better.name)
     workbench, tried = found.workbench, found.tried
     grown, beyond = keep_physical(found)
     doubts = (*questions, *([describe_beyond(found.grown[len(grown)].fitted.effects, beyond)] if beyond else ()))
@@ -118,7 +115,7 @@ def discover(campaign: Campaign | str | Path, model: str = "paper", *, effects: 
     discovery = _assemble(workbench, name, grown, tried, verdict, where, missing, began)
     discovery = dc.replace(discovery, notes=(*state.notes, *discovery.notes))
     if not beyond and verdict in ("improved", "unexplained"):
-        doubts += describe_imitation(discovery.candidates)
+        doubts += describe_imitation(discovery.candidates, settings.largest_part)
     discovery = mention_doubts(discovery, doubts, units=bool(questions))
     if rivals:
         discovery = mention_references(discovery, resolved.name, rivals)
@@ -132,7 +129,8 @@ def _search(workbench: Workbench, reference: Fitted, report: Progress) -> Search
     grown = [Grown(reference, lack, scores)]
     tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
                         lambda text, share: report(text, 0.2 + 0.4 * share))
-    return _grow_on(Search(workbench, grown, tried, could_have_shown(workbench, scores)), BEFORE_RIVALS, report)
+    return _grow_on(Search(workbench, grown, tried, could_have_shown(workbench, scores)),
+                    workbench.settings.effects_before_rivals, report)
 
 
 def _grow_on(search: Search, most: int, report: Progress) -> Search:
@@ -154,7 +152,7 @@ def _grow_on(search: Search, most: int, report: Progress) -> Search:
             # The addition only helped a fit along that had stopped short.
             gain = grown[-1].fitted.score - more.fitted.score
             grown[-1] = dc.replace(grown[-1], fitted=more.fitted, lack=more.lack, scores=more.scores)
-            if gain < SURE:
+            if gain < workbench.settings.significant:
                 break
             continue
         if not predicts_better(workbench, grown[-1].fitted, more.fitted):
@@ -199,15 +197,15 @@ def _decide(workbench: Workbench, grown: list[Grown], visible: bool) -> tuple[st
         probes = fit_probes(workbench, reference.fitted, reference.scores)
         return "unexplained", locate(workbench, reference.fitted, probes), grown, reference.fitted
     plain = not final.lack.rejected and len(final.fitted.effects) == 1
-    if plain and reference.lack.smooth_p_value < PLAIN:
+    if plain and reference.lack.smooth_p_value < workbench.settings.certain:
         return "explained", locate(workbench, reference.fitted, {}), grown, final.fitted
     probes = fit_probes(workbench, reference.fitted, reference.scores)
-    best = min(probes.values(), key=merit, default=None)
-    if best is not None and merit(best) < merit(final.fitted) - SURE:
+    best = min(probes.values(), key=lambda f: f.merit, default=None)
+    if best is not None and best.merit < final.fitted.merit - workbench.settings.significant:
         # One force that no catalogue lists does better than the effects together: they only imitate it.
         where = locate(workbench, reference.fitted, probes)
-        gain, possible = (merit(reference.fitted) - merit(one) for one in (final.fitted, best))
-        if gain < IMITATION * possible:
+        gain, possible = (reference.fitted.merit - one.merit for one in (final.fitted, best))
+        if gain < workbench.settings.imitation * possible:
             return "unexplained", where, grown[:1], reference.fitted
         return "improved", where, grown, reference.fitted
     if not final.lack.rejected:
@@ -245,10 +243,10 @@ def _assemble(workbench: Workbench, model: str, grown: list[Grown], tried, verdi
         sha256=workbench.campaign.sha256, model=model, verdict=verdict, effects=effects, steps=tuple(steps),
         candidates=tuple(candidates), where=tuple(where), noise_nrmse=noise_over_signal(steps[0].traces),
         noise=describe_noise(workbench), sentence="", notes=(), settings={
-            "level": LEVEL, "records": workbench.records.count, "samples": int(workbench.records.lengths.sum()),
+            "level": workbench.settings.level, "selection": dc.asdict(workbench.settings), "records": workbench.records.count, "samples": int(workbench.records.lengths.sum()),
             "conditions": workbench.conditions, "seconds": round(time.perf_counter() - began, 2)},
         missing=missing if isinstance(missing, MissingForce) else None,
-        model_state={"workbench": workbench, "solution": grown[-1].fitted.solution, "rivals": _list_rivals(grown)},
+        selection=workbench.settings, model_state={"workbench": workbench, "solution": grown[-1].fitted.solution, "rivals": _list_rivals(grown)},
     )
     sentence, notes = explain(found, workbench.left_out, workbench.family)
     if isinstance(missing, MissingForce):

@@ -17,7 +17,7 @@ from .._numerics import map_threads
 from ..effects.free import COUNT, FREE, GROUNDS
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.problem import Problem, Solution
-from .holdout import SURE, compare_losses, is_beaten
+from .holdout import compare_losses
 from .ridge import Normal, choose_ridge, gather_normal, hold_out, solve_ridge, spread_ridge
 from .terms import Term, coarsen, list_terms, place_terms, smooth, with_plan
 from .workbench import Fitted, Workbench
@@ -259,7 +259,7 @@ class FreeBench:
             options = {f: hold_out(normal, weight / f) for f in (0.1, 0.3, 1.0, 3.0, 10.0)}
             best = min(options, key=lambda f: float(options[f].sum()))
             drawn = dc.replace(drawn, losses=options[1.0])
-            if trial or 0.3 <= best <= 3.0 or options[best].sum() > options[1.0].sum() - SURE:
+            if trial or 0.3 <= best <= 3.0 or options[best].sum() > options[1.0].sum() - self.workbench.settings.significant:
                 return drawn
             deviations = [d * best for d in deviations]
             u, z = solution.u, solution.z
@@ -278,7 +278,7 @@ class FreeBench:
 
     def helps(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Whether the second predicts left-out conditions better, beyond chance."""
-        return is_beaten(*self.compare(one, other))
+        return self.workbench.settings.is_beaten(*self.compare(one, other))
 
 
 def cut(solution: Solution, count: int) -> Solution:

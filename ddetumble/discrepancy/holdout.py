@@ -7,12 +7,10 @@ import numpy as np
 from .._errors import ComputationError
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Records
+from .settings import DEFAULT
 
 
-SURE = 9.0  # a held-out difference of so many noise variances is not chance
-DECISIVE = 50.0
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
-QUARTER = 0.25  # of a left-out record, from which what it starts from is fitted
 
 
 def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
@@ -31,24 +29,25 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     return loss
 
 
-def forecast(records: Records, solution: Solution, groups: np.ndarray) -> np.ndarray:
+def forecast(records: Records, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early) -> np.ndarray:
     """The same for records that run on from where they start, which `leave_out` fits to all of a record.
 
-    The first quarter of a left-out record gives what it starts from, and the rest is predicted; its loss counts for the
+    The first `share` of a left-out record gives what it starts from, and the rest is predicted; its loss counts for the
     whole record.
     """
-    early, loss = _find_early(records, solution), np.zeros(records.count)
+    early, loss = _find_early(records, solution, share), np.zeros(records.count)
     for out, step in _step_aside(solution, groups, *solution.projected()):
         for r in np.flatnonzero(out):
             loss[r] = _predict_rest(solution, int(r), early[r], step)
     return loss
 
 
-def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early
+                     ) -> tuple[np.ndarray, np.ndarray]:
     """Every record by the model fitted without its condition, its own settings adjusted within their uncertainty.
 
     Parameters and settings by one Gauss-Newton step (as in `leave_out`), then the exact model. Of records that run on
-    from where they start, the first quarter gives what they start from, and the rest counts (as in `forecast`).
+    from where they start, the first `share` gives what they start from, and the rest counts (as in `forecast`).
 
     Returns:
         Channels, shape (records, channels, samples), SI, NaN in records that could not be computed; and which samples
@@ -57,7 +56,7 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray) -
     records, free_running = problem.records, problem.space.family.free_running
     time = np.asarray(records.stack.time)[: records.count]
     count, samples = time.shape
-    early = _find_early(records, solution) if free_running else np.zeros((count, solution.residual.shape[1]), bool)
+    early = _find_early(records, solution, share) if free_running else np.zeros((count, solution.residual.shape[1]), bool)
     u = np.broadcast_to(solution.u, (count, len(solution.u))).copy()
     z = solution.z.copy()
     columns = [problem.space.index[name] for name in solution.names]
@@ -101,11 +100,11 @@ def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, res
                     else np.zeros(0))
 
 
-def _find_early(records: Records, solution: Solution) -> np.ndarray:
-    """Which rows of the residual lie in the first quarter of their record, shape (records, rows)."""
+def _find_early(records: Records, solution: Solution, share: float) -> np.ndarray:
+    """Which rows of the residual lie in the first `share` of their record, shape (records, rows)."""
     time = np.asarray(records.stack.time)[: records.count]
     first, last = time[:, :1], time.max(axis=1, keepdims=True)
-    early = time <= first + QUARTER * (last - first)
+    early = time <= first + share * (last - first)
     return np.tile(early, (1, solution.residual.shape[1] // time.shape[1]))
 
 
@@ -127,12 +126,3 @@ def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tu
         return float(sums.sum()), float("inf")
     return float(sums.sum()), float(np.sqrt(n / (n - 1) * np.sum((sums - sums.mean()) ** 2)))
 
-
-def is_beaten(difference: float, error: float) -> bool:
-    """Whether a paired difference is a defeat: at least 9 noise variances and two standard errors, or 50."""
-    return difference >= DECISIVE or is_told(difference, error)
-
-
-def is_told(difference: float, error: float) -> bool:
-    """Whether a paired difference is beyond chance: at least 9 noise variances and two standard errors."""
-    return difference >= SURE and difference >= 2.0 * error

@@ -18,9 +18,10 @@ from .._numerics import map_threads
 from ..effects.free import blank_plan
 from ..inference.problem import Problem, Solution
 from .freeform import FreeBench, cut
-from .holdout import DECISIVE, SURE, compare_losses, is_told, leave_out
+from .holdout import compare_losses, leave_out
 from .records import Estimate, Law, Shape
 from .ridge import Normal, hold_out, measure_ridge, solve_ridge
+from .settings import DEFAULT
 from .terms import Term, evaluate_basis, place_law, smooth, with_plan
 
 
@@ -121,7 +122,7 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     fitted = [(law, (g,)) for g, law in zip(chosen, map_threads(lambda g: _fit(bench, (g,)), chosen),
                                             strict=True) if law is not None]
     laws = order_laws([law for law, _ in fitted])
-    if laws and laws[0].loss > ceiling + SURE:
+    if laws and laws[0].loss > ceiling + DEFAULT.significant:
         first = next(guess[0] for law, guess in fitted if law is laws[0])
         others = [g for g in best.values() if g.form is not first.form][:PARTNERS]
         pairs = map_threads(lambda g: _fit(bench, (first, g)), others)
@@ -143,16 +144,16 @@ def order_laws(laws: Sequence[Law]) -> list[Law]:
     linear: their differences are then less than twice their standard error, and say nothing. 9 noise variances are the
     price of a parameter.
     """
-    ranked = sorted(laws, key=lambda law: law.loss + SURE * law.count)
-    near = [law for law in ranked if not is_told(*_compare(law, ranked[0]))]
+    ranked = sorted(laws, key=lambda law: law.loss + DEFAULT.significant * law.count)
+    near = [law for law in ranked if not DEFAULT.is_significant(*_compare(law, ranked[0]))]
     first = min(near, key=_cost, default=None)
     return ranked if first is None else [first, *(law for law in ranked if law is not first)]
 
 
 def find_rivals(laws: Sequence[Law]) -> list[Law]:
     """Laws that neither left-out conditions nor the fit tell from the first, but for the first with a term more."""
-    return [law for law in laws[1:] if not is_told(law.difference, law.standard_error)
-            and _cost(law) - _cost(laws[0]) < DECISIVE and not law.text.startswith(laws[0].text + " + ")]
+    return [law for law in laws[1:] if not DEFAULT.is_significant(law.difference, law.standard_error)
+            and _cost(law) - _cost(laws[0]) < DEFAULT.decisive and not law.text.startswith(laws[0].text + " + ")]
 
 
 def _compare(law: Law, best: Law) -> tuple[float, float]:
@@ -160,7 +161,7 @@ def _compare(law: Law, best: Law) -> tuple[float, float]:
 
 
 def _cost(law: Law) -> float:
-    return law.chi2 + SURE * law.count
+    return law.chi2 + DEFAULT.significant * law.count
 
 
 def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_Guess]:
@@ -185,7 +186,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_G
                 turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
                 small = normal.turn(turn)
                 count = own.shape[1]
-                loss = (measure_ridge(small, np.zeros(base + count)) + SURE * (count + len(form.shapes)) if lone
+                loss = (measure_ridge(small, np.zeros(base + count)) + DEFAULT.significant * (count + len(form.shapes)) if lone
                         else float(hold_out(small, np.zeros(base + count)).sum()))
                 if np.isfinite(loss) and (best is None or loss < best.loss):
                     sizes = solve_ridge(small, np.zeros(base + count))[base:] * bench.scale

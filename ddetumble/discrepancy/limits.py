@@ -10,9 +10,6 @@ from .records import Candidate
 from .workbench import Workbench
 
 
-LARGEST_PART = 0.8  # share of a misfit from which an effect removes most of it
-
-
 @dc.dataclass(frozen=True)
 class Unphysical:
     """An estimate whose 95 % interval lies wholly beyond what physics allows.
@@ -60,10 +57,10 @@ def describe_beyond(effects: Sequence[str], unphysical: Sequence[Unphysical]) ->
         map(str, unphysical)) + "."
 
 
-def describe_imitation(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+def describe_imitation(candidates: Sequence[Candidate], largest_part: float) -> tuple[str, ...]:
     """Sentence on the effect that removes most of a misfit alone, at values beyond its limits; none where none does."""
     for one in sorted(candidates, key=lambda c: -c.explains):
-        if one.beyond and one.explains > LARGEST_PART:
+        if one.beyond and one.explains > largest_part:
             return (f"{one.effect.capitalize()} alone would remove {one.explains:.0%} of the misfit, and explains "
                     f"nothing: {one.text}.",)
     return ()

@@ -13,12 +13,12 @@ from ..inference.assembly import require_samples
 from ..inference.families import find_family, name_family
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
-from .cleaning import ROUNDS, begin_cleaning, clean_records
+from .cleaning import begin_cleaning, clean_records
 from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
-from .holdout import DECISIVE, is_beaten
 from .laws import find_laws, find_rivals
 from .records import Law, MissingForce, Shape
 from .search import try_effects
+from .settings import DEFAULT
 from .terms import Term, evaluate_basis
 from .wording import NAMES, UNITS, name_value
 from .workbench import Fitted, Workbench
@@ -26,7 +26,7 @@ from .workbench import Fitted, Workbench
 
 PLACES = 121
 CLEAR = 3.0  # standard deviations by which a force is told from zero
-UNSEEN = 0.2  # of its signature: below that, what the model's parameters imitate leaves too little of a shape
+ABSORBED = 0.2  # share of its signature below which what the parameters imitate leaves too little of a shape
 LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
 WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
 
@@ -63,10 +63,10 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
     own = tuple(e for e in dict.fromkeys(effects) if e not in known)
     require_samples(campaign)
     state = begin_cleaning(campaign, keep_all)
-    for turn in range(ROUNDS):
+    for turn in range(DEFAULT.rounds):
         workbench = Workbench(state.campaign, resolved.reference, own, resolved.effects, state.zeros)
         reference = workbench.begin()
-        if turn == ROUNDS - 1:
+        if turn == DEFAULT.rounds - 1:
             break
         state, changed = clean_records(state, workbench, reference, False)
         if not changed:
@@ -161,7 +161,7 @@ def find_lone(losses: np.ndarray, workbench: Workbench) -> tuple[str, ...]:
 
 
 def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
-    return is_beaten(*bench.compare(other.losses, best.losses))
+    return bench.workbench.settings.is_beaten(*bench.compare(other.losses, best.losses))
 
 
 def _name(term: Term) -> str:
@@ -178,7 +178,7 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
     scale = np.abs(term.directions[term.directions != 0]).max()
     share = term.way in ("share",) or "drag" in term.way
     visited = _visit(bench, drawn, term, x)
-    centred = measure_visible(bench, drawn, np.ones_like(own)) < UNSEEN
+    centred = measure_visible(bench, drawn, np.ones_like(own)) < ABSORBED
     visible = measure_visible(bench, drawn)
     middle = np.zeros(basis.shape[1])
     factor = scale if share else 1.0
@@ -290,8 +290,8 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
         rivals = find_rivals(found.laws)
         if rivals:
             sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
-        better = min((r for r in found.laws if r.chi2 > law.chi2 + DECISIVE), key=lambda r: r.loss, default=law)
-        if better.loss < law.loss - DECISIVE and not found.lone:
+        better = min((r for r in found.laws if r.chi2 > law.chi2 + bench.workbench.settings.decisive), key=lambda r: r.loss, default=law)
+        if better.loss < law.loss - bench.workbench.settings.decisive and not found.lone:
             notes.append(f"{better.text} removes {found.share(better.loss):.0%} of the misfit on left-out {where}, "
                          "within chance of that, but fits the records worse by "
                          f"{better.chi2 - law.chi2:.0f} noise variances.")
@@ -299,7 +299,7 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
         notes.append(f"Left-out {where} do not tell it apart from {'; '.join(found.alike)}.")
     if best.centred:
         notes.append("The model's parameters make up for a constant part: the curve is drawn about its mean.")
-    if best.visible < UNSEEN:
+    if best.visible < ABSORBED:
         notes.append(f"Only {best.visible:.1%} of the force's own signature is left when the model's parameters are "
                      "free to imitate it: its shape is known up to what they can make up for.")
     empty = best.visited < 0.02 / PLACES

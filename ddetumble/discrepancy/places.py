@@ -7,7 +7,7 @@ import numpy as np
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
 from .adequacy import score_directions
-from .holdout import compare_losses, is_beaten
+from .holdout import compare_losses
 from .records import Place
 from .workbench import Fitted, Workbench
 
@@ -120,7 +120,7 @@ def locate(workbench: Workbench, base: Fitted, probes: dict[str, Fitted]) -> lis
         gain, error = compare_losses(base.loss, best.loss, workbench.groups)
         excess = max(base.solution.chi2 - _rows(workbench, base), 1.0)
         removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
-        if is_beaten(gain, error):
+        if workbench.settings.is_beaten(gain, error):
             place = _place(workbench, name, best)
             whole = place.range[0] <= 0.0 or place.variable != workbench.family.state
             share = 1.0 if whole else share_of_range(workbench, base, place.channel, place.range)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..measurement.faults import Fault
+from .settings import DEFAULT, SelectionSettings
 
 
 RESULT = "result.json"  # what `save` writes for programs
 RIVALS = "rivals"  # folder of the models that the last step could not tell from the best one
-UNSEEN = 0.002  # below this share of its own signature, a campaign cannot see an effect
 
 
 @dc.dataclass(frozen=True)
@@ -327,7 +327,8 @@ class Discovery:
         faults: of the data, and what was done about them.
         doubts: what has to be settled first: units that may be wrong, estimates beyond what physics allows.
         references: other reference models that were tried beside the one that was asked for, and how far they came.
-        settings: level, versions, timings.
+        settings: level, versions, timings, thresholds.
+        selection: the thresholds that decided.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         model_state: the fitted model itself, for saving and predicting; not part of the record.
     """
@@ -351,6 +352,7 @@ class Discovery:
     doubts: tuple[str, ...] = ()
     references: tuple[Mapping[str, Any], ...] = ()
     missing: MissingForce | None = None
+    selection: SelectionSettings = DEFAULT
     model_state: Any = dc.field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:

@@ -14,14 +14,9 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from .limits import Unphysical, list_unphysical
 from .records import Discovery
-from .search import Grown, Tried, merit
+from .search import Grown, Tried
+from .settings import SelectionSettings
 from .workbench import Fitted, Workbench
-
-
-BEFORE_RIVALS = 2  # additions before the other reference models are tried: three make up for nearly any wrong one
-BEST = 2  # other reference models that are searched, those that fit best by themselves: each takes as long as the first
-FARTHER = 4.0  # times the misfit of the model asked for, alone, beyond which another is no rival: both lack the effects
-SAME = 1e-6  # of chi-square: of two models that fit alike so closely one is the other with renamed parameters
 
 
 @dc.dataclass(frozen=True)
@@ -70,18 +65,19 @@ def is_explained(search: Search) -> bool:
 def stacks_up(search: Search) -> bool:
     """Whether as many effects as may stand without a look at other reference models explain nothing, or one beyond
     what physics allows."""
-    return not is_explained(search) and (len(search.grown[-1].fitted.effects) >= BEFORE_RIVALS
+    return not is_explained(search) and (len(search.grown[-1].fitted.effects) >= search.workbench.settings.effects_before_rivals
                                          or bool(keep_physical(search)[1]))
 
 
 def try_references(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
                    zeros: Mapping[str, tuple[float, float]], asked: Fitted,
-                   begin: Callable[[Workbench, Fitted], Search]) -> tuple[Rival, ...]:
+                   settings: SelectionSettings, begin: Callable[[Workbench, Fitted], Search]) -> tuple[Rival, ...]:
     """Search beside every other built-in reference model of the family that fits about as well by itself.
 
     Args:
         resolved: the reference model that was asked for; `asked` its fit.
         campaign, effects, zeros: as the search beside that had them.
+        settings: thresholds.
         begin: searches beside a fitted reference model.
     """
     fitted, own = [], asked.solution
@@ -91,18 +87,18 @@ def try_references(resolved: ResolvedModel, campaign: Campaign, effects: Sequenc
                 _identify(bench.reference) for *_, bench, _ in fitted]:
             continue
         try:
-            bench = Workbench(campaign, reference, effects, (), zeros)
+            bench = Workbench(campaign, reference, effects, (), zeros, settings)
             alone = bench.begin()
         except (ComputationError, InputError):
             continue
         rows = float((np.asarray(bench.records.stack.weights) > 0).sum())
         other = alone.solution
-        if (abs(other.chi2 - own.chi2) > SAME * own.chi2 or len(other.names) != len(own.names)) and (
-                other.chi2 - rows <= FARTHER * max(own.chi2 - rows, 1.0)):
+        if (abs(other.chi2 - own.chi2) > settings.same_reference * own.chi2 or len(other.names) != len(own.names)) and (
+                other.chi2 - rows <= settings.farthest_reference * max(own.chi2 - rows, 1.0)):
             fitted.append((name, built.text, bench, alone))
-    fitted.sort(key=lambda one: merit(one[3]))
+    fitted.sort(key=lambda one: one[3].merit)
     rivals = []
-    for name, text, bench, alone in fitted[:BEST]:
+    for name, text, bench, alone in fitted[:settings.rival_references]:
         try:
             rivals.append(Rival(name, text, begin(bench, alone)))
         except ComputationError:
@@ -120,7 +116,7 @@ def choose_reference(found: Search, rivals: Sequence[Rival]) -> Rival | None:
     good = [r for r in rivals if is_explained(r.search)]
     if is_explained(found) or not good:
         return None
-    return min(good, key=lambda r: (len(r.search.grown[-1].fitted.solution.names), merit(r.search.grown[-1].fitted)))
+    return min(good, key=lambda r: (len(r.search.grown[-1].fitted.solution.names), r.search.grown[-1].fitted.merit))
 
 
 def mention_references(found: Discovery, asked: str, rivals: Sequence[Rival]) -> Discovery:

@@ -9,16 +9,11 @@ from .._numerics import map_threads
 from ..contact.effect import parameters_of
 from ..inference.assembly import default_starts
 from .adequacy import Score
-from .holdout import DECISIVE, SURE, compare_losses, is_beaten
+from .holdout import compare_losses
 from .limits import list_unphysical
 from .records import LackOfFit
+from .settings import DEFAULT, SelectionSettings
 from .workbench import Fitted, Workbench
-
-
-MOST = 3
-FINALISTS = 5  # additions that are fitted to the end at most
-MORE = 2  # beside them, of those that fit better and predict worse
-FAR = 0.25  # share of the misfit removed by the best, by which another has to remove more
 
 
 @dc.dataclass(frozen=True)
@@ -54,14 +49,6 @@ class Grown:
     scores: list[Score]
     tried: Tried | None = None
     alternatives: tuple[tuple[str, float, float], ...] = ()
-
-
-def merit(fitted: Fitted) -> float:
-    """Held-out loss, and 9 noise variances a parameter: of two effects that predict alike the simpler is named first.
-
-    A viscoelastic wall that relaxes at once is a dashpot: left-out conditions alone would leave their order to chance.
-    """
-    return fitted.score + SURE * len(fitted.solution.names)
 
 
 def amplitude_names(workbench: Workbench, effect: str) -> list[str]:
@@ -145,14 +132,14 @@ def try_effects(workbench: Workbench, current: Fitted, scores: Sequence[Score], 
     for effect in effects:
         if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
             screened[effect] = dc.replace(before, effects=(*current.effects, effect))
-    order = sorted(effects, key=lambda e: (merit(screened[e]), screened[e].solution.chi2))
+    order = sorted(effects, key=lambda e: (screened[e].merit, screened[e].solution.chi2))
     refined = refine(workbench, current, screened, before, order)
     rest = [e for e in order if e not in refined]
     beyond = {e: is_beyond(workbench, current, refined[e]) for e in refined}
     # Where nothing helps within its limits, what fits beyond them may stand in for two effects that are both missing.
     if not any(helps(workbench, current, refined[e]) for e in refined if not beyond[e]):
         beyond = dict.fromkeys(refined, False)
-    first = sorted(refined, key=lambda e: (beyond[e], merit(refined[e]), refined[e].solution.chi2))
+    first = sorted(refined, key=lambda e: (beyond[e], refined[e].merit, refined[e].solution.chi2))
     return Tried(screened, refined, before, (*first, *rest))
 
 
@@ -165,14 +152,14 @@ def refine(workbench: Workbench, current: Fitted, screened: dict[str, Fitted], b
     not, the two judgements contradict each other, which is to be said (`find_alternatives`).
     """
     best = screened[order[0]].score
-    near = {e: DECISIVE if screened[e].solution.converged else max(0.25 * (before.score - best), DECISIVE)
+    near = {e: workbench.settings.decisive if screened[e].solution.converged else max(0.25 * (before.score - best), workbench.settings.decisive)
             for e in order}
     moved = [e for e in order if screened[e].solution is not before.solution]  # the others do nothing
-    finalists = [e for e in moved if screened[e].score - best <= near[e]][:FINALISTS] or order[:1]
-    fits = screened[order[0]].solution.chi2 - DECISIVE
-    better = [e for e in moved if fits_better(screened[e], screened[order[0]], before)
+    finalists = [e for e in moved if screened[e].score - best <= near[e]][:workbench.settings.finalists] or order[:1]
+    fits = screened[order[0]].solution.chi2 - workbench.settings.decisive
+    better = [e for e in moved if fits_better(screened[e], screened[order[0]], before, workbench.settings)
               or (not screened[e].solution.converged and screened[e].solution.chi2 < fits)]
-    finalists += sorted(set(better) - set(finalists), key=lambda e: screened[e].solution.chi2)[:MORE]
+    finalists += sorted(set(better) - set(finalists), key=lambda e: screened[e].solution.chi2)[:workbench.settings.further_finalists]
     # What a shape that the screening held would still gain is not known before it is free.
     finalists += [e for e in moved if e not in finalists and list_held(workbench, e)]
 
@@ -200,13 +187,13 @@ def fit_with_shapes(workbench: Workbench, rough: Fitted, effect: str, thinned: b
     if found is None or not held:
         return found
     wider = workbench.fit(rough.effects, [{}], found.solution.u, found.solution.z, extra=held, thinned=thinned)
-    return wider if wider is not None and merit(wider) < merit(found) - SURE else found
+    return wider if wider is not None and wider.merit < found.merit - workbench.settings.significant else found
 
 
-def fits_better(one: Fitted, best: Fitted, before: Fitted) -> bool:
+def fits_better(one: Fitted, best: Fitted, before: Fitted, settings: SelectionSettings = DEFAULT) -> bool:
     """Whether `one` removes far more of the misfit than `best`, its further parameters counted."""
-    costs = [f.solution.chi2 + SURE * len(f.solution.names) for f in (before, best, one)]
-    return costs[1] - costs[2] > max(DECISIVE, FAR * (costs[0] - costs[1]))
+    costs = [f.solution.chi2 + settings.significant * len(f.solution.names) for f in (before, best, one)]
+    return costs[1] - costs[2] > max(settings.decisive, settings.better_fit * (costs[0] - costs[1]))
 
 
 def compare_additions(workbench: Workbench, tried: Tried, effect: str) -> tuple[float, float]:
@@ -231,7 +218,8 @@ def find_alternatives(workbench: Workbench, tried: Tried, current: Fitted) -> tu
         if is_beyond(workbench, current, tried.refined[effect]):
             continue
         difference, error = compare_additions(workbench, tried, effect)
-        if not is_beaten(difference, error) or fits_better(tried.refined[effect], best, current):
+        if not workbench.settings.is_beaten(difference, error) or fits_better(
+                tried.refined[effect], best, current, workbench.settings):
             close.append((effect, difference, error))
     return tuple(close)
 
@@ -245,7 +233,7 @@ def helps(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
     if workbench.family.free_running and ahead < -2 * doubt:
         return False
     by_group = np.array([(current.loss - grown.loss)[workbench.groups == g].sum() for g in np.unique(workbench.groups)])
-    return gain > SURE and (gain > 2 * error or float(np.mean(by_group > 0)) >= 0.6 or gain > DECISIVE)
+    return gain > workbench.settings.significant and (gain > 2 * error or float(np.mean(by_group > 0)) >= workbench.settings.majority or gain > workbench.settings.decisive)
 
 
 def predicts_better(workbench: Workbench, current: Fitted, grown: Fitted) -> bool:
@@ -295,7 +283,7 @@ def swap_effects(workbench: Workbench, chosen: Fitted, tried: Tried, base: Fitte
             simpler = len(best.solution.names) < len(chosen.solution.names)
             within = (is_beyond(workbench, base, chosen), is_beyond(workbench, start, best))
             if (within == (True, False) and helps(workbench, start, best)) or (
-                    within != (False, True) and merit(best) < merit(chosen) - (1e-6 if simpler else SURE)):
+                    within != (False, True) and best.merit < chosen.merit - (1e-6 if simpler else workbench.settings.significant)):
                 chosen, tried, base, changed = best, again, start, True
                 keep_free(workbench, chosen)
         if not changed:
@@ -311,7 +299,7 @@ def free_shapes(workbench: Workbench, grown: Grown) -> Grown:
         if not held:
             continue
         wider = workbench.fit(fitted.effects, [{}], fitted.solution.u, fitted.solution.z, extra=held)
-        if wider is not None and merit(wider) < merit(fitted) - SURE and helps(workbench, fitted, wider):
+        if wider is not None and wider.merit < fitted.merit - workbench.settings.significant and helps(workbench, fitted, wider):
             workbench.freed = (*workbench.freed, *held)
             lack, scores = workbench.judge(wider)
             grown = dc.replace(grown, fitted=wider, lack=lack, scores=scores)
@@ -328,20 +316,20 @@ def prune(workbench: Workbench, grown: Grown) -> Grown:
         start = fitted.solution.u.copy()
         start[workbench.space.index[name]] = workbench.start[workbench.space.index[name]]
         simpler = workbench.fit(fitted.effects, [{}], start, fitted.solution.z)
-        if simpler is not None and merit(simpler) < merit(fitted):
+        if simpler is not None and simpler.merit < fitted.merit:
             fitted = simpler
         else:
             workbench.freed = kept
     for effect in fitted.effects[:-1]:
         rest = tuple(e for e in fitted.effects if e != effect)
         simpler = workbench.fit(rest, [{}], _without(workbench, fitted, effect), fitted.solution.z)
-        if simpler is not None and merit(simpler) < merit(fitted):
+        if simpler is not None and simpler.merit < fitted.merit:
             fitted = simpler
     if len(fitted.effects) > 1:
         # The last one helps beyond the fit without it, which may have stopped short: from here it may go on.
         rest = workbench.fit(fitted.effects[:-1], [{}], _without(workbench, fitted, fitted.effects[-1]),
                              fitted.solution.z)
-        if rest is not None and rest.score < fitted.score + SURE:
+        if rest is not None and rest.score < fitted.score + workbench.settings.significant:
             fitted = rest
     if fitted is grown.fitted:
         return grown

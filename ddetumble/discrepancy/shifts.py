@@ -10,10 +10,7 @@ from scipy import stats
 from ..inference.problem import Problem, Solution
 from ..inference.stack import DRIFT, ZERO, Records
 from .records import SettingShift
-
-
-LEVEL = 0.01  # probability of calling a complete model incomplete
-EACH = LEVEL / 3  # of each of the three statistics of the lack of fit (Bonferroni)
+from .settings import DEFAULT
 
 
 def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, ...]:
@@ -37,9 +34,9 @@ def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, 
     return tuple(found)
 
 
-def is_moved(shifts: Sequence[SettingShift]) -> bool:
+def is_moved(shifts: Sequence[SettingShift], level: float = DEFAULT.level_each) -> bool:
     """Whether settings were moved further than chance moves them, at the level of one statistic of the lack of fit."""
-    return combine_p_values([shift.p_value for shift in shifts]) < EACH
+    return combine_p_values([shift.p_value for shift in shifts]) < level
 
 
 def combine_p_values(values: Sequence[float]) -> float:

@@ -17,17 +17,6 @@ from .misfits import Aside, measure_record, set_aside
 from .workbench import Fitted, Workbench
 
 
-SURE = 1e-5  # chance of a record's misfit, for all records together, below which it is no chance
-ADEQUATE = 0.01
-FACTOR = 3.0  # misfit of a faulty record over that of any other, where the model lacks something too
-FAR = 100.0  # the same where no condition can switch an effect on, and for a gain that nothing beside it shares
-FEWEST, FARTHER = 3, 1000.0  # records, and the misfit over that of the others where there are no more: two against one
-CLEAR = 4.0  # mean square over noise variance of a record that is said to be at fault
-MOST = 4  # one record in so many, at most
-SAME = 0.03  # share by which values of neighbours may differ and count as the same
-CANDIDATES = 3
-
-
 @dc.dataclass(frozen=True)
 class Suspect:
     """A record that disagrees with all others.
@@ -50,9 +39,9 @@ class Suspect:
 def find_suspects(workbench: Workbench, fitted: Fitted, most: int | None = None) -> list[Suspect]:
     """Records at fault under a model, worst first; at most one in four, and one that is in doubt at the end."""
     count = workbench.records.count
-    most = max(1, count // MOST) if most is None else most
+    most = max(1, count // workbench.settings.outliers.one_in) if most is None else most
     found, out = [], set()
-    while len(found) < most and count - len(out) >= FEWEST:
+    while len(found) < most and count - len(out) >= workbench.settings.outliers.fewest:
         suspect = _find_worst(workbench, fitted, out)
         if suspect is None:
             break
@@ -65,33 +54,35 @@ def find_suspects(workbench: Workbench, fitted: Fitted, most: int | None = None)
 
 def _find_worst(workbench: Workbench, fitted: Fitted, out: set[int]) -> Suspect | None:
     """The record that the others disagree with most, if any is beyond chance."""
+    limits = workbench.settings.outliers
     solution = fitted.solution if not out else set_aside(workbench, fitted.solution, next(iter(out)), out).solution
     kept = [r for r in range(workbench.records.count) if r not in out]
     misfit = {r: measure_record(workbench, workbench.problem, solution, r) for r in kept}
     order = sorted(kept, key=lambda r: misfit[r].degrees - misfit[r].total)
-    order = order if len(kept) <= 6 else order[:CANDIDATES]
-    if misfit[order[0]].p_value * len(kept) > SURE:
+    order = order if len(kept) <= 6 else order[:limits.candidates]
+    if misfit[order[0]].p_value * len(kept) > limits.p_value:
         return None
     asides = [set_aside(workbench, solution, r, out) for r in order]
     # Without the culprit the others agree best.
     aside, *others = sorted(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
-    if len(kept) <= FEWEST and any(a.rest.excess < FAR * max(aside.rest.excess, 1.0) for a in others):
+    if len(kept) <= limits.fewest and any(a.rest.excess < limits.far * max(aside.rest.excess, 1.0) for a in others):
         return None  # nobody can say which of them is wrong
     return _judge(workbench, aside, len(kept))
 
 
 def _judge(workbench: Workbench, aside: Aside, count: int) -> Suspect | None:
     """Whether a record is at fault."""
+    limits = workbench.settings.outliers
     others = max(max(m.excess for m in aside.others.values()), 0.0)
-    fine = aside.rest.p_value > ADEQUATE
-    if aside.own.p_value * count > SURE or aside.own.excess < CLEAR - 1.0:
+    fine = aside.rest.p_value > limits.adequate
+    if aside.own.p_value * count > limits.p_value or aside.own.excess < limits.clear - 1.0:
         return None
     enclosed = is_enclosed(workbench, aside)
-    worse = fine or aside.own.excess > FACTOR * max(others, 1.0)
-    if not worse or (count <= FEWEST and aside.own.excess < FARTHER * max(others, 1.0)):
+    worse = fine or aside.own.excess > limits.factor * max(others, 1.0)
+    if not worse or (count <= limits.fewest and aside.own.excess < limits.farther * max(others, 1.0)):
         return None
     diagnosis = diagnose(workbench, aside)
-    far = (workbench.family.free_running or diagnosis.kind == "gain") and aside.own.excess > FAR * max(others, 1.0)
+    far = (workbench.family.free_running or diagnosis.kind == "gain") and aside.own.excess > limits.far * max(others, 1.0)
     sure = enclosed or far or diagnosis.kind == "unit"
     if not sure and not fine:
         return None
@@ -120,7 +111,7 @@ def is_enclosed(workbench: Workbench, aside: Aside) -> bool:
         features.append(np.asarray(solution.end))
     for x in features:
         x = x[:count]
-        slack = SAME * abs(x[r])
+        slack = workbench.settings.outliers.same * abs(x[r])
         if x[r] > x[kept].max() + slack or x[r] < x[kept].min() - slack:
             return False
     return True

@@ -8,10 +8,8 @@ import numpy as np
 from ..inference.families import Family
 from ..measurement.faults import Fault
 from ..measurement.units import choose_time_unit
-from .holdout import is_beaten
-from .limits import LARGEST_PART
-from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step
-from .shifts import EACH
+from .records import Discovery, Estimate, Place, SettingShift, Step
+from .settings import DEFAULT
 
 
 CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", "depression": "depression",
@@ -75,14 +73,15 @@ def _chance(p: float) -> str:
     return f"p = {p:.1g}" if p >= 1e-6 else "p < 1e-6"
 
 
-def _level(step: Step, noise: float) -> str:
-    return say_level(step.nrmse, noise, step.shifts, step.held_nrmse)
+def _level(step: Step, found: Discovery) -> str:
+    return say_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.selection.level_each)
 
 
-def say_level(error: float, noise: float, shifts: Sequence[SettingShift], held: float | None) -> str:
+def say_level(error: float, noise: float, shifts: Sequence[SettingShift], held: float | None,
+              level: float = DEFAULT.level_each) -> str:
     """`1.05 times the noise`; where settings had to move, also with the settings as they are written down."""
     text = f"{error / max(noise, 1e-300):.2f} times the noise"
-    moved = [s for s in shifts if s.p_value * len(shifts) < EACH]
+    moved = [s for s in shifts if s.p_value * len(shifts) < level]
     if not moved:
         return text
     worst = max(moved, key=lambda s: abs(s.largest))
@@ -105,19 +104,19 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     lack = first.lack_of_fit
     records = f"{found.settings['records']} records" if found.settings["records"] != 1 else "one record"
     every = records if found.settings["records"] == 1 else f"all {records}"
-    misfit = f"it leaves {_level(first, found.noise_nrmse)}, more than chance allows ({_chance(lack.p_value)})"
+    misfit = f"it leaves {_level(first, found)}, more than chance allows ({_chance(lack.p_value)})"
     some = np.isfinite(first.heldout_nrmse)
     if found.verdict == "nothing-missing":
         sentence = (f"Nothing is missing: the model {model!r} fits {every} to the noise "
                     f"(lack of fit p = {lack.p_value:.2g}, level {lack.level:g}).")
-        best = [c for c in found.candidates if c.visible > UNSEEN and c.smallest_detectable]
+        best = [c for c in found.candidates if c.visible > found.selection.invisible and c.smallest_detectable]
         if best:
             shown = best[:3]
             sentence += " It would have shown " + _join(
                 [f"{n} of {v:.3g} {c.units.get(n, '')}".rstrip()
                  for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
     elif found.verdict == "undecided" and lack.rejected:
-        fits = [c for c in found.candidates if c.explains > LARGEST_PART]
+        fits = [c for c in found.candidates if c.explains > found.selection.largest_part]
         which = (f"{_join([c.effect for c in fits])} alone would remove most of that" if fits else
                  "no single effect of the catalogue removes most of that")
         sentence = (f"Undecided: the model {model!r} fails ({misfit}), and {records} at {_count_conditions(found)} "
@@ -133,13 +132,13 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
                     f"that is evidence within {records} at {_count_conditions(found)}, which no other condition "
                     "confirms")
         sentence = (f"Missing {was} {_join(list(found.effects))} ({_values(last, found.effects)}). Without {them} the "
-                    f"model {model!r} fails: {misfit}; with {them} {_level(last, found.noise_nrmse)} is "
+                    f"model {model!r} fails: {misfit}; with {them} {_level(last, found)} is "
                     f"left, and {held_out}.")
     elif found.verdict == "improved":
         verbs, them = ("helps but is", "it") if len(found.effects) == 1 else ("help but are", "them")
         sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all: the model {model!r} alone "
-                    f"leaves {_level(first, found.noise_nrmse)}, with {them} "
-                    f"{_level(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
+                    f"leaves {_level(first, found)}, with {them} "
+                    f"{_level(last, found)}, and a misfit remains that no effect of the catalogue removes.")
     else:
         on = " on left-out conditions" if some else ""
         sentence = (f"Something is missing that the catalogue does not hold: the model {model!r} fails "
@@ -158,8 +157,8 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         sentence += f" No other effect of the catalogue {what} as well."
     notes += [f"{a['effect']} fits these records better than {s.added}, and predicts left-out ones worse: while the "
               "model is not all, neither is settled." for s in found.steps for a in s.alternatives
-              if is_beaten(a["heldout_difference"], a["standard_error"])]
-    unseen = [c.effect for c in found.candidates if c.visible < UNSEEN and c.effect not in found.effects]
+              if found.selection.is_beaten(a["heldout_difference"], a["standard_error"])]
+    unseen = [c.effect for c in found.candidates if c.visible < found.selection.invisible and c.effect not in found.effects]
     if unseen:
         they = "they do" if len(unseen) > 1 else "it does"
         notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
@@ -193,7 +192,7 @@ def mention_doubts(found: Discovery, doubts: Sequence[str], units: bool) -> Disc
     sentence = " ".join([found.sentence, *doubts])
     if units:
         sentence = (f"Undecided, because a unit may be wrong. {doubts[0]} As it stands, the model {found.model!r} "
-                    f"leaves {_level(first, found.noise_nrmse)}.")
+                    f"leaves {_level(first, found)}.")
     return dc.replace(found, sentence=sentence, doubts=tuple(doubts))
 
 

@@ -21,12 +21,8 @@ from ..measurement.grouping import can_leave_out, count_conditions, group_condit
 from .adequacy import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
 from .holdout import forecast, leave_out, predict_left_out
 from .records import LackOfFit
+from .settings import DEFAULT, SelectionSettings
 from .traces import measure_error
-
-
-THIN = 768  # samples a record on which candidates are screened
-SCREENING_STEPS = 8
-STRAYED = 3.0  # typical changes that a reference parameter has moved from its guess: fits start from the guess too
 
 
 @dc.dataclass
@@ -42,11 +38,20 @@ class Fitted:
     loss: np.ndarray
     forecast: np.ndarray
     thinned: bool = False
+    penalty: float = DEFAULT.significant
 
     @property
     def score(self) -> float:
         """Held-out loss over all records, in noise variances."""
         return float(self.loss.sum())
+
+    @property
+    def merit(self) -> float:
+        """Held-out loss with a penalty for each parameter: of two effects that predict alike the simpler is named first.
+
+        A viscoelastic wall that relaxes at once is a dashpot: left-out conditions alone would leave their order to chance.
+        """
+        return self.score + self.penalty * len(self.solution.names)
 
 
 class Workbench:
@@ -59,12 +64,13 @@ class Workbench:
         given: effects that the model has from the start, with their values; they are fitted with the reference model,
             and are no candidates.
         zeros: by channel whose zero moves in every record how far (see `stack_records`).
+        settings: thresholds.
     """
 
     def __init__(self, campaign: Campaign, reference: AbstractModel,
                  extra: Sequence[type[AbstractEffect]] = (), given: Sequence[AbstractEffect] = (),
-                 zeros: Mapping[str, tuple[float, float]] | None = None):
-        self.campaign, self.zeros = campaign, zeros
+                 zeros: Mapping[str, tuple[float, float]] | None = None, settings: SelectionSettings = DEFAULT):
+        self.campaign, self.zeros, self.settings = campaign, zeros, settings
         known = (*find_family(name_family(campaign)).catalogue, *extra)
         extra = (*extra, *(type(e) for e in given if type(e) not in known))
         found = assemble_space(campaign, reference, extra)
@@ -118,8 +124,9 @@ class Workbench:
         self.records: Records = stack_records(self.campaign, noise, zeros=self.zeros)
         self.problem = Problem(self.space, self.records)
         self.thin: Problem | None = None
-        if self.records.lengths.max() > THIN:
-            self.thin = Problem(self.space, stack_records(self.campaign, noise, THIN, self.zeros))
+        if self.records.lengths.max() > self.settings.screening_samples:
+            self.thin = Problem(self.space, stack_records(self.campaign, noise, self.settings.screening_samples,
+                                                           self.zeros))
 
     def _fit_reference(self) -> Solution:
         """From a start guessed from the contact times, else from the defaults."""
@@ -132,7 +139,7 @@ class Workbench:
         A parameter may run away to make up for what is missing, to where nothing depends on it any more.
         """
         own = [self.space.index[name] for name in self.base]
-        strayed = [k for k in own if abs(base[k] - self.guess[k]) > STRAYED * self.problem.scales[k]]
+        strayed = [k for k in own if abs(base[k] - self.guess[k]) > self.settings.strayed * self.problem.scales[k]]
         if not strayed:
             return [base]
         back = base.copy()
@@ -192,7 +199,7 @@ class Workbench:
                 u[self.space.index[name]] = value
             try:
                 solution = solve(free, u, own, tolerance=1.0 if screening else tolerance,
-                                 max_steps=SCREENING_STEPS if screening else 30)
+                                 max_steps=self.settings.screening_steps if screening else 30)
             except ComputationError:
                 continue
             if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
@@ -205,8 +212,9 @@ class Workbench:
         """A fit with its held-out losses."""
         problem = problem or self.problem
         loss = leave_out(solution, self.groups)
-        ahead = forecast(problem.records, solution, self.groups) if self.family.free_running else loss
-        return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem)
+        ahead = (forecast(problem.records, solution, self.groups, self.settings.early) if self.family.free_running
+                 else loss)
+        return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem, self.settings.significant)
 
     def measure_left_out(self, fitted: Fitted) -> float:
         """Error of `fitted` on what it was not fitted to, rms over rms signal: the same for steps and candidates.
@@ -217,7 +225,7 @@ class Workbench:
         if not self.holds_out:
             return float("nan")
         problem = self.thin if fitted.thinned and self.thin is not None else self.problem
-        channels, used = predict_left_out(problem, fitted.solution, self.groups)
+        channels, used = predict_left_out(problem, fitted.solution, self.groups, self.settings.early)
         return measure_error(problem.records, channels, used)
 
     def directions(self, exclude: Sequence[str], probes: bool = True, depth: float | None = None,
@@ -251,9 +259,13 @@ class Workbench:
         """Lack of fit of a model, and the scores of everything outside it."""
         depth = float(fitted.solution.state.max())
         scores = score_directions(self.problem, fitted.solution, self.directions(fitted.effects, depth=depth))
-        calibrate = bootstrap_p_value if self.family.free_running else family_p_value
-        p = calibrate(scores, self.noise)
-        return judge_fit(self.problem, fitted.solution, self.bases, self.noise, p), scores
+        return judge_fit(self.problem, fitted.solution, self.bases, self.noise, self.calibrate(scores), self.settings), scores
+
+    def calibrate(self, scores: list[Score]) -> float:
+        """Family-wise p-value of the largest score: by bootstrap where few long records leave few conditions."""
+        if self.family.free_running:
+            return bootstrap_p_value(scores, self.noise, self.settings.bootstrap)
+        return family_p_value(scores, self.noise)
 
     def whole(self, effect_id: str) -> type[AbstractEffect]:
         """Class of an effect by its id."""

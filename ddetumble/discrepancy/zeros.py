@@ -17,13 +17,6 @@ from .misfits import whiten_columns
 from .workbench import Workbench
 
 
-SHARE = 0.6  # of the misfit that moving zeros have to remove, where they are seen before first touch
-ALL = 0.9  # the same where nothing but the fit says so
-COMMON = 4.0  # standard errors of the mean over records beyond which a zero is the same in all
-TREND = 0.5  # share of the zeros' scatter that conditions may explain
-FEWEST = 4  # records
-BEFORE = 3  # samples before first touch that tell a zero
-CHANCE = 1e-4
 PAIRS = 2_000_000  # of samples whose covariances are computed at once
 
 
@@ -56,7 +49,7 @@ def find_moving_zeros(workbench: Workbench, solution: Solution, final: bool) -> 
             an effect may look like another zero at every condition.
     """
     records, best = workbench.records, None
-    if records.count < FEWEST or (workbench.campaign.family != "impact" and not final):
+    if records.count < workbench.settings.baseline.fewest or (workbench.campaign.family != "impact" and not final):
         return None
     for c, channel in enumerate(records.channels):
         if f"{DRIFT}:{channel}" in records.nuisances or channel.startswith("attitude_"):
@@ -81,7 +74,7 @@ def tell_zero(workbench: Workbench, zero: MovingZero, keep: bool) -> Fault:
 
 def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) -> MovingZero | None:
     """Fit zero and drift of every record along with everything else, to first order."""
-    records, count = workbench.records, workbench.records.count
+    records, count, limits = workbench.records, workbench.records.count, workbench.settings.baseline
     own = solution.own.shape[2]
     extra = np.zeros((count, solution.residual.shape[1] + own, 2))
     for r, n in enumerate(records.lengths):
@@ -103,7 +96,8 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
     before = float(np.sum(right**2))
     gain, excess = before - float(np.sum(side**2)), before - used
     seen = workbench.campaign.family == "impact"
-    if excess <= 0 or stats.chi2.sf(gain, 2 * count) > CHANCE or gain < (SHARE if seen else ALL) * excess:
+    if excess <= 0 or stats.chi2.sf(gain, 2 * count) > limits.p_value or gain < (
+            limits.removed if seen else limits.removed_unseen) * excess:
         return None
     moved = right + (shared @ step if shared.shape[2] else 0.0)
     found, error = np.zeros((count, 2)), np.zeros((count, 2))
@@ -112,14 +106,14 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
         inverse = np.linalg.pinv(a.T @ a, rcond=1e-12)
         found[r] = (inverse @ (a.T @ -moved[r]))[-2:] / size[r, 0, -2:]
         error[r] = np.sqrt(np.maximum(np.diag(inverse)[-2:], 0.0)) / size[r, 0, -2:]
-    if np.mean(np.any(np.abs(found) > 4.0 * error, axis=1)) < 0.5:
+    if np.mean(np.any(np.abs(found) > limits.significant * error, axis=1)) < 0.5:
         return None  # a few records: they are looked at one by one
     for k in range(2):
         x = found[:, k]
         scatter = float(np.std(x, ddof=1))
-        if abs(x.mean()) > COMMON * max(scatter, float(np.median(error[:, k]))) / np.sqrt(count):
+        if abs(x.mean()) > limits.common * max(scatter, float(np.median(error[:, k]))) / np.sqrt(count):
             return None
-        if not seen and scatter > 4.0 * np.median(error[:, k]) and _explained(workbench, solution, x) > TREND:
+        if not seen and scatter > limits.significant * np.median(error[:, k]) and _explained(workbench, solution, x) > limits.explained:
             return None
     offset, drift = np.abs(found).max(axis=0)
     across, along = np.sqrt(np.mean(found**2, axis=0))
@@ -150,7 +144,7 @@ def _explained(workbench: Workbench, solution: Solution, x: np.ndarray) -> float
 
 def _moves_before_touch(workbench: Workbench, c: int) -> bool:
     """Whether a channel of impacts is off before first touch, where nothing acts yet, beyond chance in all records."""
-    records, channel = workbench.records, workbench.records.channels[c]
+    records, channel, limits = workbench.records, workbench.records.channels[c], workbench.settings.baseline
     if channel == "pressure":
         return False
     noise = workbench.noise[channel]
@@ -162,11 +156,11 @@ def _moves_before_touch(workbench: Workbench, c: int) -> bool:
         origin = np.hypot(origin, clock.common.absolute or 0.0)
     for r, n in enumerate(records.lengths):
         calm = (time[r, :n] < -3.0 * origin[r]) & (weights[r, c, :n] > 0)
-        if calm.sum() < BEFORE:
+        if calm.sum() < limits.samples:
             continue
         t, x = time[r, :n][calm], values[r, c, :n][calm]
         parts = np.array_split(t, -(-len(t) ** 2 // PAIRS))
         variance = sum(float(np.sum(noise.covariance(part[:, None] - t))) for part in parts)
         total += float(np.sum(x)) ** 2 / variance
         count += 1
-    return count >= FEWEST and bool(stats.chi2.sf(total, count) < CHANCE)
+    return count >= limits.fewest and bool(stats.chi2.sf(total, count) < limits.p_value)

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ComputationError, InputError
-from ..discrepancy.holdout import DECISIVE
 from ..discrepancy.records import RESULT, RIVALS
+from ..discrepancy.settings import DEFAULT
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import SavedModel, load_model
 from .limits import Extra, list_extras, set_limits
@@ -71,7 +71,7 @@ def design(folder: str | Path, *, limits: Mapping[str, str] | Sequence[str] | No
             raise ComputationError("the models could not be integrated within these limits: check --limit")
         proposals.append(_propose(layout, test, mask, x, extra, names, models[0]))
     ranked = sorted(proposals, key=_rank)
-    found = Design(models[0].campaign, models[0].family, verdict, names, chosen, tuple(ranked), DECISIVE, "")
+    found = Design(models[0].campaign, models[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
     sentence, notes = explain_design(found, models[0])
     return dc.replace(found, sentence=sentence, notes=notes)
 
@@ -156,7 +156,7 @@ def _compare(found: Distances, i: int, j: int, names: tuple[str, ...]) -> Pair:
         # What a refit leaves that bends as the model really does, for any number of repeats.
         share = min(max(real / one, 0.0), 1.0) if one > 0 else 1.0
         distances.append(one * share)
-        repeats.append(count_repeats(linear, DECISIVE / share, MOST) if share > 0 else None)
+        repeats.append(count_repeats(linear, DEFAULT.decisive / share, MOST) if share > 0 else None)
     known = [r for r in repeats if r is not None]
     return Pair(names[j], names[i], float(np.sqrt(max(min(distances), 0.0))),
                 max(known) if len(known) == len(repeats) else None)

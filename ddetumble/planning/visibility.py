@@ -14,10 +14,8 @@ import numpy as np
 from .._errors import ComputationError
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
-from ..discrepancy.candidates import ALIKE
 from ..discrepancy.detectability import detectable_length, find_size, reach_limit
-from ..discrepancy.holdout import DECISIVE
-from ..discrepancy.shifts import EACH
+from ..discrepancy.settings import DEFAULT
 from ..discrepancy.workbench import Workbench
 from ..inference.archive import resolve_model
 from ..inference.assembly import default_starts
@@ -240,7 +238,7 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
         row = np.where(np.arange(len(names)) == k, -1.0, cosines[k])
         near = int(np.argmax(row)) if len(names) > 1 else None
         cosine = 0.0 if near is None else float(row[near])
-        told = max(float(np.sqrt(DECISIVE / (1.0 - cosine**2)) / goal), 1.0) if cosine < SAME else None
+        told = max(float(np.sqrt(DEFAULT.decisive / (1.0 - cosine**2)) / goal), 1.0) if cosine < SAME else None
         if told is not None and told * abs(best.size - p.default) > reach_limit(p):
             told = None
         effects.append(Visible(
@@ -248,7 +246,7 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
             _publish(bench, best.shapes), best.visible, None if near is None else names[near], cosine, told,
             _publish(bench, {n: s.size for n, s in sizes.items()})))
     alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
-                  if cosines[i, j] >= ALIKE)
+                  if cosines[i, j] >= DEFAULT.collinear)
     sentence, notes = _explain(bench, effects, alike)
     return Visibility(bench.campaign.name, bench.family.name, model, bench.records.count,
                       int(bench.records.lengths.sum()), tuple(effects), names, cosines, goal, alike, sentence, notes)
@@ -276,8 +274,8 @@ def _explain(bench: Workbench, effects: Sequence[Visible], alike: Sequence[tuple
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
                        for v in [bench.space.public(n, bench.start, 0.0)])
     return sentence, (
-        f"Found with 95 % power by the family-wise test of discover (level {EACH:g}); noise white and as stated, "
+        f"Found with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}); noise white and as stated, "
         "nuisances as stated.",
-        f"Two effects look alike from |cos| {ALIKE:g} on; told apart from {DECISIVE:.0f} noise variances on.",
+        f"Two effects look alike from |cos| {DEFAULT.collinear:g} on; told apart from {DEFAULT.decisive:.0f} noise variances on.",
         *([f"The reference model stands at {values}, or where samples that are there put it."] if values else []),
         *bench.warnings)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..discrepancy.records import UNSEEN, Discovery, Place, SettingShift, Step, Trace
+from ..discrepancy.records import Discovery, Place, SettingShift, Step, Trace
 from ..figures.binning import is_peaks, list_channels
 from ..figures.labels import (
     clean,
@@ -276,7 +276,7 @@ def _show_ranking(discovery: Discovery) -> Section:
         "Explains: share of the misfit above noise that the effect alone removes after a refit; of an effect that came "
         "in at a later step, the share that this step removed. Visible: share of its "
         f"own signature that is left when {view.free} and the records' settings are free to imitate it; below "
-        f"{100 * UNSEEN:g} % this campaign cannot see it."
+        f"{100 * found.selection.invisible:g} % this campaign cannot see it."
     ]
     kin = [
         (clean(step.added), *row)
