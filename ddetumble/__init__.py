@@ -60,13 +60,13 @@ _HOMES = {
     "assess_sequence": "planning.prospect",
     "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.archive", "fit": "inference.estimation",
-    "compare": "discrepancy.comparison", "identify": "discrepancy.identification", "discover": "discrepancy.discovery",
-    "draw_missing_force": "discrepancy.missing",
+    "compare": "selection.compare", "identify": "reconstruct.force", "discover": "selection.discover",
+    "draw_missing_force": "selection.missing.missing_force",
     "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
     "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
     "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
     "weigh": "sampling.weighing",
-    "predict": "discrepancy.prediction", "predict_pulses": "discrepancy.pulses",
+    "predict": "selection.predict", "predict_pulses": "selection.pulses",
     "design": "planning.nexttest", "map_effects": "planning.visibility",
     "write_report": "report", "describe": "report",
     "Exam": "exam.drawing", "examine": "exam.examination", "write_scorecard": "exam.scorecard",
@@ -102,12 +102,6 @@ if TYPE_CHECKING:
     from .contact.sliding import FrictionLaw as FrictionLaw
     from .contact.sliding import RubberFriction as RubberFriction
     from .demo import run_demo as run_demo
-    from .discrepancy.comparison import compare as compare
-    from .discrepancy.discovery import discover as discover
-    from .discrepancy.identification import identify as identify
-    from .discrepancy.missing import draw_missing_force as draw_missing_force
-    from .discrepancy.prediction import predict as predict
-    from .discrepancy.pulses import predict_pulses as predict_pulses
     from .dynamics.angles import from_euler_angles as from_euler_angles
     from .dynamics.angles import measure_nutation as measure_nutation
     from .dynamics.angles import measure_precession as measure_precession
@@ -157,9 +151,15 @@ if TYPE_CHECKING:
     from .planning.sequence import plan_sequence as plan_sequence
     from .planning.strike_plan import plan_strike as plan_strike
     from .planning.visibility import map_effects as map_effects
+    from .reconstruct.force import identify as identify
     from .report import describe as describe
     from .report import write_report as write_report
     from .sampling.curves import pose_curve as pose_curve
     from .sampling.sampling import sample as sample
     from .sampling.target import pose_fit as pose_fit
     from .sampling.weighing import weigh as weigh
+    from .selection.compare import compare as compare
+    from .selection.discover import discover as discover
+    from .selection.missing.missing_force import draw_missing_force as draw_missing_force
+    from .selection.predict import predict as predict
+    from .selection.pulses import predict_pulses as predict_pulses

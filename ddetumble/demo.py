@@ -21,11 +21,11 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     Returns:
         Path of the discovery's report.
     """
-    from .discrepancy.comparison import compare
-    from .discrepancy.discovery import discover
     from .measurement.package import read_campaign
     from .paper import judge_campaign, write_paper
     from .report import describe, write_report
+    from .selection.compare import compare
+    from .selection.discover import discover
 
     folder = Path(folder)
     echo("1. The paper. Its printed peaks, and what eleven numbers can say (Table 3):")

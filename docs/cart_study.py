@@ -19,11 +19,11 @@ import pandas as pd
 from ddetumble import Campaign, InputError, discover
 from ddetumble.cli.failures import run_guarded
 from ddetumble.cli.progress import show_progress
-from ddetumble.discrepancy.records import Discovery
 from ddetumble.figures.fit import draw_fit
 from ddetumble.figures.style import render_png
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.measurement.campaign import Column, Uncertainty
+from ddetumble.selection.result import Discovery
 
 from . import pads
 from .reading import read_columns
@@ -141,7 +141,7 @@ def tell_story(parts: list[Part]) -> str:
              "(`docs/pads.py`).", ""]
     for part in parts:
         found, noise = part.found, part.found.noise_nrmse
-        runs = found.settings["records"]
+        runs = found.counts["records"]
         lines += [f"## The {part.name}: {runs} runs, {part.left_out} left out", "", f"> {found.sentence}", "",
                   f"| model | error, fitted | error on left-out {part.left_out} | over noise |",
                   "| --- | --- | --- | --- |"]

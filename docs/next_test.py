@@ -27,11 +27,11 @@ from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from ddetumble.discrepancy.discovery import discover  # noqa: E402
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder  # noqa: E402
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder  # noqa: E402
 from ddetumble.planning.limits import Limit  # noqa: E402
 from ddetumble.planning.nexttest import design  # noqa: E402
+from ddetumble.selection.discover import discover  # noqa: E402
 
 
 HIDDEN = (

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ddetumble.discrepancy.records import Candidate, Discovery, Estimate, LackOfFit, Place, Step, Trace
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.slip import follow_strokes, simulate_slip
+from ddetumble.selection.result import Candidate, Discovery, Estimate, LackOfFit, Place, Step, Trace
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"

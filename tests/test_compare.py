@@ -9,9 +9,6 @@ from ddetumble._errors import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
-from ddetumble.discrepancy.comparison import bin_residuals, compare
-from ddetumble.discrepancy.records import Trace
-from ddetumble.discrepancy.traces import noise_nrmse, nrmse, nrmse_by_channel
 from ddetumble.effects.wall import WallStiffness
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.archive import resolve_model, save_model
@@ -21,6 +18,9 @@ from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
+from ddetumble.selection.compare import bin_residuals, compare
+from ddetumble.selection.result import Trace
+from ddetumble.selection.series import noise_nrmse, nrmse, nrmse_by_channel
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

@@ -9,8 +9,6 @@ import pytest
 
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
-from ddetumble.discrepancy.settings import DEFAULT
-from ddetumble.discrepancy.workbench import Workbench
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.figures import draw_map, draw_next_test
@@ -25,6 +23,8 @@ from ddetumble.planning.preview import _fill_stack, compute_columns, prepare, th
 from ddetumble.planning.refits import part_rivals, value_separation
 from ddetumble.planning.separation import contrast, count_repeats, gain_information, separate
 from ddetumble.planning.visibility import map_effects
+from ddetumble.selection.problem import fit_reference, pose_selection
+from ddetumble.selection.settings import DEFAULT
 
 
 BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
@@ -246,8 +246,9 @@ def test_map_sizes_are_found(tmp_path, capsys):
             made = make_slip_campaign("one", 300 + seed, {"viscous-friction": {"c_t": share * size}}, BASE, LOADS,
                                       PRESSURES, [0.1, 0.4])
             write_slip_folder(tmp_path / f"{share}-{seed}", made)
-            bench = Workbench(read_campaign(tmp_path / f"{share}-{seed}"), RubberFriction())
-            lack, _ = bench.judge(bench.begin())
+            bench = pose_selection(read_campaign(tmp_path / f"{share}-{seed}"), RubberFriction())
+            bench, fitted = fit_reference(bench)
+            lack, _ = bench.test_lack_of_fit(fitted)
             count[share] += lack.rejected
     assert count[1.0] >= 6 and count[0.3] <= 3
     (tmp_path / "plan.csv").write_text("normal_load [N],internal_pressure [MPa],slip_speed [m/s]\n" + "".join(
@@ -353,8 +354,9 @@ def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
             made = tumbling_campaigns.make_tumble_campaign("spins", 60 + seed, {"eddy-current": {"k_e": share * size}},
                                                            {"inertia_ratio": 0.5}, 3, interval=4.0)
             tumbling_campaigns.write_tumble_folder(tmp_path / f"{share}-{seed}", made)
-            bench = Workbench(read_campaign(tmp_path / f"{share}-{seed}"), RigidBody())
-            lack, _ = bench.judge(bench.begin())
+            bench = pose_selection(read_campaign(tmp_path / f"{share}-{seed}"), RigidBody())
+            bench, fitted = fit_reference(bench)
+            lack, _ = bench.test_lack_of_fit(fitted)
             count[share] += lack.rejected
     assert count[1.0] >= 5 and count[0.3] <= 2
     (tmp_path / "oblique.csv").write_text("initial_pressure [MPa],approach_speed [m/s],tangential_speed [m/s]\n"

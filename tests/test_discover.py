@@ -6,9 +6,9 @@ import pytest
 
 from ddetumble._settings import find_data
 from ddetumble.cli import main
-from ddetumble.discrepancy.discovery import discover
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.measurement.package import read_campaign
+from ddetumble.selection.discover import discover
 
 
 BASE = {"effective_mass": 1.37, "restitution": 0.73}
@@ -83,7 +83,7 @@ def test_end_stop_is_outside_the_catalogue(tmp_path):
 def test_result_has_every_field_and_predicts(tmp_path):
     import pandas as pd
 
-    from ddetumble.discrepancy.prediction import predict
+    from ddetumble.selection.predict import predict
 
     found = discover(find_data() / "impact-e")
     found.save(tmp_path)

@@ -9,9 +9,6 @@ import pytest
 from ddetumble import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
-from ddetumble.discrepancy.cleaning import begin_cleaning
-from ddetumble.discrepancy.discovery import discover
-from ddetumble.discrepancy.missing import draw_missing_force
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
@@ -22,6 +19,9 @@ from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, screen_samples
 from ddetumble.measurement.package import read_campaign
 from ddetumble.measurement.spikes import find_spikes
+from ddetumble.selection.cleaning import begin_cleaning
+from ddetumble.selection.discover import discover
+from ddetumble.selection.missing.missing_force import draw_missing_force
 from tests.independent import faults
 
 
@@ -366,7 +366,7 @@ def test_impact_with_one_effect_and_five_faults(grown, tmp_path, capsys):
 def test_zero_that_moves_in_every_impact(clean, tmp_path):
     found = discover(spoil(clean["impact"], tmp_path / "f", (faults.drift_all, "normal_force", 0.75)))
     check(found, "nothing-missing", (), BALL)
-    assert kinds(found.faults) == ["zero"] and found.settings["records"] == 18
+    assert kinds(found.faults) == ["zero"] and found.counts["records"] == 18
     kept = discover(spoil(clean["impact"], tmp_path / "g", (faults.drift_all, "normal_force", 0.75)), keep_all=True)
     assert kinds(kept.faults) == ["zero"] and "asked" in kept.faults[0].done
     assert kept.verdict != "nothing-missing"
@@ -393,7 +393,7 @@ def test_a_wrong_record_at_an_extreme_is_kept_and_named(tmp_path):
     key = max(rows, key=lambda row: float(row[speed]) - float(row[pressure]))[0]  # deepest of all
     found = discover(spoil(tmp_path / "c", tmp_path / "f", (faults.scale, ["normal_force"], key, 1.08)))
     assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("doubtful", (key,), False)]
-    assert found.settings["records"] == 9
+    assert found.counts["records"] == 9
     assert f"I cannot tell record {key} from a fault" in found.sentence and "Repeat it" in found.sentence
 
 
@@ -409,7 +409,7 @@ def test_a_gain_at_a_corner_that_nothing_beside_it_shares_is_a_fault(clean, tmp_
     load, speed = (list_column(clean["slip"], name) for name in ("normal_load", "slip_speed"))
     key = max(load, key=lambda k: load[k] * speed[k] ** 0.1)
     found = discover(spoil(clean["slip"], tmp_path / "f", (faults.scale, ["tangential_force"], key, gain)))
-    assert (found.verdict, found.settings["records"]) == ("nothing-missing", 17), found.sentence
+    assert (found.verdict, found.counts["records"]) == ("nothing-missing", 17), found.sentence
     assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("gain", (key,), True)]
     assert found.faults[0].done.startswith("It is left out")
 
@@ -454,7 +454,7 @@ def test_an_end_stop_that_only_the_deepest_tests_feel_loses_no_record(tmp_path):
         interval=4e-4))
     found = discover(folder)
     assert not any(f.left_out for f in found.faults)
-    assert found.settings["records"] == 9 and found.verdict != "nothing-missing"
+    assert found.counts["records"] == 9 and found.verdict != "nothing-missing"
 
 
 @pytest.mark.slow

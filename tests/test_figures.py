@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from ddetumble import figures
-from ddetumble.discrepancy.records import Place, Trace
 from ddetumble.figures.labels import describe_quantity, shorten_names
 from ddetumble.figures.style import apply_style
 from ddetumble.figures.views import choose_view
 from ddetumble.report import Picture, Section, Table, write_page
 from ddetumble.report.page import split_sentence
 from ddetumble.report.words import say_place
+from ddetumble.selection.result import Place, Trace
 from tests.helpers_report import make_candidates, make_slip_discovery
 
 

@@ -7,13 +7,13 @@ import pytest
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
-from ddetumble.discrepancy.identification import identify
-from ddetumble.discrepancy.smoothing import find_separation, smooth_samples
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference.noise import Noise
 from ddetumble.measurement.package import read_campaign
+from ddetumble.reconstruct.force import identify
+from ddetumble.reconstruct.smoothing import find_separation, smooth_samples
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

@@ -10,9 +10,9 @@ import pytest
 
 import ddetumble as dd
 from ddetumble.contact.effect import AbstractElasticEffect, parameter
-from ddetumble.discrepancy.records import Estimate, Law, MissingForce, Shape
 from ddetumble.figures import draw_missing_shape
 from ddetumble.measurement.campaign import Column, Uncertainty
+from ddetumble.selection.result import Estimate, Law, MissingForce, Shape
 
 
 INTERVAL, SPEEDS, NOISE = 2e-3, (0.5, 0.7, 0.9, 1.1), 0.25  # s, m/s, N

@@ -80,7 +80,7 @@ def test_search_of_a_million_samples(monkeypatch):
     campaign = make_impact(1_000_000)
     found = dd.discover(campaign)
     assert found.verdict in ("nothing-missing", "undecided")
-    assert found.settings["samples"] == 100_000 and any("1,000,000" in note for note in found.notes)
+    assert found.counts["samples"] == 100_000 and any("1,000,000" in note for note in found.notes)
 
 
 @pytest.mark.study

@@ -14,12 +14,6 @@ from scipy.interpolate import BSpline
 from ddetumble import Ball, InputError, draw_missing_force, find_data, simulate
 from ddetumble.cli import main
 from ddetumble.contact.sliding import AdhesionHysteresis
-from ddetumble.discrepancy.holdout import compare_losses
-from ddetumble.discrepancy.laws import FORMS, amplitude_unit, evaluate, find_rivals, order_laws, sketch_law
-from ddetumble.discrepancy.missing import find_lone, summarise_missing
-from ddetumble.discrepancy.records import Estimate, Law, MissingForce, Shape
-from ddetumble.discrepancy.ridge import Normal, hold_out, measure_ridge, solve_ridge, spread_ridge
-from ddetumble.discrepancy.terms import Term, coarsen, evaluate_basis, smooth
 from ddetumble.dynamics.slide import slide
 from ddetumble.effects.free import (
     COUNT,
@@ -37,6 +31,21 @@ from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_camp
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.figures import draw_missing_shape
 from ddetumble.report import write_missing
+from ddetumble.selection.cross_validation import compare_losses
+from ddetumble.selection.missing.missing_force import find_lone, summarise_missing
+from ddetumble.selection.missing.splines import (
+    Normal,
+    Term,
+    coarsen,
+    evaluate_basis,
+    hold_out,
+    measure_ridge,
+    smooth,
+    solve_ridge,
+    spread_ridge,
+)
+from ddetumble.selection.missing.symbolic import FORMS, amplitude_unit, evaluate, find_rivals, order_laws, sketch_law
+from ddetumble.selection.result import Estimate, Law, MissingForce, Shape
 
 
 TERM = Term("depression", "force", ("",), np.array([[1.0, 1.0, 0.0, 0.0]]), 0.0, 8e-3, 12, False)

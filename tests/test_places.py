@@ -3,8 +3,8 @@
 import pytest
 
 import ddetumble as dd
-from ddetumble.discrepancy.records import Estimate
-from ddetumble.discrepancy.wording import name_value
+from ddetumble.selection.result import Estimate
+from ddetumble.selection.sentences import name_value
 
 
 @pytest.mark.study

@@ -12,7 +12,6 @@ from scipy import stats
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
-from ddetumble.discrepancy.prediction import average_predictions, predict
 from ddetumble.inference.estimation import fit
 from ddetumble.measurement.package import read_campaign
 from ddetumble.sampling.checks import check_posterior
@@ -22,6 +21,7 @@ from ddetumble.sampling.scores import fit_without, score_conditions, smooth_weig
 from ddetumble.sampling.target import draw_inside, pose_fit
 from ddetumble.sampling.weighing import draw_about, read_rivals, read_weights, weigh
 from ddetumble.sampling.weights import compare_rivals, stack_weights
+from ddetumble.selection.predict import average_predictions, predict
 from tests.helpers_tumble import make_long
 
 

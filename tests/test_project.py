@@ -28,7 +28,7 @@ LAYERS = (
     {"measurement"},
     {"inference"},
     {"sampling"},
-    {"discrepancy"},
+    {"selection", "reconstruct"},
     {"planning"},
     {"report", "figures", "paper", "demo"},
     {"exam"},

@@ -12,13 +12,13 @@ import pytest
 
 from ddetumble import figures
 from ddetumble._errors import InputError
-from ddetumble.discrepancy.records import Place, Trace
 from ddetumble.figures.binning import bin_residuals, choose_records, group_values, is_peaks, sort_traces
 from ddetumble.figures.labels import describe_conditions, describe_quantity, format_number, format_p, format_value
 from ddetumble.figures.views import choose_view, find_phase, find_strokes, share_span
 from ddetumble.report import Picture, Section, Table, describe, write_comparison, write_page, write_report
 from ddetumble.report.text import align
 from ddetumble.report.words import say_place
+from ddetumble.selection.result import Place, Trace
 from tests.helpers_report import (
     STROKES,
     make_candidates,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ddetumble.contact.law import Ball
-from ddetumble.discrepancy.search import Tried, find_alternatives
-from ddetumble.discrepancy.workbench import Fitted
 from ddetumble.effects import CATALOGUES
 from ddetumble.inference.parameters import ParameterSpace
+from ddetumble.selection.forward_selection import Tried, find_alternatives
+from ddetumble.selection.problem import Fitted
 
 
 GROUPS = np.array([0, 0, 1, 1, 2, 2])

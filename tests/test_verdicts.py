@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import ddetumble as dd
-from ddetumble.discrepancy.records import LackOfFit
-from ddetumble.discrepancy.settings import DEFAULT
-from ddetumble.discrepancy.shifts import combine_p_values, is_moved, measure_shifts
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.selection.lack_of_fit import combine_p_values, is_moved, measure_shifts
+from ddetumble.selection.result import LackOfFit
+from ddetumble.selection.settings import DEFAULT
 
 
 BASE = {"effective_mass": 1.2, "restitution": 0.85}
@@ -50,7 +50,7 @@ def test_evidence_within_one_condition(tmp_path):
     """Six records of one condition show a lag that no other effect comes near; no held-out number is given for it."""
     found = dd.discover(write(tmp_path / "six", {"sensor-lag": {"T": 6e-4}}, 5, [0.6e6], [0.6], 6))
     assert found.verdict == "explained" and found.effects == ("sensor-lag",)
-    assert found.settings["conditions"] == 1 and all(map(math.isnan, list_held_out(found)))
+    assert found.counts["conditions"] == 1 and all(map(math.isnan, list_held_out(found)))
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ class Bench:
 
 @pytest.mark.parametrize("count", [2, 8, 24])
 def test_shifts_are_chance_as_often_as_stated(count):
-    """Errors as stated: at most one set of records in 1/DEFAULT.level_each is said to have moved (binomial bound over 3,000 sets)."""
+    """Errors as stated: at most one set of records in 300 is said to have moved (binomial bound over 3,000 sets)."""
     generator, bench = np.random.default_rng(4), Bench(count)
     alarms = sum(is_moved(measure_shifts(bench, type("Fit", (), {"z": generator.standard_normal((count, 4))})))
                  for _ in range(3000))

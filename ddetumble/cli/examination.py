@@ -54,7 +54,7 @@ def compare_model(
         if measured.samples is None:
             text, page = _judge_peaks(measured, model, out, "compare.json", "comparison.html")
         else:
-            from ..discrepancy.comparison import compare
+            from ..selection.compare import compare
 
             result = compare(measured, model=model)
             text = result.text()
@@ -94,7 +94,7 @@ def identify_force(
 
     measured = read_campaign(path)
     file = check_file(output, overwrite)
-    from ..discrepancy.identification import identify
+    from ..reconstruct.force import identify
 
     with show_progress(f"identifying the force of {measured.name}"):
         result = identify(measured, model=model)
@@ -133,9 +133,9 @@ def discover_effects(
         if measured.samples is None:
             text, page = _judge_peaks(measured, model, out, "result.json", "report.html")
         else:
-            from ..discrepancy.discovery import discover
             from ..inference.models import list_effects, resolve_effect
             from ..report import describe, write_report
+            from ..selection.discover import discover
 
             held = list_effects(effects_from) if effects_from is not None else ()
             own = list(dict.fromkeys([*(resolve_effect(name, held) for name in effect or ()), *held]))
@@ -176,10 +176,10 @@ def draw_force(
     from ..measurement.package import read_campaign
 
     measured = read_campaign(path)
-    from ..discrepancy.missing import draw_missing_force
     from ..inference.files import list_versions, write_json
     from ..inference.models import list_effects, resolve_effect
     from ..report import write_missing
+    from ..selection.missing.missing_force import draw_missing_force
 
     held = list_effects(effects_from) if effects_from is not None else ()
     own = [resolve_effect(name, held) for name in effect or ()] or list(held)

@@ -60,7 +60,7 @@ def describe_case(case: Case) -> dict[str, Any]:
 
 def answer(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
     """What `discover` says of the campaign in `folder`, which is all that it sees, beside the truth."""
-    from ..discrepancy.discovery import discover
+    from ..selection.discover import discover
 
     found = discover(folder / "campaign")
     first, last = found.steps[0].lack_of_fit, found.steps[-1]
@@ -74,7 +74,7 @@ def answer(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
         "intervals": hold_to_truth(estimates, name_truth(case.setting["base"], case.effects)),
         "heldout_over_noise": predict_elsewhere(exam, case, folder / "discovery"),
         "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
-        "records": int(found.settings["records"]),
+        "records": int(found.counts["records"]),
         "reported": [{"kind": f.kind, "records": list(f.records), "left_out": f.left_out} for f in found.faults],
     }  # fmt: skip
 
@@ -100,7 +100,7 @@ def predict_elsewhere(exam: Exam, case: Case, model: Path) -> float:
     """rms over noise of the grown model's predictions against noise-free tests at conditions that it has not seen."""
     import pandas as pd
 
-    from ..discrepancy.prediction import predict
+    from ..selection.predict import predict
 
     bench, tests = exam.bench, exam.bench.hold_out(case.effects, case.setting)
     frames = [pd.DataFrame({"record": f"h{k}", **test.conditions, bench.along: test.along})

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from ..discrepancy.records import Estimate, Step
+from ..selection.result import Estimate, Step
 from .labels import clean, format_value
 from .style import AFTER, BEFORE, FAINT, GREY, INK, OTHER, WIDTH, dress, head_figure, new_figure, styled
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..discrepancy.records import Trace
+from ..selection.result import Trace
 from .binning import choose_records, group_values, pick_channel, sort_traces, standardise
 from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
 from .style import (

@@ -2,7 +2,7 @@
 
 import math
 
-from ..discrepancy.records import Discovery, Step
+from ..selection.result import Discovery, Step
 from .labels import clean, format_error, format_number, name_step, say_p
 from .style import (
     AFTER,

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..discrepancy.laws import sketch_law
-from ..discrepancy.records import Law, MissingForce, Shape
+from ..selection.missing.symbolic import sketch_law
+from ..selection.result import Law, MissingForce, Shape
 from .labels import clean, describe_quantity, format_number, format_share
 from .style import (
     AFTER,

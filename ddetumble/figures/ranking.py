@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from ..discrepancy.records import Candidate
-from ..discrepancy.settings import DEFAULT
+from ..selection.result import Candidate
+from ..selection.settings import DEFAULT
 from .labels import say_p, shorten
 from .style import (
     AFTER,
@@ -54,7 +54,8 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     used = []
     for row, candidate in enumerate(candidates):
         # What removes a misfit beyond chance is seen, however little of its signature at the null survives.
-        unseen = math.isfinite(candidate.visible) and candidate.visible < DEFAULT.invisible and candidate.p_value > CHANCE
+        unseen = (math.isfinite(candidate.visible) and candidate.visible < DEFAULT.invisible
+                  and candidate.p_value > CHANCE)
         kind = "chosen" if candidate.effect in chosen else "kin" if candidate.effect in confused else "other"
         kind = "unseen" if unseen and kind == "other" else kind
         used.append(kind)

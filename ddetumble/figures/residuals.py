@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..discrepancy.records import Trace
+from ..selection.result import Trace
 from .binning import (
     group_values,
     list_channels,

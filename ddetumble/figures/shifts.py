@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..discrepancy.records import SettingShift
+from ..selection.result import SettingShift
 from .labels import clean, describe_quantity, format_number, say_p, shorten
 from .style import FLOOR, GREY, PALE, WIDTH, colour_models, dress, head_figure, new_figure, styled
 

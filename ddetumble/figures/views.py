@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..discrepancy.records import Trace
+from ..selection.result import Trace
 
 
 @dc.dataclass(frozen=True)

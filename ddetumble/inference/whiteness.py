@@ -1,6 +1,7 @@
 """The noise of a campaign, measured from what a model of it leaves above the frequencies of the contact."""
 
 import dataclasses as dc
+from collections.abc import Mapping
 
 import numpy as np
 from scipy import sparse
@@ -130,7 +131,7 @@ def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] |
     return (float(np.sqrt(squares / count)), count, int(np.median(lengths))) if count and squares > 0 else None
 
 
-def changed(before: dict[str, Noise], after: dict[str, Noise]) -> bool:
+def changed(before: Mapping[str, Noise], after: dict[str, Noise]) -> bool:
     """Whether a second measurement of the noise differs enough from the first to fit again."""
     return any(abs(np.log(after[c].sd / before[c].sd)) > 0.03
                or abs(after[c].correlation - before[c].correlation) > 0.05

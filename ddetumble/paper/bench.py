@@ -9,8 +9,8 @@ import numpy as np
 
 from ..contact.effect import AbstractEffect, parameters_of
 from ..contact.law import AbstractReference
-from ..discrepancy.detectability import reach_limit
 from ..inference.parameters import to_public
+from ..selection.detectability import reach_limit
 from .fits import PeakData, PeakFit, fit_models, hold_out
 from .peaks import DIRECTIONS, PeakProgram
 from .rivals import make_row

@@ -18,7 +18,6 @@ from scipy.stats import qmc
 from .._errors import InputError
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
-from ..discrepancy.records import RIVALS
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import SavedModel, load_model
 from ..inference.parameters import ParameterSpace, from_public
@@ -26,6 +25,7 @@ from ..sampling.posterior import FILE as POSTERIOR
 from ..sampling.weighing import read_weights
 from ..sampling.weights import FILE as WEIGHTS
 from ..sampling.weights import name_rival
+from ..selection.result import RIVALS
 
 
 @final

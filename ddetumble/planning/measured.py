@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..contact.gripping import StrikeLaw
-from ..discrepancy.wording import NAMES
 from ..dynamics.impact import simulate
 from ..inference.archive import SavedModel
+from ..selection.sentences import NAMES
 from .draws import find_models
 from .strike_plan import StrikePlan
 from .tables import Scenario

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ComputationError, InputError
-from ..discrepancy.records import RESULT, RIVALS
-from ..discrepancy.settings import DEFAULT
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import SavedModel, load_model
+from ..selection.result import RESULT, RIVALS
+from ..selection.settings import DEFAULT
 from .limits import Extra, list_extras, set_limits
 from .preview import Layout, Test, place_conditions, prepare
 from .proposals import Design, Narrowing, Pair, Proposal

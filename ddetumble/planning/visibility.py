@@ -1,6 +1,6 @@
 """What a campaign could see before any test of it: how small an effect, and which pairs would look alike.
 
-Every effect is taken at the size that `discrepancy.detectability` finds; two of them look alike where the cosine
+Every effect is taken at the size that `selection.detectability` finds; two of them look alike where the cosine
 between what can be seen of them is near one.
 """
 
@@ -14,9 +14,6 @@ import numpy as np
 from .._errors import ComputationError
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
-from ..discrepancy.detectability import detectable_length, find_size, reach_limit
-from ..discrepancy.settings import DEFAULT
-from ..discrepancy.workbench import Workbench
 from ..inference.archive import resolve_model
 from ..inference.assembly import default_starts
 from ..inference.families import name_family
@@ -25,6 +22,9 @@ from ..inference.parameters import to_public
 from ..inference.problem import Solution
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
+from ..selection.detectability import detectable_length, find_size, reach_limit
+from ..selection.problem import SelectionProblem, pose_selection
+from ..selection.settings import DEFAULT
 from .plans import read_plan
 
 
@@ -155,9 +155,9 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: S
         campaign = plan if isinstance(plan, Campaign) else read_campaign(plan)
         resolved, planned = resolve_model(model, name_family(campaign)), False
     report("computing the reference model", 0.05)
-    bench = Workbench(campaign, resolved.reference, tuple(effects), resolved.effects)
+    bench = pose_selection(campaign, resolved.reference, tuple(effects), resolved.effects)
     solution = _stand(bench, planned)
-    count = len(bench.directions((), depth=float(solution.state.max())))
+    count = len(bench.list_directions((), depth=float(solution.state.max())))
     goal = detectable_length(count)
     jobs = [(effect, f"{effect.id}.{p.name}", start) for effect in bench.catalogue for p in parameters_of(effect)
             if p.kind != "shape" for start in default_starts(effect)]
@@ -174,7 +174,7 @@ def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: S
     return _describe(bench, resolved.name, signatures, goal)
 
 
-def _stand(bench: Workbench, planned: bool) -> Solution:
+def _stand(bench: SelectionProblem, planned: bool) -> Solution:
     """The reference model at the values given, or at those guessed from samples that are there."""
     from ..inference.assembly import guess_start
 
@@ -186,7 +186,7 @@ def _stand(bench: Workbench, planned: bool) -> Solution:
     return solution
 
 
-def _find_size(bench: Workbench, solution: Solution, effect, name: str, start: dict[str, float], goal: float
+def _find_size(bench: SelectionProblem, solution: Solution, effect, name: str, start: dict[str, float], goal: float
                ) -> _Signature | None:
     """The size of one amplitude at which its signature has the wanted length."""
     origin = solution.u.copy()
@@ -210,7 +210,7 @@ def _imitate(one: _Signature, others: Sequence[_Signature]) -> float:
     return min(best, 1.0)
 
 
-def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], goal: float) -> Visibility:
+def _describe(bench: SelectionProblem, model: str, signatures: Sequence[_Signature], goal: float) -> Visibility:
     """Plain records of what was found."""
     seen = [s for s in signatures if np.isfinite(s.size)]
     groups = {e.id: [s for s in seen if s.effect == e.id] for e in bench.catalogue}
@@ -252,17 +252,17 @@ def _describe(bench: Workbench, model: str, signatures: Sequence[_Signature], go
                       int(bench.records.lengths.sum()), tuple(effects), names, cosines, goal, alike, sentence, notes)
 
 
-def _deviation(bench: Workbench, s: _Signature) -> float:
+def _deviation(bench: SelectionProblem, s: _Signature) -> float:
     """Size in typical changes of its parameter."""
     p = bench.space.slots[bench.space.index[s.name]].parameter
     return abs(s.size - p.default) / p.typical
 
 
-def _publish(bench: Workbench, shapes: dict[str, float]) -> dict[str, float]:
+def _publish(bench: SelectionProblem, shapes: dict[str, float]) -> dict[str, float]:
     return {n: to_public(bench.space.slots[bench.space.index[n]].parameter.coordinate, v) for n, v in shapes.items()}
 
 
-def _explain(bench: Workbench, effects: Sequence[Visible], alike: Sequence[tuple[str, str]]
+def _explain(bench: SelectionProblem, effects: Sequence[Visible], alike: Sequence[tuple[str, str]]
              ) -> tuple[str, tuple[str, ...]]:
     """The sentence of a map, and notes."""
     unseen = [e.effect for e in effects if e.size is None]
@@ -274,8 +274,9 @@ def _explain(bench: Workbench, effects: Sequence[Visible], alike: Sequence[tuple
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
                        for v in [bench.space.public(n, bench.start, 0.0)])
     return sentence, (
-        f"Found with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}); noise white and as stated, "
-        "nuisances as stated.",
-        f"Two effects look alike from |cos| {DEFAULT.collinear:g} on; told apart from {DEFAULT.decisive:.0f} noise variances on.",
+        f"Found with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}); noise white and "
+        "as stated, nuisances as stated.",
+        f"Two effects look alike from |cos| {DEFAULT.collinear:g} on; told apart from {DEFAULT.decisive:.0f} noise "
+        "variances on.",
         *([f"The reference model stands at {values}, or where samples that are there put it."] if values else []),
         *bench.warnings)

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from ..discrepancy.wording import NAMES, UNITS
 from ..inference.archive import SavedModel
+from ..selection.sentences import NAMES, UNITS
 from .limits import CHOSEN, Extra, Limit
 from .proposals import Design, Narrowing, Proposal
 

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..discrepancy.records import Place, Trace
 from ..figures.labels import clean
+from ..selection.result import Place, Trace
 from .findings import show_failures, show_fits
 from .page import Section, write_page
 

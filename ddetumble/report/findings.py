@@ -1,10 +1,10 @@
 """The report of what was found in a campaign, as one page."""
 
+import dataclasses as dc
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..discrepancy.records import Discovery, Place, SettingShift, Step, Trace
 from ..figures.binning import is_peaks, list_channels
 from ..figures.labels import (
     clean,
@@ -18,6 +18,8 @@ from ..figures.labels import (
     say_p,
 )
 from ..figures.views import View, choose_view
+from ..selection.result import Discovery, Place, SettingShift, Step, Trace
+from ..selection.settings import DEFAULT
 from .missing import show_missing
 from .page import Picture, Section, Table, write_page
 from .words import (
@@ -46,7 +48,7 @@ def write_report(discovery: Discovery, folder, name: str = "report.html") -> Pat
     Raises:
         InputError: The folder cannot be written.
     """
-    records, level = count_records(discovery), discovery.settings.get("level")
+    records, level = count_records(discovery), discovery.settings.level
     status = [
         f"campaign {clean(discovery.campaign, 60)}",
         clean(discovery.title, 120) if discovery.title != discovery.campaign else "",
@@ -112,7 +114,8 @@ def build_sections(discovery: Discovery) -> list[Section]:
     sections.append(_show_judgement(discovery))
     rows = [("campaign", clean(discovery.campaign)), ("title", clean(discovery.title)), ("family", discovery.family),
             ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
-            ("verdict", discovery.verdict), *flatten(discovery.settings)]  # fmt: skip
+            ("verdict", discovery.verdict),
+            *flatten({**discovery.counts, "thresholds": dc.asdict(discovery.settings)})]  # fmt: skip
     sections.append(Section("Provenance", tables=[Table(("item", "value"), rows)]))
     return sections
 
@@ -276,7 +279,7 @@ def _show_ranking(discovery: Discovery) -> Section:
         "Explains: share of the misfit above noise that the effect alone removes after a refit; of an effect that came "
         "in at a later step, the share that this step removed. Visible: share of its "
         f"own signature that is left when {view.free} and the records' settings are free to imitate it; below "
-        f"{100 * found.selection.invisible:g} % this campaign cannot see it."
+        f"{100 * DEFAULT.invisible:g} % this campaign cannot see it."
     ]
     kin = [
         (clean(step.added), *row)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..discrepancy.records import MissingForce
 from ..figures.labels import clean, format_number, format_share, format_value
+from ..selection.result import MissingForce
 from .page import Picture, Section, Table, write_page
 
 

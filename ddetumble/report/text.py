@@ -3,9 +3,10 @@
 import textwrap
 from collections.abc import Sequence
 
-from ..discrepancy.records import Candidate, Discovery
 from ..figures.labels import clean, format_error, format_number, format_p, format_share, name_step
 from ..figures.views import choose_view
+from ..selection.result import Candidate, Discovery
+from ..selection.settings import DEFAULT
 from .words import (
     count_records,
     list_alternatives,
@@ -104,7 +105,7 @@ def _show_candidates(discovery: Discovery) -> str:
     for step in discovery.steps:
         rows = list_alternatives(step.alternatives)
         for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
-            beaten = found.selection.is_beaten(item["heldout_difference"], item["standard_error"])
+            beaten = DEFAULT.is_beaten(item["heldout_difference"], item["standard_error"])
             why = "but it fits these records better: neither is settled" if beaten else (
                 "this campaign cannot tell them apart")  # fmt: skip
             lines.append(_wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "

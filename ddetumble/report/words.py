@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from ..discrepancy.records import Discovery, Estimate, Place
 from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, format_share, format_value
 from ..figures.views import View
+from ..selection.result import Discovery, Estimate, Place
 
 
 WHOLE = 0.995  # share from which a range is all there is

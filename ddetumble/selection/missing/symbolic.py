@@ -13,16 +13,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .._errors import ComputationError
-from .._numerics import map_threads
-from ..effects.free import blank_plan
-from ..inference.problem import Problem, Solution
-from .freeform import FreeBench, cut
-from .holdout import compare_losses, leave_out
-from .records import Estimate, Law, Shape
-from .ridge import Normal, hold_out, measure_ridge, solve_ridge
-from .settings import DEFAULT
-from .terms import Term, evaluate_basis, place_law, smooth, with_plan
+from ..._errors import ComputationError
+from ..._numerics import map_threads
+from ...effects.free import blank_plan
+from ...inference.problem import Problem, Solution
+from ..cross_validation import compare_losses, leave_out
+from ..result import Estimate, Law, Shape
+from ..settings import DEFAULT
+from .free_form import FreeBench, cut
+from .splines import Normal, Term, evaluate_basis, hold_out, measure_ridge, place_law, smooth, solve_ridge, with_plan
 
 
 REFINED = 5  # forms that are fitted to the end
@@ -186,7 +185,8 @@ def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_G
                 turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
                 small = normal.turn(turn)
                 count = own.shape[1]
-                loss = (measure_ridge(small, np.zeros(base + count)) + DEFAULT.significant * (count + len(form.shapes)) if lone
+                price = DEFAULT.significant * (count + len(form.shapes))
+                loss = (measure_ridge(small, np.zeros(base + count)) + price if lone
                         else float(hold_out(small, np.zeros(base + count)).sum()))
                 if np.isfinite(loss) and (best is None or loss < best.loss):
                     sizes = solve_ridge(small, np.zeros(base + count))[base:] * bench.scale

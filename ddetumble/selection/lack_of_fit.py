@@ -8,16 +8,18 @@ looks at what the settings of the records had to swallow: how far they were move
 """
 
 import dataclasses as dc
+from collections.abc import Mapping, Sequence
 
+import equinox as eqx
 import numpy as np
 from scipy import sparse, stats
 
 from ..inference.noise import Noise, whitening_matrix
 from ..inference.problem import Problem, Solution
+from ..inference.stack import DRIFT, ZERO, Records
 from ..inference.whiteness import list_spans, spline_columns
-from .records import LackOfFit
+from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
-from .shifts import combine_p_values, measure_shifts
 
 
 ROWS = 16_384  # of a basis that are looked at at once
@@ -37,7 +39,7 @@ def smooth_bases(problem: Problem, end: np.ndarray) -> list[sparse.csr_matrix]:
     return bases
 
 
-def measure_smooth(problem: Problem, solution: Solution, bases: list[sparse.csr_matrix]) -> tuple[float, float]:
+def measure_smooth(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix]) -> tuple[float, float]:
     """Sum of squares of the smooth part of residuals and nuisances, and its degrees of freedom."""
     total, degrees = 0.0, -float(solution.shared.shape[2])
     own = solution.own.shape[2]
@@ -80,7 +82,7 @@ def _triangulate(left: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
     return factor
 
 
-def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matrix], noise: dict[str, Noise],
+def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix], noise: Mapping[str, Noise],
               score_p_value: float, settings: SelectionSettings = DEFAULT) -> LackOfFit:
     """Judge whether a model lacks something.
 
@@ -100,8 +102,8 @@ def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matri
     moves = combine_p_values(shifts)
     p = combine_p_values((smooth, score_p_value, moves))
     within = problem.space.family.free_running
-    how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened noise" if within
-           else "")
+    how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened "
+           "noise" if within else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
     text = (f"the smallest p-value, counted three times, of three statistics: chi-square of the smooth part of "
             f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to {spread:.1%}); the "
@@ -199,7 +201,7 @@ def _project(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return columns - np.einsum("grk,...gk->...gr", basis, np.einsum("grk,...gr->...gk", basis, columns))
 
 
-def family_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
+def family_p_value(scores: list[Score], noise: Mapping[str, Noise]) -> float:
     """Family-wise p-value of the largest squared score (Šidák; the noise level's own uncertainty widens it)."""
     if not scores:
         return 1.0
@@ -209,7 +211,7 @@ def family_p_value(scores: list[Score], noise: dict[str, Noise]) -> float:
     return float(-np.expm1(len(scores) * np.log1p(-min(single, 1 - 1e-16))))
 
 
-def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise], draws: int = DEFAULT.bootstrap) -> float:
+def bootstrap_p_value(scores: list[Score], noise: Mapping[str, Noise], draws: int = DEFAULT.bootstrap) -> float:
     """The same for few long records: chance of so large a score by a parametric bootstrap of the whitened noise.
 
     Under a complete model the scores are normal with the covariance of their signatures; drawn together they count
@@ -226,3 +228,44 @@ def bootstrap_p_value(scores: list[Score], noise: dict[str, Noise], draws: int =
     largest = np.max(drawn**2, axis=1) * level
     above = int(np.sum(largest >= max(s.z**2 for s in used)))
     return (above + 1.0) / (draws + 1.0)
+
+
+def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, ...]:
+    """Shifts of every setting with a stated uncertainty; what has none, and zeros that move, are no settings."""
+    found = []
+    deviations = np.asarray(records.stack.condition_sd)[: records.count]
+    for k, name in enumerate(records.nuisances):
+        if name in records.starts or name.startswith((f"{ZERO}:", f"{DRIFT}:")):
+            continue
+        stated = deviations[:, k]
+        moved = np.where(stated > 0, solution.z[:, k], 0.0)
+        count = int(np.sum(stated > 0))
+        if not count:
+            continue
+        worst = int(np.argmax(np.abs(moved)))
+        together = float(stats.chi2.sf(np.sum(moved**2), count))
+        alone = min(count * 2.0 * float(stats.norm.sf(abs(moved[worst]))), 1.0)
+        found.append(SettingShift(
+            name, float(np.median(stated[stated > 0])), float(np.sqrt(np.sum(moved**2) / count)), float(moved[worst]),
+            records.keys[worst], combine_p_values((together, alone)), moved))
+    return tuple(found)
+
+
+def is_moved(shifts: Sequence[SettingShift], level: float = DEFAULT.level_each) -> bool:
+    """Whether settings were moved further than chance moves them, at the level of one statistic of the lack of fit."""
+    return combine_p_values([shift.p_value for shift in shifts]) < level
+
+
+def combine_p_values(values: Sequence[float]) -> float:
+    """The p-value of the smallest of several (Bonferroni)."""
+    return min(len(values) * min(values), 1.0) if values else 1.0
+
+
+def hold_settings(problem: Problem, solution: Solution) -> Solution:
+    """The same model fitted with every condition as it is written down; the time origin moves as before."""
+    records = problem.records
+    moves = np.array([name == "time" or name in records.starts or ":" in name for name in records.nuisances])
+    deviations = records.stack.condition_sd * moves
+    held = dc.replace(records, stack=eqx.tree_at(lambda s: s.condition_sd, records.stack, deviations))
+    return Problem(problem.space, held, problem.priors).solve(solution.names, solution.u, solution.z * moves,
+                                                              tolerance=1e-2)

@@ -8,24 +8,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .._errors import InputError
-from ..contact.effect import parameters_of
 from ..inference.archive import resolve_model
 from ..inference.families import Family, find_family, name_family
 from ..inference.files import make_plain, write_json
 from ..inference.models import is_fitted
-from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.thinning import thin_campaign
 from ..measurement.units import choose_time_unit
-from .places import residual_places
-from .records import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
-from .shifts import hold_settings, is_moved, measure_shifts
-from .steps import describe_noise, public_estimates
-from .traces import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel
-from .wording import say_level
-from .workbench import Workbench
+from .describe import describe_noise, public_estimates
+from .lack_of_fit import hold_settings, is_moved, measure_shifts
+from .localise import residual_places
+from .problem import fit_reference, pose_selection
+from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
+from .sentences import say_level
+from .series import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel
 
 
 BINS = 12
@@ -130,30 +127,22 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     """
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    catalogue = find_family(name_family(campaign), "compare").catalogue
+    find_family(name_family(campaign), "compare")
     resolved = resolve_model(model, name_family(campaign))
-    extra = [type(e) for e in resolved.effects if type(e) not in catalogue]
     campaign, thinned = thin_campaign(campaign, MANY)
-    bench = Workbench(campaign, resolved.reference, extra)
-    for effect in resolved.effects:
-        if type(effect) not in bench.catalogue:
-            missing = [n for n in effect.requires if n not in (*resolved.reference.provides, *campaign.records.columns)]
-            raise InputError(f"the model's effect {effect.id!r} needs {', '.join(missing)}, which campaign "
-                             f"{campaign.name!r} does not have")
-        for p in parameters_of(effect):
-            value = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
-            bench.start[bench.space.index[f"{effect.id}.{p.name}"]] = value
+    bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
     if not refit or is_fitted(model):
         # What was fitted elsewhere holds against what this campaign says is known.
+        start = bench.start.copy()
         own = {n: v for n, v in zip(bench.space.index, bench.space.coordinates(), strict=True)
                if bench.space.slots[bench.space.index[n]].owner is None}
         if is_fitted(model):
             for name, value in own.items():
-                bench.start[bench.space.index[name]] = value
-        bench.base = [common.slot.name for common in bench.space.commons]
-    fitted = bench.begin()
+                start[bench.space.index[name]] = value
+        bench = dc.replace(bench, start=start, base=tuple(common.slot.name for common in bench.space.commons))
+    bench, fitted = fit_reference(bench)
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
-    lack, _ = bench.judge(fitted)
+    lack, _ = bench.test_lack_of_fit(fitted)
     solution = fitted.solution
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
     level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise

@@ -8,7 +8,7 @@ from ..inference.noise import Noise
 from ..inference.problem import Solution
 from ..inference.stack import Records
 from ..measurement.campaign import Campaign
-from .records import Trace
+from .result import Trace
 
 
 def make_traces(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise] | None = None

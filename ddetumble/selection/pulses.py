@@ -9,8 +9,9 @@ import pandas as pd
 from .._errors import InputError
 from ..inference.archive import SavedModel, load_model
 from ..sampling.weights import FILE as WEIGHTS
-from .prediction import (
+from .predict import (
     CHUNK,
+    Request,
     ask_model,
     average_predictions,
     evaluate_rows,
@@ -20,7 +21,6 @@ from .prediction import (
     name_scatter,
     read_rivals,
 )
-from .requests import Request
 
 
 FAMILIES = ("impact", "oblique")

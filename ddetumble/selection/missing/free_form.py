@@ -12,15 +12,27 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.linalg import block_diag
 
-from .._errors import ComputationError, InputError
-from .._numerics import map_threads
-from ..effects.free import COUNT, FREE, GROUNDS
-from ..inference.parameters import ParameterSpace, to_coordinate
-from ..inference.problem import Problem, Solution
-from .holdout import compare_losses
-from .ridge import Normal, choose_ridge, gather_normal, hold_out, solve_ridge, spread_ridge
-from .terms import Term, coarsen, list_terms, place_terms, smooth, with_plan
-from .workbench import Fitted, Workbench
+from ..._errors import ComputationError, InputError
+from ..._numerics import map_threads
+from ...effects.free import COUNT, FREE, GROUNDS
+from ...inference.parameters import ParameterSpace, to_coordinate
+from ...inference.problem import Problem, Solution
+from ..cross_validation import compare_losses
+from ..problem import Fitted, SelectionProblem
+from .splines import (
+    Normal,
+    Term,
+    choose_ridge,
+    coarsen,
+    gather_normal,
+    hold_out,
+    list_terms,
+    place_terms,
+    smooth,
+    solve_ridge,
+    spread_ridge,
+    with_plan,
+)
 
 
 FINALISTS = 4  # terms that are fitted to the end
@@ -74,42 +86,42 @@ class FreeBench:
     """Fits of flexible terms and simple laws beside one model of a campaign.
 
     Args:
-        workbench: of the campaign.
+        selection: of the campaign.
         model: beside which the force is drawn; its parameters are fitted along.
 
     Raises:
         InputError: the family has no flexible terms yet.
     """
 
-    def __init__(self, workbench: Workbench, model: Fitted):
-        family = workbench.family.name
+    def __init__(self, selection: SelectionProblem, model: Fitted):
+        family = selection.family.name
         check_family(family)
-        self.workbench, self.model, self.family, self.ground = workbench, model, family, GROUNDS[family]
+        self.selection, self.model, self.family, self.ground = selection, model, family, GROUNDS[family]
         self.free, self.simple = FREE[family]
         names = list(model.solution.names)
         owners = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
-        self.classes = tuple(workbench.whole(e) for e in owners)
+        self.classes = tuple(selection.find_effect(e) for e in owners)
         self.space, self.start = self._assemble()
-        self.records = workbench.records
+        self.records = selection.records
         self.names, self.z = names, model.solution.z
         self.coefficients = [f"{self.free.id}.c_{k}" for k in range(COUNT)]
         self.scale = float(self.space.scales()[self.space.index[self.coefficients[0]]])
-        self.groups = workbench.groups
+        self.groups = selection.groups
         self.rows = float((np.asarray(self.records.stack.weights) > 0).sum())
         self.terms = self._list_terms()
         self.before = hold_out(gather_normal(model.solution, None, self.groups), np.zeros(len(names)))
 
     def _assemble(self) -> tuple[ParameterSpace, np.ndarray]:
         """Parameters of the model, the splines and the simple laws, and where the model's fit ended."""
-        old = self.workbench.space
-        space = ParameterSpace(self.workbench.reference, (*self.classes, self.free, self.simple), old.commons)
+        old = self.selection.space
+        space = ParameterSpace(self.selection.reference, (*self.classes, self.free, self.simple), old.commons)
         return space, np.array([
             self.model.solution.u[old.index[s.name]] if s.name in old.index
             else to_coordinate(s.parameter.coordinate, s.parameter.default) for s in space.slots])
 
     def _list_terms(self) -> list[Term]:
         """Terms that this campaign could show, over the ranges that the model visits."""
-        solution, records = self.model.solution, self.workbench.records
+        solution, records = self.model.solution, self.selection.records
         valid = (np.asarray(records.stack.weights)[: records.count] > 0).any(axis=1)
         state, rate = solution.state[valid], solution.state_rate[valid]
         time = np.asarray(records.stack.time)[: records.count][valid]
@@ -124,9 +136,9 @@ class FreeBench:
             axial = solution.channels[:, records.channels.index("angular_velocity_z")][valid]
             ranges |= {"angular_speed": (float(rate.min()), float(rate.max())), "phase": (-np.pi, np.pi),
                        "angular_velocity_z": (float(axial.min()), float(axial.max()))}
-        known = set(self.workbench.family.starts)
+        known = set(self.selection.family.starts)
         conditions = {name: np.asarray(x)[: records.count] for name, x in records.stack.conditions.items()
-                      if name not in known and name in self.workbench.campaign.records}
+                      if name not in known and name in self.selection.campaign.records}
         share = float(rate.max() if self.family == "tumble" else np.max(np.abs(solution.channels[:, 0])))
         return list_terms(self.family, conditions, ranges, backward, share)
 
@@ -259,7 +271,8 @@ class FreeBench:
             options = {f: hold_out(normal, weight / f) for f in (0.1, 0.3, 1.0, 3.0, 10.0)}
             best = min(options, key=lambda f: float(options[f].sum()))
             drawn = dc.replace(drawn, losses=options[1.0])
-            if trial or 0.3 <= best <= 3.0 or options[best].sum() > options[1.0].sum() - self.workbench.settings.significant:
+            least = options[1.0].sum() - self.selection.settings.significant
+            if trial or 0.3 <= best <= 3.0 or options[best].sum() > least:
                 return drawn
             deviations = [d * best for d in deviations]
             u, z = solution.u, solution.z
@@ -267,7 +280,7 @@ class FreeBench:
 
     def padding(self, count: int) -> int:
         """How many idle coefficients make a fit of `count` parameters one of the program that is compiled already."""
-        slots = self.workbench.family.slots
+        slots = self.selection.family.slots
         wanted = next(s for s in slots if len(self.names) + COUNT <= s)
         smaller = max((s for s in slots if s < wanted), default=0)
         return max(smaller + 1 - len(self.names) - count, 0)
@@ -278,7 +291,7 @@ class FreeBench:
 
     def helps(self, one: np.ndarray, other: np.ndarray) -> bool:
         """Whether the second predicts left-out conditions better, beyond chance."""
-        return self.workbench.settings.is_beaten(*self.compare(one, other))
+        return self.selection.settings.is_beaten(*self.compare(one, other))
 
 
 def cut(solution: Solution, count: int) -> Solution:

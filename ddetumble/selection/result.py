@@ -327,8 +327,8 @@ class Discovery:
         faults: of the data, and what was done about them.
         doubts: what has to be settled first: units that may be wrong, estimates beyond what physics allows.
         references: other reference models that were tried beside the one that was asked for, and how far they came.
-        settings: level, versions, timings, thresholds.
-        selection: the thresholds that decided.
+        settings: the thresholds that decided.
+        counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         model_state: the fitted model itself, for saving and predicting; not part of the record.
     """
@@ -347,12 +347,12 @@ class Discovery:
     noise: Mapping[str, Mapping[str, Any]]
     sentence: str
     notes: tuple[str, ...] = ()
-    settings: Mapping[str, Any] = dc.field(default_factory=dict)
+    settings: SelectionSettings = DEFAULT
+    counts: Mapping[str, Any] = dc.field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
     doubts: tuple[str, ...] = ()
     references: tuple[Mapping[str, Any], ...] = ()
     missing: MissingForce | None = None
-    selection: SelectionSettings = DEFAULT
     model_state: Any = dc.field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
@@ -381,11 +381,11 @@ class Discovery:
 
         folder = Path(folder)
         if self.model_state is not None:
-            workbench, solution = self.model_state["workbench"], self.model_state["solution"]
+            selection, solution = self.model_state["selection"], self.model_state["solution"]
 
             def save(place, fitted, effects):
-                save_model(place, campaign=workbench.campaign, model_name=self.model, space=workbench.space,
-                           solution=fitted, noise=workbench.noise, effects=effects, extra={"verdict": self.verdict})
+                save_model(place, campaign=selection.campaign, model_name=self.model, space=selection.space,
+                           solution=fitted, noise=selection.noise, effects=effects, extra={"verdict": self.verdict})
 
             save(folder, solution, self.effects)
             for old in (folder / RIVALS).glob(f"*/{FILE}"):  # of an earlier discovery
@@ -428,7 +428,8 @@ class Discovery:
             "missing_force": None if self.missing is None else self.missing.to_dict(),
             "references": [dict(r) for r in self.references], "doubts": list(self.doubts),
             "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
-            "sha256": self.sha256, "settings": dict(self.settings),
+            "sha256": self.sha256, "settings": {
+                "level": self.settings.level, **self.counts, "thresholds": dc.asdict(self.settings)},
         })
 
 

@@ -9,14 +9,13 @@ from .._errors import InputError
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
 from ..measurement.thinning import thin_campaign
-from .adequacy import score_directions
-from .culprits import Search, find_culprit
-from .misfits import mask_records
-from .rate_units import find_rate_units
+from .baseline import find_moving_zeros, tell_zero
+from .data_errors import find_rate_units
+from .lack_of_fit import score_directions
+from .leave_record_out import mask_records
+from .outliers import Search, Suspect, find_culprit, find_suspects, tell_fault
+from .problem import Fitted, SelectionProblem
 from .settings import DEFAULT
-from .suspects import Suspect, find_suspects, tell_fault
-from .workbench import Fitted, Workbench
-from .zeros import find_moving_zeros, tell_zero
 
 
 @dc.dataclass(frozen=True)
@@ -63,35 +62,35 @@ def _thin(state: Cleaned, most: int) -> Cleaned:
     return dc.replace(state, campaign=campaign, notes=(note,)) if note else state
 
 
-def clean_records(state: Cleaned, workbench: Workbench, fitted: Fitted, final: bool,
+def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, final: bool,
                   search: Search | None = None) -> tuple[Cleaned, bool]:
     """Look for records at fault under a model.
 
     Args:
         state: so far.
-        workbench, fitted: a model fitted to `state.campaign`.
+        selection, fitted: a model fitted to `state.campaign`.
         final: whether it is what the search ended with, rather than the reference model.
         search: a model that leaves nothing smooth of another campaign, if any, where none was found of this one.
 
     Returns:
         What is known now, and whether the campaign has changed, so that everything has to be fitted again.
     """
-    suspects = find_suspects(workbench, fitted)
+    suspects = find_suspects(selection, fitted)
     sure = [s for s in suspects if s.sure]
     if search is not None and not sure:
-        culprit = find_culprit(workbench, fitted, search)
+        culprit = find_culprit(selection, fitted, search)
         sure = [] if culprit is None else [culprit]
-    zero = None if sure else find_moving_zeros(workbench, fitted.solution, final)
-    doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(workbench, s)]
-    new = [tell_fault(workbench, s, state.keep_all) for s in (*sure, *doubtful)]
-    new += [tell_zero(workbench, zero, state.keep_all)] if zero else []
+    zero = None if sure else find_moving_zeros(selection, fitted.solution, final)
+    doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(selection, s)]
+    new = [tell_fault(selection, s, state.keep_all) for s in (*sure, *doubtful)]
+    new += [tell_zero(selection, zero, state.keep_all)] if zero else []
     known = {_identify(f) for f in state.faults}
     faults = (*state.faults, *(f for f in new if _identify(f) not in known))
     if state.keep_all or not (sure or zero):
         return dc.replace(state, faults=faults), False
     gone = {s.key for s in sure if s.diagnosis.samples is None}
     kept = [key for key in state.campaign.record_keys if key not in gone]
-    campaign = _drop_samples(state.campaign, workbench, [s for s in sure if s.key not in gone]).select(kept)
+    campaign = _drop_samples(state.campaign, selection, [s for s in sure if s.key not in gone]).select(kept)
     # What was in doubt only beside the culprits is looked at again without them.
     faults = tuple(f for f in faults if f.kind != "doubtful")
     moving = {**state.zeros, zero.channel: zero.spread} if zero else state.zeros
@@ -103,25 +102,25 @@ def _identify(fault: Fault) -> tuple:
     return fault.kind in ("doubtful", "spike") and fault.kind, fault.records, fault.channel
 
 
-def _drop_samples(campaign: Campaign, workbench: Workbench, suspects: Sequence[Suspect]) -> Campaign:
+def _drop_samples(campaign: Campaign, selection: SelectionProblem, suspects: Sequence[Suspect]) -> Campaign:
     """The campaign without the samples that are all that is wrong with a record."""
     assert campaign.samples is not None
     samples = campaign.samples.copy()
     for suspect in suspects:
         assert suspect.diagnosis.samples is not None
         rows = np.flatnonzero(samples["record"].to_numpy() == suspect.key)
-        for channel, off in zip(workbench.records.channels, suspect.diagnosis.samples, strict=True):
+        for channel, off in zip(selection.records.channels, suspect.diagnosis.samples, strict=True):
             values = samples[channel].to_numpy(dtype=float).copy()
             values[rows[off]] = np.nan
             samples[channel] = values
     return dc.replace(campaign, samples=samples)
 
 
-def _stands_alone(workbench: Workbench, suspect: Suspect) -> bool:
+def _stands_alone(selection: SelectionProblem, suspect: Suspect) -> bool:
     """Whether nothing that the catalogue holds shows in the records beside it either."""
-    problem = mask_records(workbench.problem, {suspect.aside.record})
+    problem = mask_records(selection.problem, {suspect.aside.record})
     solution = problem.solve(suspect.aside.solution.names, suspect.aside.solution.u, suspect.aside.solution.z,
                              tolerance=1e-2)
     depth = float(solution.state.max())
-    scores = score_directions(problem, solution, workbench.directions((), depth=depth))
-    return workbench.calibrate(scores) >= workbench.settings.level_each
+    scores = score_directions(problem, solution, selection.list_directions((), depth=depth))
+    return selection.calibrate(scores) >= selection.settings.level_each

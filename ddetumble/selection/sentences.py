@@ -1,14 +1,15 @@
 """What was found, in plain words."""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ..inference.families import Family
 from ..measurement.faults import Fault
 from ..measurement.units import choose_time_unit
-from .records import Discovery, Estimate, Place, SettingShift, Step
+from .result import Candidate, Discovery, Estimate, Place, SettingShift, Step
 from .settings import DEFAULT
 
 
@@ -56,7 +57,7 @@ def describe_place(place: Place) -> str:
 
 
 def _count_conditions(found: Discovery) -> str:
-    count = found.settings["conditions"]
+    count = found.counts["conditions"]
     return "one condition" if count == 1 else f"{count} conditions"
 
 
@@ -74,7 +75,7 @@ def _chance(p: float) -> str:
 
 
 def _level(step: Step, found: Discovery) -> str:
-    return say_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.selection.level_each)
+    return say_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.settings.level_each)
 
 
 def say_level(error: float, noise: float, shifts: Sequence[SettingShift], held: float | None,
@@ -102,21 +103,21 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     if family.free_running:
         absorbs = " and ".join([*(name.replace("_", " ") for name in first.parameters), "the initial rates"])
     lack = first.lack_of_fit
-    records = f"{found.settings['records']} records" if found.settings["records"] != 1 else "one record"
-    every = records if found.settings["records"] == 1 else f"all {records}"
+    records = f"{found.counts['records']} records" if found.counts["records"] != 1 else "one record"
+    every = records if found.counts["records"] == 1 else f"all {records}"
     misfit = f"it leaves {_level(first, found)}, more than chance allows ({_chance(lack.p_value)})"
     some = np.isfinite(first.heldout_nrmse)
     if found.verdict == "nothing-missing":
         sentence = (f"Nothing is missing: the model {model!r} fits {every} to the noise "
                     f"(lack of fit p = {lack.p_value:.2g}, level {lack.level:g}).")
-        best = [c for c in found.candidates if c.visible > found.selection.invisible and c.smallest_detectable]
+        best = [c for c in found.candidates if c.visible > found.settings.invisible and c.smallest_detectable]
         if best:
             shown = best[:3]
             sentence += " It would have shown " + _join(
                 [f"{n} of {v:.3g} {c.units.get(n, '')}".rstrip()
                  for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
     elif found.verdict == "undecided" and lack.rejected:
-        fits = [c for c in found.candidates if c.explains > found.selection.largest_part]
+        fits = [c for c in found.candidates if c.explains > found.settings.largest_part]
         which = (f"{_join([c.effect for c in fits])} alone would remove most of that" if fits else
                  "no single effect of the catalogue removes most of that")
         sentence = (f"Undecided: the model {model!r} fails ({misfit}), and {records} at {_count_conditions(found)} "
@@ -157,8 +158,9 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         sentence += f" No other effect of the catalogue {what} as well."
     notes += [f"{a['effect']} fits these records better than {s.added}, and predicts left-out ones worse: while the "
               "model is not all, neither is settled." for s in found.steps for a in s.alternatives
-              if found.selection.is_beaten(a["heldout_difference"], a["standard_error"])]
-    unseen = [c.effect for c in found.candidates if c.visible < found.selection.invisible and c.effect not in found.effects]
+              if found.settings.is_beaten(a["heldout_difference"], a["standard_error"])]
+    unseen = [c.effect for c in found.candidates if c.visible < found.settings.invisible
+              and c.effect not in found.effects]
     if unseen:
         they = "they do" if len(unseen) > 1 else "it does"
         notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
@@ -176,6 +178,36 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     if any(not s.converged for s in found.steps):
         notes.append("The optimiser did not converge at one of the steps: take its numbers with care.")
     return sentence, tuple(notes)
+
+
+def describe_beyond(effects: Sequence[str], unphysical: Sequence[Any]) -> str:
+    """Sentence on a model that removes a misfit at values that physics does not allow."""
+    names = " and ".join(effects)
+    would = "fit better" if len(effects) > 1 else "fits better"
+    return f"{names.capitalize()} {would}, and explain{'' if len(effects) > 1 else 's'} nothing: " + "; ".join(
+        map(str, unphysical)) + "."
+
+
+def describe_imitation(candidates: Sequence[Candidate], largest_part: float) -> tuple[str, ...]:
+    """Sentence on the effect that removes most of a misfit alone, at values beyond its limits; none where none does."""
+    for one in sorted(candidates, key=lambda c: -c.explains):
+        if one.beyond and one.explains > largest_part:
+            return (f"{one.effect.capitalize()} alone would remove {one.explains:.0%} of the misfit, and explains "
+                    f"nothing: {one.text}.",)
+    return ()
+
+
+def mention_references(found: Discovery, asked: str, rivals: Sequence[Mapping[str, Any]]) -> Discovery:
+    """The same with the reference models that were tried: in the sentence which one the data want."""
+    names = ", ".join(rival["model"] for rival in rivals)
+    if found.model == asked:
+        return dc.replace(found, references=tuple(rivals), notes=(
+            *found.notes, f"Other reference models were tried too, and none does better with two effects: {names}."))
+    text = next(rival["text"] for rival in rivals if rival["model"] == found.model)
+    beside = f" with {' and '.join(found.effects)}" if found.effects else " alone"
+    sentence = (f"The data want another reference model: {found.model!r} ({text.rstrip('.')}){beside} fits, where "
+                f"{asked!r} with two effects still fails. {found.sentence}")
+    return dc.replace(found, sentence=sentence, references=tuple(rivals))
 
 
 def mention_doubts(found: Discovery, doubts: Sequence[str], units: bool) -> Discovery:

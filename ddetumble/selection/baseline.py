@@ -13,8 +13,8 @@ from ..inference.arrow import profile_own
 from ..inference.problem import Solution
 from ..inference.stack import DRIFT
 from ..measurement.faults import Fault
-from .misfits import whiten_columns
-from .workbench import Workbench
+from .leave_record_out import whiten_columns
+from .problem import SelectionProblem
 
 
 PAIRS = 2_000_000  # of samples whose covariances are computed at once
@@ -39,48 +39,48 @@ class MovingZero:
     share: float
 
 
-def find_moving_zeros(workbench: Workbench, solution: Solution, final: bool) -> MovingZero | None:
+def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bool) -> MovingZero | None:
     """The channel whose zeros, free in every record, remove most of a model's misfit; None where none does.
 
     Args:
-        workbench: of the campaign.
+        selection: of the campaign.
         solution: of the model.
         final: whether the catalogue has been tried. Before that only zeros are looked for that show before first touch:
             an effect may look like another zero at every condition.
     """
-    records, best = workbench.records, None
-    if records.count < workbench.settings.baseline.fewest or (workbench.campaign.family != "impact" and not final):
+    records, best = selection.records, None
+    if records.count < selection.settings.baseline.fewest or (selection.campaign.family != "impact" and not final):
         return None
     for c, channel in enumerate(records.channels):
         if f"{DRIFT}:{channel}" in records.nuisances or channel.startswith("attitude_"):
             continue
-        if workbench.campaign.family == "impact" and not _moves_before_touch(workbench, c):
+        if selection.campaign.family == "impact" and not _moves_before_touch(selection, c):
             continue
-        found = _free_zeros(workbench, solution, c, channel)
+        found = _free_zeros(selection, solution, c, channel)
         if found is not None and (best is None or found.share > best.share):
             best = found
     return best
 
 
-def tell_zero(workbench: Workbench, zero: MovingZero, keep: bool) -> Fault:
+def tell_zero(selection: SelectionProblem, zero: MovingZero, keep: bool) -> Fault:
     """A moving zero in words."""
-    unit = workbench.campaign.channels[zero.channel].unit
+    unit = selection.campaign.channels[zero.channel].unit
     seen = (f"The zero of {zero.channel} is another in every record: off by up to {zero.offset:.2g} {unit} at the "
             f"start, and drifting by up to {zero.drift:.2g} {unit} more until the end.")
     done = "Nothing is done about it, as asked." if keep else "Zero and drift of each record are fitted with it."
-    return Fault("zero", workbench.records.keys, zero.channel, seen, done,
+    return Fault("zero", selection.records.keys, zero.channel, seen, done,
                  "Let the gauge warm up, and take its zero before each test.")
 
 
-def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) -> MovingZero | None:
+def _free_zeros(selection: SelectionProblem, solution: Solution, c: int, channel: str) -> MovingZero | None:
     """Fit zero and drift of every record along with everything else, to first order."""
-    records, count, limits = workbench.records, workbench.records.count, workbench.settings.baseline
+    records, count, limits = selection.records, selection.records.count, selection.settings.baseline
     own = solution.own.shape[2]
     extra = np.zeros((count, solution.residual.shape[1] + own, 2))
     for r, n in enumerate(records.lengths):
         t = np.asarray(records.stack.time)[r, :n]
         ramp = (t - t[0]) / (t[-1] - t[0])
-        extra[r, :-own or None] = whiten_columns(workbench.problem, r, c, np.stack([np.ones(n), ramp], axis=1))
+        extra[r, :-own or None] = whiten_columns(selection.problem, r, c, np.stack([np.ones(n), ramp], axis=1))
     prior = np.broadcast_to(np.eye(own), (count, own, own))
     rows = np.concatenate([solution.own, prior], axis=1)
     shared = np.concatenate([solution.shared, np.zeros((count, own, solution.shared.shape[2]))], axis=1)
@@ -95,7 +95,7 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
     used = float((np.asarray(records.stack.weights) > 0).sum()) - solution.shared.shape[2]
     before = float(np.sum(right**2))
     gain, excess = before - float(np.sum(side**2)), before - used
-    seen = workbench.campaign.family == "impact"
+    seen = selection.campaign.family == "impact"
     if excess <= 0 or stats.chi2.sf(gain, 2 * count) > limits.p_value or gain < (
             limits.removed if seen else limits.removed_unseen) * excess:
         return None
@@ -113,22 +113,23 @@ def _free_zeros(workbench: Workbench, solution: Solution, c: int, channel: str) 
         scatter = float(np.std(x, ddof=1))
         if abs(x.mean()) > limits.common * max(scatter, float(np.median(error[:, k]))) / np.sqrt(count):
             return None
-        if not seen and scatter > limits.significant * np.median(error[:, k]) and _explained(workbench, solution, x) > limits.explained:
+        scattered = scatter > limits.significant * np.median(error[:, k])
+        if not seen and scattered and _explained(selection, solution, x) > limits.explained:
             return None
     offset, drift = np.abs(found).max(axis=0)
     across, along = np.sqrt(np.mean(found**2, axis=0))
     return MovingZero(channel, float(offset), float(drift), (float(across), float(along)), min(gain / excess, 1.0))
 
 
-def _explained(workbench: Workbench, solution: Solution, x: np.ndarray) -> float:
+def _explained(selection: SelectionProblem, solution: Solution, x: np.ndarray) -> float:
     """Share of the scatter that conditions explain, adjusted for its freedom; 1 where there are too few records to say.
 
     A quadratic of the logarithms of the conditions, place in the series included, or else a plane; of tumbling records
     a plane over speed and axial rate.
     """
-    records = workbench.campaign.records
+    records = selection.campaign.records
     table = [records[c].to_numpy(dtype=float) for c in records.columns]
-    if workbench.family.free_running:
+    if selection.family.free_running:
         table += [solution.state_rate.max(axis=1), solution.channels[:, 2].mean(axis=1)]
     varied = [np.log(v) if v.min() > 0 else v for v in table if np.ptp(v) > 0]
     varied = [(v - v.mean()) / v.std() for v in varied]
@@ -142,16 +143,16 @@ def _explained(workbench: Workbench, solution: Solution, x: np.ndarray) -> float
     return 1.0 - np.sum(left**2) / (len(x) - columns.shape[1]) / np.var(x, ddof=1)
 
 
-def _moves_before_touch(workbench: Workbench, c: int) -> bool:
+def _moves_before_touch(selection: SelectionProblem, c: int) -> bool:
     """Whether a channel of impacts is off before first touch, where nothing acts yet, beyond chance in all records."""
-    records, channel, limits = workbench.records, workbench.records.channels[c], workbench.settings.baseline
+    records, channel, limits = selection.records, selection.records.channels[c], selection.settings.baseline
     if channel == "pressure":
         return False
-    noise = workbench.noise[channel]
+    noise = selection.noise[channel]
     time, values = np.asarray(records.stack.time), np.asarray(records.stack.values)
     weights, total, count = np.asarray(records.stack.weights), 0.0, 0
     origin = np.asarray(records.stack.condition_sd)[:, records.nuisances.index("time")]
-    clock = workbench.campaign.independent
+    clock = selection.campaign.independent
     if clock is not None and clock.common is not None:
         origin = np.hypot(origin, clock.common.absolute or 0.0)
     for r, n in enumerate(records.lengths):

@@ -12,7 +12,7 @@ from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import whiten
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Stack
-from .workbench import Workbench
+from .problem import SelectionProblem
 
 
 TOLD = 1e-11  # of a column's squared length: what is left of rounding, where the others hold it already
@@ -53,12 +53,12 @@ class Aside:
     rest: Misfit
 
 
-def measure_record(workbench: Workbench, problem: Problem, solution: Solution, record: int,
+def measure_record(selection: SelectionProblem, problem: Problem, solution: Solution, record: int,
                    spread: np.ndarray | None = None, columns: np.ndarray | None = None) -> Misfit:
     """Smooth misfit of one record, its nuisances at their best.
 
     Args:
-        workbench: for the splines.
+        selection: for the splines.
         problem: with the record's samples.
         solution: at whose point residual and derivatives are.
         record: place of the record.
@@ -84,53 +84,53 @@ def measure_record(workbench: Workbench, problem: Problem, solution: Solution, r
     side = np.concatenate(right)
     q = moving @ _orthonormalise(moving.T @ moving)
     side = side - q @ (q.T @ side)
-    basis = workbench.bases[record]
-    if record not in workbench.turns:
-        workbench.turns[record] = _orthonormalise((basis.T @ basis).toarray())
-    turn = workbench.turns[record].T
+    basis = selection.bases[record]
+    if record not in selection.orthonormal:
+        selection.orthonormal[record] = _orthonormalise((basis.T @ basis).toarray())
+    turn = selection.orthonormal[record].T
     smooth = turn @ (basis.T @ side[: len(own)])
     # What moves takes a part of a few directions of the splines, and leaves the others as they are.
     common, cosines, _ = np.linalg.svd(turn @ (basis.T @ q[: len(own)]), full_matrices=False)
     along, left = common.T @ smooth, 1.0 - cosines**2
     told = left > TOLD
     total = float(np.sum((smooth - common @ along) ** 2) + np.sum(along[told] ** 2 / left[told]))
-    return judge(workbench, total, len(smooth) - int(np.sum(~told)))
+    return judge(selection, total, len(smooth) - int(np.sum(~told)))
 
 
-def judge(workbench: Workbench, total: float, degrees: int) -> Misfit:
+def judge(selection: SelectionProblem, total: float, degrees: int) -> Misfit:
     """Chance of a sum of squares, the noise level being known as far as it is."""
-    spread = max(n.log_level_sd for n in workbench.noise.values())
+    spread = max(n.log_level_sd for n in selection.noise.values())
     sd = np.sqrt(2.0 / max(degrees, 1) + spread**2)
     ratio = max(total / max(degrees, 1), 1e-300)
     normal = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1)) / sd))
     return Misfit(total, degrees, max(normal, float(stats.chi2.sf(total / (1.0 + 2.0 * spread), max(degrees, 1)))))
 
 
-def set_aside(workbench: Workbench, solution: Solution, record: int, out: Collection[int] = ()) -> Aside:
+def set_aside(selection: SelectionProblem, solution: Solution, record: int, out: Collection[int] = ()) -> Aside:
     """Fit all records but one (and those already `out`), and hold it against them.
 
     What the record itself drove astray goes back to its first guess, too.
     """
     gone = {record, *out}
-    masked = mask_records(workbench.problem, gone)
+    masked = mask_records(selection.problem, gone)
     names = solution.names
     starts = [(u, solution.z if k == 0 else np.zeros_like(solution.z))
-              for k, u in enumerate(workbench.list_origins(solution.u))]
+              for k, u in enumerate(selection.list_origins(solution.u))]
     rest = min((masked.solve(names, u, z, tolerance=1e-2) for u, z in starts), key=lambda found: found.chi2)
     if is_lost(masked, rest):
-        again = solve_growing(masked, names, workbench.guess, tolerance=1e-2)
+        again = solve_growing(masked, names, selection.guess, tolerance=1e-2)
         rest = again if again.chi2 < rest.chi2 else rest
     spread = rest.covariance() / np.outer(rest.scales, rest.scales)
-    at = settle(workbench.problem, names, rest.u, rest.z)
+    at = settle(selection.problem, names, rest.u, rest.z)
     plain = at.z.copy()
-    plain[record, len(workbench.records.starts):] = 0.0
-    stated = workbench.problem.solve(names, rest.u, plain, moving=False)
-    own = measure_record(workbench, workbench.problem, at, record, spread)
-    others = {r: measure_record(workbench, workbench.problem, at, r)
-              for r in range(workbench.records.count) if r not in gone}
+    plain[record, len(selection.records.starts):] = 0.0
+    stated = selection.problem.solve(names, rest.u, plain, moving=False)
+    own = measure_record(selection, selection.problem, at, record, spread)
+    others = {r: measure_record(selection, selection.problem, at, r)
+              for r in range(selection.records.count) if r not in gone}
     degrees = sum(m.degrees for m in others.values()) - len(names)
     return Aside(record, dc.replace(at, converged=rest.converged), stated, spread, own, others,
-                 judge(workbench, sum(m.total for m in others.values()), degrees))
+                 judge(selection, sum(m.total for m in others.values()), degrees))
 
 
 def settle(problem: Problem, names: tuple[str, ...], u: np.ndarray, z: np.ndarray) -> Solution:

@@ -6,10 +6,10 @@ import numpy as np
 
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
-from .adequacy import score_directions
-from .holdout import compare_losses
-from .records import Place
-from .workbench import Fitted, Workbench
+from .cross_validation import compare_losses
+from .lack_of_fit import score_directions
+from .problem import Fitted, SelectionProblem
+from .result import Place
 
 
 FINE = 24  # bins of the state, in which an onset lies anywhere
@@ -17,15 +17,15 @@ LINES = 4096  # frequencies that are tried, a quarter of a cycle apart: records 
 AT_ONCE = 2_000_000  # values of them at samples that are computed at once
 
 
-def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
+def fit_probes(selection: SelectionProblem, base: Fitted, scores) -> dict[str, Fitted]:
     """Refit a model with each probe added, best first; ringing at the strongest line of the residuals."""
     jobs = []
-    for probe in workbench.probes:
+    for probe in selection.probes:
         own = [s for s in scores if s.effect == probe.id]
         line = getattr(probe, "line", None)
         if line is not None:
-            frequency = (scan_line(workbench, base, probe) if workbench.family.free_running
-                         else find_line(workbench, base))
+            frequency = (scan_line(selection, base, probe) if selection.family.free_running
+                         else find_line(selection, base))
             if frequency:
                 sizes = {f"{probe.id}.{p.name}": 0.3 * p.typical for p in parameters_of(probe) if p.kind != "shape"}
                 jobs.append((probe.id, {line: float(np.log(frequency)), **sizes}, ()))
@@ -33,11 +33,11 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
         if not own:
             continue
         for s in sorted(own, key=lambda s: -abs(s.z))[: 3 if hasattr(probe, "onset") else 1]:
-            jobs.append((probe.id, {**s.shapes, s.name: workbench.start[workbench.space.index[s.name]] + s.step}, ()))
+            jobs.append((probe.id, {**s.shapes, s.name: selection.start[selection.space.index[s.name]] + s.step}, ()))
 
     def one(job):
         probe, start, extra = job
-        return probe, workbench.fit((*base.effects, probe), [start], base.solution.u, base.solution.z, extra=extra)
+        return probe, selection.fit((*base.effects, probe), [start], base.solution.u, base.solution.z, extra=extra)
 
     best: dict[str, Fitted] = {}
     for probe, fitted in map_threads(one, jobs):
@@ -46,20 +46,20 @@ def fit_probes(workbench: Workbench, base: Fitted, scores) -> dict[str, Fitted]:
     return dict(sorted(best.items(), key=lambda item: item[1].score))
 
 
-def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
+def find_line(selection: SelectionProblem, fitted: Fitted) -> float | None:
     """Frequency of the strongest line in the force residuals of all records; None if weak.
 
     Of impacts over the time in contact [Hz], of slip records over the slip of each stroke [1/m].
     """
-    values, solution = np.asarray(workbench.records.stack.values), fitted.solution
-    over, last, sign = _abscissa(workbench, fitted)
+    values, solution = np.asarray(selection.records.stack.values), fitted.solution
+    over, last, sign = _abscissa(selection, fitted)
     step = float(np.median(np.abs(np.diff(over[0]))))
     grid = np.arange(1.5 / float(np.min(last)), 0.4 / step, 0.25 / float(np.max(last)))[:LINES]
     if len(grid) < 8:
         return None
     power = np.zeros(len(grid))
-    for r, n in enumerate(workbench.records.lengths):
-        used = np.asarray(workbench.records.stack.weights)[r, 0, :n] > 0
+    for r, n in enumerate(selection.records.lengths):
+        used = np.asarray(selection.records.stack.weights)[r, 0, :n] > 0
         inside = (over[r] > 0) & (over[r] < last[r]) & used
         t, x = over[r][inside], (sign[r] * (values[r, 0] - solution.channels[r, 0])[:n])[inside]
         if len(t) < 12:
@@ -73,13 +73,14 @@ def find_line(workbench: Workbench, fitted: Fitted) -> float | None:
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
 
 
-def scan_line(workbench: Workbench, fitted: Fitted, probe: type[AbstractEffect], most: int = 160) -> float | None:
+def scan_line(selection: SelectionProblem, fitted: Fitted, probe: type[AbstractEffect], most: int = 160
+              ) -> float | None:
     """Frequency at which a torque that repeats in time would take most of the misfit of tumbling records [Hz].
 
     The motion turns a line into several, so that every frequency is tried: the efficient scores of all amplitudes
     together.
     """
-    problem = workbench.problem if workbench.thin is None else workbench.thin
+    problem = selection.problem if selection.thin is None else selection.thin
     time = np.asarray(problem.records.stack.time)[: problem.records.count]
     line = probe.line  # pyright: ignore[reportAttributeAccessIssue]
     names = [f"{probe.id}.{p.name}" for p in parameters_of(probe) if p.kind != "shape"]
@@ -97,10 +98,10 @@ def scan_line(workbench: Workbench, fitted: Fitted, probe: type[AbstractEffect],
     return float(grid[k]) if power[k] > 40.0 else None
 
 
-def _abscissa(workbench: Workbench, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+def _abscissa(selection: SelectionProblem, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
     """Variable in which something may repeat, its largest value and the sign of the force, by record."""
-    records, solution = workbench.records, fitted.solution
-    if workbench.family.name != "slip":
+    records, solution = selection.records, fitted.solution
+    if selection.family.name != "slip":
         time = np.asarray(records.stack.time)
         return ([time[r, :n] for r, n in enumerate(records.lengths)], solution.end,
                 [np.ones(n) for n in records.lengths])
@@ -109,21 +110,21 @@ def _abscissa(workbench: Workbench, fitted: Fitted) -> tuple[list[np.ndarray], n
             [np.sign(solution.state_rate[r, :n]) for r, n in enumerate(records.lengths)])
 
 
-def locate(workbench: Workbench, base: Fitted, probes: dict[str, Fitted]) -> list[Place]:
+def locate(selection: SelectionProblem, base: Fitted, probes: dict[str, Fitted]) -> list[Place]:
     """Places of a model's misfit: what its best probe says, then where the residuals themselves stand out.
 
     `share` is everywhere the share of its channel's misfit that lies in the range, as the residuals have it.
     """
-    places, found = [], residual_places(workbench, base)
+    places, found = [], residual_places(selection, base)
     if probes:
         name, best = next(iter(probes.items()))
-        gain, error = compare_losses(base.loss, best.loss, workbench.groups)
-        excess = max(base.solution.chi2 - _rows(workbench, base), 1.0)
+        gain, error = compare_losses(base.loss, best.loss, selection.groups)
+        excess = max(base.solution.chi2 - _rows(selection, base), 1.0)
         removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
-        if workbench.settings.is_beaten(gain, error):
-            place = _place(workbench, name, best)
-            whole = place.range[0] <= 0.0 or place.variable != workbench.family.state
-            share = 1.0 if whole else share_of_range(workbench, base, place.channel, place.range)
+        if selection.settings.is_beaten(gain, error):
+            place = _place(selection, name, best)
+            whole = place.range[0] <= 0.0 or place.variable != selection.family.state
+            share = 1.0 if whole else share_of_range(selection, base, place.channel, place.range)
             places.append(dc.replace(place, share=share, removes=removes))
             found = [other for other in found if not _same(place, other)]
     return places + found
@@ -136,48 +137,48 @@ def _same(place: Place, other: Place) -> bool:
             and abs(place.share - other.share) < 0.1)
 
 
-def _rows(workbench: Workbench, fitted: Fitted) -> float:
-    return float((np.asarray(workbench.records.stack.weights) > 0).sum()) - fitted.solution.shared.shape[2]
+def _rows(selection: SelectionProblem, fitted: Fitted) -> float:
+    return float((np.asarray(selection.records.stack.weights) > 0).sum()) - fitted.solution.shared.shape[2]
 
 
-def _place(workbench: Workbench, probe: str, fitted: Fitted, share: float = 1.0) -> Place:
+def _place(selection: SelectionProblem, probe: str, fitted: Fitted, share: float = 1.0) -> Place:
     """The place that a probe stands for, its share still to be measured."""
-    effect = workbench.whole(probe)
+    effect = selection.find_effect(probe)
     variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every probe has one
-    solution, index = fitted.solution, workbench.space.index
-    channel = getattr(effect, "channel", workbench.records.channels[0])
+    solution, index = fitted.solution, selection.space.index
+    channel = getattr(effect, "channel", selection.records.channels[0])
     onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
     low, period = 0.0, None
     if onset is not None:
         low = float(np.exp(solution.u[index[onset]]))
     elif line is not None:
         period = float(np.exp(-solution.u[index[line]]))
-    if variable == workbench.family.rate:
+    if variable == selection.family.rate:
         rate = np.sign(solution.state_rate) if variable == "direction" else solution.state_rate
         return Place(channel, variable, (float(rate.min()), float(rate.max())), "both", share)
-    if variable in workbench.campaign.records:
-        values = workbench.campaign.records[variable].to_numpy(dtype=float)
+    if variable in selection.campaign.records:
+        values = selection.campaign.records[variable].to_numpy(dtype=float)
         return Place(channel, variable, (float(values.min()), float(values.max())), "both", share)
-    if variable in workbench.records.channels and workbench.family.free_running:
-        own = solution.channels[:, workbench.records.channels.index(variable)]
+    if variable in selection.records.channels and selection.family.free_running:
+        own = solution.channels[:, selection.records.channels.index(variable)]
         return Place(channel, variable, (float(own.min()), float(own.max())), "both", share)
-    if variable in ("slip", "slip_speed", "normal_force") and variable != workbench.family.state:
-        return Place(channel, variable, (0.0, _reach(workbench, fitted, variable)), "both", share)
-    high = float((solution.state if variable == workbench.family.state else solution.end).max())
+    if variable in ("slip", "slip_speed", "normal_force") and variable != selection.family.state:
+        return Place(channel, variable, (0.0, _reach(selection, fitted, variable)), "both", share)
+    high = float((solution.state if variable == selection.family.state else solution.end).max())
     return Place(channel, variable, (low, high), "both", share, period)
 
 
-def _reach(workbench: Workbench, fitted: Fitted, variable: str) -> float:
+def _reach(selection: SelectionProblem, fitted: Fitted, variable: str) -> float:
     """Largest value that a variable of the tangential motion takes in an oblique impact, SI."""
     if variable == "normal_force":
         return float(fitted.solution.channels[:, 0].max())
-    speeds = workbench.campaign.records["tangential_speed"].to_numpy(dtype=float)
+    speeds = selection.campaign.records["tangential_speed"].to_numpy(dtype=float)
     return float(np.max(speeds if variable == "slip_speed" else speeds * fitted.solution.end))
 
 
-def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> list[Place]:
+def residual_places(selection: SelectionProblem, fitted: Fitted, bins: int = 12) -> list[Place]:
     """For every channel the range of the state (depression, slip) and the phase that hold most of the misfit."""
-    edges, excess, samples = _bin_excess(workbench, fitted, bins)
+    edges, excess, samples = _bin_excess(selection, fitted, bins)
     places = []
     for channel, own in excess.items():
         whole = own.sum()
@@ -187,22 +188,23 @@ def residual_places(workbench: Workbench, fitted: Fitted, bins: int = 12) -> lis
         order = np.argsort(-own[phase])
         count = int(np.searchsorted(np.cumsum(own[phase][order]), 0.7 * own[phase].sum())) + 1
         chosen = slice(order[:count].min(), order[:count].max() + 1)
-        places.append(Place(channel, workbench.family.state, (float(edges[chosen.start]), float(edges[chosen.stop])),
-                            workbench.family.phases[phase], float(own[phase][chosen].sum() / whole)))
+        places.append(Place(channel, selection.family.state, (float(edges[chosen.start]), float(edges[chosen.stop])),
+                            selection.family.phases[phase], float(own[phase][chosen].sum() / whole)))
     return places
 
 
-def share_of_range(workbench: Workbench, fitted: Fitted, channel: str, span: tuple[float, float]) -> float:
+def share_of_range(selection: SelectionProblem, fitted: Fitted, channel: str, span: tuple[float, float]) -> float:
     """Share of a channel's misfit that lies in a range of the state, in both phases."""
-    edges, excess, _ = _bin_excess(workbench, fitted, FINE)
+    edges, excess, _ = _bin_excess(selection, fitted, FINE)
     own = excess.get(channel, np.zeros((2, 1))).sum(axis=0)
     inside = np.clip((np.minimum(edges[1:], span[1]) - np.maximum(edges[:-1], span[0])) / np.diff(edges), 0.0, 1.0)
     return float(own @ inside / own.sum()) if own.sum() > 0 else 0.0
 
 
-def _bin_excess(workbench: Workbench, fitted: Fitted, bins: int) -> tuple[np.ndarray, dict[str, np.ndarray], int]:
+def _bin_excess(selection: SelectionProblem, fitted: Fitted, bins: int
+                ) -> tuple[np.ndarray, dict[str, np.ndarray], int]:
     """Misfit beyond noise in bins of the state: edges, by channel its phases apart, shape (2, bins), and how many."""
-    solution, records = fitted.solution, workbench.records
+    solution, records = fitted.solution, selection.records
     samples = np.asarray(records.stack.time).shape[1]
     residual = solution.residual.reshape(records.count, len(records.channels), samples)
     valid = np.asarray(records.stack.weights)[: records.count] > 0

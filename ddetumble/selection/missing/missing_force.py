@@ -6,22 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
-from .._errors import InputError
-from ..contact.effect import AbstractEffect
-from ..inference.archive import resolve_model
-from ..inference.assembly import require_samples
-from ..inference.families import find_family, name_family
-from ..measurement.campaign import Campaign
-from ..measurement.package import read_campaign
-from .cleaning import begin_cleaning, clean_records
-from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
-from .laws import find_laws, find_rivals
-from .records import Law, MissingForce, Shape
-from .search import try_effects
-from .settings import DEFAULT
-from .terms import Term, evaluate_basis
-from .wording import NAMES, UNITS, name_value
-from .workbench import Fitted, Workbench
+from ..._errors import InputError
+from ...contact.effect import AbstractEffect
+from ...inference.archive import resolve_model
+from ...inference.assembly import require_samples
+from ...inference.families import find_family, name_family
+from ...measurement.campaign import Campaign
+from ...measurement.package import read_campaign
+from ..cleaning import begin_cleaning, clean_records
+from ..forward_selection import try_effects
+from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
+from ..result import Law, MissingForce, Shape
+from ..sentences import NAMES, UNITS, name_value
+from ..settings import DEFAULT
+from .free_form import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
+from .splines import Term, evaluate_basis
+from .symbolic import find_laws, find_rivals
 
 
 PLACES = 121
@@ -64,19 +64,19 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
     require_samples(campaign)
     state = begin_cleaning(campaign, keep_all)
     for turn in range(DEFAULT.rounds):
-        workbench = Workbench(state.campaign, resolved.reference, own, resolved.effects, state.zeros)
-        reference = workbench.begin()
+        selection = pose_selection(state.campaign, resolved.reference, own, resolved.effects, state.zeros)
+        selection, reference = fit_reference(selection)
         if turn == DEFAULT.rounds - 1:
             break
-        state, changed = clean_records(state, workbench, reference, False)
+        state, changed = clean_records(state, selection, reference, False)
         if not changed:
             break
     beside = reference
     if effects:
         report("fitting the effects", 0.1)
-        found = workbench.fit([e.id for e in effects], [{}], reference.solution.u, reference.solution.z)
-        start = _start_inside(workbench, effects)
-        again = workbench.fit([e.id for e in effects], [start], reference.solution.u, reference.solution.z)
+        found = selection.fit([e.id for e in effects], [{}], reference.solution.u, reference.solution.z)
+        start = _start_inside(selection, effects)
+        again = selection.fit([e.id for e in effects], [start], reference.solution.u, reference.solution.z)
         fits = [f for f in (found, again) if f is not None]
         if not fits:
             raise InputError(f"the effects {', '.join(e.id for e in effects)} could not be fitted to campaign "
@@ -84,51 +84,51 @@ def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
         beside = min(fits, key=lambda f: f.solution.chi2)
     best = None
     if catalogue:
-        _, scores = workbench.judge(reference)
-        tried = try_effects(workbench, reference, scores, [e.id for e in workbench.catalogue],
+        _, scores = selection.test_lack_of_fit(reference)
+        tried = try_effects(selection, reference, scores, [e.id for e in selection.catalogue],
                             lambda text, share: report(text, 0.1 + 0.4 * share))
         best = tried.order[0], tried.refined[tried.order[0]].score
-    lack, _ = workbench.judge(beside)
+    lack, _ = selection.test_lack_of_fit(beside)
     if lack.rejected:
-        found = describe_missing(workbench, reference, beside, best, report)
+        found = describe_missing(selection, reference, beside, best, report)
     else:
-        rows = float((np.asarray(workbench.records.stack.weights) > 0).sum())
+        rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
         noise = np.sqrt(beside.score / rows)
-        found = MissingForce(workbench.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
+        found = MissingForce(selection.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
                              (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no "
                              f"misfit that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
-def _start_inside(workbench: Workbench, effects: Sequence[type[AbstractEffect]]) -> dict[str, float]:
+def _start_inside(selection: SelectionProblem, effects: Sequence[type[AbstractEffect]]) -> dict[str, float]:
     """Interior start of all effects together."""
-    from ..inference.assembly import default_starts
+    from ...inference.assembly import default_starts
 
     start: dict[str, float] = {}
     for effect in effects:
-        start |= default_starts(workbench.whole(effect.id))[0]
+        start |= default_starts(selection.find_effect(effect.id))[0]
     return start
 
 
-def describe_missing(workbench: Workbench, reference: Fitted, beside: Fitted, best: tuple[str, float] | None,
+def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fitted, best: tuple[str, float] | None,
                      report: Progress = lambda text, share: None) -> MissingForce:
-    """Draw the force missing beside a model of a workbench.
+    """Draw the force missing beside a model of a selection.
 
     Args:
-        workbench: of the campaign.
+        selection: of the campaign.
         reference: fit of the reference model.
         beside: fit of the model beside which the force is drawn.
         best: effect of the catalogue that does best, with its held-out loss.
         report: called with a sentence and the share done.
     """
     report("drawing the missing force", 0.6)
-    bench = FreeBench(workbench, beside)
+    bench = FreeBench(selection, beside)
     normals = bench.scan()
     drawn, ceiling = draw_forces(bench, normals, lambda text, share: report(text, 0.6 + 0.2 * share))
     shapes = tuple(_describe_shape(bench, one, drawn[0]) for one in drawn)
     alike = tuple(_name(d.wanted[0][0]) for d in drawn[1:] if not _beaten(bench, drawn[0], d))
     laws: list[Law] = []
-    lone = find_lone(bench.before, workbench)
+    lone = find_lone(bench.before, selection)
     spare = reference.score - bench.rows
     if ceiling is not None and reference.score - min(d.loss for d in (*drawn, ceiling)) > WORTH * spare:
         report("looking for simple laws", 0.85)
@@ -145,23 +145,23 @@ def describe_missing(workbench: Workbench, reference: Fitted, beside: Fitted, be
     return dc.replace(found, sentence=sentence, notes=notes)
 
 
-def find_lone(losses: np.ndarray, workbench: Workbench) -> tuple[str, ...]:
+def find_lone(losses: np.ndarray, selection: SelectionProblem) -> tuple[str, ...]:
     """Records of the one condition in which nearly all the misfit lies; none where several show it.
 
     Args:
         losses: held out, of every condition, in noise variances.
-        workbench: whose records they are.
+        selection: whose records they are.
     """
-    rows = (np.asarray(workbench.records.stack.weights)[: workbench.records.count] > 0).sum(axis=(1, 2))
-    excess = np.array([loss - rows[workbench.groups == g].sum() for g, loss in enumerate(losses)])
+    rows = (np.asarray(selection.records.stack.weights)[: selection.records.count] > 0).sum(axis=(1, 2))
+    excess = np.array([loss - rows[selection.groups == g].sum() for g, loss in enumerate(losses)])
     first = int(np.argmax(excess))
     if len(excess) < 2 or excess[first] < LONE * np.maximum(excess, 0.0).sum():
         return ()
-    return tuple(workbench.records.keys[r] for r in np.flatnonzero(workbench.groups == first))
+    return tuple(selection.records.keys[r] for r in np.flatnonzero(selection.groups == first))
 
 
 def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
-    return bench.workbench.settings.is_beaten(*bench.compare(other.losses, best.losses))
+    return bench.selection.settings.is_beaten(*bench.compare(other.losses, best.losses))
 
 
 def _name(term: Term) -> str:
@@ -260,7 +260,7 @@ def _measure_spectrum(x: np.ndarray, f: np.ndarray, covariance: np.ndarray, inte
 def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[str, ...]]:
     """The sentence of a missing force, and notes on what it does not say."""
     noise = f"{np.sqrt(found.reference / found.floor):.2f}"
-    where = "records" if bench.workbench.family.free_running else "conditions"
+    where = "records" if bench.selection.family.free_running else "conditions"
     start = f"On left-out {where} the reference model leaves {noise} times the noise"
     if found.catalogue is not None:
         name, loss = found.catalogue
@@ -290,8 +290,9 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
         rivals = find_rivals(found.laws)
         if rivals:
             sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
-        better = min((r for r in found.laws if r.chi2 > law.chi2 + bench.workbench.settings.decisive), key=lambda r: r.loss, default=law)
-        if better.loss < law.loss - bench.workbench.settings.decisive and not found.lone:
+        decisive = bench.selection.settings.decisive
+        better = min((r for r in found.laws if r.chi2 > law.chi2 + decisive), key=lambda r: r.loss, default=law)
+        if better.loss < law.loss - decisive and not found.lone:
             notes.append(f"{better.text} removes {found.share(better.loss):.0%} of the misfit on left-out {where}, "
                          "within chance of that, but fits the records worse by "
                          f"{better.chi2 - law.chi2:.0f} noise variances.")

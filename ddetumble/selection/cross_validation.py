@@ -1,4 +1,4 @@
-"""Whole conditions left out: how well a fitted model predicts tests that did not choose it."""
+"""Cross-validation over conditions: how well a fitted model predicts tests that did not choose it."""
 
 from collections.abc import Iterator
 
@@ -56,7 +56,9 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
     records, free_running = problem.records, problem.space.family.free_running
     time = np.asarray(records.stack.time)[: records.count]
     count, samples = time.shape
-    early = _find_early(records, solution, share) if free_running else np.zeros((count, solution.residual.shape[1]), bool)
+    early = np.zeros((count, solution.residual.shape[1]), dtype=bool)
+    if free_running:
+        early = _find_early(records, solution, share)
     u = np.broadcast_to(solution.u, (count, len(solution.u))).copy()
     z = solution.z.copy()
     columns = [problem.space.index[name] for name in solution.names]
@@ -125,4 +127,3 @@ def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tu
     if n < 2:
         return float(sums.sum()), float("inf")
     return float(sums.sum()), float(np.sqrt(n / (n - 1) * np.sum((sums - sums.mean()) ** 2)))
-

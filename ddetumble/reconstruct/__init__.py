@@ -1,0 +1,1 @@
+"""Contact force reconstructed from measured depression and pressure."""

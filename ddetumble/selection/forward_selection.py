@@ -1,0 +1,495 @@
+"""Forward selection: which effect is missing.
+
+Test the lack of fit of a model; where it is significant, screen every candidate, fit those that come near the best,
+cross-validate, choose, exchange earlier choices while that predicts better, take back what has become needless; repeat.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .._numerics import map_threads
+from ..contact.effect import parameters_of
+from ..inference.assembly import default_starts
+from ..inference.problem import Solution
+from .cross_validation import compare_losses
+from .lack_of_fit import Score
+from .problem import Fitted, SelectionProblem
+from .result import LackOfFit
+from .settings import DEFAULT, SelectionSettings
+
+
+NEAR = 0.25  # share of the best candidate's gain that a screening fit which has not converged may still make
+LOST = 1.0  # noise variances by which a fit from an interior start is worse than none, from where it went astray
+TIE = 1e-6  # noise variances: of two models that predict alike the one with fewer parameters is taken
+
+Progress = Callable[[str, float], None]
+
+
+def _silent(text: str, share: float) -> None:
+    """No progress."""
+
+
+@dc.dataclass(frozen=True)
+class CandidateFits:
+    """Every single addition to a model.
+
+    Attributes:
+        screened: by effect id, fitted loosely (and to thinned records where these are long).
+        refined: the finalists among them, fitted to all samples.
+        before: the model without the addition, on the samples of `screened`.
+        order: effect ids, best cross-validated prediction first; behind those that help within their physical limits
+            what needs values beyond them.
+    """
+
+    screened: dict[str, Fitted]
+    refined: dict[str, Fitted]
+    before: Fitted
+    order: tuple[str, ...]
+
+
+@dc.dataclass(frozen=True)
+class FittedStep:
+    """A model on the way with its judgement.
+
+    Attributes:
+        fitted: the fit; `lack` its lack of fit; `scores` of what is outside it.
+        tried: the additions among which the last effect was chosen (None for the reference model).
+        alternatives: those that it could not be told from: (effect, cross-validated difference, standard error).
+    """
+
+    fitted: Fitted
+    lack: LackOfFit
+    scores: list[Score]
+    tried: CandidateFits | None = None
+    alternatives: tuple[tuple[str, float, float], ...] = ()
+
+
+@dc.dataclass(frozen=True)
+class Path:
+    """What forward selection found beside one reference model.
+
+    Attributes:
+        selection: the problem, as the last step left it: its noise, and the shapes that are free.
+        steps: the reference model first.
+        tried: every first addition.
+        visible: whether the campaign could have shown an effect.
+    """
+
+    selection: SelectionProblem
+    steps: tuple[FittedStep, ...]
+    tried: CandidateFits
+    visible: bool
+
+
+def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = _silent) -> Path:
+    """Forward selection beside a fitted reference model, up to where other reference models are worth a try."""
+    report("looking for what is missing", 0.15)
+    lack, scores = selection.test_lack_of_fit(reference)
+    tried = try_effects(selection, reference, scores, [e.id for e in selection.catalogue],
+                        lambda text, share: report(text, 0.2 + 0.4 * share))
+    start = Path(selection, (FittedStep(reference, lack, scores),), tried, could_have_shown(selection, scores))
+    return extend_path(start, selection.settings.effects_before_rivals, report)
+
+
+def extend_path(path: Path, most: int, report: Progress = _silent) -> Path:
+    """The same with up to `most` additions."""
+    selection, steps = path.selection, list(path.steps)
+    first = path.tried if len(steps) == 1 else None
+    while steps[-1].lack.rejected and len(steps) <= most:
+        report("growing the model", min(0.6 + 0.1 * len(steps), 0.85))
+        selection, more = add_effect(selection, steps[-1], first)
+        first = None
+        if more is None:
+            break
+        if more.lack.rejected:
+            selection, more = free_shapes(selection, more)
+        if len(more.fitted.effects) > 1:
+            selection, more = prune(selection, more)
+        more = dc.replace(more, fitted=selection.finish(more.fitted))
+        if more.fitted.effects == steps[-1].fitted.effects:
+            # The addition only helped a fit along that had stopped short.
+            gain = steps[-1].fitted.score - more.fitted.score
+            steps[-1] = dc.replace(steps[-1], fitted=more.fitted, lack=more.lack, scores=more.scores)
+            if gain < selection.settings.significant:
+                break
+            continue
+        if not predicts_better(selection, steps[-1].fitted, more.fitted):
+            break
+        steps.append(more)
+        again = selection.measure_again(more.fitted)
+        if again is not None:
+            selection, steps = _repeat_steps(again, steps)
+            if not predicts_better(selection, steps[-2].fitted, steps[-1].fitted):
+                steps.pop()
+                break
+    return dc.replace(path, selection=selection, steps=tuple(steps))
+
+
+def _repeat_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
+                  ) -> tuple[SelectionProblem, list[FittedStep]]:
+    """Every step fitted and judged again under another noise."""
+    found = []
+    for step in steps:
+        fitted = selection.repeat(step.fitted)
+        selection = selection.span(fitted.solution)
+        lack, scores = selection.test_lack_of_fit(fitted)
+        found.append(dc.replace(step, fitted=fitted, lack=lack, scores=scores))
+    return selection, found
+
+
+def could_have_shown(selection: SelectionProblem, scores: Sequence[Score]) -> bool:
+    """Whether any effect whose own signature is three times the noise would have been found."""
+    samples = float((np.asarray(selection.records.stack.weights) > 0).sum())
+    catalogued = {e.id for e in selection.catalogue}
+    return any(9.0 * samples * s.visible > selection.settings.shown**2 for s in scores if s.effect in catalogued)
+
+
+def list_amplitudes(selection: SelectionProblem, effect: str) -> list[str]:
+    """Names of an effect's amplitudes."""
+    return [f"{effect}.{p.name}" for p in parameters_of(selection.find_effect(effect)) if p.kind != "shape"]
+
+
+def has_physical_sign(selection: SelectionProblem, fitted: Fitted, effect: str) -> bool:
+    """Whether a fitted amplitude lies on the side of its null that physics allows."""
+    for name in list_amplitudes(selection, effect):
+        p = selection.space.slots[selection.space.index[name]].parameter
+        if p.sign and p.sign * (fitted.solution.u[selection.space.index[name]] - p.default) < 0:
+            return False
+    return True
+
+
+def is_beyond(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
+    """Whether an addition needs values beyond what physics allows."""
+    return grown.solution is not current.solution and bool(list_unphysical(selection, grown.solution))
+
+
+def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score]) -> list[dict[str, float]]:
+    """Interior starts of an effect; the amplitude's side follows its score where physics leaves it open."""
+    starts = []
+    for start in default_starts(selection.find_effect(effect)):
+        start = dict(start)
+        for name in list_amplitudes(selection, effect):
+            p = selection.space.slots[selection.space.index[name]].parameter
+            own = [s for s in scores if s.name == name]
+            if own and not p.sign:
+                side = np.sign(max(own, key=lambda s: abs(s.z)).z) or 1.0
+                start[name] = p.default + side * abs(start[name] - p.default)
+        starts.append(start)
+    return starts
+
+
+def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[Score], effects: Sequence[str],
+                report: Progress = _silent) -> CandidateFits:
+    """Refit `current` with each of `effects` added, from interior starts; wrong-signed amplitudes count as absent.
+
+    All are fitted loosely, long records thinned; those that come near the best are fitted to all samples to the end.
+    """
+    before = current
+    if selection.thin is not None:
+        again = selection.fit(current.effects, [{}], current.solution.u, current.solution.z, screening=True)
+        before = current if again is None else again
+    done = []
+
+    def one(job):
+        effect, start = job
+        wider = (*current.effects, effect)
+        fitted = selection.fit(wider, [start], before.solution.u, before.solution.z, screening=True)
+        done.append(effect)
+        report(f"refitting with {effect}", min(len(done) / count, 1.0))
+        return effect, fitted
+
+    screened: dict[str, Fitted] = {}
+
+    def keep(found):
+        for effect, fitted in found:
+            if fitted is None or not has_physical_sign(selection, fitted, effect):
+                continue
+            if (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2):
+                screened[effect] = fitted
+
+    jobs = [(e, s) for e in effects for s in list_starts(selection, e, scores)]
+    count = len(jobs)
+    keep(map_threads(one, jobs))
+    # A second start, one Gauss-Newton step from the null, where the first led astray.
+    linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
+    jobs = []
+    for effect in effects:
+        lost = effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + LOST
+        if effect in linear and lost:
+            s = linear[effect]
+            p = selection.space.slots[selection.space.index[s.name]].parameter
+            if not (p.sign and p.sign * s.step < 0):
+                origin = s.shapes.get(s.name, float(selection.start[selection.space.index[s.name]]))
+                jobs.append((effect, {**s.shapes, s.name: origin + s.step}))
+    keep(map_threads(one, jobs))
+    for effect in effects:
+        if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
+            screened[effect] = dc.replace(before, effects=(*current.effects, effect))
+    order = sorted(effects, key=lambda e: (screened[e].merit, screened[e].solution.chi2))
+    refined = refine(selection, current, screened, before, order)
+    rest = [e for e in order if e not in refined]
+    beyond = {e: is_beyond(selection, current, refined[e]) for e in refined}
+    # Where nothing helps within its limits, what fits beyond them may stand in for two effects that are both missing.
+    if not any(helps(selection, current, refined[e]) for e in refined if not beyond[e]):
+        beyond = dict.fromkeys(refined, False)
+    first = sorted(refined, key=lambda e: (beyond[e], refined[e].merit, refined[e].solution.chi2))
+    return CandidateFits(screened, refined, before, (*first, *rest))
+
+
+def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fitted], before: Fitted,
+           order: Sequence[str]) -> dict[str, Fitted]:
+    """Fit the finalists to the end: those that come near the best of the screening, or might have with more steps.
+
+    Those that fit far better than the best are finalists, too, although they predict left-out conditions worse: where
+    a fit stopped short, its cross-validated loss is that of a linearisation about a place which is no optimum; where it
+    did not, the two judgements contradict each other, which is to be said (`find_alternatives`).
+    """
+    limits, best = selection.settings, screened[order[0]]
+    near = {e: limits.decisive if screened[e].solution.converged else
+            max(NEAR * (before.score - best.score), limits.decisive) for e in order}
+    moved = [e for e in order if screened[e].solution is not before.solution]  # the others do nothing
+    finalists = [e for e in moved if screened[e].score - best.score <= near[e]][:limits.finalists] or [order[0]]
+    fits = best.solution.chi2 - limits.decisive
+    better = [e for e in moved if fits_better(screened[e], best, before, limits)
+              or (not screened[e].solution.converged and screened[e].solution.chi2 < fits)]
+    more = sorted(set(better) - set(finalists), key=lambda e: screened[e].solution.chi2)
+    finalists += more[: limits.further_finalists]
+    # What a shape that the screening held would still gain is not known before it is free.
+    finalists += [e for e in moved if e not in finalists and selection.list_held(e)]
+
+    def one(effect):
+        if screened[effect].solution is before.solution:
+            return effect, dc.replace(current, effects=(*current.effects, effect))
+        fitted = fit_with_shapes(selection, screened[effect], effect)
+        if fitted is None or fitted.solution.chi2 > current.solution.chi2:
+            fitted = dc.replace(current, effects=(*current.effects, effect))
+        return effect, fitted
+
+    return dict(map_threads(one, finalists))
+
+
+def fit_with_shapes(selection: SelectionProblem, rough: Fitted, effect: str, thinned: bool = False) -> Fitted | None:
+    """Fit a model to the end, and with the held shapes of `effect` free where that predicts better."""
+    found = selection.fit(rough.effects, [{}], rough.solution.u, rough.solution.z, thinned=thinned)
+    held = selection.list_held(effect)
+    if found is None or not held:
+        return found
+    wider = selection.fit(rough.effects, [{}], found.solution.u, found.solution.z, extra=held, thinned=thinned)
+    return wider if wider is not None and wider.merit < found.merit - selection.settings.significant else found
+
+
+def fits_better(one: Fitted, best: Fitted, before: Fitted, settings: SelectionSettings = DEFAULT) -> bool:
+    """Whether `one` removes far more of the misfit than `best`, its further parameters counted."""
+    costs = [f.solution.chi2 + settings.significant * len(f.solution.names) for f in (before, best, one)]
+    return costs[1] - costs[2] > max(settings.decisive, settings.better_fit * (costs[0] - costs[1]))
+
+
+def compare_additions(selection: SelectionProblem, tried: CandidateFits, effect: str) -> tuple[float, float]:
+    """Paired cross-validated difference of an addition from the best one, and its standard error (noise variances)."""
+    best = tried.order[0]
+    fits = tried.refined if effect in tried.refined and best in tried.refined else tried.screened
+    return compare_losses(fits[effect].loss, fits[best].loss, selection.groups)
+
+
+def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current: Fitted
+                      ) -> tuple[tuple[str, float, float], ...]:
+    """Every other effect that the best does not beat in cross-validation, with the paired difference.
+
+    One that fits far better than the best and predicts worse is not beaten either: of a model that is not all, left-out
+    conditions alone may favour an effect for what else is missing.
+    """
+    close = []
+    best = tried.refined[tried.order[0]]
+    for effect in tried.order[1:]:
+        if effect not in tried.refined or tried.refined[effect].solution is current.solution:
+            continue
+        if is_beyond(selection, current, tried.refined[effect]):
+            continue
+        difference, error = compare_additions(selection, tried, effect)
+        beaten = selection.settings.is_beaten(difference, error)
+        if not beaten or fits_better(tried.refined[effect], best, current, selection.settings):
+            close.append((effect, difference, error))
+    return tuple(close)
+
+
+def helps(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
+    """Whether an addition predicts left-out conditions better, beyond chance."""
+    if grown.solution is current.solution:
+        return False
+    limits, groups = selection.settings, selection.groups
+    gain, error = compare_losses(current.loss, grown.loss, groups)
+    ahead, doubt = compare_losses(current.forecast, grown.forecast, groups)
+    if selection.family.free_running and ahead < -2 * doubt:
+        return False
+    by_group = np.array([(current.loss - grown.loss)[groups == g].sum() for g in np.unique(groups)])
+    most = float(np.mean(by_group > 0)) >= limits.majority
+    return gain > limits.significant and (gain > 2 * error or most or gain > limits.decisive)
+
+
+def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
+    """Whether an addition does not raise the cross-validated error; true where nothing can be left out."""
+    return not selection.holds_out or selection.cross_validate(grown) <= selection.cross_validate(current)
+
+
+def add_effect(selection: SelectionProblem, current: FittedStep, first: CandidateFits | None = None
+               ) -> tuple[SelectionProblem, FittedStep | None]:
+    """Add the effect that helps most; None where none helps. With two or more effects, exchanges are tried too.
+
+    Args:
+        selection: the problem.
+        current: model that is extended.
+        first: its additions, where they are known.
+    """
+    base = current.fitted
+    others = [e.id for e in selection.catalogue if e.id not in base.effects]
+    tried = first if first is not None else try_effects(selection, base, current.scores, others)
+    chosen = tried.refined[tried.order[0]]
+    if not helps(selection, base, chosen):
+        return selection, None
+    selection = free_chosen(selection, chosen)
+    if len(chosen.effects) > 1:
+        selection, chosen, tried, base = exchange_effects(selection, chosen, tried, base)
+    lack, scores = selection.test_lack_of_fit(chosen)
+    return selection, FittedStep(chosen, lack, scores, tried, find_alternatives(selection, tried, base))
+
+
+def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:
+    """From here on the shapes that a chosen model has free are free in every fit that has the effect."""
+    held = [name for effect in chosen.effects for name in selection.list_held(effect)]
+    return selection.free([name for name in held if name in chosen.solution.names])
+
+
+def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: CandidateFits, base: Fitted
+                     ) -> tuple[SelectionProblem, Fitted, CandidateFits, Fitted]:
+    """Exchange each earlier effect for any other while that predicts left-out conditions better.
+
+    The first of a pair is chosen while the second is still missing, and may be a third effect that mimics both.
+    """
+    for _ in range(2):
+        changed = False
+        for place in range(len(chosen.effects) - 1):
+            kept = tuple(e for k, e in enumerate(chosen.effects) if k != place)
+            start = selection.fit(kept, [{}], _without(selection, chosen, chosen.effects[place]), chosen.solution.z)
+            if start is None:
+                continue
+            _, scores = selection.test_lack_of_fit(start)
+            others = [e.id for e in selection.catalogue if e.id not in kept]
+            again = try_effects(selection, start, scores, others)
+            best = again.refined[again.order[0]]
+            least = TIE if len(best.solution.names) < len(chosen.solution.names) else selection.settings.significant
+            within = (is_beyond(selection, base, chosen), is_beyond(selection, start, best))
+            if (within == (True, False) and helps(selection, start, best)) or (
+                    within != (False, True) and best.merit < chosen.merit - least):
+                chosen, tried, base, changed = best, again, start, True
+                selection = free_chosen(selection, chosen)
+        if not changed:
+            break
+    return selection, chosen, tried, base
+
+
+def free_shapes(selection: SelectionProblem, step: FittedStep) -> tuple[SelectionProblem, FittedStep]:
+    """Free shapes that are held at their default (the power of a wall's stiffness) where that predicts better."""
+    for effect in step.fitted.effects:
+        fitted, held = step.fitted, selection.list_held(effect)
+        if not held:
+            continue
+        wider = selection.fit(fitted.effects, [{}], fitted.solution.u, fitted.solution.z, extra=held)
+        if wider is None or wider.merit >= fitted.merit - selection.settings.significant:
+            continue
+        if helps(selection, fitted, wider):
+            selection = selection.free(held)
+            lack, scores = selection.test_lack_of_fit(wider)
+            step = dc.replace(step, fitted=wider, lack=lack, scores=scores)
+    return selection, step
+
+
+def prune(selection: SelectionProblem, step: FittedStep) -> tuple[SelectionProblem, FittedStep]:
+    """Take back what a later addition has made needless: freed shapes first, then effects."""
+    fitted = step.fitted
+    for name in [n for n in selection.freed if n.split(".")[0] in fitted.effects]:
+        start, held = fitted.solution.u.copy(), selection.hold(name)
+        start[selection.space.index[name]] = selection.start[selection.space.index[name]]
+        simpler = held.fit(fitted.effects, [{}], start, fitted.solution.z)
+        if simpler is not None and simpler.merit < fitted.merit:
+            selection, fitted = held, simpler
+    for effect in fitted.effects[:-1]:
+        rest = tuple(e for e in fitted.effects if e != effect)
+        simpler = selection.fit(rest, [{}], _without(selection, fitted, effect), fitted.solution.z)
+        if simpler is not None and simpler.merit < fitted.merit:
+            fitted = simpler
+    if len(fitted.effects) > 1:
+        # The last one helps beyond the fit without it, which may have stopped short: from here it may go on.
+        rest = selection.fit(fitted.effects[:-1], [{}], _without(selection, fitted, fitted.effects[-1]),
+                             fitted.solution.z)
+        if rest is not None and rest.score < fitted.score + selection.settings.significant:
+            fitted = rest
+    if fitted is step.fitted:
+        return selection, step
+    lack, scores = selection.test_lack_of_fit(fitted)
+    return selection, dc.replace(step, fitted=fitted, lack=lack, scores=scores)
+
+
+def _without(selection: SelectionProblem, fitted: Fitted, effect: str) -> np.ndarray:
+    """Coordinates of a fit with one effect put back to its null."""
+    u = fitted.solution.u.copy()
+    for k, slot in enumerate(selection.space.slots):
+        if slot.owner == effect:
+            u[k] = selection.start[k]
+    return u
+
+
+@dc.dataclass(frozen=True)
+class Unphysical:
+    """An estimate whose 95 % interval lies wholly beyond what physics allows.
+
+    Attributes:
+        name: of the parameter, `effect-id.symbol`.
+        estimate, low, high: value and interval, in `unit`.
+        limits: what physics allows, in the same unit; `reason` why.
+    """
+
+    name: str
+    estimate: float
+    low: float
+    high: float
+    unit: str
+    limits: tuple[float, float]
+    reason: str
+
+    def __str__(self) -> str:
+        low, high = self.limits
+        allowed = (f"{low:.4g} at least" if high == float("inf") else f"{high:.4g} at most" if low == -float("inf")
+                   else f"{low:.4g} to {high:.4g}")
+        value = f"{self.estimate:.3g} {self.unit}".rstrip()
+        return f"{self.name} = {value}, where physics allows {allowed} ({self.reason})"
+
+
+def list_unphysical(selection: SelectionProblem, solution: Solution) -> tuple[Unphysical, ...]:
+    """Free parameters of a fit whose 95 % interval lies wholly beyond their physical limits."""
+    sd = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0))
+    found = []
+    for name, width in zip(solution.names, sd, strict=True):
+        p = selection.space.slots[selection.space.index[name]].parameter
+        value = selection.space.public(name, solution.u, float(width))
+        if p.excludes(value["q025"], value["q975"]):
+            found.append(Unphysical(name, value["estimate"], value["q025"], value["q975"], value["unit"], p.limits,
+                                    p.limits_reason))
+    return tuple(found)
+
+
+def keep_physical(path: Path) -> tuple[tuple[FittedStep, ...], tuple[Unphysical, ...]]:
+    """The steps up to the last one that lies within physical limits, and what lay beyond them in the next."""
+    steps, beyond = path.steps, ()
+    while len(steps) > 1:
+        now = list_unphysical(path.selection, steps[-1].fitted.solution)
+        if not now:
+            break
+        beyond, steps = now, steps[:-1]
+    return steps, beyond
+
+
+def is_explained(path: Path) -> bool:
+    """Whether no misfit is left within physical limits."""
+    return not keep_physical(path)[0][-1].lack.rejected

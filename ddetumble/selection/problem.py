@@ -1,0 +1,361 @@
+"""A campaign with one compiled model of everything: reference, catalogue and test directions."""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
+
+import numpy as np
+from scipy import sparse
+
+from .._errors import ComputationError, InputError
+from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
+from ..inference.assembly import assemble_space, default_starts, guess_start
+from ..inference.families import Family, find_family, name_family
+from ..inference.horizon import is_lost, solve_growing
+from ..inference.noise import Noise
+from ..inference.parameters import ParameterSpace, to_coordinate
+from ..inference.problem import Problem, Solution
+from ..inference.stack import Records, stack_records
+from ..inference.whiteness import changed, differs_from_stated, measure_noise
+from ..measurement.campaign import Campaign
+from ..measurement.grouping import can_leave_out, count_conditions, group_conditions
+from .cross_validation import forecast, leave_out, predict_left_out
+from .lack_of_fit import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
+from .result import LackOfFit
+from .series import measure_error
+from .settings import DEFAULT, SelectionSettings
+
+
+Zeros = Mapping[str, tuple[float, float]]
+
+
+@dc.dataclass(frozen=True)
+class Fitted:
+    """A model and its fit.
+
+    Attributes:
+        effects: ids of those added to the reference model.
+        solution: of the fit.
+        loss: cross-validated loss of every record, in noise variances, shape (records,).
+        forecast: what the first quarter of a left-out record says of the rest of it, where records run on from where
+            they start; elsewhere the loss itself.
+        thinned: whether fitted to thinned records.
+        penalty: of a parameter in `merit`.
+    """
+
+    effects: tuple[str, ...]
+    solution: Solution
+    loss: np.ndarray
+    forecast: np.ndarray
+    thinned: bool = False
+    penalty: float = DEFAULT.significant
+
+    @property
+    def score(self) -> float:
+        """Cross-validated loss over all records, in noise variances."""
+        return float(self.loss.sum())
+
+    @property
+    def merit(self) -> float:
+        """The same with a penalty for each parameter: of two effects that predict alike the simpler is named first.
+
+        A viscoelastic wall that relaxes at once is a dashpot: left-out conditions alone would leave their order to
+        chance.
+        """
+        return self.score + self.penalty * len(self.solution.names)
+
+
+@dc.dataclass(frozen=True)
+class SelectionProblem:
+    """What models are chosen for: a campaign, its noise, and the effects that may be added. Nothing changes it.
+
+    Attributes:
+        campaign: with samples; `settings` the thresholds; `zeros` by channel whose baseline moves in every record how
+            far (see `stack_records`).
+        space: parameters of everything; `start` their coordinates before any fit, `guess` those of the reference model
+            guessed from the records; `base` names of the parameters that every model has free.
+        known: effects that these records can show, `catalogue` those of them that are candidates, `probes` the test
+            directions of the lack of fit, `left_out` ids of effects that lack what they need.
+        freed: shapes (a wall's power) that are free in every fit that has their effect.
+        warnings: sentences on the records.
+        records: all samples; `problem` and `thin`: the least-squares problems with all, and with thinned records
+            (None where they are short).
+        noise: by channel, once the reference model was fitted.
+        bases: whitened splines of every record, in which a misfit is looked for; `orthonormal` what makes these
+            orthonormal, as it is asked for, by record.
+        lost: whether fits have to be led from the first part of the records to all of them.
+    """
+
+    campaign: Campaign
+    settings: SelectionSettings
+    zeros: Zeros | None
+    space: ParameterSpace
+    start: np.ndarray
+    base: tuple[str, ...]
+    known: tuple[type[AbstractEffect], ...]
+    catalogue: tuple[type[AbstractEffect], ...]
+    probes: tuple[type[AbstractEffect], ...]
+    left_out: tuple[str, ...]
+    warnings: tuple[str, ...]
+    records: Records
+    problem: Problem
+    thin: Problem | None
+    guess: np.ndarray
+    freed: tuple[str, ...] = ()
+    noise: Mapping[str, Noise] = dc.field(default_factory=dict)
+    bases: Sequence[sparse.csr_matrix] = ()
+    orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)
+    lost: bool = False
+
+    @property
+    def family(self) -> Family:
+        """Kind of test."""
+        return self.space.family
+
+    @property
+    def reference(self) -> AbstractModel:
+        """Template of the reference model."""
+        return self.space.reference
+
+    @cached_property
+    def groups(self) -> np.ndarray:
+        """Condition of every record, shape (records,)."""
+        return group_conditions(self.campaign.records)
+
+    @cached_property
+    def conditions(self) -> int:
+        """How many conditions there are."""
+        return count_conditions(self.campaign.records)
+
+    @cached_property
+    def holds_out(self) -> bool:
+        """Whether a condition can be left out and the others still say how anything depends on them."""
+        return can_leave_out(self.campaign.records, self.family.free_running)
+
+    def restack(self, noise: Mapping[str, Noise]) -> "SelectionProblem":
+        """The same under another noise."""
+        records, problem, thin = _stack(self.campaign, self.space, noise, self.zeros, self.settings)
+        return dc.replace(self, records=records, problem=problem, thin=thin)
+
+    def span(self, solution: Solution) -> "SelectionProblem":
+        """The same with the splines over the contacts of a fit."""
+        return dc.replace(self, bases=smooth_bases(self.problem, solution.end), orthonormal={})
+
+    def free(self, names: Sequence[str]) -> "SelectionProblem":
+        """The same with these shapes, and those that are free already, free in every fit that has their effect."""
+        return dc.replace(self, freed=tuple(dict.fromkeys((*self.freed, *names))))
+
+    def hold(self, name: str) -> "SelectionProblem":
+        """The same with a shape held again."""
+        return dc.replace(self, freed=tuple(n for n in self.freed if n != name))
+
+    def list_held(self, effect: str) -> list[str]:
+        """Names of an effect's shapes that are held at their default (the power of a wall's stiffness)."""
+        names = [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if not p.free]
+        return [name for name in names if name not in self.freed]
+
+    def measure_again(self, fitted: Fitted) -> "SelectionProblem | None":
+        """The same under the noise of a better model's residuals; None where that has not changed.
+
+        What a poor model leaves may be too sharp for the splines that are taken out of its residuals first.
+        """
+        noise = measure_noise(self.campaign, self.records, fitted.solution)
+        return dc.replace(self.restack(noise), noise=noise) if changed(self.noise, noise) else None
+
+    def list_origins(self, base: np.ndarray) -> list[np.ndarray]:
+        """Where a fit with more effects starts: where the poorer model ended, and without what strayed there.
+
+        A parameter may run away to make up for what is missing, to where nothing depends on it any more.
+        """
+        own = [self.space.index[name] for name in self.base]
+        far = self.settings.strayed * self.problem.scales
+        strayed = [k for k in own if abs(base[k] - self.guess[k]) > far[k]]
+        if not strayed:
+            return [base]
+        back = base.copy()
+        back[strayed] = self.guess[strayed]
+        return [base, back]
+
+    def repeat(self, fitted: Fitted) -> Fitted:
+        """The same model fitted again from where it was (after the noise has changed)."""
+        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
+        return self.file(fitted.effects, solution)
+
+    def finish(self, fitted: Fitted) -> Fitted:
+        """The same fit, of all samples, to a tight tolerance."""
+        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
+        if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
+            return fitted
+        return self.file(fitted.effects, solution)
+
+    def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
+            tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False, thinned: bool = False
+            ) -> Fitted | None:
+        """Fit the reference model with `effects` from several starts and keep the best; None if none worked.
+
+        `screening` takes few steps, to thinned records where there are such; `thinned` takes these alone.
+        """
+        problem = self.thin if (screening or thinned) and self.thin is not None else self.problem
+        freed = [n for n in self.freed if n.split(".")[0] in effects]
+        free = [*self.base, *(n for e in effects for n in self.space.of([e])), *freed, *extra]
+        best = None
+        jobs = [(problem.solve, o, s, z) for o in self.list_origins(base) for s in starts]
+        if self.lost:
+            jobs += [(partial(solve_growing, problem), self.guess, s, None) for s in starts]
+        for solve, origin, start, own in jobs:
+            u = origin.copy()
+            for name, value in start.items():
+                u[self.space.index[name]] = value
+            try:
+                solution = solve(free, u, own, tolerance=1.0 if screening else tolerance,
+                                 max_steps=self.settings.screening_steps if screening else 30)
+            except ComputationError:
+                continue
+            if not solution.failed and np.isfinite(solution.chi2) and (best is None or solution.chi2 < best.chi2):
+                best = solution
+        return None if best is None else self.file(effects, best, problem)
+
+    def file(self, effects: Sequence[str], solution: Solution, problem: Problem | None = None) -> Fitted:
+        """A fit with its cross-validated losses."""
+        problem = problem or self.problem
+        loss = leave_out(solution, self.groups)
+        ahead = loss
+        if self.family.free_running:
+            ahead = forecast(problem.records, solution, self.groups, self.settings.early)
+        return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem, self.settings.significant)
+
+    def cross_validate(self, fitted: Fitted) -> float:
+        """Cross-validated error of a model, rms over rms signal: the same for steps and candidates.
+
+        Every condition is predicted by the model fitted without it, its own settings adjusted within their stated
+        uncertainty (`predict_left_out`). NaN where there are too few conditions, or a prediction could not be computed.
+        """
+        if not self.holds_out:
+            return float("nan")
+        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
+        channels, used = predict_left_out(problem, fitted.solution, self.groups, self.settings.early)
+        return measure_error(problem.records, channels, used)
+
+    def list_directions(self, exclude: Sequence[str], probes: bool = True, depth: float | None = None,
+                        frequency: float | None = None) -> list[tuple[str, str, dict[str, float]]]:
+        """Every direction outside a model: catalogue (shapes on their grids), and test directions."""
+        wanted = []
+        for effect in self.catalogue:
+            if effect.id in exclude:
+                continue
+            amplitudes = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.kind != "shape"]
+            singular = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.singular]
+            for start in default_starts(effect):
+                # What has no slope at its null is scored where a fit would start.
+                shapes = {n: v for n, v in start.items() if n not in amplitudes or n in singular}
+                wanted += [(effect.id, a, shapes) for a in amplitudes]
+        if probes:
+            for effect in self.probes:
+                if effect.id in exclude:
+                    continue
+                onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
+                places: list[dict[str, float]] = [{}]
+                if onset is not None:
+                    places = [{onset: float(np.log(d * depth))} for d in (0.3, 0.55, 0.8)] if depth else []
+                elif line is not None:
+                    places = [{line: float(np.log(frequency))}] if frequency else []
+                wanted += [(effect.id, f"{effect.id}.{p.name}", place) for place in places
+                           for p in parameters_of(effect) if p.kind != "shape"]
+        return wanted
+
+    def test_lack_of_fit(self, fitted: Fitted) -> tuple[LackOfFit, list[Score]]:
+        """Lack of fit of a model, and the scores of everything outside it."""
+        depth = float(fitted.solution.state.max())
+        scores = score_directions(self.problem, fitted.solution, self.list_directions(fitted.effects, depth=depth))
+        p_value = self.calibrate(scores)
+        return judge_fit(self.problem, fitted.solution, self.bases, self.noise, p_value, self.settings), scores
+
+    def calibrate(self, scores: list[Score]) -> float:
+        """Family-wise p-value of the largest score: by a bootstrap where there are few long records."""
+        if self.family.free_running:
+            return bootstrap_p_value(scores, self.noise, self.settings.bootstrap)
+        return family_p_value(scores, self.noise)
+
+    def find_effect(self, effect_id: str) -> type[AbstractEffect]:
+        """Class of an effect by its id."""
+        for effect in (*self.known, *self.probes):
+            if effect.id == effect_id:
+                return effect
+        raise InputError(f"there is no effect {effect_id!r}; there are: {', '.join(e.id for e in self.catalogue)}")
+
+
+def _stack(campaign: Campaign, space: ParameterSpace, noise: Mapping[str, Noise], zeros: Zeros | None,
+           settings: SelectionSettings) -> tuple[Records, Problem, Problem | None]:
+    """All samples, and thinned records on which many candidates are tried."""
+    records, most = stack_records(campaign, noise, zeros=zeros), settings.screening_samples
+    thin = Problem(space, stack_records(campaign, noise, most, zeros)) if records.lengths.max() > most else None
+    return records, Problem(space, records), thin
+
+
+def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence[type[AbstractEffect]] = (),
+                   given: Sequence[AbstractEffect] = (), zeros: Zeros | None = None,
+                   settings: SelectionSettings = DEFAULT, fit_given: bool = True) -> SelectionProblem:
+    """State the choice of a model for a campaign.
+
+    Args:
+        campaign: with samples.
+        reference: template of the reference model.
+        extra: effects of the user, beside the catalogue.
+        given: effects that the model has from the start, with their values; they are no candidates.
+        zeros: by channel whose baseline moves in every record how far (see `stack_records`).
+        settings: thresholds.
+        fit_given: whether the parameters of `given` are fitted with the reference model's.
+
+    Raises:
+        InputError: a given effect needs what the campaign or the model does not have.
+    """
+    listed = (*find_family(name_family(campaign)).catalogue, *extra)
+    found = assemble_space(campaign, reference, (*extra, *(type(e) for e in given if type(e) not in listed)))
+    space, start, base = found.space, found.start.copy(), tuple(found.base)
+    for effect in given:
+        if type(effect) not in found.catalogue:
+            missing = [n for n in effect.requires if n not in (*reference.provides, *campaign.records.columns)]
+            raise InputError(f"the model's effect {effect.id!r} needs {', '.join(missing)}, which campaign "
+                             f"{campaign.name!r} or the model does not have")
+        for p in parameters_of(effect):
+            value = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
+            start[space.index[f"{effect.id}.{p.name}"]] = value
+    taken = {type(effect) for effect in given}
+    if fit_given:
+        base += tuple(space.of([effect.id for effect in given]))
+    catalogue = tuple(e for e in found.catalogue if e not in taken)
+    records, problem, thin = _stack(campaign, space, {}, zeros, settings)
+    return SelectionProblem(campaign, settings, zeros, space, start, base, tuple(found.catalogue), catalogue,
+                            tuple(found.probes), tuple(found.left_out), tuple(found.warnings), records, problem, thin,
+                            start)
+
+
+def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted]:
+    """Fit the reference model, measure the noise's correlation, and fit again under it.
+
+    Returns:
+        The problem under the noise that was found, and the fit.
+
+    Raises:
+        ComputationError: the reference model could not be integrated.
+    """
+    # From a start guessed from the contact times, else from the defaults.
+    guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
+    solution = _require(selection, solve_growing(selection.problem, selection.base, guess))
+    noise = measure_noise(selection.campaign, selection.records, solution)
+    selection = dc.replace(selection, guess=guess, noise=noise)
+    if differs_from_stated(noise):
+        selection = selection.restack(noise)
+        solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
+    selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution))
+    return selection, selection.file((), solution)
+
+
+def _require(selection: SelectionProblem, solution: Solution) -> Solution:
+    """The same fit, if every record could be computed."""
+    if solution.failed:
+        raise ComputationError(
+            f"the reference model could not be integrated for record {solution.failed[0]!r} "
+            f"({len(solution.failed)} of {selection.records.count} records): check its conditions and units"
+            + "".join(f". {text}" for text in selection.warnings))
+    return solution
