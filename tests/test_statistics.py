@@ -1,0 +1,313 @@
+"""What decides a verdict, each against theory: linear models, where refits are exact, and draws under the null."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from ddetumble.inference.noise import Noise
+from ddetumble.inference.problem import Solution
+from ddetumble.selection.cross_validation import compare_losses, leave_out, predict_left_out
+from ddetumble.selection.forward_selection import fits_better, helps
+from ddetumble.selection.lack_of_fit import (
+    Score,
+    bootstrap_p_value,
+    combine_p_values,
+    family_p_value,
+    measure_smooth,
+    score_directions,
+)
+from ddetumble.selection.problem import Fitted
+from ddetumble.selection.settings import SelectionSettings
+from scipy import sparse, stats
+from scipy.interpolate import BSpline
+
+
+RECORDS, ROWS, SHARED, OWN = 6, 40, 3, 2
+GROUPS = np.array([0, 0, 1, 2, 3, 3])
+NAMES = tuple(f"p{k}" for k in range(SHARED))
+SHARP = Noise(1.0, 0.0, 1.0, 1.0, None, 0.0, "white")
+
+
+class Linear:
+    """Residuals e + J theta + N z of linear records, with standard normal priors of z and normal ones of theta."""
+
+    def __init__(self, seed, noise=1.0, shared=SHARED, weight=0.0):
+        generator = np.random.default_rng(seed)
+        self.jacobian = generator.standard_normal((RECORDS, ROWS, shared))
+        self.nuisances = generator.standard_normal((RECORDS, ROWS, OWN))
+        theta, z = generator.standard_normal(shared), generator.standard_normal((RECORDS, OWN))
+        self.error = (noise * generator.standard_normal((RECORDS, ROWS)) - self.jacobian @ theta
+                      - np.einsum("rgk,rk->rg", self.nuisances, z))
+        self.weight = np.full(shared, weight)
+        self.generator = generator
+
+    def fit(self, kept=range(RECORDS), extra=None):
+        """Parameters, nuisances of the kept records, and chi-square, by one dense least-squares problem."""
+        kept = list(kept)
+        columns = self.jacobian if extra is None else np.concatenate([self.jacobian, extra[..., None]], axis=2)
+        count, weights = columns.shape[2], np.append(self.weight, np.zeros(columns.shape[2] - len(self.weight)))
+        rows, right = [], []
+        for place, r in enumerate(kept):
+            own = np.zeros((ROWS, OWN * len(kept)))
+            own[:, OWN * place: OWN * (place + 1)] = self.nuisances[r]
+            rows.append(np.concatenate([columns[r], own], axis=1))
+            right.append(self.error[r])
+        prior = np.diag(np.concatenate([weights, np.ones(OWN * len(kept))]))
+        matrix, side = np.concatenate([*rows, prior]), np.concatenate([*right, np.zeros(len(prior))])
+        x = np.linalg.lstsq(matrix, -side, rcond=None)[0]
+        covariance = np.linalg.inv(matrix.T @ matrix)[:count, :count]
+        return x[:count], x[count:].reshape(len(kept), OWN), float(np.sum((side + matrix @ x) ** 2)), covariance
+
+    def hold_out(self, record, theta, rows=slice(None)):
+        """Nuisances of a record that suit its rows best at given parameters, and the chi-square there."""
+        moved = self.error[record] + self.jacobian[record] @ theta
+        matrix = np.concatenate([self.nuisances[record][rows], np.eye(OWN)])
+        side = np.concatenate([moved[rows], np.zeros(OWN)])
+        z = np.linalg.lstsq(matrix, -side, rcond=None)[0]
+        return z, float(np.sum((side + matrix @ z) ** 2))
+
+    def solve(self):
+        """The fit as the package has it."""
+        theta, z, chi2, _ = self.fit()
+        residual = self.error + self.jacobian @ theta + np.einsum("rgk,rk->rg", self.nuisances, z)
+        count = len(theta)
+        empty = np.zeros((RECORDS, 1, ROWS))
+        return Solution(tuple(f"p{k}" for k in range(count)), theta, z, np.ones(count), residual, self.jacobian,
+                        self.nuisances, empty, empty[:, 0], empty[:, 0], np.zeros(RECORDS), theta * self.weight,
+                        self.weight, chi2, True, 1, ())
+
+
+@pytest.mark.parametrize("weight", [0.0, 2.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_downdate_is_a_refit(seed, weight):
+    """The loss of a condition that is left out is that of a plain refit without it, its nuisances under their priors."""
+    linear = Linear(seed, weight=weight)
+    loss = leave_out(linear.solve(), GROUPS)
+    for group in np.unique(GROUPS):
+        theta = linear.fit(np.flatnonzero(GROUPS != group))[0]
+        for r in np.flatnonzero(GROUPS == group):
+            assert loss[r] == pytest.approx(linear.hold_out(r, theta)[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("free_running", [False, True])
+def test_left_out_conditions_are_predicted_by_a_refit(free_running):
+    """Parameters of a refit without the condition, and nuisances that suit all of a record, or its first quarter."""
+    linear, seen = Linear(11), {}
+    time = np.tile(np.linspace(0.0, 1.0, ROWS), (RECORDS, 1))
+
+    def solve(names, u, z, moving):
+        seen.update(u=u, z=z)
+        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), failed=())
+
+    records = SimpleNamespace(count=RECORDS, keys=list("abcdef"), channels=("force",), stack=SimpleNamespace(time=time))
+    space = SimpleNamespace(index={name: k for k, name in enumerate(NAMES)},
+                            family=SimpleNamespace(free_running=free_running))
+    _, used = predict_left_out(SimpleNamespace(records=records, space=space, solve=solve), linear.solve(), GROUPS, 0.25)
+    assert used.all() if not free_running else (used == (time > 0.25)).all()
+    for r in range(RECORDS):
+        theta = linear.fit(np.flatnonzero(GROUPS != GROUPS[r]))[0]
+        z, _ = linear.hold_out(r, theta, time[r] <= 0.25 if free_running else slice(None))
+        assert seen["u"][r] == pytest.approx(theta, abs=1e-9) and seen["z"][r] == pytest.approx(z, abs=1e-9)
+
+
+def test_a_parameter_that_nothing_else_fixes_is_left_where_it_is():
+    """One condition alone shows a parameter: without it the others are fitted, and that one stays."""
+    linear = Linear(3)
+    linear.jacobian[GROUPS != 3, :, 2] = 0.0
+    solution = linear.solve()
+    loss, theta = leave_out(solution, GROUPS), linear.fit(np.flatnonzero(GROUPS != 3))[0]
+    for r in np.flatnonzero(GROUPS == 3):
+        assert loss[r] == pytest.approx(linear.hold_out(r, np.append(theta[:2], solution.u[2]))[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("weight", [0.0, 2.0])
+def test_covariance_is_the_inverse_of_the_normal_equations(weight):
+    linear = Linear(4, weight=weight)
+    assert linear.solve().covariance() == pytest.approx(linear.fit()[3], rel=1e-9)
+
+
+def score(linear, columns):
+    """Scores of directions with the given columns, shape (directions, records, rows)."""
+    solution, names = linear.solve(), [f"e{k}" for k in range(len(columns))]
+    wide = np.concatenate([columns, np.zeros((*columns.shape[:2], OWN))], axis=2)
+    problem = SimpleNamespace(
+        space=SimpleNamespace(index={n: k for k, n in enumerate((*NAMES, *names))}),
+        scales=np.ones(SHARED + len(names)),
+        columns=lambda points, z, own: np.concatenate([wide[[names.index(n) for n in group]] for group, _ in points]))
+    return score_directions(problem, solution, [(name, name, {}) for name in names])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_score_is_what_a_refit_gains(seed):
+    """z² is the drop of chi-square with the direction free, its step the amplitude there, and visible what refits leave
+    of its squared length.
+    """
+    linear = Linear(seed)
+    columns = linear.generator.standard_normal((4, RECORDS, ROWS))
+    columns[3] = columns[2] + 0.1 * columns[3]  # two that look alike
+    before = linear.fit()[2]
+    found = score(linear, columns)
+    for one, column in zip(found, columns, strict=True):
+        theta, _, chi2, covariance = linear.fit(extra=column)
+        assert one.z**2 == pytest.approx(before - chi2, rel=1e-7)
+        assert one.step == pytest.approx(theta[-1], rel=1e-7) and np.sign(one.z) == np.sign(theta[-1])
+        assert one.information == pytest.approx(1.0 / covariance[-1, -1], rel=1e-7)
+        assert one.visible == pytest.approx(1.0 / covariance[-1, -1] / np.sum(column**2), rel=1e-7)
+        assert one.records.sum() == pytest.approx(one.z)
+    assert abs(found[2].cosines[3]) > 0.98 and abs(found[0].cosines[1]) < 0.5
+
+
+def test_a_direction_that_parameters_imitate_scores_nothing():
+    linear = Linear(7)
+    columns = np.stack([linear.jacobian[..., 0] - 2.0 * linear.jacobian[..., 1], np.zeros((RECORDS, ROWS))])
+    assert all(one.z == 0.0 and one.step == 0.0 and one.information == 0.0 for one in score(linear, columns))
+
+
+def assert_uniform(p_values, levels=(0.01, 0.05, 0.1, 0.3, 0.7)):
+    """At every level as many p-values lie below as chance has it, within four standard deviations."""
+    n = len(p_values)
+    for level in levels:
+        spread = np.sqrt(n * level * (1.0 - level))
+        assert abs(np.sum(np.asarray(p_values) < level) - n * level) < 4.0 * spread + 1.0, level
+
+
+def make_scores(z, cosines):
+    return [Score("e", f"n{k}", {}, x, x, 1.0, 1.0, row, k, np.array([x]))
+            for k, (x, row) in enumerate(zip(z, cosines, strict=True))]
+
+
+def test_p_value_of_a_family_is_uniform():
+    """Of the largest of twelve independent scores."""
+    generator = np.random.default_rng(1)
+    draws = generator.standard_normal((4000, 12))
+    assert_uniform([family_p_value(make_scores(z, np.eye(12)), {"force": SHARP}) for z in draws])
+
+
+@pytest.mark.parametrize("likeness", [0.0, 0.6, 0.99])
+def test_bootstrap_p_value_is_uniform(likeness):
+    """Of scores that look alike, which count once."""
+    generator = np.random.default_rng(2)
+    cosines = np.full((8, 8), likeness) + (1.0 - likeness) * np.eye(8)
+    draws = generator.multivariate_normal(np.zeros(8), cosines, size=500)
+    assert_uniform([bootstrap_p_value(make_scores(z, cosines), {"force": SHARP}, 1000) for z in draws])
+
+
+def test_p_values_of_a_large_score():
+    """Never zero by bootstrap, where zero was drawn; by the formula that of one score times their number."""
+    scores = make_scores([9.0, 0.0, 0.0, 0.0], np.eye(4))
+    assert bootstrap_p_value(scores, {"force": SHARP}, 99) == pytest.approx(0.01)
+    assert family_p_value(scores, {"force": SHARP}) == pytest.approx(4 * stats.chi2.sf(81.0, 1), rel=1e-6)
+    assert family_p_value([], {"force": SHARP}) == bootstrap_p_value([], {"force": SHARP}) == 1.0
+
+
+def test_an_uncertain_noise_level_widens_the_family():
+    scores, vague = make_scores([4.0], np.eye(1)), Noise(1.0, 0.0, 1.0, 1.0, None, 0.25, "white")
+    assert family_p_value(scores, {"force": vague}) == pytest.approx(stats.chi2.sf(16.0 / 1.5, 1), rel=1e-9)
+
+
+@pytest.mark.parametrize("free_running", [False, True])
+def test_smooth_misfit_is_chi_square(free_running):
+    """Of complete linear models: as many degrees of freedom as splines, less parameters, and uniform p-values."""
+    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, 9), [1.0] * 3])
+    basis = sparse.csr_matrix(BSpline.design_matrix(np.linspace(0.0, 1.0, ROWS), knots, 3))
+    problem = SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)))
+    p_values = []
+    for seed in range(300):
+        total, degrees = measure_smooth(problem, Linear(seed).solve(), [basis] * RECORDS)
+        # Splines, parameters and nuisances of each record, less what was fitted.
+        assert degrees == RECORDS * basis.shape[1] + (RECORDS - 1) * SHARED
+        p_values.append(stats.chi2.sf(total, degrees))
+    assert_uniform(p_values)
+
+
+def test_smooth_misfit_sees_what_is_smooth():
+    """A smooth wave adds its whole square; one of the other sign from sample to sample adds next to nothing."""
+    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, 9), [1.0] * 3])
+    x = np.linspace(0.0, 1.0, ROWS)
+    basis = sparse.csr_matrix(BSpline.design_matrix(x, knots, 3))
+    problem = SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=False)))
+    found = []
+    for wave in (np.sin(np.pi * x), (-1.0) ** np.arange(ROWS)):
+        linear = Linear(5, noise=0.0)
+        linear.error = linear.error + 3.0 * wave
+        found.append(measure_smooth(problem, linear.solve(), [basis] * RECORDS)[0] / linear.fit()[2])
+    assert found[0] > 0.99 and found[1] < 0.6
+
+
+def test_smallest_p_value_counts_for_all():
+    assert combine_p_values((0.2, 0.01, 0.5)) == pytest.approx(0.03) and combine_p_values((0.9, 0.8)) == 1.0
+    assert combine_p_values(()) == 1.0
+    generator = np.random.default_rng(3)
+    below = np.mean([combine_p_values(p) < 0.05 for p in generator.random((4000, 3)).tolist()])
+    assert below < 0.05 + 4.0 * np.sqrt(0.05 * 0.95 / 4000)
+
+
+def test_paired_difference_over_conditions():
+    """Sum over conditions; its standard error that of a sum of so many, from their scatter."""
+    generator = np.random.default_rng(6)
+    loss, best = generator.random(RECORDS), generator.random(RECORDS)
+    sums = [np.sum((loss - best)[GROUPS == g]) for g in range(4)]
+    difference, error = compare_losses(loss, best, GROUPS)
+    assert difference == pytest.approx(np.sum(sums)) and error == pytest.approx(np.sqrt(4) * np.std(sums, ddof=1))
+    assert compare_losses(loss, best, np.zeros(RECORDS)) == (pytest.approx(np.sum(loss - best)), np.inf)
+
+
+@pytest.mark.parametrize(("difference", "error", "significant", "beaten"), [
+    (8.99, 0.0, False, False), (9.0, 4.5, True, True), (9.0, 4.51, False, False), (49.99, 30.0, False, False),
+    (50.0, 1e3, False, True), (-60.0, 0.0, False, False)])
+def test_rules_of_a_difference(difference, error, significant, beaten):
+    settings = SelectionSettings()
+    assert settings.is_significant(difference, error) is significant
+    assert settings.is_beaten(difference, error) is beaten
+
+
+def test_rules_follow_their_settings():
+    settings = SelectionSettings(significant=20.0, decisive=100.0, level=0.03)
+    assert not settings.is_significant(19.0, 0.0) and settings.is_significant(20.0, 10.0)
+    assert not settings.is_beaten(99.0, 60.0) and settings.is_beaten(100.0, 60.0)
+    assert settings.level_each == pytest.approx(0.01)
+
+
+def fitted(loss, chi2=None, names=("a",), forecast=None):
+    """A model of which no more is known than its losses."""
+    loss = np.asarray(loss, dtype=float)
+    solution = SimpleNamespace(names=names, chi2=float(loss.sum()) if chi2 is None else chi2)
+    return Fitted((), solution, loss, loss if forecast is None else np.asarray(forecast, dtype=float))
+
+
+def test_merit_prices_parameters():
+    assert fitted([10.0, 20.0], names=("a", "b")).merit == 48.0 and fitted([10.0, 20.0]).score == 30.0
+
+
+@pytest.mark.parametrize(("gains", "expected"), [
+    ([3.0, 3.0, 3.0, 3.0], True),  # certain, in all
+    ([2.0, 2.0, 2.0, 2.0], False),  # 8 noise variances are chance
+    ([30.0, -5.0, -5.0, -5.0], False),  # one condition against three
+    ([80.0, -5.0, -5.0, -5.0], True),  # decisive, whoever shows it
+    ([30.0, 1.0, 1.0, -5.0], True),  # most of them
+    ([-3.0, -3.0, -3.0, -3.0], False),
+])
+def test_when_an_addition_helps(gains, expected):
+    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4),
+                                family=SimpleNamespace(free_running=False))
+    assert helps(selection, fitted([100.0] * 4), fitted(100.0 - np.array(gains))) is expected
+
+
+def test_an_addition_that_forecasts_worse_does_not_help():
+    """Of records that run on from where they start."""
+    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4),
+                                family=SimpleNamespace(free_running=True))
+    before = fitted([100.0] * 4)
+    assert helps(selection, before, fitted([90.0] * 4, forecast=[95.0] * 4))
+    assert not helps(selection, before, fitted([90.0] * 4, forecast=[110.0, 111.0, 109.0, 110.0]))
+    assert not helps(selection, before, before)
+
+
+def test_when_another_fits_far_better():
+    """By 50 noise variances, and by a quarter of what the best removes, parameters counted."""
+    before, best = fitted([0.0], chi2=1000.0), fitted([0.0], chi2=600.0)
+    assert not fits_better(fitted([0.0], chi2=505.0), best, before)
+    assert fits_better(fitted([0.0], chi2=495.0), best, before)
+    assert not fits_better(fitted([0.0], chi2=495.0, names=("a", "b")), best, before)
+    near, low = fitted([0.0], chi2=960.0), fitted([0.0], chi2=915.0)
+    assert not fits_better(low, near, before) and fits_better(fitted([0.0], chi2=905.0), near, before)
