@@ -17,6 +17,7 @@ import numpy as np
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.slip import follow_strokes, simulate_slip
 from ddetumble.selection.result import Candidate, Discovery, Estimate, LackOfFit, Place, Step, Trace
+from ddetumble.selection.settings import SelectionSettings
 
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -165,7 +166,7 @@ def make_discovery(verdict="explained", campaign=None, **changes):
                for channel in dict.fromkeys(trace.channel for trace in steps[-1].traces)},
         sentence=SENTENCES[verdict],
         notes=("Pressures are taken as absolute.", "The conditions of every record are nuisances under their priors."),
-        settings={"level": 0.05, "versions": {"jax": "0.12.1", "ddetumble": "0.1.0"}, "timings": {"fit": 1.2}},
+        settings=SelectionSettings(level=0.05), counts={"records": 2, "samples": 400, "conditions": 2, "seconds": 1.2},
     )  # fmt: skip
     return Discovery(**(fields | changes))
 
@@ -241,7 +242,7 @@ def make_slip_discovery(strokes=None, **changes):
         candidates=candidates, where=places, noise_nrmse=0.0103,
         noise={"tangential_force": {"stated_sd": 0.04, "sd": 0.0403, "correlation": 0.1, "white_share": 0.2}},
         sentence="Missing were stribeck and frictional-heating (A = 0.300 ± 0.009; kappa = 0.90 ± 0.04 1/J).",
-        settings={"level": 0.05},
+        settings=SelectionSettings(level=0.05),
     )  # fmt: skip
     return Discovery(**(fields | changes))
 

@@ -177,7 +177,7 @@ def test_text_from_data_files_is_escaped(tmp_path):
     steps = tuple(dc.replace(step, traces=tuple(map(rename, step.traces))) for step in discovery.steps)
     discovery = dc.replace(
         discovery, campaign=evil, title=evil, model=evil, sentence=f"Missing: {evil}", notes=(evil,), steps=steps,
-        settings={evil: {evil: evil}}, noise={"normal_force": {"sd": 0.25, "text": evil}},
+        counts={evil: {evil: evil}}, noise={"normal_force": {"sd": 0.25, "text": evil}},
     )  # fmt: skip
     html = write_report(discovery, tmp_path).read_text(encoding="utf-8")
     page = Page(html)

@@ -8,13 +8,14 @@ import pytest
 from ddetumble.contact.law import Ball
 from ddetumble.effects import CATALOGUES
 from ddetumble.inference.parameters import ParameterSpace
-from ddetumble.selection.forward_selection import Tried, find_alternatives
+from ddetumble.selection.forward_selection import CandidateFits, find_alternatives
 from ddetumble.selection.problem import Fitted
+from ddetumble.selection.settings import SelectionSettings
 
 
 GROUPS = np.array([0, 0, 1, 1, 2, 2])
 SPACE = ParameterSpace(Ball(), CATALOGUES["impact"])
-BENCH = SimpleNamespace(groups=GROUPS, space=SPACE)
+PROBLEM = SimpleNamespace(groups=GROUPS, space=SPACE, settings=SelectionSettings())
 NAMES = ("sensor-gain.g", "sensor-lag.T", "adhesion.tau_a", "gas-leak.lambda", "membrane-area.alpha",
          "viscous-dashpot.c_v", "arm-servo.k_s")
 
@@ -39,8 +40,8 @@ def fitted(effect: str, chi2: float, heldout: float, parameters: int = 1, gain: 
 def test_rivals_of_the_best(chi2, heldout, parameters, rival):
     best, other = fitted("best", 1000.0, 1100.0), fitted("other", chi2, heldout, parameters)
     before = fitted("", 2009.0, 2100.0, 0)
-    tried = Tried({}, {"best": best, "other": other}, before, ("best", "other"))
-    found = find_alternatives(BENCH, tried, before)
+    tried = CandidateFits({}, {"best": best, "other": other}, before, ("best", "other"))
+    found = find_alternatives(PROBLEM, tried, before)
     assert [name for name, _, _ in found] == (["other"] if rival else [])
     assert all(difference == pytest.approx(heldout - 1100.0) for _, difference, _ in found)
 
@@ -48,6 +49,6 @@ def test_rivals_of_the_best(chi2, heldout, parameters, rival):
 @pytest.mark.parametrize(("gain", "rival"), [(1.05, True), (1.99, True), (2.01, True), (2.03, False), (0.4, False)])
 def test_what_lies_wholly_beyond_physics_is_no_rival(gain, rival):
     """A calibration is off by 2 at most; an interval of 0.02 either way that reaches that far still counts."""
-    tried = Tried({}, {"best": fitted("best", 1000.0, 1100.0), "other": fitted("other", 1000.0, 1105.0, 1, gain)},
+    tried = CandidateFits({}, {"best": fitted("best", 1000.0, 1100.0), "other": fitted("other", 1000.0, 1105.0, 1, gain)},
                   fitted("", 2009.0, 2100.0, 0), ("best", "other"))
-    assert bool(find_alternatives(BENCH, tried, tried.before)) == rival
+    assert bool(find_alternatives(PROBLEM, tried, tried.before)) == rival
