@@ -49,6 +49,6 @@ def test_rivals_of_the_best(chi2, heldout, parameters, rival):
 @pytest.mark.parametrize(("gain", "rival"), [(1.05, True), (1.99, True), (2.01, True), (2.03, False), (0.4, False)])
 def test_what_lies_wholly_beyond_physics_is_no_rival(gain, rival):
     """A calibration is off by 2 at most; an interval of 0.02 either way that reaches that far still counts."""
-    tried = CandidateFits({}, {"best": fitted("best", 1000.0, 1100.0), "other": fitted("other", 1000.0, 1105.0, 1, gain)},
-                  fitted("", 2009.0, 2100.0, 0), ("best", "other"))
+    fits = {"best": fitted("best", 1000.0, 1100.0), "other": fitted("other", 1000.0, 1105.0, 1, gain)}
+    tried = CandidateFits({}, fits, fitted("", 2009.0, 2100.0, 0), ("best", "other"))
     assert bool(find_alternatives(PROBLEM, tried, tried.before)) == rival
