@@ -120,9 +120,9 @@ class Fit:
             InputError: It is no fitted parameter, or the level is not between 0 and 1.
         """
         if name not in self.parameters:
-            raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", column="name")
+            raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", option="name")
         if not 0 < level < 1:
-            raise InputError(f"the level has to be between 0 and 1; it is {level:g}", column="level")
+            raise InputError(f"the level has to be between 0 and 1; it is {level:g}", option="level")
         p = self.space.slots[self.space.index[name]].parameter
         mean, sd, low, high = self.gaussians[name]
         _, a, b = truncate_normal(mean, sd, low, high, level) if np.isfinite(sd) else (sd, low, high)

@@ -281,9 +281,9 @@ def _read_known(known, family) -> dict[str, float | None]:
             raise InputError(f"--known: there is no parameter {name!r}; did you mean {near[0]}?")
         try:
             parameters[name] = None if value in (None, "null", "") else parse_quantity(value, name)
-            check_known(name, parameters[name], "")
+            check_known(name, parameters[name])
         except InputError as error:
-            raise InputError(f"--known {name}: {error.problem.removeprefix('known: ')}") from None
+            raise InputError(f"--known {name}: {error.problem}") from None
     return parameters
 
 
