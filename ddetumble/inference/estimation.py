@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, parameters_of
 from ..measurement.campaign import Campaign
-from ..measurement.faults import screen_samples
+from ..measurement.faults import STAYING, screen_samples
 from ..measurement.package import read_campaign
 from .archive import resolve_model
 from .assembly import Assembly, assemble_space, default_starts, list_origins
@@ -227,8 +227,10 @@ def refuse_stray(problem: Problem, solution: Solution) -> None:
 
 def _warn_of_faults(campaign: Campaign) -> list[str]:
     """What is wrong with the samples themselves; the fit takes them as they are."""
-    return [f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
-            for fault in screen_samples(campaign)[1] if fault.kind not in ("missing", "uneven")]
+    found = screen_samples(campaign)[1]
+    cut = [str(fault) for fault in found if fault.kind == "truncated"]
+    return cut + [f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
+                  for fault in found if fault.kind not in STAYING]
 
 
 def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel
