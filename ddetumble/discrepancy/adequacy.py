@@ -12,11 +12,12 @@ import dataclasses as dc
 import numpy as np
 from scipy import sparse, stats
 
+from ..inference.goodness import combine_p_values
 from ..inference.noise import Noise, whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.whiteness import list_spans, spline_columns
 from .records import LackOfFit
-from .shifts import LEVEL, combine_p_values, measure_shifts
+from .shifts import LEVEL, measure_shifts
 
 
 DRAWS = 4000  # of the parametric bootstrap
