@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import math
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,14 @@ from ..planning.measured import (
     warn_of_extrapolation,
 )
 from ..planning.prospect import Prospect
-from ..planning.sequence import Sequence, measure_share
+from ..planning.sequence import Joint, Sequence, measure_share
 from ..planning.strike_plan import LEAST_GAIN, StrikePlan
 from ..planning.strike_problem import Problem
 from .outlook import list_outlook, show_outlook
 from .page import Section, Table, write_page, write_whole
 
 
-SCHEMA = "ddetumble.plan-result/1"
+SCHEMA = "ddetumble.plan-result/2"
 PLACES = 120  # times drawn between two impacts
 ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
 SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen
@@ -41,10 +42,11 @@ FOUNDED = {
     "alone": "Each impact is the best of several starts for itself, from the motion that the one before left; the "
              "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
              "constraints' share says how nearly each is a first-order optimum.",
-    "together": "The impacts were planned one after the other, and then changed all together, with the gradient "
-                "through all of them and the motion between. What is left of that gradient after the binding "
-                "constraints' share says how nearly the whole is a first-order optimum near where it began; another "
-                "sequence may be better still."}
+    "jointly": "The impacts were planned one after the other, and then optimised jointly, with the gradient through "
+               "all of them and the motion between. What is left of that gradient after the binding constraints' "
+               "share says how nearly the whole is a first-order optimum near where it began; another sequence may be "
+               "better still."}
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 AFTERWARDS = 30.0  # s, of free motion drawn at either end
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
@@ -62,17 +64,56 @@ def describe_plan(problem: Problem, sequence: Sequence, share: float,
             f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone.")
     if not count:
         missed = sequence.refused is not None and sequence.refused.missed
-        return f"{'No impact was found' if missed else 'This cannot be done'}: {_say_why(sequence)}.{frictionless}"
+        cannot = "No impact was found" if missed else "This cannot be done"
+        return f"{cannot}: {_say_why(sequence)}.{_format_relaxations(sequence)}{frictionless}"
     left = 100 * sequence.shares[-1]
     start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {left:.2f} % of the angular momentum"
     aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
     bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound > 1 else ""
     ended = "" if sequence.reached else f" The wanted {100 * share:g} % are not reached"
     ended += f": {_say_why(sequence)}." if ended and sequence.refused is not None else "." if ended else ""
-    told = sequence.together or sequence.tried
-    together = f" {told}" if told else ""
+    together = "" if sequence.joint is None else f" {_format_joint(sequence.joint, share)}"
     beyond = warn_of_extrapolation(list_extrapolations(ranges, sequence.impacts, problem.conditions))
     return f"{start}{aim}.{ended}{together}{bound}{frictionless} {beyond}".rstrip()
+
+
+def _format_joint(joint: Joint, share: float) -> str:
+    """What optimising jointly made of the plan, or would leave with one impact less."""
+    count, (before, left, impulse, duration) = _format_count(joint.impacts), joint.alone
+    if not joint.taken:
+        missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but not within the limits"
+        leave = "leaves" if joint.impacts == 1 else "leave"
+        return f"Optimised jointly, {count} {leave} {100 * joint.share:.2f} % of the angular momentum, {missed}."
+    if joint.aim == "impacts":
+        do = "does" if joint.impacts == 1 else "do"
+        return f"Optimised jointly, {count} {do} what takes {_format_count(before)} when planned one after the other."
+    what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remain, against {100 * left:.2f} %",
+            "impulse": f"impulse: {joint.impulse:.1f} N s, against {impulse:.1f} N s",
+            "time": f"time: {joint.duration:.1f} s, against {duration:.1f} s"}[joint.aim]
+    return f"The impacts were optimised jointly for the least {what} when planned one after the other."
+
+
+def _format_count(impacts: int) -> str:
+    number = NUMBERS[impacts] if impacts < len(NUMBERS) else f"{impacts}"
+    return f"{number} impact{'s' * (impacts != 1)}"
+
+
+def _format_relaxations(sequence: Sequence) -> str:
+    """Which limit would have to be looser, and how much."""
+    if not sequence.relaxations:
+        return ""
+    parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g}, where it is {one.given:g} {one.unit}"
+             for one in sequence.relaxations]
+    return (f" An impact worth {100 * LEAST_GAIN:.0f} % of what is wanted would be allowed with "
+            f"{'; or with '.join(parts)}; all else as it is.")
+
+
+def _round_loosely(value: float, up: bool) -> float:
+    """Two digits, rounded so that what is allowed at `value` is allowed there too."""
+    if value == 0.0:
+        return 0.0
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
+    return float(f"{(math.ceil if up else math.floor)(value / step) * step:.3g}")
 
 
 def _say_why(sequence: Sequence) -> str:
@@ -219,7 +260,9 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, 
         "possible": True if impacts else None if best is not None and best.missed else False,
         "reached": sequence.reached, "wanted_share": share, "share_left": sequence.shares[-1] if impacts else 1.0,
-        "impulse": sequence.impulse, "duration": sequence.duration, "together": sequence.together,
+        "impulse": sequence.impulse, "duration": sequence.duration,
+        "joint": None if sequence.joint is None else dc.asdict(sequence.joint),
+        "relaxations": [dc.asdict(one) for one in sequence.relaxations],
         "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
         "refused": None if best is None else {
@@ -271,7 +314,8 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
     if impacts:
         sections.append(Section(
             "How well the plan is founded",
-            [FOUNDED["together" if sequence.together else "alone"], *list_doubts(sequence)], tables=[proofs]))
+            [FOUNDED["jointly" if sequence.joint is not None and sequence.joint.taken else "alone"],
+             *list_doubts(sequence)], tables=[proofs]))
     folder.mkdir(parents=True, exist_ok=True)
     page = write_page(title or "Planned impacts", sentence, sections, folder, "report.html")
     write_whole(folder / "plan.json", (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
