@@ -113,12 +113,13 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
 
 
 @styled
-def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None):
+def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
     """One number a record: measured and modelled against the condition that varies most, residuals below.
 
     Args:
         models: one or two models by name, the reference model first.
         channel: what to draw; the first channel where it is not given.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
@@ -134,7 +135,7 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
     name = max(spread, key=lambda key: spread[key]) if spread else ""
     along = describe_quantity(name, values[name]) if name else None
     x = along.scale * values[name] if along else np.arange(1.0, len(first) + 1)
-    figure = new_figure(4.4, 8.0)
+    figure = new_figure(4.4, NARROW if narrow else 8.0)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     dress(upper)
     dress(lower, grid="")
