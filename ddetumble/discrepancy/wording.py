@@ -62,7 +62,7 @@ def describe_place(place: Place, longest: float = 0.0) -> str:
     if place.variable == "time":
         unit, factor = choose_time_unit(max(longest, place.range[1]))
     low, high = (format_plain(v * factor) for v in place.range)
-    phase = "" if place.phase == "both" else PHASES.get(place.phase, f" while {place.phase}")
+    phase = "" if place.phase in ("", "both") else PHASES.get(place.phase, f" while {place.phase}")
     text = f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {name} {low} to {high} {unit}".rstrip() + phase
     if place.period is not None:
         own = f"{format_plain(place.period * factor)} {unit}".rstrip()

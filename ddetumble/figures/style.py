@@ -191,5 +191,5 @@ def reduce_colours(image: bytes) -> bytes:
 
     buffer = io.BytesIO()
     with Image.open(io.BytesIO(image)) as whole:
-        whole.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG", optimize=True)
+        whole.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG")
     return buffer.getvalue()

@@ -270,8 +270,7 @@ def _write_table(judged: PeakJudgement, printed: np.ndarray):
                                         "physical "
                       "range, so the model does not count.", drawings.draw_ladder(judged)),
                      ("table-3-differences", "Paired differences of left-out errors, ± two standard errors. Grey: "
-                                             "eleven "
-                      "numbers cannot tell the two apart.", drawings.draw_differences(
+                      "eleven numbers cannot tell the two apart. Arrows: beyond the scale.", drawings.draw_differences(
                           judged.pairs, "mean |error| of the first minus that of the second [points]"))],
             tables=[judged.table()]),
         Section(

@@ -223,8 +223,8 @@ def _read_table(table) -> dict:
     elif not isinstance(table, Table):
         rows = list(table)
         table = Table(rows[0], rows[1:])
-    hundredths = [_is_rounded([row[i] for row in table.rows if i < len(row)]) for i in range(len(table.header))]
-    rows = [[f"{cell:.2f}" if isinstance(cell, float) and hundredths[i] and math.isfinite(cell) else _show(cell)
+    places = [_count_places([row[i] for row in table.rows if i < len(row)]) for i in range(len(table.header))]
+    rows = [[f"{cell:.{places[i]}f}" if isinstance(cell, float) and places[i] and math.isfinite(cell) else _show(cell)
              for i, cell in enumerate(row)] for row in table.rows]
     right = [all(_NUMBER.match(row[i]) for row in rows if i < len(row)) for i in range(len(table.header))]
     kinds = ["right" if own and rows else _judge_width([row[i] for row in rows if i < len(row)])
@@ -235,10 +235,10 @@ def _read_table(table) -> dict:
     }  # fmt: skip
 
 
-def _is_rounded(cells: Sequence) -> bool:
-    """Whether a column holds numbers of two decimals at most, which then all show both."""
+def _count_places(cells: Sequence) -> int:
+    """How many decimals all numbers of a column show: one or two where none has more, 0 for those of four digits."""
     numbers = [cell for cell in cells if isinstance(cell, float) and math.isfinite(cell)]
-    return bool(numbers) and all(round(x, 2) == x for x in numbers) and any(x != int(x) for x in numbers)
+    return next((places for places in (1, 2) if numbers and all(round(x, places) == x for x in numbers)), 0)
 
 
 def _judge_width(cells: Sequence[str]) -> str:
