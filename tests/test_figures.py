@@ -14,7 +14,7 @@ from ddetumble.discrepancy.wording import describe_place, find_longest
 from ddetumble.figures import plan
 from ddetumble.figures.labels import describe_quantity, shorten_names, typeset
 from ddetumble.figures.style import apply_style
-from ddetumble.figures.views import choose_view
+from ddetumble.figures.views import choose_view, find_stretch
 from ddetumble.measurement.units import format_time
 from ddetumble.report import Picture, Section, Table, write_page
 from ddetumble.report.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
@@ -101,6 +101,15 @@ def test_long_names_have_room(make):
         check_layout(figures.draw_dependence(models, channel, None, (place,), narrow=narrow))
         if make is make_pulses:
             check_layout(figures.draw_missing_force(models, channel, narrow=narrow))
+
+
+@pytest.mark.parametrize("cycles, first", [(30, 0.0), (300, 1400.0), (0, 0.0)])
+def test_records_that_turn_often_are_drawn_at_their_end(cycles, first):
+    time = np.linspace(0.0, 1500.0, 15001)
+    model = 0.05 * np.sin(2.0 * np.pi * cycles * time / 1500.0) + 1e-18 * np.cos(time)
+    trace = Trace("r", "angular_velocity_x", "rad/s", {}, time, model, model, 2e-5, time, model, "tumble")
+    start, end = find_stretch(trace)
+    assert end == 1500.0 and abs(start - first) < 5.0
 
 
 def test_numbers_with_many_digits_have_room():

@@ -113,7 +113,9 @@ def describe_moves(shifts: Sequence[SettingShift]) -> str:
         return ""
     worst = max(moved, key=lambda s: abs(s.largest))
     name = "time origin" if worst.name == "time" else NAMES.get(worst.name, worst.name.replace("_", " "))
-    return f"its {name} was moved by up to {abs(worst.largest):.2g} stated deviations, of record {worst.record}"
+    farthest = abs(worst.largest)
+    shown = f"{farthest:.2g}" if farthest < 99.5 else f"{farthest:.0f}"
+    return f"its {name} was moved by up to {shown} stated deviations, of record {worst.record}"
 
 
 def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tuple[str, tuple[str, ...]]:
@@ -166,7 +168,7 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
                     f"{_level(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
     else:
         on = " on left-out conditions" if some else ""
-        sentence = (f"Something is missing that the catalogue does not hold. The model {model!r} fails ({misfit}), "
+        sentence = (f"Something is missing that the catalogue does not hold. The model {model!r} fails: {misfit}, "
                     f"and none of the catalogue's {len(found.candidates)} effects explains that{on}.")
     if found.verdict in ("improved", "unexplained") and found.where:
         sentence += f" The misfit sits in the {describe_place(found.where[0], find_longest(first.traces))}."

@@ -22,7 +22,7 @@ from .style import (
     styled,
     wrap_text,
 )
-from .views import choose_view, find_span, find_strokes
+from .views import choose_view, find_span, find_stretch, find_strokes
 
 
 KEY = 18  # characters of a record's name
@@ -85,7 +85,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
             lower.plot(time, np.clip(_smooth(model), -limit, limit), color=colour, lw=1.3)
             labels += [clean(name, 60)] if i == 0 else []
         handles = handles or [Line2D([], [], ls="none", marker=".", ms=7, color=INK), *lines]
-        start, end = find_span(last.get(trace.record, trace))
+        start, end = find_stretch(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
         upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
         title = titles[trace.record] or short[trace.record]
@@ -188,9 +188,12 @@ def _tick(limit: float) -> int:
 
 
 def _smooth(trace: Trace) -> np.ndarray:
-    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke."""
+    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke.
+
+    Where only the end of many turns is drawn, over three samples: a mean over turns would hide what turns with them.
+    """
     residual = standardise(trace)
-    width = max(3, residual.size // 25) | 1
+    width = max(3, residual.size // 25) | 1 if find_stretch(trace) == find_span(trace) else 3
     return np.concatenate([_average(residual[part], width) for part in find_strokes(trace)])
 
 

@@ -18,7 +18,7 @@ from ..figures.labels import (
     name_step,
     say_p,
 )
-from ..figures.views import View, choose_view
+from ..figures.views import View, choose_view, find_span, find_stretch
 from .missing import show_missing
 from .page import Picture, Section, Table, write_page
 from .words import (
@@ -138,6 +138,8 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
             f"{_begin(channel)} of records spread over the conditions: measured (dots) and modelled (lines). Below "
             "each, measured minus model in units of the noise, single samples faint and their running mean as a line."
         )
+        if any(find_stretch(trace) != find_span(trace) for trace in first if trace.channel == channel):
+            caption += " Of records that turn too often to be seen, the end is drawn."
         names = " and ".join(models)
         alt = f"{_begin(channel)} over {view.along} for up to eight records with {names}, and their residuals."
         figure = figures.draw_fit(models, channel, count=8 if i == 0 else 4)
