@@ -106,8 +106,7 @@ def find_span(trace: Trace) -> tuple[float, float]:
 
 
 def find_stretch(trace: Trace) -> tuple[float, float]:
-    """First and last value between which a record is drawn: its span, or the end of one that turns too often to be seen.
-    """
+    """First and last value between which a record is drawn: its span, or the end of it where it turns very often."""
     start, end = find_span(trace)
     model = np.asarray(trace.model, float)
     if not np.isfinite(model).all() or np.ptp(model) < 3.0 * trace.sd:
