@@ -13,6 +13,7 @@ import numpy as np
 from .campaign import Campaign
 from .grouping import group_conditions
 from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
+from .units import choose_time_unit
 
 
 CHANCE = 1e-4  # expected number, by chance, of what is called a fault
@@ -379,7 +380,9 @@ def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray], family
             low, high = min(low, float(steps.min())), max(high, float(steps.max()))
     if not keys:
         return []
-    factor, shown = (1e3, {"s": "ms", "m": "mm"}[unit]) if unit in ("s", "m") and high < 1.0 else (1.0, unit)
+    shown, factor = ("mm", 1e3) if unit == "m" and high < 1.0 else (unit, 1.0)
+    if unit == "s":
+        shown, factor = choose_time_unit(high)
     return [Fault("uneven", tuple(keys), abscissa, f"The sampling of {_count(keys)} is uneven: {factor * low:.3g} to "
                   f"{factor * high:.3g} {shown} from one to the next.",
                   "Every sample is taken where it stands, and the noise's correlation from pairs of samples.",
