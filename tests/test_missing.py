@@ -309,8 +309,8 @@ def test_law_is_drawn_on_its_shape():
 def test_one_condition_alone_shows_it(excess, lone):
     weights = np.ones((8, 1, 10))  # three rows of padding
     records = SimpleNamespace(stack=SimpleNamespace(weights=weights), count=5, keys=("r0", "r1", "r2", "r3", "r4"))
-    workbench = SimpleNamespace(records=records, groups=np.array([0, 0, 1, 1, 2]))
-    assert find_lone(np.array([20.0, 20.0, 10.0]) + excess, workbench) == lone
+    problem = SimpleNamespace(records=records, groups=np.array([0, 0, 1, 1, 2]))
+    assert find_lone(np.array([20.0, 20.0, 10.0]) + excess, problem) == lone
     text = summarise_missing(dc.replace(invent(), lone=lone))
     assert ("Measure beside it" in text) == bool(lone) and all(key in text for key in lone)
 

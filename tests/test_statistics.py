@@ -7,6 +7,7 @@ import pytest
 from scipy import sparse, stats
 from scipy.interpolate import BSpline
 
+from ddetumble.inference.goodness import combine_p_values
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
 from ddetumble.selection.cross_validation import (
@@ -18,7 +19,6 @@ from ddetumble.selection.forward_selection import fits_better, helps
 from ddetumble.selection.lack_of_fit import (
     Score,
     bootstrap_p_value,
-    combine_p_values,
     family_p_value,
     measure_smooth,
     score_directions,

@@ -9,7 +9,8 @@ import pytest
 
 import ddetumble as dd
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.selection.lack_of_fit import combine_p_values, is_moved, measure_shifts
+from ddetumble.inference.goodness import combine_p_values
+from ddetumble.selection.lack_of_fit import is_moved, measure_shifts
 from ddetumble.selection.result import LackOfFit
 from ddetumble.selection.settings import DEFAULT
 

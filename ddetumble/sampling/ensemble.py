@@ -51,10 +51,10 @@ class Settings:
         walkers = self.walkers or max(16, 2 * free + 4)
         if walkers % 2 or walkers < 2 * free + 2 or walkers < 6:
             raise InputError(f"walkers has to be even and at least {max(6, 2 * free + 2)} with {free} parameters; it "
-                             f"is {walkers}", column="walkers")
+                             f"is {walkers}", option="walkers")
         for name, least in (("ensembles", 1), ("burn", 0), ("block", 1), ("effective", 1), ("most", 1), ("seed", 0)):
             if getattr(self, name) < least:
-                raise InputError(f"{name} has to be at least {least}; it is {getattr(self, name)}", column=name)
+                raise InputError(f"{name} has to be at least {least}; it is {getattr(self, name)}", option=name)
         return dc.replace(self, walkers=walkers)
 
     def fixed(self) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
 
         return run_nuts(target, settings, place, lambda text, share: report(text, 0.15 + 0.85 * share))
     if sampler != "emcee":
-        raise InputError(f"there is no sampler {sampler!r}; it is emcee or nuts", column="sampler")
+        raise InputError(f"there is no sampler {sampler!r}; it is emcee or nuts", option="sampler")
     chains = run_ensembles(target, settings, place, lambda text, share: report(text, 0.15 + 0.85 * share))
     settings = settings.check(len(target.names))
     return summarise_posterior(

@@ -12,7 +12,7 @@ from ..inference.stack import DRIFT, Stack
 from ..inference.starts import fill_gaps, integrate_couple
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
-from ..measurement.units import si_unit
+from ..measurement.units import format_time, si_unit
 from .leave_record_out import Aside, Misfit, measure_record, replace_stack, settle, whiten_columns
 from .problem import SelectionProblem
 from .settings import DEFAULT, OutlierSettings
@@ -258,17 +258,19 @@ def _try_conditions(selection: SelectionProblem, aside: Aside) -> Diagnosis | No
         return None
     _, name, change = min(found)
     if name == "time":
-        shown = "slip" if selection.family.name == "slip" else "clock"
-        factor, unit = (1e3, "mm") if shown == "slip" else (1e3, "ms")
-        return Diagnosis("clock", name, f"It fits if its {shown} is off by {factor * change:.3g} {unit}.",
+        independent = selection.campaign.independent
+        shown = "slip" if independent is not None and independent.name == "slip" else "clock"
+        last = float(np.max(np.asarray(stack.time)[r, : records.lengths[r]]))
+        off = f"{1e3 * change:.3g} mm" if shown == "slip" else format_time(change, last)
+        return Diagnosis("clock", name, f"It fits if its {shown} is off by {off}.",
                          "Look at the trigger, or find the onset of that record again.")
     value = float(selection.campaign.records[name].iloc[r])
     return Diagnosis("setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, not "
                      f"{value:.4g}.", "Look up what was set in that test.")
 
 
-RATIOS = {"57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
-          "60 (minutes and seconds)": 60.0, "1000": 1e3}
+RATE_RATIOS = {"57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
+               "60 (minutes and seconds)": 60.0, "1000": 1e3}
 FEWEST = 3  # other records
 SHORTEST = 16  # samples
 
@@ -298,7 +300,7 @@ def _compare(key: str, slopes: dict[str, float], settings: OutlierSettings) -> l
     middle = float(np.median(others))
     if np.median(np.abs(others / middle - 1.0)) > settings.kinematic_spread:
         return []
-    for label, ratio in RATIOS.items():
+    for label, ratio in RATE_RATIOS.items():
         for factor in (ratio, 1.0 / ratio):
             if abs(slopes[key] * factor / middle - 1.0) < settings.kinematic_slack:
                 seen = (f"The rates of record {key} obey Euler's equations with the moments that all others show only "

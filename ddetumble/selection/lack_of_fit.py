@@ -14,6 +14,7 @@ import equinox as eqx
 import numpy as np
 from scipy import sparse, stats
 
+from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.stack import DRIFT, ZERO, Records
@@ -105,9 +106,10 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened "
            "noise" if within else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
-    text = (f"the smallest p-value, counted three times, of three statistics: chi-square of the smooth part of "
-            f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to {spread:.1%}); the "
-            f"largest efficient score of any effect or probe outside the model{how}{moved}")
+    number = "three" if shifts else "two"
+    text = (f"the smallest p-value, counted three times, of {number} statistics: chi-square of the smooth part of "
+            f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
+            f"{100 * spread:.1f} %); the largest efficient score of any effect or probe outside the model{how}{moved}")
     return LackOfFit(ratio, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text)
 
 
@@ -243,22 +245,15 @@ def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, 
         if not count:
             continue
         worst = int(np.argmax(np.abs(moved)))
-        together = float(stats.chi2.sf(np.sum(moved**2), count))
-        alone = min(count * 2.0 * float(stats.norm.sf(abs(moved[worst]))), 1.0)
         found.append(SettingShift(
             name, float(np.median(stated[stated > 0])), float(np.sqrt(np.sum(moved**2) / count)), float(moved[worst]),
-            records.keys[worst], combine_p_values((together, alone)), moved))
+            records.keys[worst], weigh_shifts(moved[stated > 0]), moved))
     return tuple(found)
 
 
 def is_moved(shifts: Sequence[SettingShift], level: float = DEFAULT.level_each) -> bool:
     """Whether settings were moved further than chance moves them, at the level of one statistic of the lack of fit."""
     return combine_p_values([shift.p_value for shift in shifts]) < level
-
-
-def combine_p_values(values: Sequence[float]) -> float:
-    """The p-value of the smallest of several (Bonferroni)."""
-    return min(len(values) * min(values), 1.0) if values else 1.0
 
 
 def hold_settings(problem: Problem, solution: Solution) -> Solution:
