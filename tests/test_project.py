@@ -27,7 +27,7 @@ LAYERS = (
     {"dynamics"},
     {"measurement"},
     {"inference"},
-    {"sampling"},
+    {"posterior"},
     {"discrepancy"},
     {"planning"},
     {"report", "figures", "paper", "demo"},

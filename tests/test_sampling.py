@@ -18,10 +18,11 @@ from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_s
 from ddetumble.figures.posterior import _push_ellipses, _push_marginal
 from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
-from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
-from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.moves import Mixture, Proposal, mix_moves
-from ddetumble.sampling.target import draw_inside
+from ddetumble.posterior.chain import Settings, run_chains
+from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_times
+from ddetumble.posterior.ensemble import Ensembles, mix_moves
+from ddetumble.posterior.proposal import Mixture
+from ddetumble.posterior.target import draw_inside
 
 
 BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}
@@ -106,7 +107,7 @@ def test_the_integral_is_that_of_quadrature(target):
 def test_sampled_integral_agrees_with_the_linear_one(target):
     import equinox as eqx
 
-    from ddetumble.sampling.marginal import draw_nodes, integrate_nuisances
+    from ddetumble.posterior.target import draw_nodes, integrate_nuisances
 
     assert target.curved < 0.05 and "analytically" in target.notes[0]
     x = draw_inside(target, np.random.default_rng(4), 5)
@@ -375,9 +376,9 @@ def test_settings_of_a_specification(folder, tmp_path, capsys):
 @pytest.mark.slow
 def test_every_run_of_a_seed_is_the_same():
     made, _, _ = pose_line()
-    one, two = (run_ensembles(made, Settings(seed=5, effective=300)) for _ in range(2))
+    one, two = (run_chains(Ensembles, made, Settings(seed=5, effective=300)) for _ in range(2))
     np.testing.assert_array_equal(one.x, two.x)
-    assert not np.array_equal(one.x, run_ensembles(made, Settings(seed=6, effective=300)).x[:, : one.x.shape[1]])
+    assert not np.array_equal(one.x, run_chains(Ensembles, made, Settings(seed=6, effective=300)).x[:, : one.x.shape[1]])
 
 
 def test_the_fits_gaussian_is_drawn_in_public_units():

@@ -17,7 +17,7 @@ from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..inference.starts import lay_mesh
-from ..sampling.weights import FILE as WEIGHTS
+from ..posterior.stacking import FILE as WEIGHTS
 from .requests import Request, read_request
 
 
@@ -335,7 +335,7 @@ def predict_average(folder: Path, conditions: str | Path | pd.DataFrame) -> pd.D
 
 def read_rivals(folder: Path) -> tuple[list[str], list[SavedModel], list[float]]:
     """Names, models and weights, with sum 1, of the rivals in a folder that `weigh` wrote."""
-    from ..sampling.weighing import read_weights
+    from ..posterior.stacking import read_weights
 
     rivals = read_weights(folder)
     total = sum(weight for *_, weight in rivals)

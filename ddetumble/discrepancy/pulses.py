@@ -8,7 +8,7 @@ import pandas as pd
 
 from .._errors import InputError
 from ..inference.archive import SavedModel, load_model
-from ..sampling.weights import FILE as WEIGHTS
+from ..posterior.stacking import FILE as WEIGHTS
 from .prediction import (
     CHUNK,
     ask_model,

@@ -100,8 +100,12 @@ def analyse_columns(space: ParameterSpace, names: Sequence[str], columns: np.nda
             (rows, free).
         scales: of the free coordinates, shape (free,).
     """
+    return analyse_jacobian(names, columns, scales, np.array([limit_knowledge(space, name) for name in names]))
+
+
+def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarray, vast: np.ndarray) -> Knowledge:
+    """As `analyse_columns`; `vast` are deviations of coordinates beyond which nothing is known, shape (free,)."""
     count = len(names)
-    vast = np.array([limit_knowledge(space, name) for name in names])
     norms = np.linalg.norm(columns, axis=0)
     silent = norms * vast < scales
     safe = np.maximum(norms, 1e-6 * scales / vast)

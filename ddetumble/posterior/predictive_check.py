@@ -21,8 +21,7 @@ from jaxtyping import Array
 from scipy import stats
 
 from ..inference.problem import simulate_records
-from .marginal import Plan
-from .target import CampaignTarget
+from .target import CampaignTarget, Plan
 
 
 DRAWS = 96
