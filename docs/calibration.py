@@ -203,8 +203,8 @@ def rank(job: tuple[str, int, int]) -> list[dict[str, Any]]:
     for seed in range(first, last):
         fit, truth = run_one("sampled", name, 10**6 + seed)
         target = pose_fit(fit)
-        chains = run_chains(Ensembles, target, Settings(walkers=16, ensembles=1, burn=60, block=80, effective=10**6, most=240,
-                                                seed=seed))
+        settings = Settings(walkers=16, ensembles=1, burn=60, block=80, effective=10**6, most=240, seed=seed)
+        chains = run_chains(Ensembles, target, settings)
         draws = target.publish(chains.x.reshape(-1, len(target.names)))
         few = draws[np.linspace(0, len(draws) - 1, DRAWS).astype(int)]
         true = np.array([truth[n] for n in target.names])

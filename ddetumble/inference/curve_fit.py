@@ -456,15 +456,15 @@ def fit_model(curve: Curve, starts: np.ndarray, data: Any, subject: str, *, read
         unit: what could be repeated and averaged: `strokes`.
         notes: sentences about the coefficients, that come first.
     """
-    fit, profiles, stuck = settle_curve(curve, starts, data, subject), (), ()
+    fit, profiles = settle_curve(curve, starts, data, subject), ()
     if spans is not None:
         first = measure_knowledge(curve, fit.coefficients, data)
-        fit, profiles, stuck = trace_profiles(curve, fit, first, spans, data, subject)
+        fit, profiles = trace_profiles(curve, fit, first, spans, data, subject)
     measured = measure_knowledge(curve, fit.coefficients, data)
     told = [*notes(fit.coefficients),
             *_describe_confusion(curve, fit, measured, profiles, tests, elsewhere, unit)]
     lost = measured.known.undetermined
-    doubtful = [p.name for p in profiles if p.name in lost and (all(p.bounded) or p.name in stuck)]
+    doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
     coefficients = {}
     for k, name in enumerate(curve.names):
         low, high, bounded = 0.0 if curve.logs[k] else -math.inf, math.inf, False
@@ -627,7 +627,7 @@ def measure_knowledge(curve: Curve, coefficients: np.ndarray, data: Any) -> Meas
 
 
 def trace_profiles(curve: Curve, fit: Settled, measured: Measured, spans: np.ndarray, data: Any, subject: str
-                   ) -> tuple[Settled, tuple[Profile, ...], tuple[str, ...]]:
+                   ) -> tuple[Settled, tuple[Profile, ...]]:
     """Profile likelihood of every coefficient, outwards from the fit on both sides.
 
     A profile that finds a better place than the fit sends the fit there, and all begins again.
@@ -638,7 +638,7 @@ def trace_profiles(curve: Curve, fit: Settled, measured: Measured, spans: np.nda
         spans: farthest change of each coordinate that is worth trying, shape (coefficients,).
 
     Returns:
-        The fit, the profiles in the order of the names, and names of those that got stuck on their way.
+        The fit, and the profiles in the order of the names.
     """
     sd = np.sqrt(np.diag(measured.known.covariance))
     reach = np.repeat(np.minimum(FAR * sd, spans), 2)  # of each line: every coefficient downwards, then upwards
@@ -656,9 +656,6 @@ def trace_profiles(curve: Curve, fit: Settled, measured: Measured, spans: np.nda
     for seen in traces:
         _widen_ends(curve, fit, seen, ends)
     rise, ends = np.maximum(lines.chi2 - fit.chi2, 0.0), curve.to_values(ends.T)
-    last = curve.to_coordinates(lines.coefficients)[-1, np.arange(len(which)), which]
-    short = np.abs(last - curve.to_coordinates(fit.coefficients)[which]) < 0.5 * reach
-    stuck = tuple(dict.fromkeys(curve.names[which[j]] for j in np.flatnonzero(short & (rise[-1] <= RISE) & (lines.gain[-1] > RISE))))
     made = []
     for k, name in enumerate(curve.names):
         values = np.concatenate([lines.coefficients[:, 2 * k, k][::-1], fit.coefficients[k: k + 1],
@@ -668,7 +665,7 @@ def trace_profiles(curve: Curve, fit: Settled, measured: Measured, spans: np.nda
         low, high = float(ends[0, k]), float(ends[1, k])
         made.append(Profile(name, values[there], rises[there], low, high,
                             (low > (0.0 if curve.logs[k] else -math.inf), high < math.inf)))
-    return fit, tuple(made), stuck
+    return fit, tuple(made)
 
 
 def _trace_lines(curve: Curve, fit: Settled, which: np.ndarray, sign: np.ndarray, reach: np.ndarray,

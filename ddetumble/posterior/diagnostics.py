@@ -8,6 +8,7 @@ rank-normalised; Vehtari et al. 2021) compares the ensembles, which are independ
 """
 
 import dataclasses as dc
+from typing import Any
 
 import emcee
 import numpy as np
@@ -83,7 +84,7 @@ def compare_ensembles(x: np.ndarray) -> np.ndarray:
     if steps < 8:
         return np.full(free, np.inf)
     with np.errstate(all="ignore"):
-        found = np.asarray(array_stats.rhat(x[:, steps % 2:].reshape(max(ensembles, 2), -1, free), 0, 1))
+        found: Any = array_stats.rhat(x[:, steps % 2:].reshape(max(ensembles, 2), -1, free), 0, 1)
     return np.where(np.isfinite(found), found, np.inf)
 
 
