@@ -29,7 +29,15 @@ from scipy import stats
 
 from .._errors import ComputationError, InputError
 from .files import make_plain
-from .identifiability import VAST, VAST_LINEAR, Blend, Knowledge, analyse_jacobian
+from .identifiability import (
+    VAST,
+    VAST_LINEAR,
+    Blend,
+    Knowledge,
+    analyse_jacobian,
+    list_words,
+    measure_spread,
+)
 
 
 DAMPINGS = ("own units", "units of the start")
@@ -473,8 +481,8 @@ def fit_model(curve: Curve, starts: np.ndarray, data: Any, subject: str, *, read
         sd = math.inf if name in lost or doubtful else float(measured.sd[k])
         coefficients[name] = Coefficient(name, curve.units[k], float(fit.coefficients[k]), sd, low, high, bounded)
     if doubtful:
-        told = [f"The readings do not determine {_list(doubtful)}: there may be other places, far from this estimate, "
-                 "that fit as well. No interval is given for any coefficient.", *told]
+        told = [f"The readings do not determine {list_words(doubtful)}: there may be other places, far from this "
+                "estimate, that fit as well. No interval is given for any coefficient.", *told]
     derived = {n: (v, s if s < UNKNOWN * abs(v) else math.inf) for n, (v, s) in measured.derived.items()}
     degrees = readings - len(curve.names)
     if not fits_noise(fit.chi2, degrees):
@@ -731,23 +739,6 @@ def _widen_ends(curve: Curve, fit: Settled, lines: _Lines, ends: np.ndarray) -> 
                 ends[k, side] = sign * math.inf if point == POINTS - 1 and moving else farthest
 
 
-def measure_spread(columns: np.ndarray, rows: np.ndarray, direction: np.ndarray) -> float:
-    """Standard deviation along a combination that `rows` leave, over the one that `columns` leave.
-
-    Args:
-        columns: whitened derivatives, whose norms are the units of `direction`, shape (rows, coefficients).
-        rows: of another design at the same coefficients, shape (rows, coefficients).
-        direction: unit vector, shape (coefficients,).
-    """
-    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-
-    def length(part):
-        _, s, axes = np.linalg.svd(part / norms, full_matrices=False)
-        return float(np.linalg.norm((axes @ direction) / np.maximum(s, 1e-6)))
-
-    return length(rows) / length(columns)
-
-
 def _describe_confusion(curve: Curve, fit: Settled, measured: Measured, profiles: Sequence[Profile],
                        tests: Sequence[tuple[str, Any]], elsewhere: Mapping[str, str], unit: str) -> list[str]:
     """What cannot be told apart, worst first, in sentences with the test that would resolve it."""
@@ -779,7 +770,7 @@ def _describe_blend(curve: Curve, fit: Settled, measured: Measured, blend: Blend
                     elsewhere: Mapping[str, str], unit: str) -> str:
     shown = blend.names[:MOST_MEMBERS]
     others = len(blend.names) - len(shown)
-    members = _list([*shown, f"{others} other{'s' if others > 1 else ''}"] if others else shown)
+    members = list_words([*shown, f"{others} other{'s' if others > 1 else ''}"] if others else shown)
     change, share = _say_change(curve, fit, blend)
     if blend.singular:
         text = f"{members} cannot be told apart: {change} changes no reading beyond its noise"
@@ -809,17 +800,17 @@ def _say_change(curve: Curve, fit: Settled, blend: Blend) -> tuple[str, float]:
         else:
             size = f"{abs(step):.2g}" + (f" {curve.units[k]}" if curve.units[k] else "")
         parts.append(f"{'raising' if step > 0 else 'lowering'} {name} by {size}")
-    return _list(parts) + (", and the others with them," if len(blend.names) > MOST_MEMBERS else ""), abs(share)
+    return list_words(parts) + (", and the others with them," if len(blend.names) > MOST_MEMBERS else ""), abs(share)
 
 
 def _say_remedy(curve: Curve, fit: Settled, measured: Measured, blend: Blend, tests: Sequence[tuple[str, Any]],
                 elsewhere: Mapping[str, str], unit: str) -> str:
     """The design that shortens the uncertainty most, how often to repeat this one, or what to take from elsewhere."""
-    gains = []
+    gains, now = [], measure_spread(measured.columns, measured.columns, blend)
     for text, data in tests:
         more = measure_knowledge(curve, fit.coefficients, data).columns
         both = np.concatenate([measured.columns, more])
-        gains.append((measure_spread(measured.columns, both, blend.direction), text))
+        gains.append((measure_spread(both, measured.columns, blend) / now, text))
     best, text = min(gains, default=(1.0, ""))
     size = _size(curve, fit, blend)
     if blend.singular:
@@ -847,8 +838,3 @@ def _size(curve: Curve, fit: Settled, blend: Blend) -> float:
         step = abs(blend.step[k])
         found.append(step if curve.logs[k] else step / max(abs(fit.coefficients[k]), curve.typical[k]))
     return max(found)
-
-
-def _list(words: Sequence[str]) -> str:
-    words = list(words)
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -50,37 +50,6 @@ class Joint(NamedTuple):
     own: Array
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2))
-def _misfit(space, names, channels, shift, z, plan):
-    return _linearise(space, names, channels, shift, z, plan)[0]
-
-
-def _linearise(space, names, channels, shift, z, plan):
-    rows = plan.stack.time.shape[0]
-    base = jnp.broadcast_to(plan.base, (rows, plan.base.shape[0]))
-    at = evaluate(space, names, channels, shift, z, plan.stack, base, plan.directions, plan.low, plan.high)
-    shared = jnp.einsum("grk,gr->k", at.shared, at.residual)
-    own = jnp.einsum("grk,gr->gk", at.own, at.residual)
-    return 0.5 * jnp.sum(at.residual**2), shared, own
-
-
-def _forward(space, names, channels, shift, z, plan):
-    value, shared, own = _linearise(space, names, channels, shift, z, plan)
-    return value, (shared, own, plan)
-
-
-def _backward(space, names, channels, saved, bar):
-    shared, own, plan = saved
-    return bar * shared, bar * own, jax.tree.map(_nothing, plan)
-
-
-def _nothing(x):
-    return jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else np.zeros(x.shape, jax.dtypes.float0)
-
-
-_misfit.defvjp(_forward, _backward)
-
-
 def _place(y: Array, joint: Joint) -> tuple[Array, Array]:
     """Coordinates of the parameters from whitened ones, shape (free,), and the logarithm of the volume's change."""
     x = joint.centre + joint.factor @ y
@@ -90,12 +59,27 @@ def _place(y: Array, joint: Joint) -> tuple[Array, Array]:
     return jnp.where(joint.walled, inside, x), volume
 
 
-def _misfit_of_campaign(target: CampaignTarget, own: Array, x: Array, v: Array) -> Array:
-    records, plan, shift = target.records, target.plan, x - target.plan.centre
-    noise = v.reshape(own.shape[:2])
-    z = plan.own + jnp.einsum("gkp,p->gk", plan.slope, shift) + jnp.einsum("gkl,gl->gk", own, noise)
-    misfit = cast(Array, _misfit(target.space, records.nuisances, records.channels, shift, z, plan))
-    return misfit + 0.5 * jnp.sum(z**2)
+def _make_misfit(target: CampaignTarget, own: Array) -> Callable[[Array, Array], Array]:
+    """Half of the squares of residuals and nuisances, of parameters and whitened nuisances."""
+    records, plan = target.records, target.plan
+    base = jnp.broadcast_to(plan.base, (plan.stack.time.shape[0], plan.base.shape[0]))
+
+    def linearise(shift, z):
+        at = evaluate(target.space, records.nuisances, records.channels, shift, z, plan.stack, base, plan.directions,
+                      plan.low, plan.high)
+        slopes = jnp.einsum("grk,gr->k", at.shared, at.residual), jnp.einsum("grk,gr->gk", at.own, at.residual)
+        return 0.5 * jnp.sum(at.residual**2), slopes
+
+    half = jax.custom_vjp(lambda shift, z: linearise(shift, z)[0])
+    half.defvjp(linearise, lambda slopes, bar: (bar * slopes[0], bar * slopes[1]))
+
+    def misfit(x, v):
+        shift = x - plan.centre
+        noise = v.reshape(own.shape[:2])
+        z = plan.own + jnp.einsum("gkp,p->gk", plan.slope, shift) + jnp.einsum("gkl,gl->gk", own, noise)
+        return cast(Array, half(shift, z)) + 0.5 * jnp.sum(z**2)
+
+    return misfit
 
 
 def _misfit_of_curve(target: CurveTarget, x: Array, v: Array) -> Array:
@@ -122,7 +106,7 @@ def _pose(target: AbstractTarget) -> tuple[Joint, Callable[[Array], Array]]:
     if isinstance(target, CampaignTarget):
         precision = target.integrate(target.centre[None]).factor[0]
         own = np.linalg.inv(np.swapaxes(precision, -1, -2))
-        misfit = partial(_misfit_of_campaign, target, jnp.asarray(own))
+        misfit = _make_misfit(target, jnp.asarray(own))
     else:
         assert isinstance(target, CurveTarget)
         misfit = partial(_misfit_of_curve, target)

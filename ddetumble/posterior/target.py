@@ -33,7 +33,7 @@ from scipy import optimize, stats
 from .._errors import InputError
 from .._numerics import map_threads
 from ..inference.bounded import Bounded, linearise_all, solve_bounded
-from ..inference.curve_fit import CurveFit
+from ..inference.curve_fit import Curve, CurveFit
 from ..inference.files import make_plain
 from ..inference.findings import Fit
 from ..inference.identifiability import Knowledge, analyse_columns
@@ -573,10 +573,9 @@ def pose_curve_fit(found: CurveFit) -> CurveTarget:
     if loose or not found.profiles:
         why = f"the readings do not bound {', '.join(loose)}" if loose else "the fit was made without profiles"
         raise InputError(f"there is no posterior to draw from: {why}; hold what is loose, or add readings")
-    with np.errstate(divide="ignore"):
-        low, high = (_take_logs(curve, np.array(ends)) for ends in ([p.low for p in found.profiles],
-                                                                    [p.high for p in found.profiles]))
-    box = np.stack([low - 5.0 * (high - low), high + 5.0 * (high - low)])
+    low, high = (curve.to_coordinates(np.array(ends)) for ends in zip(*((p.low, p.high) for p in found.profiles),
+                                                                      strict=True))
+    box = jnp.asarray([low - 5.0 * (high - low), high + 5.0 * (high - low)])
     centre = np.asarray(curve.fold(jnp.asarray(found.values), data))
     columns = np.asarray(jax.jacfwd(lambda x: _whiten(curve, x, data))(jnp.asarray(centre)))
     norms = np.linalg.norm(columns, axis=0)
@@ -584,31 +583,16 @@ def pose_curve_fit(found: CurveFit) -> CurveTarget:
     values = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(data)])
     made = pose_curve(partial(_whiten, curve), data, curve.names, centre, covariance, units=curve.units,
                       identity={"title": found.subject, "fixed": dict(found.fixed), "data": digest(values.tolist())})
-    box = jnp.asarray(box)
-    return dc.replace(made, weight=partial(_weigh_box, curve, box), values=partial(_unfold, curve), notes=(
+    return dc.replace(made, weight=partial(_weigh_box, curve, box), values=curve.unfold, notes=(
         "the prior is flat in each coefficient, in the logarithm of what is positive",))
 
 
-def _take_logs(curve, values: np.ndarray) -> np.ndarray:
-    logs = np.array(curve.logs)
-    return np.where(logs, np.log(np.where(logs, values, 1.0)), values)
+def _whiten(curve: Curve, x: Array, data: Any) -> Array:
+    return curve.predict(curve.unfold(x, data), data)
 
 
-def _unfold(curve, x: Array, data: Any) -> Array:
-    return curve.unfold(x, data)
-
-
-def _whiten(curve, x: Array, data: Any) -> Array:
-    return curve.predict(_unfold(curve, x, data), data)
-
-
-def _weigh_box(curve, box: Array, x: Array, data: Any) -> Array:
+def _weigh_box(curve: Curve, box: Array, x: Array, data: Any) -> Array:
     """Change of volume from internal coordinates to those in which the prior is flat; nothing outside its box."""
-    logs = jnp.asarray(curve.logs)
-
-    def flat(x):
-        p = _unfold(curve, x, data)
-        return jnp.where(logs, jnp.log(jnp.where(logs, p, 1.0)), p)
-
+    flat = lambda x: curve.to_coordinates(curve.unfold(x, data), jnp)
     inside = jnp.all((flat(x) > box[0]) & (flat(x) < box[1]))
     return jnp.where(inside, jnp.linalg.slogdet(jax.jacfwd(flat)(x))[1], -jnp.inf)
