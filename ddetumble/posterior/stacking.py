@@ -438,23 +438,23 @@ def read_weights(folder: Path) -> list[tuple[str, Path, float]]:
         InputError: The file is damaged, of another version, or a rival's folder is not there.
     """
     path = Path(folder) / FILE
+    again = "weigh the models again"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        schema = content.get("schema") if isinstance(content, dict) else None
+        if schema != SCHEMA:
+            raise InputError(f"the schema is {schema!r}; this version reads {SCHEMA!r}: {again}", file=path,
+                             column="schema")
+        found = _Weights.model_validate(content)
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
-    except (ValueError, RecursionError):
-        raise InputError("this is no JSON file, or only a part of one; weigh the models again", file=path) from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != SCHEMA:
-        raise InputError(f"the schema is {schema!r}; this version reads {SCHEMA!r}: weigh the models again", file=path,
-                         column="schema")
-    try:
-        found = _Weights.model_validate(content)
-    except pydantic.ValidationError as error:
+    except pydantic.ValidationError as error:  # a ValueError too
         first = error.errors()[0]
         reason = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; weigh the models again", file=path,
+        raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; {again}", file=path,
                          column=".".join(str(part) for part in first["loc"]) or None) from None
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
+        raise InputError(f"this is no JSON file, or only a part of one; {again}", file=path) from None
     kept = [(one.name, path.parent / one.folder, one.weight) for one in found.rivals if one.weight > 0]
     for name, place, _ in kept:
         if not (place / "model.json").is_file():

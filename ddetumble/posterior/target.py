@@ -149,6 +149,25 @@ def integrate_nuisances(space, names, channels, x: Array, plan: Plan) -> Integra
     return jax.lax.map(lambda one: _integrate(space, names, channels, one, plan), x)
 
 
+def map_blocks(function: Callable[..., Any], size: int, *arrays: np.ndarray) -> Any:
+    """A compiled function of many points in blocks of one size, so that one program serves them all.
+
+    Args:
+        function: of arrays to arrays, the first axis of all of them the points.
+        size: of a block; fewer points go as they are.
+        arrays: its arguments.
+    """
+    def run(block):
+        return jax.tree.map(np.asarray, function(*map(jnp.asarray, block)))
+
+    count = len(arrays[0])
+    if count <= size:
+        return run(arrays)
+    padded = [np.concatenate([a, np.repeat(a[-1:], -count % size, axis=0)]) for a in arrays]
+    parts = map_threads(run, zip(*(np.split(a, len(a) // size) for a in padded), strict=True))
+    return jax.tree.map(lambda *part: np.concatenate(part)[:count], *parts)
+
+
 @dc.dataclass(frozen=True, eq=False)
 class AbstractTarget(ABC):
     """A posterior density.
@@ -274,20 +293,8 @@ class CampaignTarget(AbstractTarget):
 
     def integrate(self, x: np.ndarray) -> Integral:
         """The integrals over every record's nuisances, shapes (points, records, ...); many points go in blocks."""
-        names, channels = self.records.nuisances, self.records.channels
-        x, size = np.asarray(x, dtype=float), len(x)
-        if size > TRIALS:  # one size of block, one compiled program
-            x = np.concatenate([x, np.repeat(x[-1:], -size % TRIALS, axis=0)])
-
-        def run(block):
-            found = integrate_nuisances(self.space, names, channels, jnp.asarray(block), self.plan)
-            return jax.tree.map(np.asarray, found)
-
-        blocks = np.split(x, max(1, len(x) // TRIALS) if len(x) > TRIALS else 1)
-        if len(blocks) == 1:
-            return run(x)
-        parts = map_threads(run, blocks)
-        return jax.tree.map(lambda *part: np.concatenate(part)[:size], *parts)
+        run = partial(integrate_nuisances, self.space, self.records.nuisances, self.records.channels, plan=self.plan)
+        return map_blocks(run, TRIALS, np.asarray(x, dtype=float))
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it; parts are records."""
