@@ -13,17 +13,20 @@ class InputError(ValueError):
     Args:
         problem: What is wrong and what to do about it.
         file: The file it is in, as the user would name it.
-        column: The column, field or option.
+        column: The column of a table, or its field in a descriptor.
         row: Line number in the file, counted from 1 (the header is line 1).
+        key: The key of a TOML or JSON file, with its tables: `arm.mass`.
+        option: The option of a command, or the argument of a function.
 
     `str()` of the error is the whole sentence, the place first.
     """
 
-    def __init__(self, problem: str, *, file=None, column: str | None = None, row: int | None = None):
+    def __init__(self, problem: str, *, file=None, column: str | None = None, row: int | None = None,
+                 key: str | None = None, option: str | None = None):
         super().__init__(problem)
         self.problem = problem
         self.file = None if file is None else str(file)
-        self.column = column
+        self.column, self.key, self.option = column, key, option
         self.row = None if row is None else int(row)
 
     def __str__(self) -> str:
@@ -32,16 +35,20 @@ class InputError(ValueError):
             place.append(f"line {self.row}")
         if self.column is not None:
             place.append(f"column {self.column}")
+        if self.key is not None:
+            place.append(f"key {self.key}")
+        if self.option is not None:
+            place.append(self.option)
         return _plain(f"{', '.join(place)}: {self.problem}" if place else self.problem)
 
     def __reduce__(self):
-        return _rebuild, (type(self), self.problem, self.file, self.column, self.row)
+        return _rebuild, (type(self), self.problem, self.file, self.column, self.row, self.key, self.option)
 
 
 class ComputationError(RuntimeError):
     """The input was fine and the computation failed all the same; `str()` explains (exit code 1)."""
 
 
-def _rebuild(kind, problem, file, column, row):
+def _rebuild(kind, problem, file, column, row, key, option):
     """Build an `InputError` again on the far side of a process boundary."""
-    return kind(problem, file=file, column=column, row=row)
+    return kind(problem, file=file, column=column, row=row, key=key, option=option)

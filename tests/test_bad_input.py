@@ -140,11 +140,11 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
         ((*RECORD_FIELDS, 3), None, ("column approach_speed", "need this condition")),
         (("resources", 0, "schema", "primaryKey"), "sequence", ("primaryKey",)),
         (("resources", 1, "schema", "foreignKeys", 0, "fields"), "time", ("foreign key",)),
-        (("known", "outer_diameter"), "60", ("column outer_diameter", "needs a unit")),
-        (("known", "outer_diameter"), "-60 mm", ("column outer_diameter", "positive")),
-        (("known", "outer_diameter"), "60 kg", ("column outer_diameter", "does not measure")),
+        (("known", "outer_diameter"), "60", ("key known.outer_diameter", "needs a unit")),
+        (("known", "outer_diameter"), "-60 mm", ("key known.outer_diameter", "positive")),
+        (("known", "outer_diameter"), "60 kg", ("key known.outer_diameter", "does not measure")),
         (("known", "outer_diameter"), True, ("known.outer_diameter",)),
-        (("known", "restitution"), 1.2, ("column restitution", "at most at 1")),
+        (("known", "restitution"), 1.2, ("key known.restitution", "at most at 1")),
     ],
 )  # fmt: skip
 def test_descriptor(tmp_path, path, value, words):

@@ -19,7 +19,7 @@ from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, w
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.noise import estimate_from_pairs, estimate_noise
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
-from ddetumble.measurement.faults import find_runs, screen_samples
+from ddetumble.measurement.faults import find_runs, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
 from ddetumble.measurement.spikes import find_spikes
 from tests.independent import faults
@@ -55,6 +55,30 @@ def clean(tmp_path_factory):
     """Folders of campaigns in which nothing is missing, by family."""
     base = tmp_path_factory.mktemp("clean")
     return {family: write(base / family, family, {}) for family in FAMILIES}
+
+
+@pytest.mark.parametrize(("share", "rising"), [(0.6, True), (0.9, False), (0.15, False)])
+def test_records_cut_in_mid_contact_are_found(clean, share, rising):
+    """Those that were cut, at a share of the peak on the way up or down, and no others; nothing is left out."""
+    campaign = read_campaign(clean["impact"])
+    assert campaign.samples is not None and not find_truncated(campaign)
+    samples, cut = campaign.samples, campaign.record_keys[1:9:3]
+    kept = np.ones(len(samples), dtype=bool)
+    for key in cut:
+        rows = np.flatnonzero(samples["record"] == key)
+        force = samples["normal_force"].to_numpy()[rows]
+        above = np.flatnonzero(force > share * force.max())
+        kept[rows[above[0] if rising else above[-1]:]] = False
+    short = dc.replace(campaign, samples=samples[kept])
+    cleaned, found = screen_samples(short)
+    (fault,) = found
+    assert (fault.kind, fault.records, fault.channel, fault.left_out) == ("truncated", cut, "normal_force", False)
+    assert cleaned.samples is not None and cleaned.samples.equals(short.samples)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_no_shipped_record_counts_as_cut(name):
+    assert not find_truncated(read_campaign(find_data() / name))
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,14 @@ import pytest
 
 from ddetumble import figures
 from ddetumble.discrepancy.records import Place, Trace
-from ddetumble.figures.labels import describe_quantity, shorten_names
+from ddetumble.discrepancy.wording import describe_place, find_longest
+from ddetumble.figures import plan
+from ddetumble.figures.labels import describe_quantity, shorten_names, typeset
 from ddetumble.figures.style import apply_style
-from ddetumble.figures.views import choose_view
+from ddetumble.figures.views import choose_view, find_stretch
+from ddetumble.measurement.units import format_time
 from ddetumble.report import Picture, Section, Table, write_page
-from ddetumble.report.page import split_sentence
+from ddetumble.report.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
 from ddetumble.report.words import say_place
 from tests.helpers_report import make_candidates, make_slip_discovery
 
@@ -90,12 +93,23 @@ def test_long_names_have_room(make):
     models = {"reference model": traces, LONG: traces}
     channel = traces[0].channel
     place = Place(channel, choose_view(traces).state, tuple(np.quantile(traces[0].state, [0.6, 0.9])), "", 0.63, 1e-3)
-    for figure in (
-        figures.draw_fit(models, channel), figures.draw_fit(models, channel, count=2, narrow=True),
-        figures.draw_record_errors(models), figures.draw_residual_map(models),
-        figures.draw_dependence(models, channel, None, (place,)),
-    ):  # fmt: skip
-        check_layout(figure)
+    check_layout(figures.draw_fit(models, channel))
+    check_layout(figures.draw_fit(models, channel, count=2, narrow=True))
+    for narrow in (False, True):
+        check_layout(figures.draw_record_errors(models, narrow=narrow))
+        check_layout(figures.draw_residual_map(models, narrow=narrow))
+        check_layout(figures.draw_dependence(models, channel, None, (place,), narrow=narrow))
+        if make is make_pulses:
+            check_layout(figures.draw_missing_force(models, channel, narrow=narrow))
+
+
+@pytest.mark.parametrize("cycles, first", [(30, 0.0), (300, 1400.0), (0, 0.0)])
+def test_records_that_turn_often_are_drawn_at_their_end(cycles, first):
+    time = np.linspace(0.0, 1500.0, 15001)
+    model = 0.05 * np.sin(2.0 * np.pi * cycles * time / 1500.0) + 1e-18 * np.cos(time)
+    trace = Trace("r", "angular_velocity_x", "rad/s", {}, time, model, model, 2e-5, time, model, "tumble")
+    start, end = find_stretch(trace)
+    assert end == 1500.0 and abs(start - first) < 5.0
 
 
 def test_numbers_with_many_digits_have_room():
@@ -119,8 +133,20 @@ def test_findings_have_room(narrow):
     found = dc.replace(found, steps=(found.steps[0], last))
     check_layout(figures.draw_ledger(found, narrow=narrow))
     check_layout(figures.draw_ranking(make_candidates(("adhesion",)), ("adhesion",), narrow=narrow))
-    if not narrow:
-        check_layout(figures.draw_parameters({"reference model": found.steps[0], LONG: last}))
+    check_layout(figures.draw_parameters({"reference model": found.steps[0], LONG: last}, narrow=narrow))
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_plans_have_room(narrow):
+    time = np.linspace(0.0, 130.0, 400)
+    momentum = np.stack([250.0 - time, np.sin(time), 200.0 - time], axis=1)
+    check_layout(plan.draw_motion(time, momentum, np.full(time.size, 0.9), [28.0, 59.0, 97.0], narrow=narrow))
+    pulse = 1500.0 * np.sin(np.linspace(0.0, np.pi, 50))
+    check_layout(plan.draw_contacts([np.linspace(0.0, 0.05, 50)] * 3, [pulse] * 3, [0.2 * pulse] * 3,
+                                    ["impact 1", "impact 3", "impact 5"], narrow=narrow))
+    draws = {"gas-leak": np.linspace(0.343, 0.347, 32), "pressure-dependent-restitution": np.linspace(0.341, 0.345, 32)}
+    check_layout(plan.draw_outlook(draws, 0.345, 0.347, narrow=narrow))
+    assert plan.draw_motion(100.0 * time, momentum, time, [28.0]).axes[1].get_xlabel() == "time [h]"
 
 
 def test_names_are_short_and_distinct():
@@ -144,12 +170,36 @@ def test_time_is_shown_in_one_unit(hours, unit):
         assert f"time [{unit}]" in labels
         early = Place(traces[0].channel, "time", (0.0, 1.0), "", 0.5)  # of a long record, so not in ms
         assert f" {unit}." in say_place(early, choose_view(traces))
+        assert describe_place(early, find_longest(traces)).endswith(f" {unit}")
+
+
+@pytest.mark.parametrize("time, longest, text", [
+    (0.0053, None, "5.3 ms"), (53.0, None, "53 s"), (7200.0, None, "7200 s"), (14400.0, None, "4 h"),
+    (-0.4, 60.0, "-0.4 s"), (0.4, 0.9, "400 ms"), (3600.0, 36000.0, "1 h"),
+])  # fmt: skip
+def test_times_have_the_unit_of_their_record(time, longest, text):
+    assert format_time(time, longest) == text
+
+
+@pytest.mark.parametrize("text, shown", [
+    ("k_e = 1.990e-08 ± 1.3e-10 1/s", "k_e = (1.990 ± 0.013) × 10⁻⁸ 1/s"), ("-6.05e-08 1/s**2", "−6.05 × 10⁻⁸ 1/s²"),
+    ("p < 1e-6", "p < 10⁻⁶"), ("2.1e+02 N", "210 N"), ("95% of 3", "95 % of 3"), ("N/m**1.51", "N/m^1.51"),
+    ("k (depression - d)+^n", "k (depression − d)₊ⁿ"), ("r-1 of 2026-01-02, 0.1-0.2", "r-1 of 2026-01-02, 0.1-0.2"),
+    ("8e99aba67be65fbee1d48", "8e99aba67be65fbee1d48"), ("--first 3", "--first 3"), ("f(x)+g(x)", "f(x)+g(x)"),
+])  # fmt: skip
+def test_text_is_set_as_in_print(text, shown):
+    assert typeset(text).replace("\u00a0", " ") == shown
+
+
+def test_numbers_stay_with_their_units():
+    assert typeset("misses by 3.1 % at 0.4 m/s") == "misses by 3.1\u00a0% at 0.4\u00a0m/s"
 
 
 SENTENCES = (
     "Missing was wall-stiffness (k_w = 2. N/m; q = 1.5). Without it the model fails: " + "it leaves more, " * 20,
     "Something is missing that the catalogue does not hold: the model (it leaves 3.2: more) fails, "
     + "and so on, " * 30,
+    "5 impacts leave 48.30 % of the angular momentum. The last of them comes at 97.37 s. No plan does with fewer.",
     "Short.", "word " * 100,
 )  # fmt: skip
 
@@ -161,7 +211,15 @@ def test_headline_is_short(sentence):
     if len(sentence) < 100:
         assert (head, rest) == (sentence, "")
     elif ". " in sentence or ": " in sentence:
-        assert len(head) < 100 and head.endswith(".") and rest[0].isupper() and head.count("(") == head.count(")")
+        assert SHORTEST <= len(head) <= HEADLINE and head.endswith(".")
+        assert rest[0].isupper() and head.count("(") == head.count(")")
+
+
+def test_names_keep_their_letters_at_the_beginning_of_a_sentence():
+    head, rest = split_sentence("The fit of Table 3 gives these numbers: k_v = 3, " + "and so on, " * 20 + "and more.")
+    assert (head, rest[:7]) == ("The fit of Table 3 gives these numbers.", "k_v = 3")
+    assert begin_sentence("stress-softening cannot be seen") == "Stress-softening cannot be seen"
+    assert begin_sentence("p = 0.1") == "p = 0.1" and begin_sentence("a.csv is empty") == "a.csv is empty"
 
 
 def test_page_shows_the_narrow_figure_on_telephones(tmp_path):
@@ -172,4 +230,4 @@ def test_page_shows_the_narrow_figure_on_telephones(tmp_path):
     source = html.partition("<source")[2].partition(">")[0]
     image = base64.b64decode(source.partition("base64,")[2].partition('"')[0])
     assert "max-width" in source and struct.unpack(">II", image[16:24])[0] < 900
-    assert html.count('class="wide"') == 1  # the other scrolls in its own box
+    assert html.count('class="zoom"') == 1  # the other is enlarged by a tap

@@ -15,6 +15,7 @@ from ddetumble.cli import main
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.bounded import truncate_normal
 from ddetumble.inference.estimation import fit
+from ddetumble.inference.goodness import judge_goodness
 from ddetumble.inference.specification import Sampler, Specification, read_specification
 from ddetumble.measurement import read_campaign
 
@@ -68,6 +69,37 @@ def test_report_reads_like_lmfit(fitted):
         assert part in text
     assert fitted.parameters["effective_mass"].unit == "kg"
     assert json.loads(json.dumps(fitted.to_dict()))["parameters"]["effective_mass"]["q025"] > 1
+
+
+def test_a_model_that_lacks_something_is_said_not_to_fit(campaign, fitted):
+    """Without the wall that is there the settings make up for it, or more than noise is left; with it neither."""
+    assert not fitted.goodness.misfit and not fitted.goodness.moved and not str(fitted.goodness)
+    bare = fit(campaign)
+    assert bare.goodness.moved and bare.nuisances[bare.goodness.record][bare.goodness.setting]["pull"] == max(
+        (one["pull"] for own in bare.nuisances.values() for one in own.values()), key=abs)
+    held = fit(campaign, nuisances=False)
+    assert held.goodness.misfit and not held.goodness.moved and held.goodness.setting == ""
+    for found in (bare, held):
+        assert str(found.goodness) in found.text()
+        stored = json.loads(json.dumps(found.to_dict()))["goodness"]
+        assert (stored["misfit"], stored["moved"]) == (found.goodness.misfit, found.goodness.moved)
+
+
+@pytest.mark.parametrize(("chi2", "size", "misfit", "moved"), [
+    (1000.0, 1.0, False, False), (1100.0, 1.0, False, False), (9000.0, 1.0, True, False), (1000.0, 4.0, False, True),
+    (9000.0, 4.0, True, True),
+])  # fmt: skip
+def test_chance_and_more_than_chance(chi2, size, misfit, moved):
+    generator = np.random.default_rng(3)
+    shifts = {name: dict(zip("abcdefgh", size * generator.standard_normal(8), strict=True)) for name in ("p", "v")}
+    found = judge_goodness(chi2, 1000, shifts)
+    assert (found.misfit, found.moved) == (misfit, moved)
+    assert abs(found.shift) == max(abs(x) for own in shifts.values() for x in own.values())
+    assert found.shift == shifts[found.setting][found.record]
+
+
+def test_few_degrees_of_freedom_prove_little():
+    assert not judge_goodness(6.0, 3, {}).misfit and judge_goodness(40.0, 3, {}).misfit
 
 
 def test_lmfit_finds_the_same(campaign):

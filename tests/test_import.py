@@ -8,6 +8,7 @@ from helpers_measurement import pulse, raw_text, raw_trace
 import ddetumble as dd
 from ddetumble import InputError, check_plausibility, import_tests, read_campaign, write_campaign
 from ddetumble.exam.simulators.impact import simulate
+from ddetumble.measurement.faults import find_truncated
 from ddetumble.measurement.layout import read_layout, split_heading
 
 
@@ -68,6 +69,16 @@ def test_layouts(tmp_path, name):
     notes = "\n".join(campaign.notes)
     for word in ("between cells", "decimal", "contact at", "taken off: normal_force 1.7", "absolute", "uncertainty"):
         assert word in notes
+
+
+def test_a_record_cut_in_mid_contact_is_noted(tmp_path):
+    time, force = raw_trace()
+    whole = import_tests(write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "F [N]"])), **CONDITIONS)
+    short = time < time[np.argmax(force)] + 1e-3
+    cut = import_tests(write(tmp_path / "b.csv", raw_text([time[short], force[short]], ["t [s]", "F [N]"])), **CONDITIONS)
+    assert not find_truncated(whole)
+    (fault,) = find_truncated(cut)
+    assert fault.records == ("b",) and str(fault) in cut.notes
 
 
 def test_units_are_converted(tmp_path):

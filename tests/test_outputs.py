@@ -12,6 +12,7 @@ import pytest
 import typer
 
 from ddetumble.cli import app, main
+from ddetumble.cli.places import open_folder
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -59,21 +60,76 @@ def test_a_command_that_fails_leaves_nothing(words, tmp_path, capsys):
     assert "Traceback" not in capsys.readouterr().err and os.listdir(tmp_path) == []
 
 
+# Where tests run in the background the signal is ignored, and a child inherits that.
+LISTENING = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+# In place of the demo: a call of a compiled library that never comes back and that no signal interrupts.
+STUCK = LISTENING + """
+import ctypes, types
+
+def run_demo(folder, tell):
+    library, lock = ctypes.CDLL(None), ctypes.create_string_buffer(256)
+    library.pthread_mutex_init(lock, None)
+    library.pthread_mutex_lock(lock)
+    (folder / "half.txt").write_text("half")
+    library.pthread_mutex_lock(lock)
+
+sys.modules["ddetumble.demo"] = types.SimpleNamespace(run_demo=run_demo)
+from ddetumble.cli import main
+sys.exit(main())
+"""
+
+
+def interrupt(program: str, words: list[str], ready, times: int = 1) -> tuple[int, str]:
+    """Exit code and standard error of a program that is sent SIGINT once `ready()` is true."""
+    with subprocess.Popen([sys.executable, "-c", program, *words], cwd=ROOT, text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE) as process:
+        while process.poll() is None and not ready():
+            time.sleep(0.05)
+        for _ in range(times):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.1)
+        err = process.communicate()[1]
+    return process.returncode, err
+
+
 @pytest.mark.slow
 def test_an_interrupted_command_leaves_nothing(tmp_path):
-    place = tmp_path / "deep" / "new"
-    # Where tests run in the background the signal is ignored, and a child inherits that.
-    start = ("import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-             "from ddetumble.cli import main; sys.exit(main(sys.argv[1:]))")
-    with subprocess.Popen([sys.executable, "-c", start, "paper", "-o", str(place)], cwd=ROOT, text=True,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while process.poll() is None and not os.listdir(tmp_path):
-            time.sleep(0.05)
-        time.sleep(1.0)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate()
-    assert process.returncode == 130 and "Traceback" not in err and "stopped" in err, (out, err)
+    program = LISTENING + "from ddetumble.cli import main; sys.exit(main())"
+    code, err = interrupt(program, ["paper", "-o", str(tmp_path / "deep" / "new")], lambda: os.listdir(tmp_path))
+    assert code == 130 and err.count("stopped") == 1 and "Traceback" not in err
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the stand-in for a long compilation is a POSIX thread's")
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_command_within_a_long_call_is_interrupted_too(tmp_path, times):
+    code, err = interrupt(STUCK, ["demo", "-o", str(tmp_path / "deep" / "new")],
+                          lambda: list(tmp_path.rglob("half.txt")), times)
+    assert code == 130 and err.count("stopped") == 1 and "Traceback" not in err
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere nobody can ask whether a process lives")
+def test_drafts_of_killed_processes_go_with_the_next_command(tmp_path):
+    """Those of this place alone, and of processes that are no more alone."""
+    def kill_one(name):
+        program = ("import os, signal, sys; from pathlib import Path; from ddetumble.cli.places import open_folder\n"
+                   "with open_folder(Path(sys.argv[1]), 'demo', False) as out:\n"
+                   "    (out.draft / 'half.txt').write_text('half')\n"
+                   "    os.kill(os.getpid(), signal.SIGKILL)\n")
+        assert subprocess.run([sys.executable, "-c", program, str(tmp_path / name)], cwd=ROOT).returncode != 0
+
+    left = {}
+    for name in ("new", "other", "new-er"):
+        before = set(os.listdir(tmp_path))
+        kill_one(name)
+        (left[name],) = set(os.listdir(tmp_path)) - before
+    (tmp_path / ".new-notes").mkdir()
+    with open_folder(tmp_path / "new", "demo", False) as living:
+        assert not (tmp_path / left["new"]).exists()
+        with open_folder(tmp_path / "new", "paper", True):
+            assert {left["other"], left["new-er"], ".new-notes", living.draft.name} < set(os.listdir(tmp_path))
+    assert set(os.listdir(tmp_path)) == {left["other"], left["new-er"], ".new-notes", "new"}
 
 
 @pytest.mark.slow

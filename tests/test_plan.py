@@ -278,6 +278,30 @@ def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):
         assert result["possible"] is possible and result["refused"]["missed"] == one.missed
 
 
+@pytest.mark.parametrize(("limits", "key"), [
+    ({"force": 0.01}, "limits.force"), ({"approach": 1.9}, "limits.force")])
+def test_the_limit_that_stands_in_the_way_is_named_with_what_would_do(limits, key, tmp_path):
+    """At the limit that is named the search finds an impact that is worth its while, and well short of it none."""
+    problem = pose([0.05, 0.02, 0.03], 0.2, **limits)
+    found = plan_sequence(problem, 0.01, 1, starts=2)
+    assert not found.impacts and found.refused is not None and not found.refused.missed
+    told = {one.key: one for one in found.relaxations}
+    one, field = told[key], key.partition(".")[2]
+    assert one.given == limits.get(field, 1000.0) and one.constraint in found.refused.values
+    for factor, worth in ((1.05, True), (0.7, False)):
+        changed = limits | {field: factor * one.needed}
+        assert plan_strike(pose([0.05, 0.02, 0.03], 0.2, **changed), starts=4).worth == worth
+    write_plan(problem, found, tmp_path)
+    result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    assert result["relaxations"] == [dc.asdict(one) for one in found.relaxations] and result["possible"] is False
+
+
+def test_where_no_limit_stands_in_the_way_none_is_named():
+    """Axial spin without friction: nothing takes it, whatever is allowed."""
+    found = plan_sequence(pose([0.0, 0.0, 0.1]), 0.01, 1, starts=2)
+    assert not found.impacts and found.refused is not None and found.relaxations == ()
+
+
 def test_plans_beyond_what_was_measured_say_so(tmp_path):
     """A fit over 0.14 to 0.62 m/s plans 2 m/s: headline, table and result say so; within the limits none does."""
     fit = Path(__file__).resolve().parent.parent / "fits" / "impact-b"
@@ -557,7 +581,9 @@ def test_least_time(two):
     """Waits go down to what is wanted of the momentum; the plans of the chain do what the chain says."""
     problem, found = two
     quick = plan_together(problem, 0.2, 2, aim="time", starts=2)
-    assert quick.reached and quick.shares[-1] <= 0.2 * (1 + 1e-3) and "least time" in quick.together
+    assert quick.reached and quick.shares[-1] <= 0.2 * (1 + 1e-3) and quick.joint is not None
+    assert (quick.joint.aim, quick.joint.taken, quick.joint.impacts) == ("time", True, 2)
+    assert quick.joint.duration == quick.duration and quick.joint.alone[3] == pytest.approx(found.duration)
     # No wait can be shorter than none: what is left is the contacts and what the share asks of the waits.
     assert quick.duration < 0.5 * found.duration
     assert all(min(plan.values.values()) > -1e-5 for plan in quick.impacts)
@@ -579,12 +605,19 @@ def test_one_impact_less():
     share = 0.5 * (least + found.shares[-1])
     fewer = plan_together(problem, share, 3, starts=2)
     assert len(fewer.impacts) == 2 and fewer.reached and fewer.shares[-1] <= share * (1 + 1e-3)
-    assert len(plan_sequence(problem, share, 3, starts=2).impacts) == 3 and "2 impacts do" in fewer.together
+    assert len(plan_sequence(problem, share, 3, starts=2).impacts) == 3
+    assert fewer.joint is not None and (fewer.joint.aim, fewer.joint.taken) == ("impacts", True)
+    assert (fewer.joint.impacts, fewer.joint.alone[0]) == (2, 3)
     # Where no more than two are allowed, one after the other they miss the share, and together they reach it.
     assert not plan_sequence(problem, share, 2, starts=2).reached
     pressed = plan_together(problem, share, 2, starts=2)
-    assert pressed.reached and len(pressed.impacts) == 2 and "changed together" in pressed.together
-    assert "of them leave" in plan_together(problem, 0.95 * least, 3, starts=2).tried
+    assert pressed.reached and len(pressed.impacts) == 2
+    assert pressed.joint is not None and (pressed.joint.aim, pressed.joint.taken) == ("share", True)
+    assert pressed.joint.share <= share * (1 + 1e-3) < pressed.joint.alone[1]
+    # A share that two impacts cannot reach, however optimised: three are planned, and what two leave is told.
+    three = plan_together(problem, 0.95 * least, 3, starts=2)
+    assert len(three.impacts) == 3 and three.joint is not None and (three.joint.taken, three.joint.impacts) == (False, 2)
+    assert three.joint.share == pytest.approx(least, rel=0.02) and three.joint.share > 0.95 * least
 
 
 @pytest.mark.study

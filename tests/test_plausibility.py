@@ -33,6 +33,8 @@ def test_shipped_campaigns_are_plausible(path):
     ("impact-b", "normal_force", "N", "kgf", 9.80665), ("impact-e", "depression", "mm", "m", 1e3),
     ("impact-e", "depression", "m", "mm", 1e-3), ("slip-d", "slip_speed", "mm/s", "m/s", 1e3),
     ("slip-a", "normal_load", "kN", "N", 1e-3), ("slip-a", "tangential_force", "N", "kN", 1e3),
+    ("impact-b", "initial_pressure", "psi", "MPa", 145.03774), ("impact-e", "initial_pressure", "psi", "Pa", 1.4503774e-4),
+    ("slip-a", "internal_pressure", "psi", "MPa", 145.03774), ("slip-a", "internal_pressure", "kPa", "MPa", 1e3),
     ("slip-a", "internal_pressure", "bar", "MPa", 10), ("tumble-a", "angular_velocity", "deg/s", "rad/s", 57.29578),
 ])  # fmt: skip
 def test_a_unit_wrong_throughout_is_named(name, column, actual, stated, factor):
@@ -40,6 +42,16 @@ def test_a_unit_wrong_throughout_is_named(name, column, actual, stated, factor):
     assert len(doubts) == 1 and (column, actual, stated) in doubts[0].mistakes
     assert not doubts[0].low <= doubts[0].value <= doubts[0].high
     assert column in str(doubts[0])
+
+
+@pytest.mark.parametrize(("actual", "stated", "factor"), [("psi", "MPa", 145.03774), ("kPa", "MPa", 1e3)])
+def test_a_known_modulus_in_another_unit_is_named(actual, stated, factor):
+    campaign = dd.read_campaign(dd.find_data() / "slip-a")
+    modulus = campaign.known["elastic_modulus"]
+    assert modulus is not None
+    (doubt,) = dd.check_plausibility(dc.replace(campaign, known=campaign.known | {"elastic_modulus": factor * modulus}))
+    assert doubt.variable == "elastic_modulus" and doubt.value == factor * modulus > doubt.high
+    assert ("elastic_modulus", actual, stated) in doubt.mistakes
 
 
 def test_what_no_single_unit_explains_is_asked_about_all_the_same():

@@ -2,13 +2,18 @@
 
 import dataclasses as dc
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble import InputError, predict, predict_pulses
+from ddetumble import ComputationError, InputError, predict, predict_pulses
+from ddetumble import simulate as simulate_impact
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
+from ddetumble.discrepancy import prediction
+from ddetumble.discrepancy.extrapolation import find_squeezes
+from ddetumble.dynamics.impact import bound_depression
 from ddetumble.effects.wall import StressSoftening, WallStiffness
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
@@ -130,6 +135,46 @@ def test_extrapolation(reference, tmp_path, capsys):
     assert main(["predict", str(reference), str(tmp_path / "far.csv"), "-o", str(tmp_path / "out.csv")]) == 0
     assert "initial_pressure = 9e+06 Pa lies outside" in capsys.readouterr().err
     assert len(pd.read_csv(tmp_path / "out.csv")) == 1
+
+
+@pytest.mark.parametrize("speed", [0.3, 2.0])
+def test_the_bound_of_the_depression_is_that_of_an_undamped_ball(speed):
+    """Solved in time, a ball without damping comes as far as its energy says, and one with damping less far."""
+    conditions = {"initial_pressure": jnp.asarray(1e6), "approach_speed": jnp.asarray(speed)}
+    times = jnp.linspace(0.0, 0.03, 2000)
+    deepest = {e: float(simulate_impact(Ball(restitution=e), conditions, times).depression.max()) for e in (0.5, 1.0)}
+    bound, diameter = bound_depression(Ball(restitution=0.5).extend(()), conditions)
+    assert float(bound) == pytest.approx(deepest[1.0], rel=1e-3) and deepest[0.5] < float(bound)
+    assert float(diameter) == 0.06
+
+
+def test_absurd_conditions_are_told_by_what_they_do_to_the_ball(reference):
+    """A record that squeezes the ball out of shape is found, whether or not the model can still be integrated there."""
+    saved = load_model(reference)
+    settings = {"initial_pressure": np.array([1e6, 1e6, 1e6]), "approach_speed": np.array([0.4, 10.0, 400.0])}
+    slow, fast = find_squeezes(saved, ["a", "b", "c"], settings)
+    assert (slow.record, fast.record) == ("b", "c")
+    assert 0.5 * slow.diameter < slow.depression < slow.diameter <= fast.depression
+    rows = pd.DataFrame({"record": ["a", "b"], "initial_pressure": 1e6, "approach_speed": [0.4, 10.0]})
+    calm, beyond = (set(predict(saved, rows[rows.record == key]).attrs["notes"]) for key in "ab")
+    assert not calm and len(beyond) == 2  # outside what was measured, and what follows for the ball
+
+
+def test_what_cannot_be_integrated_says_what_is_out_of_the_ordinary(reference, monkeypatch):
+    saved = load_model(reference)
+    work = prediction._linearise
+
+    def fail(*given):
+        *found, failed = work(*given)
+        return *found, np.ones_like(failed)
+
+    monkeypatch.setattr(prediction, "_linearise", fail)
+    settings = {"initial_pressure": 1e6, "approach_speed": 400.0}
+    (squeeze,) = find_squeezes(saved, ["x"], {name: np.array([value]) for name, value in settings.items()})
+    with pytest.raises(ComputationError) as found:
+        predict(saved, pd.DataFrame([{"record": "x"} | settings]))
+    (outside,) = saved.outside(settings)
+    assert outside in str(found.value) and str(squeeze) in str(found.value)
 
 
 HEAD = "record,initial_pressure,approach_speed,time\n"

@@ -262,7 +262,7 @@ def test_generic_page(tmp_path):
     path = write_page("Title", "It falls.", sections, tmp_path, "paper.html", facts=[("a", "1", "")])
     page = Page(path.read_text(encoding="utf-8"))
     assert path.name == "paper.html" and page.text[0] == "It falls."
-    assert {"a <b>", "–", "1.5", "a point"} <= set(page.text) and page.images[1]["alt"].startswith("A line that")
+    assert {"a <b>", "–", "1.5", "A point"} <= set(page.text) and page.images[1]["alt"].startswith("A line that")
     with pytest.raises(ValueError, match="no name for a file"):
         write_page("t", "s", [Section("x", figures=[("../up", "c", draw_line())])], tmp_path)
 
@@ -273,6 +273,26 @@ def test_comparison(tmp_path):
     path = write_comparison("The model misses.", {"paper": step.traces}, tmp_path, status=["campaign impact-f"])
     assert path.name == "comparison.html"
     check_page(path, "The model misses.")
+
+
+def test_commands_are_code_and_html_passes(tmp_path):
+    import markupsafe
+
+    texts = ["`ddetumble fit -o <DIR>` fits -1.5 N; k_e is the name of a parameter.", "k_e = 2",
+             markupsafe.Markup("<i>x</i>"), "one ` alone <b>", "each of 3 samples"]
+    html = write_page("t", "s", [Section("x", texts)], tmp_path).read_text(encoding="utf-8")
+    shown = [html.partition("<section")[2].split("<p>")[i].partition("</p>")[0] for i in range(1, 6)]
+    assert shown[0].startswith("<code>ddetumble fit -o &lt;DIR&gt;</code> fits −1.5\u00a0N")
+    assert shown[1:] == ["k_e = 2", "<i>x</i>", "One ` alone &lt;b&gt;", "Each of 3 samples"]
+
+
+def test_columns_have_the_width_of_their_words(tmp_path):
+    rows = [("a", "0.123, 0.456, 0.789", "a sentence that would make a row high", "x" * 64, "1.5", 30.8),
+            ("b", "none", "short", "y", "2.2 % (step 2)", 4.25)]  # fmt: skip
+    html = write_page("t", "s", [Section("x", tables=[Table(tuple("uvwxyz"), rows, "Caption.")])], tmp_path).read_text()
+    kinds = re.findall(r'<th scope="col" class="([a-z ]+)"', html)
+    assert kinds == ["brief", "phrase", "prose", "prose wild", "right", "right"]
+    assert ">30.80<" in html and 'aria-labelledby="table-1-1"' in html
 
 
 def test_pages_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
@@ -302,7 +322,7 @@ def test_values_have_the_digits_that_count(value, sd, text):
 
 
 def test_small_words():
-    assert [format_number(x) for x in (0.0, 12.345, 1e-9, None, math.inf)] == ["0.00", "12.3", "1.00e-09", "–", "–"]
+    assert [format_number(x) for x in (0.0, 12.345, 1e-9, None, math.inf)] == ["0", "12.3", "1.00e-09", "–", "–"]
     assert [format_p(x) for x in (1e-9, 0.0312, 0.4, math.nan)] == ["< 0.001", "0.031", "0.40", "–"]
     conditions = {"initial_pressure": 1.109e6, "approach_speed": 0.1398, "pad_thickness": 0.002}
     assert describe_conditions(conditions, conditions) == "1.11 MPa · 0.14 m/s · pad thickness 0.002"

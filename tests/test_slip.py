@@ -157,7 +157,7 @@ def test_noise_of_strokes_is_measured_between_the_turns():
 def test_known_names_are_checked():
     campaign = read_campaign(find_data() / "slip-c")
     known = dict(campaign.known)
-    with pytest.raises(InputError, match="datapackage.json, column elastic_modulu: .*did you mean elastic_modulus"):
+    with pytest.raises(InputError, match="datapackage.json, key known.elastic_modulu: .*did you mean elastic_modulus"):
         compare(dc.replace(campaign, known={"elastic_modulu": known.pop("elastic_modulus"), **known}))
     notes = compare(dc.replace(campaign, known={**campaign.known, "operator_age": 40.0})).notes
     assert any("'operator_age' is no parameter of the model" in note for note in notes)
@@ -238,7 +238,7 @@ def test_bad_input(tmp_path):
                             ({"slip": [1e-3], "slip_speed": 0.0}, "slip_speed")):
         with pytest.raises(InputError, match=message):
             predict(tmp_path / "fitted", pd.DataFrame(wanted | change))
-    with pytest.raises(InputError, match="known: -0.5 is outside what adhesion_constant can be"):
+    with pytest.raises(InputError, match="known.adhesion_constant: -0.5 is outside"):
         fit(dc.replace(campaign, known=campaign.known | {"adhesion_constant": -0.5}))
     write_campaign(tmp_path / "copy", campaign)
     rows = (tmp_path / "copy" / "records.csv").read_text(encoding="utf-8").splitlines()

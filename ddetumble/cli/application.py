@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from . import caching, estimation, exam, examination, measurement, models, planning, sampling, story, striking
-from .failures import run_guarded
+from .failures import run_guarded, tell_stopped
+from .interrupts import watch_interrupts
 
 
 app = typer.Typer(
@@ -50,7 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code: 0, 2 for bad input, 1 for a failure of the computation.
 
     Args:
-        arguments: What stands behind `ddetumble` on the command line; the process's own arguments if not given.
+        arguments: What stands behind `ddetumble` on the command line; the process's own arguments if not given, and
+            then Ctrl-C ends the process itself wherever it is.
     """
+    if arguments is None:
+        watch_interrupts(tell_stopped)
     words = list(sys.argv[1:] if arguments is None else arguments)
     return run_guarded(lambda: app(words, prog_name="ddetumble", standalone_mode=False), words)

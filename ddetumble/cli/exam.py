@@ -53,7 +53,7 @@ def sit_exam(
     from ..exam.drawing import TRUTHS, Exam
 
     if scheduler is not None and workers is not None:
-        raise InputError("a scheduler has workers of its own; leave out --workers", column="--scheduler")
+        raise InputError("a scheduler has workers of its own; leave out --workers", option="--scheduler")
     chosen = tuple(kind for kind in TRUTHS if kind in truth) + tuple(k for k in truth if k not in TRUTHS) \
         if truth else TRUTHS
     exam = Exam(family, seed, chosen, noise, fault)

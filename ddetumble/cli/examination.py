@@ -68,14 +68,13 @@ def compare_model(
 
 def _write_comparison(result, model: str, folder: Path) -> Path:
     """Write `compare.json` and the page of a comparison; returns the page's path."""
-    from ..report import Section, write_comparison
+    from ..report import tabulate_errors, write_comparison
 
     result.save(folder)
     return write_comparison(
         result.sentence, {model: result.traces}, folder, title=f"{result.campaign} and the model {model}",
         noise=result.noise, where=result.where, status=(result.campaign, f"{len(result.records)} records"),
-        sections=[Section("Errors", ("By channel, by condition, by record; `ratio` is the error over the noise.",),
-                          tables=(result.channels, result.conditions, result.records))])
+        sections=[tabulate_errors(result)])
 
 
 def identify_force(

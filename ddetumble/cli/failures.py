@@ -6,14 +6,17 @@ import os
 import shlex
 import sys
 import tempfile
+import threading
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
 
 from .._errors import ComputationError, InputError
+from .interrupts import INTERRUPTED
 
 
-BAD_INPUT, FAILED, INTERRUPTED, PIPE_CLOSED = 2, 1, 130, 141
+BAD_INPUT, FAILED, PIPE_CLOSED = 2, 1, 141
+_stopped = threading.Event()
 
 
 def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
@@ -38,7 +41,7 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
                 raise KeyboardInterrupt
             return code if isinstance(code, int) else 0
         except KeyboardInterrupt:
-            return tell("stopped.", INTERRUPTED)
+            return tell_stopped()
         except BrokenPipeError:
             return _leave_pipe()
         except SystemExit as error:  # typer's answer to a closed pipe
@@ -56,6 +59,15 @@ def tell(sentence: str, code: int) -> int:
     except OSError:
         pass  # nobody is listening; the exit code says the rest
     return code
+
+
+def tell_stopped() -> int:
+    """Print, once for each process that ends by it, that the command was stopped; returns the exit code."""
+    if threading.current_thread() is threading.main_thread():
+        _stopped.set()
+    elif _stopped.is_set():
+        return INTERRUPTED
+    return tell("stopped.", INTERRUPTED)
 
 
 def _explain(error: Exception, words: Sequence[str]) -> int:

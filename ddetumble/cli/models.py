@@ -31,7 +31,7 @@ def show_models(
     from ..inference.builtin import BUILTIN
 
     if family is not None and family not in BUILTIN:
-        raise InputError(f"there is no family {family!r}; there are {', '.join(BUILTIN)}", column="--family")
+        raise InputError(f"there is no family {family!r}; there are {', '.join(BUILTIN)}", option="--family")
     families = {key: models for key, models in BUILTIN.items() if family in (None, key)}
     if name is None:
         width = max(len(one) for models in families.values() for one in models)
@@ -43,7 +43,7 @@ def show_models(
     found = {key: models[name] for key, models in families.items() if name in models}
     if not found:
         known = dict.fromkeys(one for models in families.values() for one in models)
-        raise InputError(f"there is no model {name!r}; there are {', '.join(known)}", column="NAME")
+        raise InputError(f"there is no model {name!r}; there are {', '.join(known)}", option="NAME")
     typer.echo("\n".join(line for key, model in found.items() for line in _describe(name, key, model)))
 
 

@@ -5,18 +5,22 @@ One rule for everything that is written: a command writes to a folder (or file) 
 """
 
 import dataclasses as dc
+import hashlib
 import json
 import os
+import platform
+import re
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._errors import InputError
 from .._settings import find_data
+from .interrupts import undone_by
 
 
 if TYPE_CHECKING:
@@ -85,30 +89,71 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
     """
     given, path = path, Path(os.path.realpath(path))
     _refuse_taken(given, overwrite, beside, resumes)
+    _remove_stale_drafts(path)
     made = [folder for folder in (path, *path.parents) if not folder.exists()]
     draft, done = None, False
-    try:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            draft = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-            os.chmod(draft, 0o777 & ~_read_umask())
-        except OSError as error:
-            raise InputError(f"the folder cannot be made ({_reason(error)})", file=given) from None
-        if overwrite:
-            for name in resumes:
-                _remove(path / name)
-        yield Output(given, draft)
-        _publish(draft, path, command, bool(beside))
-        done = True
-    finally:
+
+    def clear_up() -> None:
         if not done and resumes and not (path / progress).exists():
             for name in resumes:
                 _remove(path / name)
         if draft is not None:
             shutil.rmtree(draft, ignore_errors=True)
         for folder in made:  # none stays empty
-            if folder.is_dir() and not any(folder.iterdir()):
-                folder.rmdir()
+            with suppress(OSError):
+                if folder.is_dir() and not any(folder.iterdir()):
+                    folder.rmdir()
+
+    with undone_by(clear_up):
+        try:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                draft = Path(tempfile.mkdtemp(prefix=f".{path.name}-{_name_machine()}-{os.getpid()}-", dir=path.parent))
+                os.chmod(draft, 0o777 & ~_read_umask())
+            except OSError as error:
+                raise InputError(f"the folder cannot be made ({_reason(error)})", file=given) from None
+            if overwrite:
+                for name in resumes:
+                    _remove(path / name)
+            yield Output(given, draft)
+            _publish(draft, path, command, bool(beside))
+            done = True
+        finally:
+            clear_up()
+
+
+def _remove_stale_drafts(path: Path) -> None:
+    """Remove the drafts beside a place whose process was killed before it could.
+
+    The name of a draft tells the machine and the number of its process. One of another machine on a shared disk stays,
+    and so does one whose number belongs to a living process by now.
+    """
+    if os.name != "posix" or not path.parent.is_dir():  # elsewhere the question itself would end the process
+        return
+    draft = re.compile(rf"\.{re.escape(path.name)}-{_name_machine()}-(\d+)-\w{{8}}")
+    for one in path.parent.iterdir():
+        match = draft.fullmatch(one.name)
+        if match and one.is_dir() and not one.is_symlink() and not _is_alive(int(match[1])):
+            shutil.rmtree(one, ignore_errors=True)
+
+
+def _name_machine() -> str:
+    """Eight digits for all processes that know each other by their numbers: of one machine, outside of containers."""
+    try:
+        space = os.readlink("/proc/self/ns/pid")
+    except OSError:  # not on Linux
+        space = ""
+    return hashlib.sha256(f"{platform.node()} {space}".encode()).hexdigest()[:8]
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 @contextmanager

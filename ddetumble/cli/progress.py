@@ -5,6 +5,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from .interrupts import undone_by
+
 
 Report = Callable[..., None]
 
@@ -26,7 +28,8 @@ def show_progress(title: str) -> Iterator[Report]:
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, refresh_per_second=5) as progress:
+    with (Progress(*columns, console=Console(stderr=True), transient=True, refresh_per_second=5) as progress,
+          undone_by(progress.stop)):  # which gives the terminal its cursor back
         task = progress.add_task(title, total=None)
 
         def report(message: str, fraction: float | None = None) -> None:

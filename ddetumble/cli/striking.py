@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from .._errors import InputError
 from .._settings import find_data
 from .options import OVERWRITE
 from .places import open_folder
@@ -37,9 +38,14 @@ def plan_impacts(
     from ..planning.scenario import pose_laws, pose_problem, read_scenario
 
     wanted = read_scenario(path)
-    laws = pose_laws(wanted, path.parent)
-    problem = pose_problem(wanted, path.parent, laws)
-    ranges = find_measured_ranges(wanted, path.parent)
+    try:
+        laws = pose_laws(wanted, path.parent)
+        problem = pose_problem(wanted, path.parent, laws)
+        ranges = find_measured_ranges(wanted, path.parent)
+    except InputError as error:
+        if error.file is not None or error.key is None:
+            raise
+        raise InputError(error.problem, file=path, key=error.key) from None
     from ..planning.ambiguity import assess_plan
     from ..planning.chain import plan_together
     from ..planning.prospect import assess_sequence

@@ -12,11 +12,12 @@ import dataclasses as dc
 import numpy as np
 from scipy import sparse, stats
 
+from ..inference.goodness import combine_p_values
 from ..inference.noise import Noise, whitening_matrix
 from ..inference.problem import Problem, Solution
 from ..inference.whiteness import list_spans, spline_columns
 from .records import LackOfFit
-from .shifts import LEVEL, combine_p_values, measure_shifts
+from .shifts import LEVEL, measure_shifts
 
 
 DRAWS = 4000  # of the parametric bootstrap
@@ -103,9 +104,10 @@ def judge_fit(problem: Problem, solution: Solution, bases: list[sparse.csr_matri
     how = (f", calibrated within records by a parametric bootstrap of {DRAWS} draws of the whitened noise" if within
            else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
-    text = (f"the smallest p-value, counted three times, of three statistics: chi-square of the smooth part of "
-            f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to {spread:.1%}); the "
-            f"largest efficient score of any effect or probe outside the model{how}{moved}")
+    number = "three" if shifts else "two"
+    text = (f"the smallest p-value, counted three times, of {number} statistics: chi-square of the smooth part of "
+            f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
+            f"{100 * spread:.1f} %); the largest efficient score of any effect or probe outside the model{how}{moved}")
     return LackOfFit(ratio, degrees, p, level, p < level, smooth, score_p_value, settings, text)
 
 

@@ -18,13 +18,12 @@ from ..inference.parameters import to_coordinate
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.thinning import thin_campaign
-from ..measurement.units import choose_time_unit
 from .places import residual_places
 from .records import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .shifts import hold_settings, is_moved, measure_shifts
 from .steps import describe_noise, public_estimates
 from .traces import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel
-from .wording import say_level
+from .wording import describe_moves, describe_place, find_longest
 from .workbench import Workbench
 
 
@@ -174,7 +173,7 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
         held = measure_error(bench.records, hold_settings(bench.problem, solution).channels)
     return Comparison(
         campaign.name, campaign.title, campaign.sha256, model, tuple(solution.names),
-        _say(name, campaign, channels, records, where, lack, shifts, held, floor), lack,
+        _say(name, campaign, traces, channels, records, where, lack, shifts, held, floor), lack,
         float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
         _by_condition(campaign, traces, bench.groups), residuals,
         public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces,
@@ -286,8 +285,9 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
     return rows
 
 
-def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.DataFrame, where: Sequence[Place],
-         lack: LackOfFit, shifts: Sequence[SettingShift], held: float | None, floor: float) -> str:
+def _say(model: str, campaign: Campaign, traces: Sequence[Trace], channels: pd.DataFrame, records: pd.DataFrame,
+         where: Sequence[Place], lack: LackOfFit, shifts: Sequence[SettingShift], held: float | None, floor: float
+         ) -> str:
     """The outcome in words."""
     ratio = float(np.sqrt(np.mean(channels["ratio"] ** 2)))
     worst = records.loc[records["ratio"].idxmax()]
@@ -298,18 +298,17 @@ def _say(model: str, campaign: Campaign, channels: pd.DataFrame, records: pd.Dat
         if name in campaign.conditions:
             setting.append(f"{worst[name] * scale:.3g} {unit}, ")
     if not lack.rejected:
-        return (f"The model `{model}` leaves {ratio:.2f} times the noise, and nothing but noise as far as this "
-                f"campaign shows (p = {lack.p_value:.2g}).")
+        return (f"Nothing is missing as far as this campaign shows. The model {model!r} leaves {ratio:.2f} times the "
+                f"noise (p = {lack.p_value:.2g}).")
+    moved, apart = describe_moves(shifts), ""
+    if moved:
+        start = "" if held is None or not np.isfinite(held) else (
+            f"it leaves {held / max(floor, 1e-300):.2f} times with the settings as they are written down, as ")
+        apart = f" {start[:1].upper()}{start[1:]}{moved}." if start else f" {moved[:1].upper()}{moved[1:]}."
     place = ""
     if where:
-        spot = max(where, key=lambda w: w.share)
-        known = {"depression": (1e3, "mm"), "slip": (1e3, "mm"), "time": (1e3, "ms")}
-        scale, unit = known.get(spot.variable, (1.0, ""))
-        if unit == "ms":
-            unit, scale = choose_time_unit(spot.range[1])
-        phase = f" while {spot.phase}" if spot.phase in ("loading", "unloading", "backward") else ""
-        place = (f"; the residuals of {spot.channel} are largest at {spot.variable.replace('_', ' ')} "
-                 f"{spot.range[0] * scale:.3g} to {spot.range[1] * scale:.3g} {unit}".rstrip() + phase)
-    left = say_level(ratio * floor, floor, shifts, held)
-    return (f"The model `{model}` leaves {left}: something is missing. Worst record "
-            f"{worst['record']} ({''.join(setting)}{worst['ratio']:.3g} times the noise){place}.")
+        sizes = dict(zip(channels["channel"], channels["ratio"], strict=True))
+        spot = max(where, key=lambda w: (sizes.get(w.channel, 0.0), w.share))
+        place = f" The misfit sits in the {describe_place(spot, find_longest(traces))}."
+    return (f"Something is missing: the model {model!r} leaves {ratio:.2f} times the noise.{apart} Worst is record "
+            f"{worst['record']} ({''.join(setting)}{worst['ratio']:.3g} times the noise).{place}")

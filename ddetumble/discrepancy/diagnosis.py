@@ -8,7 +8,7 @@ import numpy as np
 
 from .._errors import ComputationError
 from ..inference.stack import DRIFT, Stack
-from ..measurement.units import si_unit
+from ..measurement.units import format_time, si_unit
 from .misfits import Aside, Misfit, measure_record, replace_stack, settle, whiten_columns
 from .workbench import Workbench
 
@@ -256,9 +256,11 @@ def _try_conditions(workbench: Workbench, aside: Aside) -> Diagnosis | None:
         return None
     _, name, change = min(found)
     if name == "time":
-        shown = "slip" if workbench.family.name == "slip" else "clock"
-        factor, unit = (1e3, "mm") if shown == "slip" else (1e3, "ms")
-        return Diagnosis("clock", name, f"It fits if its {shown} is off by {factor * change:.3g} {unit}.",
+        independent = workbench.campaign.independent
+        shown = "slip" if independent is not None and independent.name == "slip" else "clock"
+        last = float(np.max(np.asarray(stack.time)[r, : records.lengths[r]]))
+        off = f"{1e3 * change:.3g} mm" if shown == "slip" else format_time(change, last)
+        return Diagnosis("clock", name, f"It fits if its {shown} is off by {off}.",
                          "Look at the trigger, or find the onset of that record again.")
     value = float(workbench.campaign.records[name].iloc[r])
     return Diagnosis("setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, not "

@@ -13,6 +13,7 @@ from ..inference.assembly import require_samples
 from ..inference.families import find_family, name_family
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
+from ..measurement.units import format_time
 from .cleaning import ROUNDS, begin_cleaning, clean_records
 from .freeform import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
 from .holdout import DECISIVE, is_beaten
@@ -20,7 +21,7 @@ from .laws import find_laws, find_rivals
 from .records import Law, MissingForce, Shape
 from .search import try_effects
 from .terms import Term, evaluate_basis
-from .wording import NAMES, UNITS, name_value
+from .wording import NAMES, UNITS, format_plain, name_value
 from .workbench import Fitted, Workbench
 
 
@@ -261,38 +262,42 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
     """The sentence of a missing force, and notes on what it does not say."""
     noise = f"{np.sqrt(found.reference / found.floor):.2f}"
     where = "records" if bench.workbench.family.free_running else "conditions"
+    time = np.asarray(bench.records.stack.time)
+    longest = max(float(time[r, :n].max()) for r, n in enumerate(bench.records.lengths))
     start = f"On left-out {where} the reference model leaves {noise} times the noise"
     if found.catalogue is not None:
         name, loss = found.catalogue
         removes = found.share(loss)
-        start += (f"; the best effect of the catalogue, {name}, removes {removes:.0%} of that misfit" if removes > 0.005
-                  else "; no effect of the catalogue removes any of that misfit")
+        start += (f"; the best effect of the catalogue, {name}, removes {_share(removes)} of that misfit"
+                  if removes > 0.005 else "; no effect of the catalogue removes any of that misfit")
     if found.effects:
-        start += f"; with {' and '.join(found.effects)} it is {found.share(found.model):.0%}"
+        start += f"; with {' and '.join(found.effects)} it is {_share(found.share(found.model))}"
     if found.ceiling is None or not found.shapes:
-        return (start + ". No force of these variables (" + ", ".join(
-            NAMES.get(v, v.replace("_", " ")) for v in dict.fromkeys(t.variable for t in bench.terms))
-                + f") predicts left-out {where} better: there is no force to draw."), ()
+        tried = ", ".join(NAMES.get(v, v.replace("_", " ")) for v in dict.fromkeys(t.variable for t in bench.terms))
+        return f"There is no force to draw. {start}, and no force of these variables does better: {tried}.", ()
     best, notes = found.shapes[0], []
     share = found.share(found.ceiling[1])
     joined = " plus ".join(found.ceiling[0])
-    sentence = (f"{start}. A free force inside the equation of motion removes {share:.0%} ({joined}): that is the "
-                "ceiling.")
-    sentence += f" Alone, {_say_shape(best)} does best"
-    if best.begins is not None:
-        sentence += f"; it is told from zero from {_say_value(best.variable, best.begins)} on"
-    sentence += f". {_say_lone(found)}" if found.lone else "."
+    begins = "" if best.begins is None else (
+        f"; it differs from zero from {_say_value(best.variable, best.begins, longest)} on")
+    if share < WORTH:
+        sentence = (f"A force removes no more than {_share(share)} of the misfit. {start}. Of the free forces inside "
+                    f"the equation of motion, {joined} come nearest; alone, {_say_shape(best)} does best{begins}.")
+    else:
+        sentence = (f"What is missing acts like {_say_shape(best)}{begins}. {start}. A free force inside the equation "
+                    f"of motion removes at most {_share(share)} of that misfit ({joined}).")
+    sentence += f" {_say_lone(found)}" if found.lone else ""
     if found.laws:
         law = found.laws[0]
         values = "; ".join(name_value(n, e) for n, e in law.parameters.items())
-        sentence += f" A simple law draws it: {law.text} ({values}), "
-        sentence += "as fitted to that condition." if found.lone else f"which removes {found.share(law.loss):.0%}."
+        sentence += f" A simple law describes it, {law.text} ({values}), "
+        sentence += "as fitted to that condition." if found.lone else f"and removes {_share(found.share(law.loss))}."
         rivals = find_rivals(found.laws)
         if rivals:
             sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
         better = min((r for r in found.laws if r.chi2 > law.chi2 + DECISIVE), key=lambda r: r.loss, default=law)
         if better.loss < law.loss - DECISIVE and not found.lone:
-            notes.append(f"{better.text} removes {found.share(better.loss):.0%} of the misfit on left-out {where}, "
+            notes.append(f"{better.text} removes {_share(found.share(better.loss))} of the misfit on left-out {where}, "
                          "within chance of that, but fits the records worse by "
                          f"{better.chi2 - law.chi2:.0f} noise variances.")
     if found.alike:
@@ -300,19 +305,19 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
     if best.centred:
         notes.append("The model's parameters make up for a constant part: the curve is drawn about its mean.")
     if best.visible < UNSEEN:
-        notes.append(f"Only {best.visible:.1%} of the force's own signature is left when the model's parameters are "
-                     "free to imitate it: its shape is known up to what they can make up for.")
+        notes.append(f"Only {100 * best.visible:.1f} % of the force's own signature is left when the model's "
+                     "parameters are free to imitate it: its shape is known up to what they can make up for.")
     empty = best.visited < 0.02 / PLACES
     if empty.any() and not best.variable.startswith("initial"):
         last = best.x[~empty].max() if (~empty).any() else best.x[0]
         if last < best.x[-2]:
-            notes.append(f"Beyond {_say_value(best.variable, float(last))} there are no samples: there the curve only "
-                         "goes on straight.")
+            notes.append(f"Beyond {_say_value(best.variable, float(last), longest)} there are no samples: there the "
+                         "curve only goes on straight.")
     if share < WORTH:
         notes.append("That is too little for a law to be looked for.")
     if share < 0.9:
-        notes.append(f"{1.0 - share:.0%} of the misfit is left that no force of these variables removes: its cause is "
-                     "elsewhere (a sensor, a state of its own, a variable that is not measured).")
+        notes.append(f"{_share(1.0 - share)} of the misfit is left that no force of these variables removes: its "
+                     "cause is elsewhere (a sensor, a state of its own, a variable that is not measured).")
     if found.family == "impact":
         notes.append("The force adds to the elastic force, and the damping multiplies it too.")
     notes.append("Bands are two posterior standard deviations; they hold what the model's own parameters and the "
@@ -325,13 +330,16 @@ def summarise_missing(found: MissingForce) -> str:
     if found.ceiling is None or not found.shapes:
         return "No force of the variables that were tried removes any of it."
     share = found.share(found.ceiling[1])
-    text = (f"A free force inside the equation of motion removes {share:.0%} of the reference model's misfit on what "
-            "was left out: "
-            f"{_say_shape(found.shapes[0])}")
+    text = (f"A free force inside the equation of motion removes {_share(share)} of the reference model's misfit "
+            f"on what was left out: {_say_shape(found.shapes[0])}")
     if found.laws:
         law = found.laws[0]
-        text += f"; {law.text} draws it ({'; '.join(name_value(n, e) for n, e in law.parameters.items())})"
+        text += f"; {law.text} describes it ({'; '.join(name_value(n, e) for n, e in law.parameters.items())})"
     return f"{text}. {_say_lone(found)}" if found.lone else f"{text}."
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %"
 
 
 def _say_lone(found: MissingForce) -> str:
@@ -354,8 +362,8 @@ def _say_shape(shape: Shape) -> str:
     return f"{way} that depends on the {name}" + (f", {' and '.join(phases)} apart" if phases else "")
 
 
-def _say_value(variable: str, value: float) -> str:
+def _say_value(variable: str, value: float, longest: float) -> str:
+    if variable == "time":
+        return format_time(value, longest)
     unit, factor = UNITS.get(variable, ("", 1.0))
-    if variable == "time" and abs(value) > 2.0:
-        unit, factor = "s", 1.0
-    return f"{value * factor:.3g} {unit}".rstrip()
+    return f"{format_plain(value * factor)} {unit}".rstrip()

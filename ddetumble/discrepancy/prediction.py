@@ -10,14 +10,13 @@ import numpy as np
 import pandas as pd
 
 from .._errors import ComputationError, InputError
-from ..contact.friction import describe_range
-from ..contact.sliding import RubberFriction
 from ..inference.archive import SavedModel, load_model
 from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..inference.starts import lay_mesh
 from ..posterior.stacking import FILE as WEIGHTS
+from .extrapolation import describe_extrapolation, describe_failure
 from .requests import Request, read_request
 
 
@@ -65,7 +64,7 @@ def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.Da
     abscissa, keys, values = name_abscissa(saved), request.keys, request.values
     groups = request.groups()
     settings = request.settings(name_conditions(saved))
-    notes = [*request.notes, *find_extrapolation(saved, [key for key, _ in groups], settings)]
+    notes = [*request.notes, *describe_extrapolation(saved, [key for key, _ in groups], settings)]
     verdict = saved.extra.get("verdict")
     if verdict in OPEN:
         notes.insert(0, f"The discovery of this model ended with {verdict!r}: it does not fit its own records to the "
@@ -174,28 +173,6 @@ def find_ends(saved: SavedModel, settings: dict[str, np.ndarray], keys: list[str
     return ends, done
 
 
-def find_extrapolation(saved: SavedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
-    """Sentences on conditions beyond those of the campaign."""
-    found: dict[str, list[str]] = {}
-    for i, key in enumerate(keys):
-        for phrase in saved.outside({name: float(v[i]) for name, v in settings.items()}, slack=0.02):
-            found.setdefault(phrase, []).append(key)
-    notes = []
-    for phrase, records in list(found.items())[:6]:
-        more = f" and {len(records) - 3} more" if len(records) > 3 else ""
-        notes.append(f"Extrapolated: {phrase} (record {', '.join(records[:3])}{more}).")
-    if len(found) > 6:
-        notes.append(f"Extrapolated in {len(found) - 6} further settings.")
-    pressure = settings.get("initial_pressure")
-    loads = settings.get("normal_load")
-    if loads is not None and isinstance(saved.space.reference, RubberFriction):
-        notes += [f"Outside the range of Eq. 10: {phrase}." for phrase in dict.fromkeys(map(describe_range, loads))
-                  if phrase]
-    if pressure is not None and np.any(pressure == 0) and "gas" in saved.space.reference.provides:
-        notes.append("Without gas (initial_pressure = 0) this model's ball has no gas force.")
-    return notes
-
-
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _linearise(space, names, channels, stack, base, directions, low, high):
     """Channels, derivatives along `directions` and by the nuisances in their deviations, end of contact, failures."""
@@ -275,9 +252,7 @@ def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
         span = np.where(long, 2.0 * end, span)
     if failed[:count].any():
         i = int(np.argmax(failed[:count]))
-        where = ", ".join(f"{n} = {v[i]:g}" for n, v in settings.items())
-        raise ComputationError(f"the model could not be integrated for record {keys[i]!r} ({where}); check its "
-                               "conditions and their units")
+        raise ComputationError(describe_failure(saved, keys[i], settings, i))
     return mean[:count], shared[:count], own[:count], end[:count]
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 
 from .._errors import InputError
 from ..inference.archive import SavedModel, load_model
+from ..measurement.units import format_time
 from ..posterior.stacking import FILE as WEIGHTS
 from .prediction import (
     CHUNK,
@@ -67,8 +68,8 @@ def predict_pulses(model: str | Path | SavedModel, conditions: str | Path | pd.D
     groups = request.groups()
     keys, settings = [key for key, _ in groups], request.settings(name_conditions(saved))
     values, deviations = _follow_pulses(saved, settings, keys)
-    notes = [f"Record {key} is still in contact {values['last'][k]:.3g} s after first touch: it has no duration and no "
-             "impulse." for k, key in enumerate(keys) if not np.isfinite(values[DURATION][k])]
+    notes = [f"Record {key} is still in contact {format_time(values['last'][k])} after first touch: it has no duration "
+             "and no impulse." for k, key in enumerate(keys) if not np.isfinite(values[DURATION][k])]
     columns: dict[str, object] = {"record": keys}
     for name in UNITS:
         if name in values:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
-from scipy import stats
 
+from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.problem import Problem, Solution
 from ..inference.stack import DRIFT, ZERO, Records
 from .records import SettingShift
@@ -29,22 +29,15 @@ def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, 
         if not count:
             continue
         worst = int(np.argmax(np.abs(moved)))
-        together = float(stats.chi2.sf(np.sum(moved**2), count))
-        alone = min(count * 2.0 * float(stats.norm.sf(abs(moved[worst]))), 1.0)
         found.append(SettingShift(
             name, float(np.median(stated[stated > 0])), float(np.sqrt(np.sum(moved**2) / count)), float(moved[worst]),
-            records.keys[worst], combine_p_values((together, alone)), moved))
+            records.keys[worst], weigh_shifts(moved[stated > 0]), moved))
     return tuple(found)
 
 
 def is_moved(shifts: Sequence[SettingShift]) -> bool:
     """Whether settings were moved further than chance moves them, at the level of one statistic of the lack of fit."""
     return combine_p_values([shift.p_value for shift in shifts]) < EACH
-
-
-def combine_p_values(values: Sequence[float]) -> float:
-    """The p-value of the smallest of several (Bonferroni)."""
-    return min(len(values) * min(values), 1.0) if values else 1.0
 
 
 def hold_settings(problem: Problem, solution: Solution) -> Solution:

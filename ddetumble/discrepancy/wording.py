@@ -7,13 +7,15 @@ import numpy as np
 
 from ..inference.families import Family
 from ..measurement.faults import Fault
-from ..measurement.units import choose_time_unit
+from ..measurement.units import choose_time_unit, format_time
 from .holdout import is_beaten
 from .limits import LARGEST_PART
-from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step
+from .records import UNSEEN, Discovery, Estimate, Place, SettingShift, Step, Trace
 from .shifts import EACH
 
 
+PHASES = {"forward": " on strokes forward", "backward": " on strokes backward"}
+BRIEF = 60  # characters of estimates that still go into a headline
 CHANNEL_WORDS = {"normal_force": "force", "tangential_force": "friction force", "depression": "depression",
                  "pressure": "pressure"}
 CHANNEL_WORDS |= {f"angular_velocity_{a}": f"angular velocity about {a}" for a in "xyz"}
@@ -41,19 +43,30 @@ def name_value(name: str, e: Estimate) -> str:
     return f"{name} = {value} ± {sd} {e.unit}".rstrip()
 
 
-def describe_place(place: Place) -> str:
-    """One place of a misfit in words."""
+def format_plain(value: float) -> str:
+    """A number to three digits, and to more before it takes a power of ten: `1500`, not `1.5e+03`."""
+    return f"{value:.0f}" if 999.5 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+def find_longest(traces: Sequence[Trace]) -> float:
+    """The last time of any record [s], which decides on the unit of all; 0 where nothing lies over time."""
+    return max((float(np.nanmax(t.time)) for t in traces if t.independent == "time" and np.size(t.time)), default=0.0)
+
+
+def describe_place(place: Place, longest: float = 0.0) -> str:
+    """One place of a misfit in words; `longest` is the last time of the records [s]."""
     unit, factor = UNITS.get(place.variable, ("", 1.0))
     name = NAMES.get(place.variable, place.variable)
     if place.variable == "time" and place.channel.startswith(("angular_velocity", "attitude")):
         name = "time"
-    if unit == "ms":
-        unit, factor = choose_time_unit(place.range[1])
-    low, high = (f"{v * factor:.3g}" for v in place.range)
-    phase = "" if place.phase == "both" else f" while {place.phase}"
+    if place.variable == "time":
+        unit, factor = choose_time_unit(max(longest, place.range[1]))
+    low, high = (format_plain(v * factor) for v in place.range)
+    phase = "" if place.phase in ("", "both") else PHASES.get(place.phase, f" while {place.phase}")
     text = f"{CHANNEL_WORDS.get(place.channel, place.channel)}: {name} {low} to {high} {unit}".rstrip() + phase
     if place.period is not None:
-        text += f", repeating every {place.period * factor:.3g} {unit}"
+        own = f"{format_plain(place.period * factor)} {unit}".rstrip()
+        text += f", repeating every {format_time(place.period) if place.variable == 'time' else own}"
     return text
 
 
@@ -71,6 +84,10 @@ def _values(step: Step, effects: tuple[str, ...]) -> str:
                      if n.split(".")[0] in effects)
 
 
+def _percent(value: float) -> str:
+    return f"{100 * value:.2f} %"
+
+
 def _chance(p: float) -> str:
     return f"p = {p:.1g}" if p >= 1e-6 else "p < 1e-6"
 
@@ -81,16 +98,24 @@ def _level(step: Step, noise: float) -> str:
 
 def say_level(error: float, noise: float, shifts: Sequence[SettingShift], held: float | None) -> str:
     """`1.05 times the noise`; where settings had to move, also with the settings as they are written down."""
-    text = f"{error / max(noise, 1e-300):.2f} times the noise"
-    moved = [s for s in shifts if s.p_value * len(shifts) < EACH]
-    if not moved:
+    text, why = f"{error / max(noise, 1e-300):.2f} times the noise", describe_moves(shifts)
+    if not why:
         return text
-    worst = max(moved, key=lambda s: abs(s.largest))
-    name = "time origin" if worst.name == "time" else NAMES.get(worst.name, worst.name.replace("_", " "))
-    why = f"its {name} was moved by up to {abs(worst.largest):.2g} stated deviations, of record {worst.record}"
     if held is None or not np.isfinite(held):
         return f"{text} ({why})"
     return f"{text} ({held / max(noise, 1e-300):.2f} with the settings as they are written down: {why})"
+
+
+def describe_moves(shifts: Sequence[SettingShift]) -> str:
+    """Which setting had to move farthest, as a clause; nothing where none moved beyond chance."""
+    moved = [s for s in shifts if s.p_value * len(shifts) < EACH]
+    if not moved:
+        return ""
+    worst = max(moved, key=lambda s: abs(s.largest))
+    name = "time origin" if worst.name == "time" else NAMES.get(worst.name, worst.name.replace("_", " "))
+    farthest = abs(worst.largest)
+    shown = f"{farthest:.2g}" if farthest < 99.5 else f"{farthest:.0f}"
+    return f"its {name} was moved by up to {shown} stated deviations, of record {worst.record}"
 
 
 def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tuple[str, tuple[str, ...]]:
@@ -120,32 +145,33 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         fits = [c for c in found.candidates if c.explains > LARGEST_PART]
         which = (f"{_join([c.effect for c in fits])} alone would remove most of that" if fits else
                  "no single effect of the catalogue removes most of that")
-        sentence = (f"Undecided: the model {model!r} fails ({misfit}), and {records} at {_count_conditions(found)} "
-                    f"cannot tell what is missing: {which}, and no condition can be left out to check it. With three "
+        sentence = (f"Undecided: {records} at {_count_conditions(found)} cannot tell what is missing. The model "
+                    f"{model!r} fails ({misfit}); {which}, and no condition can be left out to check it. With three "
                     f"conditions or more one can: {family.remedies}.")
     elif found.verdict == "undecided":
         sentence = (f"Undecided: these {records} are too few or too short; no effect of the catalogue at three times "
                     "the noise could have been shown. Measure more records.")
     elif found.verdict == "explained":
         was, them = ("was", "it") if len(found.effects) == 1 else ("were", "them")
-        held_out = (f"the error on left-out conditions falls from {first.heldout_nrmse:.2%} to "
-                    f"{last.heldout_nrmse:.2%} (noise {found.noise_nrmse:.2%})" if some else
+        held_out = (f"the error on left-out conditions falls from {_percent(first.heldout_nrmse)} to "
+                    f"{_percent(last.heldout_nrmse)} (noise {_percent(found.noise_nrmse)})" if some else
                     f"that is evidence within {records} at {_count_conditions(found)}, which no other condition "
                     "confirms")
-        sentence = (f"Missing {was} {_join(list(found.effects))} ({_values(last, found.effects)}). Without {them} the "
-                    f"model {model!r} fails: {misfit}; with {them} {_level(last, found.noise_nrmse)} is "
-                    f"left, and {held_out}.")
+        values = _values(last, found.effects)
+        told = f" ({values})." if len(values) < BRIEF else f". The estimates: {values}."  # a headline has to be short
+        sentence = (f"Missing {was} {_join(list(found.effects))}{told} Without {them} the model {model!r} fails: "
+                    f"{misfit}; with {them} {_level(last, found.noise_nrmse)} is left, and {held_out}.")
     elif found.verdict == "improved":
         verbs, them = ("helps but is", "it") if len(found.effects) == 1 else ("help but are", "them")
-        sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all: the model {model!r} alone "
+        sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all. The model {model!r} alone "
                     f"leaves {_level(first, found.noise_nrmse)}, with {them} "
                     f"{_level(last, found.noise_nrmse)}, and a misfit remains that no effect of the catalogue removes.")
     else:
         on = " on left-out conditions" if some else ""
-        sentence = (f"Something is missing that the catalogue does not hold: the model {model!r} fails "
-                    f"({misfit}), and none of its {len(found.candidates)} effects explains it{on}.")
+        sentence = (f"Something is missing that the catalogue does not hold. The model {model!r} fails: {misfit}, "
+                    f"and none of the catalogue's {len(found.candidates)} effects explains that{on}.")
     if found.verdict in ("improved", "unexplained") and found.where:
-        sentence += f" The misfit sits in the {describe_place(found.where[0])}."
+        sentence += f" The misfit sits in the {describe_place(found.where[0], find_longest(first.traces))}."
     if family.free_running:
         sentence = sentence.replace("left-out conditions", "left-out records")
     notes = []
@@ -173,7 +199,7 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         sentence += (f" {_join(ordered).capitalize()} could not be tried: the campaign does not say in which order the "
                      "tests were made (a condition `sequence`: 1, 2, 3 ...).")
     for channel, noise in found.noise.items():
-        notes.append(f"Noise of {channel}: {noise['text']}.")
+        notes.append(f"Noise of the {CHANNEL_WORDS.get(channel, channel.replace('_', ' '))}: {noise['text']}.")
     if any(not s.converged for s in found.steps):
         notes.append("The optimiser did not converge at one of the steps: take its numbers with care.")
     return sentence, tuple(notes)

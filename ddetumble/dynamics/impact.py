@@ -186,6 +186,29 @@ def simulate(
     return read_motion(law, conditions, times, motion, from_motion)[0]
 
 
+@eqx.filter_jit
+def bound_depression(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
+    r"""Depression $\delta$ that an impact does not exceed, $\int_0^\delta F_k\,d\delta' = m_{eff} v_1^2/2$, without
+    solving it: of a ball without damping and of an arm that does not push.
+
+    Args:
+        law: the contact law; its reference model has a diameter.
+        conditions: `approach_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law reads, scalars.
+
+    Returns:
+        The depression [m], infinite where the work up to the whole diameter is less than the kinetic energy; the outer
+        diameter $D$ [m].
+    """
+    diameter, _ = law.start(conditions)
+    depths = diameter * jnp.linspace(0.0, 1.0, 1025)
+    states = jnp.zeros((len(law.stateful()),))
+    zero = jnp.zeros(())
+    force = jax.vmap(lambda depth: law.contact(conditions, diameter, zero, depth, zero, states).elastic_force)(depths)
+    work = jnp.concatenate([zero[None], jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))])
+    energy = 0.5 * law.reference.inertia() * conditions["approach_speed"] ** 2
+    return jnp.interp(energy, work, depths, right=jnp.inf), diameter
+
+
 def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, adjoint: dfx.AbstractAdjoint | None = None,
            rtol: float | Array = RTOL, atol: float | Array = ATOL, max_steps: int = MAX_STEPS) -> Motion:
     """Integrate one impact to separation, or to the time `last` [s]; arguments as of `simulate`."""

@@ -45,14 +45,14 @@ class Exam:
         for name, value, allowed in (("--family", self.family, BENCHES), ("--noise", self.noise, (*NOISES, "drawn")),
                                      ("--fault", self.fault, ("none", "drawn", *FAULTS))):
             if value not in allowed:
-                raise InputError(f"{value!r} is none of {', '.join(allowed)}", column=name)
+                raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=name)
         for kind in self.truths:
             if kind not in TRUTHS:
-                raise InputError(f"{kind!r} is none of {', '.join(TRUTHS)}", column="--truth")
+                raise InputError(f"{kind!r} is none of {', '.join(TRUTHS)}", option="--truth")
         if not self.truths:
-            raise InputError(f"name at least one of {', '.join(TRUTHS)}", column="--truth")
+            raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
         if self.seed < 0:
-            raise InputError("the seed is a whole number from 0 on", column="--seed")
+            raise InputError("the seed is a whole number from 0 on", option="--seed")
         object.__setattr__(self, "edition", self.edition or self.bench.edition)
 
     @property

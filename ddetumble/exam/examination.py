@@ -45,7 +45,7 @@ def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: in
     """
     folder = Path(folder)
     if any(case < 0 for case in cases):
-        raise InputError("cases are numbered from 0 on", column="--first")
+        raise InputError("cases are numbered from 0 on", option="--first")
     ledger = Ledger(folder, exam)
     work = work or (partial(_sit_and_keep, exam, str((folder / "kept").resolve())) if keep else partial(sit, exam))
     with ledger.lock():

@@ -100,13 +100,13 @@ def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: 
         from distributed import Client
         from distributed import as_completed as as_done
     except ImportError:
-        raise InputError("a cluster needs dask.distributed: pip install 'ddetumble[cluster]'", column="--scheduler"
+        raise InputError("a cluster needs dask.distributed: pip install 'ddetumble[cluster]'", option="--scheduler"
                          ) from None
     try:
         client = Client(scheduler, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise InputError(f"no Dask scheduler answers at {scheduler!r} ({reason})", column="--scheduler") from None
+        raise InputError(f"no Dask scheduler answers at {scheduler!r} ({reason})", option="--scheduler") from None
     with client:
         futures = client.map(work, list(jobs), pure=False, retries=RETRIES)
         names = {future.key: job for future, job in zip(futures, jobs, strict=True)}

@@ -35,7 +35,8 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
                "aims": AIMS, "failures": list_failures(rows), "versions": list_versions()}  # fmt: skip
     if marks["singles_in_set"].total:
         picture = Picture(FIGURE, "Single effects by their strength; bars are 95 % limits of Clopper and Pearson, the "
-                          "dashed line is the level of the test (1 %).", draw_power(marks["power"]))
+                          "dashed line is the level of the test (1 %), and numbers count the cases.",
+                          draw_power(marks["power"]), "", draw_power(marks["power"], narrow=True))
         sections[0] = dc.replace(sections[0], figures=(picture,))
         write_whole(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
     write_page(f"Exam: {exam.family}", sentence, sections, folder, PAGE)
@@ -78,7 +79,7 @@ def describe(exam: Exam, rows: Sequence[Row], marks: Mapping[str, Any]) -> list[
     header = ("what", "cases", "of", "share", "95 % limits", "95 % upper limit", "aim")
     table = Table(header, [(what, s.count, s.total, *show_share(s), aim) for what, s, aim in shares if s.total])
     parts = [
-        Section("Shares", (show_command(exam, rows), say_setting(exam)), tables=(table,)),
+        Section("Shares", (f"`{show_command(exam, rows)}`", say_setting(exam)), tables=(table,)),
         Section("Sizes", tables=(list_sizes(marks),)),
         Section("Effects", ("Seen: said to be missing something; right: the verdict that an honest judge could give.",),
                 tables=(list_effects(marks),)),
@@ -149,7 +150,7 @@ def say_failures(rows: Sequence[Row], exam: Exam) -> tuple[str, ...]:
         return ("None.",)
     more = f" The first {MOST} are listed." if len(wrong) > MOST else ""
     again = show_options(exam) + f" --cases 1 --first {wrong[0]['case']} --keep -o again"
-    return (f"{len(wrong)} of {len(rows)} cases.{more} 'ddetumble exam {again}' makes the first of them again, with "
+    return (f"{len(wrong)} of {len(rows)} cases.{more} `ddetumble exam {again}` makes the first of them again, with "
             "its campaign, the discovery and the truth.",)
 
 

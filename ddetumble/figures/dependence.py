@@ -12,6 +12,7 @@ from .style import (
     FLOOR,
     GREY,
     INK,
+    NARROW,
     PLACE,
     WIDTH,
     colour_models,
@@ -31,6 +32,7 @@ def draw_dependence(
     channel: str | None = None,
     noise: Mapping | None = None,
     where: Sequence[Place] = (),
+    narrow: bool = False,
 ):
     """Mean residual over the noise against the state of a record, its rate, the share of it, and the conditions.
 
@@ -42,6 +44,7 @@ def draw_dependence(
         channel: what to draw; the family's force where it is not given.
         noise: `correlation` and `white_share` of the channel's noise.
         where: places of the misfit, marked where they name one of the variables drawn.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
@@ -53,7 +56,7 @@ def draw_dependence(
     channel = channel or view.force
     traces = {name: pick_channel(all_, channel) for name, all_ in models.items()}
     first = next(iter(traces.values()))
-    figure, rows = _lay_out(view, first)
+    figure, rows = _lay_out(view, first, narrow)
     marked = False
     for row in rows:
         low, high = -0.5, 0.5
@@ -61,8 +64,8 @@ def draw_dependence(
             edges, shown = _choose_edges(first, variable, view)
             low, high = _draw_means(axes, traces, variable, edges, shown, noise, view, (low, high))
             places = [place for place in where if place.channel == channel]
-            marked |= _mark_places(axes, places, variable, shown, view.wide)
-            _label_variable(axes, variable, shown, view)
+            marked |= _mark_places(axes, places, variable, shown, view.wide or narrow)
+            _label_variable(axes, variable, shown, view, 1.5 if narrow else 3.0)
         for i, axes in enumerate(row.values()):
             axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
             axes.set_ylabel("" if i else "mean residual / noise")
@@ -81,12 +84,13 @@ def draw_dependence(
 
 
 @styled
-def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | None = None):
+def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
     """What a model leaves of the measured force, over the depression or slip, phases apart.
 
     Args:
         models: one or two models by name; one row each, or one panel each where there is but one phase.
         channel: what to draw; the family's force where it is not given.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure: one line a level of a condition, with two standard errors; of slip records of the one that
@@ -109,8 +113,9 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     condition = describe_quantity(name, [trace.conditions.get(name, math.nan) for trace in own])
     levels = list_levels(own, name) if name else [math.nan]
     state = describe_quantity(view.state, edges)
-    lines = len(models) if view.phases else 1
-    figure = new_figure(0.5 + 2.6 * lines, WIDTH)
+    lines = len(models) * len(phases) if narrow else len(models) if view.phases else 1
+    width = NARROW if narrow else WIDTH
+    figure = new_figure(0.5 + 2.6 * lines, width)
     panels = figure.subplots(lines, len(models) * len(phases) // lines, squeeze=False, sharex=True, sharey=True)
     shades = matplotlib.colormaps["viridis"](np.linspace(0.05, 0.8, len(levels)))
     handles, lowest, highest = [], 0.0, 0.0
@@ -136,7 +141,7 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
                     text = f"{condition.name} " if not handles else ""
                     handles.append((line, f"{text}{condition.format(level)} {condition.unit}".strip()))
             title = f"{clean(label, 80)}: {phase}" if phase else clean(label, 80)
-            axes.set_title(wrap_text(title, WIDTH / panels.shape[1] - 0.6))
+            axes.set_title(wrap_text(title, width / panels.shape[1] - 0.6))
     for axes in panels[-1]:
         axes.set_xlabel(state.label)
     for axes in panels[:, 0]:
@@ -149,7 +154,7 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     return figure
 
 
-def _lay_out(view: View, traces: Sequence[Trace]):
+def _lay_out(view: View, traces: Sequence[Trace], narrow: bool):
     """An empty figure, and its axes by variable, one row after the other; axes of a row share what is up."""
     conditions = [name for name in vary(trace.conditions for trace in traces) if len(list_levels(traces, name)) > 1]
     if all("sequence" in trace.conditions for trace in traces) and len(traces) > 3:
@@ -157,9 +162,9 @@ def _lay_out(view: View, traces: Sequence[Trace]):
     variables = [*view.variables, *conditions[: view.conditions + 1]]
     wide = int(view.wide)
     total = len(variables) + wide
-    columns = 3 if not wide else total if total <= 6 else math.ceil(total / 2)
+    columns = 2 if narrow else 3 if not wide else total if total <= 6 else math.ceil(total / 2)
     count = math.ceil(total / columns)
-    figure = new_figure(0.5 + 2.5 * count, WIDTH)
+    figure = new_figure((0.9 if narrow else 0.5) + 2.5 * count, NARROW if narrow else WIDTH)
     grid = figure.add_gridspec(count, columns)
     rows: list[dict] = [{} for _ in range(count)]
     for k, variable in enumerate(variables):
@@ -221,9 +226,9 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
     return bool(places)
 
 
-def _label_variable(axes, variable: str, shown: Quantity, view: View):
-    """Say what lies along the axes, and where it stands for a phase, which."""
-    axes.set_xlabel(view.share if variable == "time" else shown.label)
+def _label_variable(axes, variable: str, shown: Quantity, view: View, width: float):
+    """Say what lies along the axes, which are `width` [inch] wide, and where it stands for a phase, which."""
+    axes.set_xlabel(wrap_text(view.share if variable == "time" else shown.label, width))
     if variable == "sequence":
         space_ticks(axes).xaxis.get_major_locator().set_params(integer=True)
     if variable == "direction":

@@ -22,7 +22,7 @@ from .style import (
     styled,
     wrap_text,
 )
-from .views import choose_view, find_span, find_strokes
+from .views import choose_view, find_span, find_stretch, find_strokes
 
 
 KEY = 18  # characters of a record's name
@@ -85,7 +85,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
             lower.plot(time, np.clip(_smooth(model), -limit, limit), color=colour, lw=1.3)
             labels += [clean(name, 60)] if i == 0 else []
         handles = handles or [Line2D([], [], ls="none", marker=".", ms=7, color=INK), *lines]
-        start, end = find_span(last.get(trace.record, trace))
+        start, end = find_stretch(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
         upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
         title = titles[trace.record] or short[trace.record]
@@ -113,12 +113,13 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
 
 
 @styled
-def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None):
+def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
     """One number a record: measured and modelled against the condition that varies most, residuals below.
 
     Args:
         models: one or two models by name, the reference model first.
         channel: what to draw; the first channel where it is not given.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
@@ -134,7 +135,7 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
     name = max(spread, key=lambda key: spread[key]) if spread else ""
     along = describe_quantity(name, values[name]) if name else None
     x = along.scale * values[name] if along else np.arange(1.0, len(first) + 1)
-    figure = new_figure(4.4, 8.0)
+    figure = new_figure(4.4, NARROW if narrow else 8.0)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     dress(upper)
     dress(lower, grid="")
@@ -187,9 +188,12 @@ def _tick(limit: float) -> int:
 
 
 def _smooth(trace: Trace) -> np.ndarray:
-    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke."""
+    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke.
+
+    Where only the end of many turns is drawn, over three samples: a mean over turns would hide what turns with them.
+    """
     residual = standardise(trace)
-    width = max(3, residual.size // 25) | 1
+    width = max(3, residual.size // 25) | 1 if find_stretch(trace) == find_span(trace) else 3
     return np.concatenate([_average(residual[part], width) for part in find_strokes(trace)])
 
 

@@ -5,6 +5,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 
 import numpy as np
 
@@ -81,6 +82,41 @@ def clean(text, length: int = 200) -> str:
     """Text from a file on one line, without control characters; cut where it is longer than `length`."""
     text = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return text if len(text) <= length else text[: length - 1] + "…"
+
+
+_SMALL_TYPE = str.maketrans("0123456789-+n", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺ⁿ")
+_POWER = r"([-−+]?\d+(?:\.\d*)?)e([-+]\d+)(?![\w.]*\w)"
+_UNITS = (r"(?:%|°|[kMmµn]?(?:N|Pa|m|s|g|h|Hz)|[Mm]in|rad|points|K|times|kg)(?=$|[\s.,;:)\]/·⋅²³⁻-])")
+
+
+def typeset(text: str) -> str:
+    """Numbers, units and laws as they stand in print: `4e-08` as 4 × 10⁻⁸, `1/s**2` as 1/s², `(x - d)+^n` as (x − d)₊ⁿ,
+    true minus signs, and no line that ends between a number and its unit.
+    """
+    text = re.sub(rf"(?<![\w.]){_POWER} ± {_POWER}", _join_powers, text)
+    text = re.sub(rf"(?<![\w.]){_POWER}", lambda found: _raise(found[1], int(found[2])), text)
+    text = re.sub(r"\*\*(-?\d+)(?![\d.]*\d)", lambda found: found[1].translate(_SMALL_TYPE), text)
+    text = re.sub(r"(?<=[A-Za-z])\*\*(?=[-\d])", "^", text)
+    text = re.sub(r"\)\+(?=$|[\^\s;,:)])", ")₊", text)
+    text = re.sub(r"\^(\d+|n)(?![\w.])", lambda found: found[1].translate(_SMALL_TYPE), text)
+    text = re.sub(r"(?<=[\w)]) - (?=\w+\))", " − ", text)
+    text = re.sub(r"(?<![\w.)\]−-])-(?=\.?\d)", "−", text)
+    text = re.sub(r"(?<=\d)%", " %", text)
+    text = re.sub(rf"(?<=[\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (?={_UNITS}|1/)", "\u00a0", text)
+    return re.sub(r"(?<=[\w)]) ([<>±×]|(?<=\bp )=) (?=[-−\d(])", "\u00a0\\1\u00a0", text)
+
+
+def _raise(mantissa: str, power: int) -> str:
+    if abs(power) < 3 and mantissa[-1:].isdigit():
+        return format(Decimal(mantissa.replace("−", "-")).scaleb(power), "f").replace("-", "−")
+    return ("" if mantissa == "1" else f"{mantissa} × ") + f"10{str(power).translate(_SMALL_TYPE)}"
+
+
+def _join_powers(found: re.Match) -> str:
+    """A value and its deviation over one power of ten."""
+    value, power, sd, own = found[1], int(found[2]), float(found[3]), int(found[4])
+    spread = f"{sd * 10.0 ** (own - power):.{len(value.partition('.')[2])}f}"
+    return _raise(f"({value} ± {spread})", power) if float(spread) else found[0]
 
 
 def shorten(text, length: int) -> str:
@@ -166,7 +202,9 @@ def format_number(value, digits: int = 3) -> str:
     """A number to that many digits; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
-    if value != 0 and not 1e-3 <= abs(value) < 1e6:
+    if value == 0:
+        return "0"
+    if not 1e-3 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}"
     places = digits - 1 - _magnitude(value)
     return f"{round(value, places):.{max(0, places)}f}"

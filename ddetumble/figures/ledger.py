@@ -97,7 +97,7 @@ def draw_ledger(discovery: Discovery, narrow: bool = False):
         Line2D([], [], ls="none", marker="o", ms=8, color=GREY),
         Line2D([], [], ls="none", marker="o", ms=11, mfc="none", mec=GREY, mew=1.5),
     ]
-    labels = ["fitted records", "held-out conditions"]
+    labels = ["fitted", "held out"]
     if noise > 0:
         handles.append(Patch(facecolor=FLOOR, alpha=0.35, edgecolor=FLOOR))
         labels.append(f"noise floor {format_error(floor)}")

@@ -1,12 +1,13 @@
 """The missing force: how much of the misfit it removes, what it looks like over its variable, and its spectrum."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..discrepancy.laws import sketch_law
 from ..discrepancy.records import Law, MissingForce, Shape
-from .labels import clean, describe_quantity, format_number, format_share
+from .labels import clean, describe_quantity, format_number, format_share, typeset
 from .style import (
     AFTER,
     BEFORE,
@@ -14,6 +15,7 @@ from .style import (
     GREY,
     INK,
     KIN,
+    NARROW,
     OTHER,
     PALE,
     PLACE,
@@ -31,42 +33,51 @@ _SEEN = 0.02  # share of an even spread of samples below which a place counts as
 
 
 @styled
-def draw_missing_shape(missing: MissingForce):
+def draw_missing_shape(missing: MissingForce, narrow: bool = False):
     """The ceiling as bars, the best shape with its band and the simple laws on it, and its spectrum.
 
     Args:
         missing: of `draw_missing_force` or `discover`, with at least one shape.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
     """
     best = missing.shapes[0]
     spectrum = best.spectrum.shape[1] > 2
-    figure = new_figure(5.6, WIDTH)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.75, 1.0))
-    main = dress(figure.add_subplot(grid[:, 0]))
-    bars = dress(figure.add_subplot(grid[0, 1] if spectrum else grid[:, 1]), "x")
+    if narrow:
+        figure = new_figure(8.4 if spectrum else 6.2, NARROW)
+        grid = figure.add_gridspec(3 if spectrum else 2, 1, height_ratios=(1.7, 1.0, 1.0)[: 3 if spectrum else 2])
+        places = [grid[k] for k in range(3 if spectrum else 2)]
+    else:
+        figure = new_figure(5.6, WIDTH)
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.75, 1.0))
+        places = [grid[:, 0], grid[0, 1], grid[1, 1]] if spectrum else [grid[:, 0], grid[:, 1]]
+    main = dress(figure.add_subplot(places[0]))
+    bars = dress(figure.add_subplot(places[1]), "x")
     handles, labels = _draw_curves(main, best, missing.laws[:1])
     _draw_bars(bars, missing)
     if spectrum:
-        _draw_spectrum(dress(figure.add_subplot(grid[1, 1])), best)
+        _draw_spectrum(dress(figure.add_subplot(places[2])), best)
     head_figure(figure, handles, labels)
     return figure
 
 
 @styled
-def draw_missing_rivals(missing: MissingForce):
+def draw_missing_rivals(missing: MissingForce, narrow: bool = False):
     """The missing force over every variable that was fitted to the end, best first, each with its held-out loss.
 
     Args:
         missing: with at least one shape.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
     """
     shapes = missing.shapes[:4]
-    figure = new_figure(3.0, WIDTH)
-    panels = figure.subplots(1, len(shapes), squeeze=False)[0]
+    columns = min(2, len(shapes)) if narrow else len(shapes)
+    figure = new_figure(3.0 * math.ceil(len(shapes) / columns), NARROW if narrow else WIDTH)
+    panels = [figure.add_subplot(math.ceil(len(shapes) / columns), columns, k + 1) for k in range(len(shapes))]
     for axes, shape in zip(panels, shapes, strict=True):
         _draw_curves(dress(axes), shape, ())
         behind = "best" if shape is shapes[0] else f"{format_number(shape.difference)} behind"
@@ -99,11 +110,11 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
                 drawn, = axes.plot(x[seen], factor * values[seen], color=INK, lw=1.2, ls=dash)
                 if k == 0:
                     handles.append(drawn)
-                    labels.append(clean(law.text, 70))
+                    labels.append(typeset(clean(law.text, 70)))
     if shape.begins is not None:
         axes.axvspan(shown.scale * shape.begins, x[-1], color=PLACE, lw=0, zorder=0)
         handles.append(Patch(facecolor=PLACE, lw=0))
-        labels.append(f"told from zero, from {shown.format(shape.begins)} {shown.unit}".rstrip())
+        labels.append(f"differs from zero, from {shown.format(shape.begins)} {shown.unit}".rstrip())
     top = shape.visited / max(shape.visited.max(), 1e-300)
     axes.fill_between(x, 0, 0.06 * top, step="mid", color=PALE, lw=0, transform=axes.get_xaxis_transform(), zorder=0)
     axes.set_xlabel(shown.label)

@@ -64,7 +64,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
             axes.plot(100 * candidate.visible, row, marker="D", ms=5.5, mfc="white", mec=GREY if unseen else INK,
                       mew=1.2, zorder=4, clip_on=False)
         text = "cannot be seen" if unseen else say_p(candidate.p_value) if share > 0 else "–"
-        axes.text(106 if narrow else 103, row, text, va="center", fontsize=8.5,
+        axes.text(110 if narrow else 103, row, text, va="center", fontsize=8.5,
                   color=GREY if unseen or candidate.p_value > 0.05 else INK)
     length = 22 if narrow else 36
     axes.set_yticks(range(len(candidates)), [shorten(candidate.effect, length) for candidate in candidates])
@@ -72,7 +72,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
         word.set_color(GREY if kind == "unseen" else INK)
         word.set_fontweight("bold" if kind == "chosen" else "normal")
     axes.set_ylim(len(candidates) - 0.4, -0.6)
-    axes.set_xlim(0, 175 if narrow else 118)
+    axes.set_xlim(-4 if narrow else -1.5, 175 if narrow else 118)  # a diamond at 0 stays clear of the names
     axes.set_xticks(range(0, 101, 50 if narrow else 20))
     axes.spines["bottom"].set_bounds(0, 100)
     axes.tick_params(axis="y", length=0)

@@ -17,7 +17,7 @@ from .binning import (
     standardise,
 )
 from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
-from .style import GREY, INK, WIDTH, dress, name_ticks, new_figure, styled, wrap_text
+from .style import GREY, INK, NARROW, WIDTH, dress, name_ticks, new_figure, styled, wrap_text
 from .views import choose_view, share_span
 
 
@@ -26,11 +26,12 @@ _ROWS = 16  # of the grid of errors at most
 
 
 @styled
-def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
+def draw_residual_map(models: Mapping[str, Sequence[Trace]], narrow: bool = False):
     """Mean residual over the noise, one row a record in the order of its conditions, along the record.
 
     Args:
         models: one or two models by name, the reference model first; all channels are drawn, one below the other.
+        narrow: draw for a telephone, the models below each other too, and rows by the record's name alone.
 
     Returns:
         A matplotlib figure.
@@ -40,11 +41,13 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
     edges = np.linspace(*view.reach, min(_COLUMNS, max(np.size(trace.time) for trace in first)) + 1)
     count = max(len(pick_channel(first, channel)) for channel in channels)
     height = min(max(0.165 * count, 1.6), 6.0)
-    figure = new_figure(0.75 + (height + 0.45) * len(channels), WIDTH)
-    panels = np.atleast_2d(figure.subplots(len(channels), len(models), squeeze=False, sharex=True))
+    down = len(channels) * len(models) if narrow else len(channels)
+    across = 1 if narrow else len(models)
+    figure = new_figure(0.75 + (height + 0.45) * down, NARROW if narrow else WIDTH)
+    panels = figure.subplots(down, across, squeeze=False, sharex=True).reshape(len(channels), len(models))
     for row, channel in enumerate(channels):
         order = sort_traces(pick_channel(first, channel))
-        labels = _label_rows(order, height)
+        labels = _label_rows(order, height, not narrow)
         maps = []
         for traces in models.values():
             own = {trace.record: trace for trace in pick_channel(traces, channel)}
@@ -64,18 +67,20 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
                 axes.axhline(line, color="white", lw=1.2)
             shown = describe_quantity(channel).name
             title = clean(name, 80) if len(channels) == 1 else f"{shown}: {clean(name, 80)}"
-            axes.set_title(wrap_text(title, (WIDTH - 2.8) / len(models)))
+            axes.set_title(wrap_text(title, (NARROW - 1.2 if narrow else WIDTH - 2.8) / across))
             axes.tick_params(axis="y", length=0)
-            axes.set_yticks(range(len(order)), labels if column == 0 else [""] * len(order), fontsize=7.5)
+            axes.set_yticks(range(len(order)), labels if column == 0 or narrow else [""] * len(order), fontsize=7.5)
             axes.set_xticks([0, 0.25, 0.5, 0.75, 1], [view.ends[0], "¼", "½", "¾", view.ends[1]])
-            if view.reach == (0.0, 1.0) and row == len(channels) - 1:  # the names of the ends would stick out
+            last = row == len(channels) - 1 and (column == len(models) - 1 or not narrow)
+            if view.reach == (0.0, 1.0) and last:  # the names of the ends would stick out
                 for tick, side in ((0, "left"), (-1, "right")):
                     axes.get_xticklabels()[tick].set_horizontalalignment(side)
-            if row == len(channels) - 1:
+            if last:
                 axes.set_xlabel(view.share)
             for side in axes.spines.values():
                 side.set_visible(False)
-        bar = figure.colorbar(image, ax=list(panels[row]), shrink=0.9, aspect=24, pad=0.015, extend="both")
+        bar = figure.colorbar(image, ax=list(panels[row]), shrink=0.9,
+                              aspect=24 * (len(models) if narrow else 1), pad=0.015, extend="both")
         bar.outline.set_visible(False)
         bar.set_label("mean residual / noise", fontsize=9)
         bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
@@ -83,11 +88,12 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]]):
 
 
 @styled
-def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
+def draw_record_errors(models: Mapping[str, Sequence[Trace]], narrow: bool = False):
     """Root mean square of the residual over the noise at each condition; 1 is as good as it can be.
 
     Args:
         models: one or two models by name, the reference model first; all channels are drawn, one below the other.
+        narrow: draw for a telephone, the models below each other too.
 
     Returns:
         A matplotlib figure.
@@ -95,9 +101,11 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
     first = next(iter(models.values()))
     channels = list_channels(first)
     grids = [[_grid_errors(pick_channel(traces, channel)) for traces in models.values()] for channel in channels]
-    lines, panel = len(grids[0][0][2]), (WIDTH - 2.0) / len(models)
-    figure = new_figure(0.75 + len(channels) * (0.65 + 0.36 * max(lines, 2)), WIDTH)
-    panels = figure.subplots(len(channels), len(models), squeeze=False)
+    down = len(channels) * len(models) if narrow else len(channels)
+    across = 1 if narrow else len(models)
+    lines, panel = len(grids[0][0][2]), (NARROW - 1.5 if narrow else WIDTH - 2.0) / across
+    figure = new_figure(0.75 + down * (0.65 + 0.36 * max(lines, 2)), NARROW if narrow else WIDTH)
+    panels = figure.subplots(down, across, squeeze=False).reshape(len(channels), len(models))
     for row, channel in enumerate(channels):
         top = max(2.0, *(float(np.max(values, initial=0.0, where=np.isfinite(values))) for values, *_ in grids[row]))
         for column, name in enumerate(models):
@@ -111,14 +119,14 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
                               va="center", fontsize=9 if panel / values.shape[1] > 0.4 else 7,
                               color="white" if dark else INK)
             name_ticks(axes, along, panel)
-            axes.set_yticks(range(len(up)), up if column == 0 else [""] * len(up))
+            axes.set_yticks(range(len(up)), up if column == 0 or narrow else [""] * len(up))
             axes.tick_params(length=0)
             shown = describe_quantity(channel).name
             title = clean(name, 80) if len(channels) == 1 else f"{shown}: {clean(name, 80)}"
             axes.set_title(wrap_text(title, panel))
-            if row == len(channels) - 1:
+            if row == len(channels) - 1 and (column == len(models) - 1 or not narrow):
                 axes.set_xlabel(label_x)
-            if column == 0:
+            if column == 0 or narrow:
                 axes.set_ylabel(label_y)
             for side in axes.spines.values():
                 side.set_visible(False)
@@ -126,7 +134,7 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]]):
             axes.set_yticks(np.arange(len(up) + 1) - 0.5, minor=True)
             axes.grid(which="minor", color="white", lw=2)
             axes.tick_params(which="minor", length=0)
-        bar = figure.colorbar(image, ax=list(panels[row]), aspect=14, pad=0.015)
+        bar = figure.colorbar(image, ax=list(panels[row]), aspect=14 * (len(models) if narrow else 1), pad=0.015)
         bar.outline.set_visible(False)
         bar.set_label("rms residual / noise", fontsize=9)
         bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
@@ -147,12 +155,12 @@ def _average(trace: Trace | None, edges: np.ndarray) -> np.ndarray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _label_rows(traces: Sequence[Trace], height: float) -> list[str]:
-    """What each row is: record and conditions; every other one is left out where they would overlap."""
-    names = vary(trace.conditions for trace in traces)[:3]
+def _label_rows(traces: Sequence[Trace], height: float, full: bool = True) -> list[str]:
+    """What each row is: record and, in `full`, conditions; every other one is left out where they would overlap."""
+    names = vary(trace.conditions for trace in traces)[:3] if full else ()
     every = max(1, math.ceil(len(traces) * 0.135 / height))
     short = shorten_names((trace.record for trace in traces), 18)
-    labels = [f"{describe_conditions(trace.conditions, names)}   {short[trace.record]}" for trace in traces]
+    labels = [f"{describe_conditions(trace.conditions, names)}   {short[trace.record]}".strip() for trace in traces]
     return [label if i % every == 0 else "" for i, label in enumerate(labels)]
 
 

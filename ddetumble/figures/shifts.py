@@ -7,18 +7,19 @@ import numpy as np
 
 from ..discrepancy.records import SettingShift
 from .labels import clean, describe_quantity, format_number, say_p, shorten
-from .style import FLOOR, GREY, PALE, WIDTH, colour_models, dress, head_figure, new_figure, styled
+from .style import FLOOR, GREY, NARROW, PALE, WIDTH, colour_models, dress, head_figure, new_figure, styled
 
 
 STATED = 2.0  # stated deviations within which 95 % of true errors lie
 
 
 @styled
-def draw_shifts(models: Mapping[str, Sequence[SettingShift]]):
+def draw_shifts(models: Mapping[str, Sequence[SettingShift]], narrow: bool = False):
     """One panel a setting: its shift in every record, in stated deviations, with the band that is stated.
 
     Args:
         models: shifts by the model's name; of two, the simpler first.
+        narrow: draw for a telephone.
 
     Returns:
         A matplotlib figure.
@@ -27,7 +28,7 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]]):
     from matplotlib.patches import Patch
 
     names = [shift.name for shift in next(iter(models.values()))]
-    figure = new_figure(0.7 + 1.35 * len(names), WIDTH)
+    figure = new_figure(0.7 + (1.75 if narrow else 1.35) * len(names), NARROW if narrow else WIDTH)
     panels = figure.subplots(len(names), 1, squeeze=False, sharex=True).ravel()
     colours = colour_models(len(models))
     marks = ("o", "D")
@@ -47,8 +48,10 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]]):
                 remarks.append(f"{whose}rms {format_number(shift.rms, 2)}, {say_p(shift.p_value)}")
         axes.set_ylim(-top, top)
         words = "time origin" if name == "time" else describe_quantity(name).name
-        axes.set_title(words[:1].upper() + words[1:])
-        axes.set_title("; ".join(remarks), loc="right", color=GREY, fontsize=8.5)
+        axes.set_title("\n".join([words[:1].upper() + words[1:], *(remarks if narrow else ())]),
+                       fontsize=8.5 if narrow else 9.5)
+        if not narrow:
+            axes.set_title("; ".join(remarks), loc="right", color=GREY, fontsize=8.5)
         axes.set_ylabel("shift /\nstated sd")
     panels[-1].set_xlabel("record, in the order of the campaign")
     panels[-1].margins(x=0.02)

@@ -12,6 +12,9 @@ import numpy as np
 from ..discrepancy.records import Trace
 
 
+MOST, SHOWN = 120, 40  # turning points of a curve that fill its panel with colour, and those drawn in their stead
+
+
 @dc.dataclass(frozen=True)
 class View:
     """How records are drawn and spoken of.
@@ -100,6 +103,16 @@ def find_span(trace: Trace) -> tuple[float, float]:
     if trace.family in ("slip", "tumble") or touching.size < 2:
         return float(time[0]), float(time[-1])
     return float(time[max(touching[0] - 1, 0)]), float(time[min(touching[-1] + 1, time.size - 1)])
+
+
+def find_stretch(trace: Trace) -> tuple[float, float]:
+    """First and last value between which a record is drawn: its span, or the end of it where it turns very often."""
+    start, end = find_span(trace)
+    model = np.asarray(trace.model, float)
+    if not np.isfinite(model).all() or np.ptp(model) < 3.0 * trace.sd:
+        return start, end
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(model))) != 0) + 1
+    return (float(trace.time[turns[-SHOWN]]), end) if turns.size > MOST else (start, end)
 
 
 def share_span(trace: Trace) -> np.ndarray:

@@ -273,7 +273,7 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
     wrong = set(space.index) ^ set(content.coordinates)
     if wrong:
         raise InputError(f"the parameters are not those of the model ({', '.join(sorted(wrong))}); fit it again",
-                         file=path, column="coordinates")
+                         file=path, key="coordinates")
     return SavedModel(
         path.parent, content.campaign, content.sha256, content.family, model, tuple(e.id for e in classes), space,
         np.array([content.coordinates[name] for name in space.index]), tuple(content.free),
@@ -316,12 +316,12 @@ def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect])
 def _choose(reference: AbstractModel, choices: Mapping[str, Any], path: Path) -> AbstractModel:
     own = list_choices(reference)
     if set(own) != set(choices):
-        raise InputError("the choices are not those of the model; fit it again", file=path, column="choices")
+        raise InputError("the choices are not those of the model; fit it again", file=path, key="choices")
     tuples = {k: _freeze(v) for k, v in choices.items()}
     try:
         return reference if own == tuples else _replace(reference, tuples)
     except Exception as error:
-        raise InputError(f"the model cannot be made ({error}); fit it again", file=path, column="choices") from None
+        raise InputError(f"the model cannot be made ({error}); fit it again", file=path, key="choices") from None
 
 
 def _replace(model: AbstractModel, choices: Mapping[str, Any]) -> AbstractModel:
@@ -389,7 +389,7 @@ def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEf
         return known[entry.id]
     if entry.source is None:
         raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; "
-                         "give its class to load_model(extra=...)", file=path, column="effects")
+                         "give its class to load_model(extra=...)", file=path, key="effects")
     file, _, name = entry.source.rpartition(":")
     return resolve_effect(f"{path.parent / file}:{name}")
 
@@ -410,7 +410,7 @@ def _read(path: Path) -> ModelFile:
     found = content.get("schema") if isinstance(content, dict) else None
     if found != SCHEMA:
         raise InputError(f"the schema is {found!r}; this version reads {SCHEMA!r}: fit the model again", file=path,
-                         column="schema")
+                         key="schema")
     try:
         return ModelFile.model_validate(content)
     except pydantic.ValidationError as error:
@@ -418,4 +418,4 @@ def _read(path: Path) -> ModelFile:
         where = ".".join(str(part) for part in first["loc"]) or None
         reason = first["msg"].removeprefix("Value error, ")
         raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; fit the model again", file=path,
-                         column=where) from None
+                         key=where) from None

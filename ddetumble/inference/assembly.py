@@ -81,8 +81,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
         low, high = space.slots[space.index[name]].parameter.bounds
         if not low <= value <= high or (space.slots[space.index[name]].parameter.coordinate == "log" and value <= 0):
             edge = "above 0" if low == 0 and high == np.inf else f"{low:g} to {high:g}"
-            raise InputError(f"known: {value:g} is outside what {name} can be ({edge})",
-                             file=None if campaign.path is None else campaign.path / "datapackage.json", column=name)
+            raise InputError(f"{value:g} is outside what {name} can be ({edge})",
+                             file=campaign.path and campaign.path / "datapackage.json", key=f"known.{name}")
     start = space.coordinates(known)
     fixed = {"condition_exponent"} if any(isinstance(m, PowerLaw) and not m.condition
                                           for m in parts_of(reference)) else set()
@@ -116,8 +116,8 @@ def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
     for name in unknown:
         near = difflib.get_close_matches(name, sorted(names - set(campaign.known)), n=1, cutoff=0.85)
         if near:
-            raise InputError(f"known: there is no parameter {name!r}; did you mean {near[0]}? Correct or remove it",
-                             file=None if campaign.path is None else campaign.path / "datapackage.json", column=name)
+            raise InputError(f"there is no parameter {name!r}; did you mean {near[0]}? Correct or remove it",
+                             file=campaign.path and campaign.path / "datapackage.json", key=f"known.{name}")
     if not unknown:
         return ()
     listed, is_are = ", ".join(map(repr, unknown)), "is" if len(unknown) == 1 else "are"

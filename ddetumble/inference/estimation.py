@@ -11,7 +11,7 @@ import numpy as np
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, parameters_of
 from ..measurement.campaign import Campaign
-from ..measurement.faults import screen_samples
+from ..measurement.faults import STAYING, screen_samples
 from ..measurement.package import read_campaign
 from .archive import resolve_model
 from .assembly import Assembly, assemble_space, default_starts, list_origins
@@ -71,7 +71,7 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         except InputError as error:
             if error.file is not None:
                 raise
-            raise InputError(error.problem, file=path, column=error.column, row=error.row) from None
+            raise InputError(error.problem, file=path, key=error.key) from None
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
     wanted = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
@@ -227,8 +227,10 @@ def refuse_stray(problem: Problem, solution: Solution) -> None:
 
 def _warn_of_faults(campaign: Campaign) -> list[str]:
     """What is wrong with the samples themselves; the fit takes them as they are."""
-    return [f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
-            for fault in screen_samples(campaign)[1] if fault.kind not in ("missing", "uneven")]
+    found = screen_samples(campaign)[1]
+    cut = [str(fault) for fault in found if fault.kind == "truncated"]
+    return cut + [f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
+                  for fault in found if fault.kind not in STAYING]
 
 
 def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel
@@ -254,20 +256,20 @@ def choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], want
         for name in getattr(wanted, section):
             if name not in space.index or (name not in usable and section != "fixed"):
                 raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(usable)}",
-                                 column=section)
+                                 key=section)
             if section == "free" and name in wanted.fixed:
-                raise InputError(f"{name} is both free and fixed; leave one out", column=section)
+                raise InputError(f"{name} is both free and fixed; leave one out", key=section)
     still = () if wanted.nuisances else [common.slot.name for common in space.commons]
     names = {*assembly.base, *space.of(ids), *wanted.free} - {*wanted.fixed, *still}
     for section in ("priors", "bounds"):
         for name in getattr(wanted, section):
             if name not in names:
                 raise InputError(f"{name} is not fitted, so that this has no meaning; free it or leave this out",
-                                 column=section)
+                                 key=section)
     if not names:
-        raise InputError("nothing is left to fit: every parameter is known or fixed; free one", column="free")
+        raise InputError("nothing is left to fit: every parameter is known or fixed; free one", key="free")
     if len(names) > space.family.slots[-1]:
-        raise InputError(f"{len(names)} free parameters are too many; at most {space.family.slots[-1]}", column="free")
+        raise InputError(f"{len(names)} free parameters are too many; at most {space.family.slots[-1]}", key="free")
     return [s.name for s in space.slots if s.name in names]
 
 
@@ -280,10 +282,10 @@ def place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, f
     u, (low, high) = base.copy(), space.bounds()
     for name, value in values.items():
         if name not in space.index:
-            raise InputError(f"there is no parameter {name!r} in this model", column=name)
+            raise InputError(f"there is no parameter {name!r} in this model")
         u[space.index[name]] = _coordinate(space, name, float(value))
         if not low[space.index[name]] <= u[space.index[name]] <= high[space.index[name]]:
-            raise InputError(f"{value:g} is outside what {name} can be", column=name)
+            raise InputError(f"{value:g} is outside what {name} can be")
     return u
 
 
@@ -294,7 +296,7 @@ def place_priors(space: ParameterSpace, names: Sequence[str], wanted: Specificat
         if name in wanted.priors:
             prior = wanted.priors[name]
             if not prior.sd > 0:
-                raise InputError(f"the standard deviation of {name} has to be positive", column="priors")
+                raise InputError(f"the standard deviation of {name} has to be positive", key="priors")
             u = _coordinate(space, name, float(prior.mean))
             kind = space.slots[space.index[name]].parameter.coordinate
             slope = {"log": 1 / prior.mean, "logit": 1 / (prior.mean * (1 - prior.mean)) if kind == "logit" else 1.0,
@@ -320,7 +322,7 @@ def place_bounds(space: ParameterSpace, names: Sequence[str], wanted: Specificat
                     ends.append(_coordinate(space, name, float(value)) if np.isfinite(value) else
                                 (0.0 if kind == "inverse" else nothing))
             if not low < high:
-                raise InputError(f"the lower bound of {name} has to be below the upper one", column="bounds")
+                raise InputError(f"the lower bound of {name} has to be below the upper one", key="bounds")
             found[name] = (min(ends), max(ends))
     return found
 
@@ -345,11 +347,11 @@ def _coordinate(space: ParameterSpace, name: str, value: float) -> float:
     p = space.slots[space.index[name]].parameter
     unit = f" {p.unit}" if p.unit else ""
     if not np.isfinite(value) and p.coordinate != "inverse":
-        raise InputError(f"the value of {name} has to be a finite number", column=name)
+        raise InputError(f"the value of {name} has to be a finite number")
     if p.coordinate == "log" and value <= 0:
-        raise InputError(f"{name} has to be positive; it is {value:g}{unit}", column=name)
+        raise InputError(f"{name} has to be positive; it is {value:g}{unit}")
     if p.coordinate == "logit" and not 0 < value < 1:
-        raise InputError(f"{name} has to lie between 0 and 1; it is {value:g}", column=name)
+        raise InputError(f"{name} has to lie between 0 and 1; it is {value:g}")
     return from_public(p.coordinate, value)
 
 

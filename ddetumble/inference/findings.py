@@ -14,6 +14,7 @@ from .archive import save_model
 from .bounded import NEAR, Bounded, linearise_all, truncate_normal
 from .files import list_versions, make_plain, write_json
 from .identifiability import Knowledge, Remedy, analyse_columns, describe_knowledge, flatten_columns
+from .goodness import GoodnessOfFit, judge_goodness
 from .noise import Noise
 from .parameters import ParameterSpace, coordinate_bounds, to_public
 from .problem import Problem, Solution
@@ -62,6 +63,7 @@ class Fit:
         covariance: of the coordinates of `parameters`, in their order, shape (free, free).
         correlations: of the same, shape (free, free).
         chi2, degrees, chi2_reduced: sum of squares of whitened residuals, nuisances and priors; degrees of freedom.
+        goodness: whether that is more than noise leaves, and whether settings had to move further than stated.
         records, samples: how many.
         noise: by channel.
         converged, steps, state: of the optimiser; `state` is a sentence.
@@ -87,6 +89,7 @@ class Fit:
     chi2: float
     degrees: int
     chi2_reduced: float
+    goodness: GoodnessOfFit
     records: int
     samples: int
     noise: Mapping[str, Noise]
@@ -120,9 +123,9 @@ class Fit:
             InputError: It is no fitted parameter, or the level is not between 0 and 1.
         """
         if name not in self.parameters:
-            raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", column="name")
+            raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", option="name")
         if not 0 < level < 1:
-            raise InputError(f"the level has to be between 0 and 1; it is {level:g}", column="level")
+            raise InputError(f"the level has to be between 0 and 1; it is {level:g}", option="level")
         p = self.space.slots[self.space.index[name]].parameter
         mean, sd, low, high = self.gaussians[name]
         _, a, b = truncate_normal(mean, sd, low, high, level) if np.isfinite(sd) else (sd, low, high)
@@ -139,7 +142,8 @@ class Fit:
                   for name, value in entries]
         lines += [f"    noise of {name}: {n.sd:.4g} {self.source.column(name).unit}, {n.text}"
                   for name, n in self.noise.items()]
-        lines += [f"    {self.state}", "[[Variables]]"]
+        lines += [f"    {told}" for told in (self.state, str(self.goodness)) if told]
+        lines.append("[[Variables]]")
         width = max(map(len, (*self.parameters, *self.fixed))) + 1
         for name, p in self.parameters.items():
             unit = f" {p.unit}" if p.unit else ""
@@ -174,7 +178,9 @@ class Fit:
             "schema": SCHEMA, "campaign": self.campaign, "title": self.title, "sha256": self.sha256,
             "model": self.model, "effects": self.effects, "parameters": self.parameters, "fixed": self.fixed,
             "names": list(self.parameters), "covariance": self.covariance, "correlations": self.correlations,
-            "chi2": self.chi2, "degrees": self.degrees, "chi2_reduced": self.chi2_reduced, "records": self.records,
+            "chi2": self.chi2, "degrees": self.degrees, "chi2_reduced": self.chi2_reduced,
+            "goodness": {**dc.asdict(self.goodness), "misfit": self.goodness.misfit,
+                            "moved": self.goodness.moved}, "records": self.records,
             "samples": self.samples, "noise": self.noise, "converged": self.converged, "steps": self.steps,
             "state": self.state, "nuisances": self.nuisances, "cannot_tell_apart": self.cannot_tell_apart,
             "remedies": self.remedies, "notes": self.notes, "settings": self.settings, "versions": list_versions(),
@@ -221,19 +227,23 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         notes.append("Conditions and time origins were taken as exact.")
     # At its null an effect is absent: a minimum like any other. Elsewhere a bound stopped the fit short of one.
     stopped = [n for n, p in parameters.items() if p.at_bound and not _at_null(space, n, solution.u)]
-    converged, steps = solution.converged and not stopped, f"after {solution.steps} steps"
+    converged, steps = solution.converged and not stopped, f"after {solution.steps} step{'s' * (solution.steps != 1)}"
     state = (f"converged {steps}" if converged else
              f"stopped {steps} at a bound of {' and '.join(stopped)}: there is no minimum inside" if stopped else
              f"not converged {steps}: the values may move further")
     if known.undetermined:
         state += "; not all parameters are determined by these records"
+    shifts = _list_nuisances(problem, solution)
+    pulls: dict[str, dict[str, float]] = {}
+    for record, own in shifts.items():
+        for name, one in own.items():
+            if "pull" in one:
+                pulls.setdefault(name, {})[record] = one["pull"]
     return Fit(
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
-        solution.chi2 / max(degrees, 1), problem.records.count, counted,
-        dict(noise), converged, solution.steps, state, _list_nuisances(problem, solution), told, remedies,
-        tuple(notes),
-        dict(settings), space, solution, campaign, problem, found, gaussians)
+        solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls), problem.records.count, counted,
+        dict(noise), converged, solution.steps, state, shifts, told, remedies, tuple(notes), dict(settings), space, solution, campaign, problem, found, gaussians)
 
 
 def _at_null(space: ParameterSpace, name: str, u: np.ndarray) -> bool:

@@ -114,7 +114,7 @@ def read_specification(path) -> tuple[Specification, str]:
         raise InputError(f"this is no TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
         found = content.get("schema")
-        raise InputError(f"the schema has to be {SCHEMA!r}; it is {found!r}", file=path, column="schema")
+        raise InputError(f"the schema has to be {SCHEMA!r}; it is {found!r}", file=path, key="schema")
     try:
         found = Specification.model_validate(_flatten(content))
     except pydantic.ValidationError as error:
@@ -178,7 +178,7 @@ def _find_campaign(text: str, path: Path) -> Path:
         if candidate.exists():
             return candidate
     raise InputError(f"there is no campaign {text!r}, neither from this file's folder on nor among those that come "
-                     "with the toolkit", file=path, column="campaign")
+                     "with the toolkit", file=path, key="campaign")
 
 
 def _see(name: str, here: Path) -> str:

@@ -25,7 +25,7 @@ _NOT_NEGATIVE = {"initial_pressure", "internal_pressure", "restitution", "temper
 _COUNTS = {"sequence", "repeats"}
 
 
-def check_known(name: str, value: float | None, file: str) -> None:
+def check_known(name: str, value: float | None) -> None:
     """Refuse a known parameter that no ball or body can have.
 
     Raises:
@@ -34,9 +34,9 @@ def check_known(name: str, value: float | None, file: str) -> None:
     if value is None:
         return
     if name in _POSITIVE and value <= 0:
-        raise InputError(f"known: the value must be positive; it is {value:g} {si_unit(name)}", file=file, column=name)
+        raise InputError(f"the value must be positive; it is {value:g} {si_unit(name)}")
     if name == "restitution" and not 0 < value <= 1:
-        raise InputError(f"known: restitution lies above 0 and at most at 1; it is {value:g}", file=file, column=name)
+        raise InputError(f"restitution lies above 0 and at most at 1; it is {value:g}")
 
 
 def check_keys(keys: list[str], table: Table) -> None:

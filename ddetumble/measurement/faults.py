@@ -1,4 +1,5 @@
-"""Faults of the samples themselves, found without any model: clipped, held, spiked, copied, missing, unevenly taken.
+"""Faults of the samples themselves, found without any model: clipped, held, spiked, copied, missing, unevenly taken,
+cut off before the contact ends.
 
 Noise decides: two neighbouring readings with noise of deviation s, written to a resolution q, are equal with a chance
 of about q/(2 sqrt(pi) s), so that a gauge at its limit, or one that stands still, gives itself away by a run of equal
@@ -12,12 +13,17 @@ import numpy as np
 from .campaign import Campaign
 from .grouping import group_conditions
 from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
+from .units import choose_time_unit
 
 
 CHANCE = 1e-4  # expected number, by chance, of what is called a fault
 NEAR = 3.0  # deviations below a limit where a reading may have been cut
 UNEVEN = 0.02  # share of the interval by which intervals may differ
 COPIED = 0.9  # share of equal readings of a copied record
+LAST = 5  # readings at the end of a record whose mean tells whether it ends in contact
+PRESSED = 0.05  # of the peak: above it such a mean is a contact's, where a gauge's zero that drifts, or its lag, is less
+SURE = 6.0  # standard deviations of that mean above nought
+STAYING = ("missing", "uneven", "truncated")  # kinds that are reported and change nothing
 
 
 @dc.dataclass(frozen=True)
@@ -25,7 +31,7 @@ class Fault:
     """One fault of the data, in words.
 
     Attributes:
-        kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `copied`, `unit`, `setting`, `clock`, `zero`, `gain`,
+        kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`, `zero`, `gain`,
             `outlier` or `doubtful`.
         records: keys of the records that have it.
         channel: or condition that has it; empty where it is the record as a whole.
@@ -55,7 +61,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
 
     Returns:
         The campaign with faulty samples missing and copied records left out, and what was found. Samples that are
-        missing, or unevenly taken, are reported and stay as they are.
+        missing, or unevenly taken, and records that end too early are reported and stay as they are.
     """
     if campaign.samples is None or campaign.independent is None:
         return campaign, ()
@@ -96,6 +102,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
             values[part] = parts[key]
         samples[channel] = values
     found += _report_uneven(abscissa, campaign.independent.unit, time, campaign.family, turns)
+    found += find_truncated(campaign)
     cleaned = dc.replace(campaign, samples=samples)
     copied = find_copies(campaign)
     if copied:
@@ -197,6 +204,41 @@ def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
         found.append(Fault("copied", out, "", f"Records {_join(keys)} hold the same samples, noise included.", done,
                            "Export them again.", left_out=True))
     return tuple(found)
+
+
+def find_truncated(campaign: Campaign) -> tuple[Fault, ...]:
+    """Find impacts whose record ends while the force is still well above noise.
+
+    The mean of the last readings is held against the level before first touch, where the record shows one, the noise
+    (as stated, or that of the readings' second differences) and the peak.
+    """
+    channel = "normal_force"
+    if campaign.samples is None or campaign.independent is None or channel not in campaign.channels:
+        return ()
+    uncertainty, keys, shares = campaign.channels[channel].uncertainty, [], []
+    for key in campaign.record_keys:
+        trace = campaign.trace(key)[[campaign.independent.name, channel]].dropna().to_numpy(dtype=float)
+        if len(trace) < 4 * LAST:
+            continue
+        time, force = trace.T
+        before = force[time < 0]
+        level = float(np.median(before)) if len(before) >= LAST else 0.0
+        peak, last = float(force.max()) - level, float(force[-LAST:].mean()) - level
+        sd = uncertainty.sd(peak) if uncertainty is not None else np.median(np.abs(np.diff(force, 2))) / 0.6745 / 6**0.5
+        if last > max(PRESSED * peak, SURE * float(sd) / LAST**0.5):
+            keys.append(key)
+            shares.append(last / peak)
+    if not keys:
+        return ()
+    one = len(keys) == 1
+    end = (f"{100 * shares[0]:.2g} %" if one else f"{100 * min(shares):.2g} to {100 * max(shares):.2g} %")
+    ends = "ends" if one else "end"
+    return (Fault("truncated", tuple(keys), channel,
+                  f"{_count(keys)[0].upper()}{_count(keys)[1:]} {ends} in mid-contact: the {channel.replace('_', ' ')} "
+                  f"there is still {end} of its peak.",
+                  "The model is compared with what there is; the restitution, which the unloading tells, and whatever "
+                  "acts late in the contact are the less certain, and duration and impulse are not measured.",
+                  "Record until the force is back at nought, or look for what cut the file off."),)
 
 
 def _list_turns(campaign: Campaign, samples, rows) -> dict[str, np.ndarray]:
@@ -338,7 +380,9 @@ def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray], family
             low, high = min(low, float(steps.min())), max(high, float(steps.max()))
     if not keys:
         return []
-    factor, shown = (1e3, {"s": "ms", "m": "mm"}[unit]) if unit in ("s", "m") and high < 1.0 else (1.0, unit)
+    shown, factor = ("mm", 1e3) if unit == "m" and high < 1.0 else (unit, 1.0)
+    if unit == "s":
+        shown, factor = choose_time_unit(high)
     return [Fault("uneven", tuple(keys), abscissa, f"The sampling of {_count(keys)} is uneven: {factor * low:.3g} to "
                   f"{factor * high:.3g} {shown} from one to the next.",
                   "Every sample is taken where it stands, and the noise's correlation from pairs of samples.",

@@ -13,6 +13,7 @@ from .campaign import FAMILIES, Campaign, Column
 from .checks import FEWEST_SAMPLES, check_finite, check_known, check_values
 from .columns import CHANNELS, Plan, choose_columns, find_unit, make_plan
 from .conditions import Conditions, point_to_gauge, read_conditions, read_names, read_options
+from .faults import find_truncated
 from .friction import take_means, turn_friction
 from .headings import CONDITIONS, MAIN, PRESSURE, SPEED, expand_role, read_pairs
 from .layout import RawFile, read_layout
@@ -158,7 +159,8 @@ def import_tests(
         plan.notes.append(f"The rubber is not described ({shown}): the paper's is taken; --known states another.")
     plan.notes[:] = _condense(plan.notes, [Path(file).name for file in files.values()])
     campaign = _assemble(tests, sources, parameters, given, spreads, clock, (shared, commons), title, plan)
-    return replace(campaign, notes=(*campaign.notes, *map(str, check_plausibility(campaign))))
+    doubts = (*find_truncated(campaign), *check_plausibility(campaign))
+    return replace(campaign, notes=(*campaign.notes, *map(str, doubts)))
 
 
 def _ask_condition(name: str, sources: Conditions, table) -> None:
@@ -281,9 +283,9 @@ def _read_known(known, family) -> dict[str, float | None]:
             raise InputError(f"--known: there is no parameter {name!r}; did you mean {near[0]}?")
         try:
             parameters[name] = None if value in (None, "null", "") else parse_quantity(value, name)
-            check_known(name, parameters[name], "")
+            check_known(name, parameters[name])
         except InputError as error:
-            raise InputError(f"--known {name}: {error.problem.removeprefix('known: ')}") from None
+            raise InputError(f"--known {name}: {error.problem}") from None
     return parameters
 
 

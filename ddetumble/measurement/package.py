@@ -131,9 +131,9 @@ def _read_known(known: dict, descriptor: Path) -> dict[str, float | None]:
     for name, value in known.items():
         try:
             values[name] = None if value is None else parse_quantity(value, name)
+            checks.check_known(name, values[name])
         except InputError as error:
-            raise InputError(f"known: {error.problem}", file=descriptor, column=name) from None
-        checks.check_known(name, values[name], str(descriptor))
+            raise InputError(error.problem, file=descriptor, key=f"known.{name}") from None
     return values
 
 
@@ -304,7 +304,7 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
             read_campaign(draft)
         except InputError as error:
             name = Path(error.file).name if error.file else None
-            raise InputError(error.problem, file=name, column=error.column, row=error.row) from None
+            raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
         os.chmod(draft, 0o777 & ~_umask())
         if folder.is_dir() and any(folder.iterdir()):
             for name in texts:  # the descriptor is last

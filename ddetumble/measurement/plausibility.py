@@ -5,13 +5,13 @@ relation that holds whatever effect is missing: impulse, speed and duration of a
 stiffness, and with it the pressure, within a factor of about two.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .campaign import Campaign
-from .units import check_unit
+from .units import check_unit, si_unit
 
 
 # Ranges are those of benches and objects that the models are made for, widened to the next round number: lowest and
@@ -22,6 +22,7 @@ RANGES = {
     "normal_load": (1e-2, 2e4), "tangential_force": (1e-3, 2e4),
     "friction coefficient": (2e-3, 30.0),  # over the load as stated; a gas may press on a seal beside it
     "duration of the impact": (5e-5, 1.0), "moving mass": (2e-3, 300.0), "depression": (1e-6, 0.3),
+    "elastic_modulus": (1e5, 5e8),  # of rubber and other soft polymers
     "stroke": (1e-6, 10.0), "angular rate": (1e-5, 60.0), "turn between samples": (0.0, np.pi),
     "stiffness over that of the gas": (0.2, 5.0), "depression over speed and duration": (0.12, 0.9),
     "path over speed and time": (0.5, 2.0), "temperature": (150.0, 500.0),
@@ -30,9 +31,10 @@ RANGES = {
 # model, and 0.52 to 0.79 on two dozen simulated campaigns with any effects of the catalogue. A thick wall can do more.
 GAS_STIFFNESS = 0.65
 CORRECTED = (0.6, 1.7)  # what that ratio has to be once a mistaken unit is corrected
+NUMBERS = ("elastic_modulus",)  # that a campaign says are known, with which no record differs from another
 MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values are in, and the one that was stated
     "pressure": (("bar", "MPa"), ("kPa", "MPa"), ("bar", "Pa"), ("MPa", "Pa"), ("kPa", "Pa"), ("psi", "bar"),
-                 ("psi", "MPa"), ("MPa", "bar"), ("kPa", "bar"), ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa")),
+                 ("psi", "MPa"), ("MPa", "bar"), ("kPa", "bar"), ("psi", "kPa"), ("psi", "Pa"), ("MPa", "psi"), ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa")),
     "speed": (("mm/s", "m/s"), ("m/s", "mm/s"), ("cm/s", "m/s"), ("m/s", "cm/s"), ("mm/s", "cm/s"),
               ("cm/s", "mm/s"), ("km/h", "m/s"), ("mm/min", "mm/s"), ("mm/s", "mm/min")),
     "time": (("ms", "s"), ("s", "ms"), ("us", "s"), ("us", "ms"), ("ms", "us"), ("s", "min"), ("min", "s")),
@@ -48,7 +50,7 @@ class Implausibility:
     """Something about a campaign as a whole that a wrong unit would explain.
 
     Attributes:
-        variable: Column or measured size that is out of the ordinary.
+        variable: Column, known number or measured size that is out of the ordinary.
         value: Its median over the records [SI].
         low, high: What is expected of it [SI].
         unit: SI unit of these, "1" for a ratio.
@@ -82,7 +84,8 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     """Find what no bench has, and which wrong unit would explain it.
 
     Every size in `RANGES` that the campaign tells is compared with its range. One column in another unit than stated is
-    the explanation where it brings all of them into their ranges; where none does, each is named on its own.
+    the explanation where it brings all of them into their ranges; where none does, each is named on its own. Of several
+    units in which a column may be, those that bring the stiffness of the gas nearly right are named, if there are any.
 
     Args:
         campaign: As read or imported, SI.
@@ -98,17 +101,29 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     for column, kind in _list_columns(campaign).items():
         if not all(column in sizes[name].powers for name in odd):
             continue
-        for actual, stated in MISTAKES[kind]:
-            factor = check_unit(actual, "").scale / check_unit(stated, "").scale
-            if all(_is_within(name, size.value * factor ** size.powers.get(column, 0), doubtful and name in odd)
-                   for name, size in sizes.items()):
-                mistakes.append((column, actual, stated))
-                break
+        mistakes += _list_mistakes(column, kind, sizes, odd if doubtful else [])
     if mistakes:
         return (_ask(odd[0], sizes[odd[0]], tuple(mistakes)),)
     # A relation of several columns is the more doubtful: it is told only where nothing else is.
     plain = [name for name in odd if " over " not in name] or odd
     return tuple(_ask(name, sizes[name], ()) for name in plain)
+
+
+def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "_Size"], strictly: Sequence[str]
+                   ) -> list[tuple[str, str, str]]:
+    """Wrong units of one column that would explain all sizes; those named in `strictly` have to be explained well.
+
+    Several where the ranges leave it open which, as of kPa, bar and psi; all for the stated unit of the likeliest.
+    """
+    found, good = [], []
+    for actual, stated in MISTAKES[kind]:
+        factor = check_unit(actual, "").scale / check_unit(stated, "").scale
+        corrected = {name: size.value * factor ** size.powers.get(column, 0) for name, size in sizes.items()}
+        if all(_is_within(name, value, name in strictly) for name, value in corrected.items()):
+            found.append((column, actual, stated))
+            good += [found[-1]] * all(_is_within(name, value, True) for name, value in corrected.items())
+    likely = good or found
+    return [one for one in likely if one[2] == likely[0][2]]
 
 
 def _is_within(name: str, value: float, strictly: bool = False) -> bool:
@@ -122,8 +137,9 @@ def _list_columns(campaign: Campaign) -> dict[str, str]:
     kinds = {"initial_pressure": "pressure", "internal_pressure": "pressure", "approach_speed": "speed",
              "slip_speed": "speed", "tangential_speed": "speed", "normal_load": "force", "normal_force": "force",
              "tangential_force": "force", "time": "time", "depression": "length", "slip": "length",
-             "angular_velocity": "angular velocity", "temperature": "temperature"}  # fmt: skip
-    there = {*campaign.conditions, *campaign.channels}
+             "angular_velocity": "angular velocity", "temperature": "temperature",
+             "elastic_modulus": "pressure"}  # fmt: skip
+    there = {*campaign.conditions, *campaign.channels, *campaign.known}
     there |= set() if campaign.independent is None else {campaign.independent.name}
     there |= {"angular_velocity"} if any(name.startswith("angular_velocity") for name in there) else set()
     return {name: kind for name, kind in kinds.items() if name in there}
@@ -137,6 +153,10 @@ def _measure_sizes(campaign: Campaign) -> dict[str, _Size]:
         values = values[np.isfinite(values) & (values != 0)]  # without gas, or straight on: nothing to compare
         if name in RANGES and values.size:
             sizes[name] = _Size(float(np.median(values)), column.unit, {name: 1})
+    for name in NUMBERS:
+        known = campaign.known.get(name)
+        if known is not None:
+            sizes[name] = _Size(known, si_unit(name), {name: 1})
     measure = {"impact": _measure_impact, "slip": _measure_slip, "tumble": _measure_tumbling}[campaign.family]
     rows: dict[str, list[float]] = {}
     powers: dict[str, tuple[str, Mapping[str, int]]] = {}
@@ -220,8 +240,12 @@ def _measure_tumbling(campaign: Campaign, key: str) -> dict[str, _Size]:
 def _ask(name: str, size: _Size, mistakes: tuple[tuple[str, str, str], ...]) -> Implausibility:
     low, high = RANGES[name]
     unit = "" if size.unit == "1" else f" {size.unit}"
-    seen = f"{name} is {size.value:.3g}{unit} (median of the records), where {low:.3g} to {high:.3g}{unit} is expected"
-    guesses = [f"{column} in {actual} and not in {stated}" for column, actual, stated in mistakes]
+    of = "" if name in NUMBERS else " (median of the records)"
+    seen = f"{name} is {size.value:.3g}{unit}{of}, where {low:.3g} to {high:.3g}{unit} is expected"
+    units: dict[tuple[str, str], list[str]] = {}
+    for column, actual, stated in mistakes:
+        units.setdefault((column, stated), []).append(actual)
+    guesses = [f"{column} in {' or '.join(actual)} and not in {stated}" for (column, stated), actual in units.items()]
     remedy = f"are the values of {', or of '.join(guesses)}?" if guesses else (
         "are the units of all columns right, and the scales of the gauges?")
     return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")

@@ -265,3 +265,9 @@ def choose_time_unit(longest: float) -> tuple[str, float]:
     Contacts last milliseconds, a body is followed for seconds to hours: four digits of seconds can still be read.
     """
     return ("ms", 1e3) if longest <= 2.0 else ("s", 1.0) if longest < 1e4 else ("h", 1 / 3600)
+
+
+def format_time(time: float, longest: float | None = None) -> str:
+    """A time [s] in the unit of those up to `longest` [s], such as `3600 s`; a duration by itself in its own."""
+    unit, factor = choose_time_unit(abs(time) if longest is None else longest)
+    return f"{time * factor:.4g} {unit}"

@@ -66,7 +66,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     found = {"improved": "no single effect of the catalogue does what a curve without physics does",
              "unexplained": "no effect of the catalogue helps",
              "explained": f"{' and '.join(judged['Table 3'].effects)} explains what is missing"}
-    sentence = (f"{len(points)} points at which what the paper prints on normal force and friction contradicts itself. "
+    sentence = (f"On normal force and friction the paper contradicts itself at {len(points)} points. "
                 f"One free mass puts our model within {_worst(judged['Figure 8']):.1f} % of Figure 8's four peaks; on "
                 f"Table 3 {found.get(judged['Table 3'].verdict, 'nothing can be shown to be missing')}. On Table 4 a "
                 f"constant coefficient, {mean:.3f} ± {spread:.3f}, does as well as the corrected law, whose slip term "
@@ -90,7 +90,6 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
               "table-4": {**slipped.to_dict(), **numbers}, "free_rotation": motion, "impacts": impacts}
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (Path(folder) / "paper.json").write_text(text, encoding="utf-8")
-    echo(f"The page: {page}")
     return page
 
 
@@ -271,8 +270,7 @@ def _write_table(judged: PeakJudgement, printed: np.ndarray):
                                         "physical "
                       "range, so the model does not count.", drawings.draw_ladder(judged)),
                      ("table-3-differences", "Paired differences of left-out errors, ± two standard errors. Grey: "
-                                             "eleven "
-                      "numbers cannot tell the two apart.", drawings.draw_differences(
+                      "eleven numbers cannot tell the two apart. Arrows: beyond the scale.", drawings.draw_differences(
                           judged.pairs, "mean |error| of the first minus that of the second [points]"))],
             tables=[judged.table()]),
         Section(

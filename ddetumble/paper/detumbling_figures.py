@@ -98,8 +98,8 @@ def draw_stages(passage: Passage, duration: float = 40.0, count: int = 5):
             attitude = passage.attitude[np.argmin(np.abs(passage.time - time))]
             ends = np.asarray(rotate(jnp.asarray(attitude), jnp.array([[0.0, 0.0, -1.5], [0.0, 0.0, 1.5]])))
             axes.plot(*ends.T, color=KIN if k else AFTER, lw=5.0 if k == 0 else 3.0, alpha=1.0 if k == 0 else 0.75)
-        for limits in (axes.set_xlim, axes.set_ylim, axes.set_zlim):
-            limits(-1.5, 1.5)
+        axes.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[-1, 0, 1], xlim=(-1.5, 1.5), ylim=(-1.5, 1.5),
+                 zlim=(-1.5, 1.5))
         axes.set_box_aspect((1, 1, 1))
         for set_label, label in ((axes.set_xlabel, "X [m]"), (axes.set_ylabel, "Y [m]"), (axes.set_zlabel, "Z [m]")):
             set_label(label)

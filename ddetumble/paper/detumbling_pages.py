@@ -109,7 +109,8 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
              figures.draw_nutation(passages)),
             ("figure-22", "Figure 22: angular velocity in the base frame; constant in a flat spin.",
              figures.draw_rates(passages)),
-            ("figure-23", "Figure 23: the stage's axis over equal times before and after Table 6's impact.",
+            ("figure-23", "Figure 23: the stage's axis over equal times before and after Table 6's impact; dark: the "
+             "first.",
              figures.draw_stages(passages["Table 6"])),
             ("figure-24", "Figure 24: path of the end-face centre A in X and Y, 300 s before and after; right with the "
              "motion that the impulse gives the stage.", figures.draw_displacement(passages["Table 6"], drift)),

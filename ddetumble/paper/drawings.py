@@ -124,6 +124,13 @@ def draw_differences(pairs: Sequence[PairedDifference], title: str):
     axes.set_yticks(range(len(pairs)), [f"{p.first}  against  {p.second}" for p in pairs[::-1]], fontsize=8)
     limit = max(min(max(abs(100 * p.difference) + 200 * p.standard_error for p in pairs) * 1.1, 12.0), 1e-3)
     axes.set_xlim(-limit, limit)
+    for i, pair in enumerate(pairs[::-1]):
+        if abs(100 * pair.difference) > limit:  # its point cannot be seen
+            low = pair.difference < 0
+            told = f"{100 * abs(pair.difference):.1f} ± {100 * pair.standard_error:.1f}"
+            axes.annotate(f"← −{told}" if low else f"{told} →", (0.0 if low else 1.0, i), (2 if low else -2, 4),
+                          xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=8,
+                          ha="left" if low else "right", va="bottom")
     axes.set_xlabel(title)
     return figure
 

@@ -339,13 +339,16 @@ def _write_sentence(judged) -> str:
     mean, spread = judged.ratio
     tail = f" Friction over load is {mean:.3f} ± {spread:.3f}."
     if judged.verdict == "undecided":
-        return f"{start}: {len(judged.peaks)} forces are too few to show or to rule out any effect.{tail}"
+        return f"{len(judged.peaks)} forces are too few to show or to rule out any effect. {start}.{tail}"
     if judged.verdict == "nothing-missing":
-        return f"{start}: no lack of fit at the {100 * judged.level:g} % level.{tail}"
+        return f"These forces show no lack of fit at the {100 * judged.level:g} % level. {start}.{tail}"
     if judged.verdict == "unexplained":
-        return (f"{start}. What our model leaves is more than the scatter about that polynomial (p = "
+        return (f"No effect of the catalogue explains what is missing in these friction forces. {start}. What our "
+                "model leaves is more than the scatter about that polynomial (p = "
                 f"{judged.steps[0].p_value:.2g}), but no catalogued effect predicts left-out forces better beyond "
                 f"chance.{tail}")
     effect = judged.effects[-1]
-    rest = "no lack of fit is left" if judged.verdict == "explained" else "something is still missing"
-    return f"{start}; {effect} brings our model to {say_share(judged.steps[-1].heldout)}, and {rest}.{tail}"
+    head, rest = ("explains what is missing", "no lack of fit is left") if judged.verdict == "explained" else (
+        "helps but is not all", "something is still missing")
+    return (f"{effect.capitalize()} {head}. {start}; {effect} brings our model to "
+            f"{say_share(judged.steps[-1].heldout)}, and {rest}.{tail}")

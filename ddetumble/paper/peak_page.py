@@ -4,7 +4,20 @@ from pathlib import Path
 
 import numpy as np
 
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, OTHER, dress, new_figure, styled
+from ..figures.style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GREY,
+    INK,
+    NARROW,
+    OTHER,
+    WIDTH,
+    dress,
+    head_figure,
+    new_figure,
+    styled,
+)
 from .drawings import draw_ladder
 from .friction import FrictionJudgement
 from .judgement import PeakJudgement
@@ -25,7 +38,7 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
     Raises:
         InputError: The folder cannot be written.
     """
-    from ..report.page import Section, write_page
+    from ..report.page import Picture, Section, write_page
     from ..report.words import say_verdict
 
     if isinstance(judged, FrictionJudgement):
@@ -43,8 +56,8 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
         Section(f"{count} {forces} and the models", [
             "Above: the measured values and fits to all of them. Below: each value predicted by a fit without it; the "
             "band is twice the size of a single value's error.", f"Errors of single values: {judged.noise.text}"],
-            figures=[("peaks-models", f"Measured {forces} beside the models, and errors with each value left out.",
-                      draw_values(judged)),
+            figures=[Picture("peaks-models", f"Measured {forces} beside the models, and errors with each value left "
+                             "out.", draw_values(judged), "", draw_values(judged, narrow=True)),
                      ("peaks-ladder", "Every model, best first, by the error of what was left out. Hatched: an "
                       "estimate outside its physical range, so that the model does not count.", draw_ladder(judged))],
             tables=[judged.table()]),
@@ -57,13 +70,18 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
 
 
 @styled
-def draw_values(judged: PeakJudgement | FrictionJudgement):
-    """Measured values over pressure, or over load, beside the models; below, errors with each value left out."""
+def draw_values(judged: PeakJudgement | FrictionJudgement, narrow: bool = False):
+    """Measured values over pressure, or over load, beside the models; below, errors with each value left out.
+
+    Args:
+        judged: what `judge_campaign` returned.
+        narrow: draw for a telephone.
+    """
     slip = isinstance(judged, FrictionJudgement)
     x = judged.loads if slip else judged.pressures / 1e6
     order = np.argsort(x, kind="stable")
     x, y = x[order], judged.peaks[order]
-    figure = new_figure(5.0)
+    figure = new_figure(5.6, NARROW if narrow else WIDTH)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1))
     for row, colour, style in _choose_rows(judged):
         note = "" if row.physical else " (not physical)"
@@ -80,7 +98,7 @@ def draw_values(judged: PeakJudgement | FrictionJudgement):
     upper.set_ylabel("friction force [N]" if slip else "peak normal force [N]")
     lower.set_ylabel("left out, deviation [%]")
     lower.set_xlabel("normal load [N]" if slip else "pressure [MPa]")
-    upper.legend(loc="best", fontsize=8.5)
+    head_figure(figure, *upper.get_legend_handles_labels())
     return figure
 
 

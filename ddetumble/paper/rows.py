@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..figures.labels import format_number, format_value
+
 
 @dc.dataclass(frozen=True)
 class PeakRow:
@@ -194,9 +196,16 @@ def describe_estimates(estimates: Mapping[str, Mapping]) -> str:
     """Estimates with their standard errors on one line."""
     parts = []
     for name, value in estimates.items():
+        estimate, sd = float(value["estimate"]), float(value["sd"])
+        own = name.rpartition(".")[2] if "." in name else name.replace("_", " ")
         unit = f" {value['unit']}" if value["unit"] else ""
-        sd = f" ± {value['sd']:.2g}" if np.isfinite(value["sd"]) else ""
-        parts.append(f"{name.rsplit('.', 1)[-1]} = {value['estimate']:.3g}{sd}{unit}")
+        if not np.isfinite(estimate):
+            parts.append(f"{own} without limit")
+        elif np.isfinite(sd) and sd > 0:
+            shown = format_value(estimate, sd) if abs(estimate) > sd else format_number(estimate)
+            parts.append(f"{own} = {shown} ± {format_value(sd, sd)}{unit}")
+        else:
+            parts.append(f"{own} = {format_number(estimate)}{unit}")
     return ", ".join(parts)
 
 

@@ -37,7 +37,7 @@ def describe_verdict(judged, assumed: Sequence[str], repeats: np.ndarray | None)
     for name, value in judged.fixed.items():
         notes.append(f"{name.capitalize()} cannot be told from what is fitted by peaks alone; it was kept at "
                      f"{value:g}.")
-    notes += [f"{effect} cannot be seen: {reason}." for effect, reason in judged.left_out.items()]
+    notes += [f"{effect.capitalize()} cannot be seen: {reason}." for effect, reason in judged.left_out.items()]
     notes += _describe_final(judged) + _describe_pairs(judged)
     return _write_sentence(judged), tuple(notes)
 
@@ -51,26 +51,27 @@ def _write_sentence(judged) -> str:
     if printed is not None:
         start += f", the printed theory times one factor by {say_share(printed.heldout)}"
     if judged.verdict == "undecided":
-        return (f"{start}: {len(judged.peaks)} peaks are too few to show or to rule out any effect of the "
-                f"catalogue. Whole force records would do.")
+        return (f"{len(judged.peaks)} peaks are too few to show or to rule out any effect of the catalogue. {start}. "
+                "Whole force records would do.")
     if judged.verdict == "nothing-missing":
-        return f"{start}: no lack of fit at the {100 * judged.level:g} % level."
+        return f"These peaks show no lack of fit at the {100 * judged.level:g} % level. {start}."
     if judged.verdict == "unexplained":
-        return (f"{start}: something is missing, and no catalogued effect in its physical range helps on peaks that "
-                f"were "
-                "left out.")
+        return (f"No effect of the catalogue explains what is missing in these peaks. {start}; no catalogued effect in "
+                "its physical range helps on peaks that were left out.")
     effects = " and ".join(last.effects)
     twins = next((c["indistinguishable_from"] for c in judged.candidates if c["effect"] == last.effects[0]), [])
     twins = [twin for twin in twins if twin in {e for row in judged.rows if row.physical for e in row.effects}]
     told = f" (these peaks cannot tell it from {', '.join(twins)})" if twins else ""
+    many = len(last.effects) > 1
     if judged.verdict == "explained":
-        return f"{start}; {effects}{told} brings our model to {say_share(last.heldout)}, and no lack of fit is left."
+        return (f"{effects.capitalize()} {'explain' if many else 'explains'} what is missing. {start}; {effects}{told} "
+                f"brings our model to {say_share(last.heldout)}, and no lack of fit is left.")
     gap = compare_rows(last, low, judged.peaks)
-    return (f"{start}. {effects.capitalize()}{told} brings our model to {say_share(last.heldout)}, still "
-            f"{100 * gap.difference:.1f} ± {100 * gap.standard_error:.1f} points behind the polynomial: "
-            "no single effect of the catalogue, in its physical range, does what a curve without physics does. "
-            "Force over "
-            "time, at two speeds or more, is what to measure next.")
+    head = "help but are not all" if many else "helps but is not all"
+    return (f"{effects.capitalize()} {head}. {start}. {effects.capitalize()}{told} brings our model "
+            f"to {say_share(last.heldout)}, still {100 * gap.difference:.1f} ± {100 * gap.standard_error:.1f} points "
+            "behind the polynomial: no single effect of the catalogue, in its physical range, does what a curve "
+            "without physics does. Force over time, at two speeds or more, is what to measure next.")
 
 
 def _describe_final(judged) -> list[str]:

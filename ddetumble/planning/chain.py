@@ -13,7 +13,7 @@ from jaxtyping import Array
 from scipy.optimize import minimize
 
 from .guesses import find_bounds
-from .sequence import Sequence, measure_share, move_on, plan_sequence
+from .sequence import Joint, Sequence, measure_share, move_on, plan_sequence
 from .strike_plan import ALLOWED, STARTS, Certificate, StrikePlan, Tally, weigh_constraints
 from .strike_problem import (
     CONSTRAINTS,
@@ -226,7 +226,7 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
                  is_allowed(value), proof, Tally(0, search.tally.slopes))
 
 
-def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float, together: str = "") -> Sequence:
+def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float) -> Sequence:
     """A chain as a sequence of plans, each with the chain's certificate as far as it is about that impact."""
     names, now, time = problem.debris.surface.face_names(), problem, 0.0
     plans, instants, shares = [], [], []
@@ -249,7 +249,7 @@ def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float,
     impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in plans)
     reached = all(plan.allowed for plan in plans) and shares[-1] <= share * (1 + 1e-3)
     return dc.replace(sequence, impacts=tuple(plans), instants=tuple(instants), shares=tuple(shares), impulse=impulse,
-                      reached=reached, together=together)
+                      reached=reached)
 
 
 def _pick(binding: dict[str, float], number: int) -> dict[str, float]:
@@ -286,7 +286,7 @@ def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impa
             other = plan_sequence(hasty, share, most, starts=starts, seed=seed, progress=progress)
             if other.reached:
                 begun.append(_widen(other, part))
-    best, text = found, ""
+    best = found
     for one in begun:
         tell(f"all {len(one.impacts)} impacts together")
         chain = refine_sequence(problem, one, share, aim)
@@ -295,11 +295,15 @@ def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impa
         again = read_chain(problem, one, chain, share)
         if again.reached and _worth(again, aim) < _worth(best, aim):
             best = again
-    if best is not found:
-        what = (f"{best.impulse:.1f} N s, one after the other {found.impulse:.1f}" if aim == "impulse" else
-                f"{best.duration:.1f} s, one after the other {found.duration:.1f}")
-        text = f"All impacts were changed together for the least {aim}: {what}."
-    return dc.replace(best, together=text)
+    return best if best is found else dc.replace(best, joint=_compare(aim, found, best))
+
+
+def _compare(aim: str, alone: Sequence, joint: Sequence | Chain) -> Joint:
+    """What optimising jointly came to: a sequence that is taken, or a chain that is not."""
+    before = (len(alone.impacts), alone.shares[-1], alone.impulse, alone.duration)
+    if isinstance(joint, Chain):
+        return Joint(aim, False, len(joint.faces), joint.share, joint.impulse, joint.duration, before)
+    return Joint(aim, True, len(joint.impacts), joint.shares[-1], joint.impulse, joint.duration, before)
 
 
 def _worth(sequence: Sequence, aim: str) -> float:
@@ -322,16 +326,15 @@ def _press_on(problem: Problem, sequence: Sequence, share: float, most: int, tel
         return sequence
     tell(f"{len(sequence.impacts)} impacts together")
     chain = refine_sequence(problem, sequence, share, "share")
-    text = f"One after the other these leave {100 * sequence.shares[-1]:.2f} %; they were changed together."
-    again = read_chain(problem, sequence, chain, share, text) if chain.allowed else None
+    again = read_chain(problem, sequence, chain, share) if chain.allowed else None
     if again is None or not again.reached:
-        return dc.replace(sequence, tried=f"Changed together, they leave {100 * chain.share:.2f} %.")
-    return again
+        return dc.replace(sequence, joint=_compare("share", sequence, chain))
+    return dc.replace(again, joint=_compare("share", sequence, again))
 
 
 def _shorten(problem: Problem, sequence: Sequence, share: float, tell: Callable[[str], object]) -> Sequence:
     """Leave the last impact out and bring the momentum down with the others, as long as that works."""
-    count, tried = len(sequence.impacts), ""
+    alone, tried = sequence, None
     while len(sequence.impacts) > max(sequence.bound, 1):
         fewer = dc.replace(sequence, impacts=sequence.impacts[:-1], instants=sequence.instants[:-1],
                            shares=sequence.shares[:-1])
@@ -339,10 +342,7 @@ def _shorten(problem: Problem, sequence: Sequence, share: float, tell: Callable[
         chain = refine_sequence(problem, fewer, share, "share")
         again = read_chain(problem, sequence, chain, share) if chain.allowed else None
         if again is None or not again.reached:
-            tried = f"Changed together, {len(fewer.impacts)} of them leave {100 * chain.share:.2f} %."
+            tried = _compare("impacts", alone, chain)
             break
         sequence = again
-    if len(sequence.impacts) == count:
-        return dc.replace(sequence, tried=tried)
-    text = f"Changed together, {len(sequence.impacts)} impacts do what takes {count} one after the other."
-    return dc.replace(sequence, together=text)
+    return dc.replace(sequence, joint=tried if sequence is alone else _compare("impacts", alone, sequence))

@@ -208,7 +208,7 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     for row, (name, (mean, sd)) in enumerate(stated.items()):
         if name not in space.index:
             raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(space.index)}",
-                             column="uncertainty.parameters")
+                             key="uncertainty.parameters")
         k = space.index[name]
         kind = space.slots[k].parameter.coordinate
         try:
@@ -216,7 +216,7 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
         except (ValueError, ZeroDivisionError):
             u[k] = np.nan
         if not low[k] <= u[k] <= high[k] or not np.isfinite(u[k]):
-            raise InputError(f"{name} cannot be {mean:g}", column=f"uncertainty.parameters.{name}")
+            raise InputError(f"{name} cannot be {mean:g}", key=f"uncertainty.parameters.{name}")
         slopes = {"log": np.exp(-u[k]), "logit": 2.0 + 2.0 * np.cosh(u[k]), "inverse": u[k] ** 2}
         sds[row] = sd * slopes.get(kind, 1.0)
         roots[row, k] = 1.0
@@ -227,7 +227,7 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     values, vectors = np.linalg.eigh(matrix)
     if values.min() < -1e-9:
         raise InputError("these correlations contradict each other: no parameters can have all of them",
-                         column="uncertainty.correlation")
+                         key="uncertainty.correlation")
     spread = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sds @ roots
     build = jax.vmap(space.build)
     found = draw_coordinates(space, u, spread, draws, seed)

@@ -1,7 +1,7 @@
 """Where refinements start: thousands of designs by closed forms at once, bettered by differential evolution."""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -51,14 +51,39 @@ class Starts:
     score: float
 
 
+@dc.dataclass(frozen=True)
+class Evolved:
+    """The last generation of designs that closed forms judge.
+
+    Attributes:
+        faces: shape (designs,).
+        x: variables, shape (designs, 7).
+        worth: what was brought down, shape (designs,).
+        least: smallest of what counts of all designs of all generations; infinite where none counts.
+    """
+
+    faces: np.ndarray
+    x: np.ndarray
+    worth: np.ndarray
+    least: float
+
+
+# Of the columns that `screen` finds, shape (designs, 1 + constraints): what is to be brought down, infinite where it
+# cannot be computed, and of each design what counts towards the least, infinite where it does not; shapes (designs,).
+Rank = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def rank_scores(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scores with violations as a penalty; of designs without a violation the score counts."""
+    over = np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
+    worth = found[:, 0] + PENALTY * over
+    worth = np.where(np.isfinite(worth), worth, np.inf)
+    return worth, np.where(over == 0.0, worth, np.inf)
+
+
 def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0,
                 near: Sequence[tuple[int, np.ndarray]] = ()) -> Starts:
     """The most promising designs that are apart from each other.
-
-    A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
-    difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
-    nothing has to be compiled for it; the integrated impact is refined with one. Of many faces a short evolution on all
-    of them chooses those of the long one.
 
     Args:
         problem: what is given, allowed and wanted.
@@ -67,18 +92,37 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
         seed: of their places.
         near: further designs of the first, such as the impact before.
     """
+    last = evolve_designs(problem, draws, seed, near)
+    return Starts(tuple((int(last.faces[k]), last.x[k]) for k in pick_apart(last.faces, last.x, last.worth, starts)),
+                  min(last.least, float(score(problem, problem.angular_velocity))))
+
+
+def evolve_designs(problem: Problem, draws: int = DRAWS, seed: int = 0, near: Sequence[tuple[int, np.ndarray]] = (),
+                   rank: Rank = rank_scores) -> Evolved:
+    """Designs evolved towards what closed forms find best.
+
+    A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
+    difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
+    nothing has to be compiled for it; the integrated impact is refined with one. Of many faces a short evolution on all
+    of them chooses those of the long one.
+
+    Args:
+        problem: what is given, allowed and wanted.
+        draws: designs of a generation; a power of 2.
+        seed: of their places.
+        near: further designs of the first, such as the impact before.
+        rank: what is best.
+    """
     count, most = len(problem.debris.surface.face_names()), max(draws // EACH, 1)
     chosen = np.arange(count)
     if count > most:
         # Those near are always kept; of more faces than designs, each seed leaves out others.
         kept, order = [face for face, _ in near], np.random.default_rng(seed).permutation(count)
         chosen = _put_first(kept, order)[:draws]
-        faces, _, worth, _ = _evolve(problem, chosen, draws, seed, near, LOOKS)
-        best = [np.min(worth[faces == face]) for face in chosen]
+        look = _evolve(problem, chosen, draws, seed, near, LOOKS, rank)
+        best = [np.min(look.worth[look.faces == face]) for face in chosen]
         chosen = _put_first(kept, chosen[np.argsort(best, kind="stable")])[: max(most, len(near))]
-    faces, x, worth, least = _evolve(problem, chosen, draws, seed, near, GENERATIONS)
-    return Starts(tuple((int(faces[k]), x[k]) for k in _part(faces, x, worth, starts)),
-                  min(least, float(score(problem, problem.angular_velocity))))
+    return _evolve(problem, chosen, draws, seed, near, GENERATIONS, rank)
 
 
 def _put_first(some: Sequence[int], every: np.ndarray) -> np.ndarray:
@@ -86,13 +130,13 @@ def _put_first(some: Sequence[int], every: np.ndarray) -> np.ndarray:
 
 
 def _evolve(problem: Problem, chosen: np.ndarray, draws: int, seed: int, near: Sequence[tuple[int, np.ndarray]],
-            generations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Faces, variables and worth of the last generation, on the chosen faces alike; the least score seen allowed."""
+            generations: int, rank: Rank) -> Evolved:
+    """On the chosen faces alike."""
     group = np.arange(draws) % len(chosen)
     faces, count, x = chosen[group], np.bincount(group), _spread(problem, draws, seed)
     for k, (face, place) in enumerate(near):
         x[np.flatnonzero(faces == face)[k]] = place
-    x, worth, least = _rank(problem, faces, x)
+    x, worth, least = _judge(problem, faces, x, rank)
     low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in chosen]), -1, 0)
     first, draw = np.concatenate([[0], np.cumsum(count)[:-1]]), np.random.default_rng(seed)
     for _ in range(generations):
@@ -101,10 +145,10 @@ def _evolve(problem: Problem, chosen: np.ndarray, draws: int, seed: int, near: S
         one, other = (group + len(chosen) * (draw.random(draws) * count[group]).astype(int) for _ in range(2))
         step = draw.uniform(*STRETCH, (draws, 1))
         moved = np.where(draw.random(x.shape) < CROSSED, x + step * (x[leader] - x + x[one] - x[other]), x)
-        moved, found, seen = _rank(problem, faces, np.clip(moved, low[group], high[group]))
+        moved, found, seen = _judge(problem, faces, np.clip(moved, low[group], high[group]), rank)
         better = found < worth
         x, worth, least = np.where(better[:, None], moved, x), np.where(better, found, worth), min(least, seen)
-    return faces, x, worth, least
+    return Evolved(faces, x, worth, least)
 
 
 def _spread(problem: Problem, draws: int, seed: int) -> np.ndarray:
@@ -125,19 +169,15 @@ def estimate_score(problem: Problem, face: int, x: np.ndarray, draws: int = DRAW
     return float(screen(problem, jnp.full(draws, face), jnp.tile(jnp.asarray(x), (draws, 1)))[1][0, 0])
 
 
-def _rank(problem: Problem, faces: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Designs as the arm can make them; their score by closed forms with violations as a penalty, shape (designs,),
-    infinite where it cannot be computed; the least score of those without violation.
-    """
+def _judge(problem: Problem, faces: np.ndarray, x: np.ndarray, rank: Rank) -> tuple[np.ndarray, np.ndarray, float]:
+    """Designs as the arm can make them; their worth, shape (designs,); the least of what counts."""
     settled, found = (np.array(one) for one in screen(problem, jnp.asarray(faces), jnp.asarray(x)))
-    over = np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
-    worth = found[:, 0] + PENALTY * over
-    worth = np.where(np.isfinite(worth), worth, np.inf)
-    return settled, worth, float(np.min(worth[over == 0.0], initial=np.inf))
+    worth, counts = rank(found)
+    return settled, worth, float(np.min(counts, initial=np.inf))
 
 
-def _part(faces: np.ndarray, x: np.ndarray, worth: np.ndarray, count: int) -> list[int]:
-    """Numbers of the best that are on other faces or far enough from each other."""
+def pick_apart(faces: np.ndarray, x: np.ndarray, worth: np.ndarray, count: int) -> list[int]:
+    """Places of the best designs that are on other faces or far enough from each other, the best first."""
     chosen: list[int] = []
     for k in np.argsort(worth, kind="stable"):
         if all(faces[k] != faces[j] or np.linalg.norm(x[k] - x[j]) > APART for j in chosen):

@@ -121,8 +121,11 @@ def _name_family(names: Sequence[str], table: Table) -> str:
 def _read_values(values: Sequence[str] | None, kind: str) -> dict[str, float]:
     found = {}
     for name, text in read_pairs("value", values).items():
-        found[name] = parse_quantity(text, name)
-        check_known(name, found[name], "")
+        try:
+            found[name] = parse_quantity(text, name)
+            check_known(name, found[name])
+        except InputError as error:
+            raise InputError(error.problem, option=f"--value {name}") from None
     return found
 
 

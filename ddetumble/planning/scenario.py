@@ -54,7 +54,7 @@ def read_scenario(path) -> Scenario:
         raise InputError(f"this is no TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
         raise InputError(f"the schema has to be {SCHEMA!r}; it is {content.get('schema')!r}", file=path,
-                         column="schema")
+                         key="schema")
     try:
         return Scenario.model_validate(content)
     except pydantic.ValidationError as error:
@@ -63,7 +63,7 @@ def read_scenario(path) -> Scenario:
         problem = first["msg"].removeprefix("Value error, ")[:200]
         if first["type"] == "extra_forbidden":
             problem = f"this is not a key here; there are {', '.join(_list_keys(first['loc'][:-1]))}"
-        raise InputError(problem, file=path, column=place) from None
+        raise InputError(problem, file=path, key=place) from None
 
 
 def _list_keys(place: tuple) -> list[str]:
@@ -88,10 +88,10 @@ def make_body(table: DebrisTable, here: Path) -> AbstractBody:
     return Cylinder(table.mass, table.radius, table.length)
 
 
-def _load_law(name: str, here: Path, column: str) -> Any:
+def _load_law(name: str, here: Path, key: str) -> Any:
     folder = here / name
     if not is_fitted(str(folder)):
-        raise InputError(f"{name} is no folder that fit or discover wrote", column=column)
+        raise InputError(f"{name} is no folder that fit or discover wrote", key=key)
     return load_model(folder).law()
 
 
@@ -104,10 +104,10 @@ def make_law(scenario: Scenario, here: Path) -> StrikeLaw:
     ball = scenario.ball
     fitted = _load_law(ball.model, here, "ball.model") if ball.model else None
     if fitted is not None and not isinstance(fitted, (ContactLaw, StrikeLaw)):
-        raise InputError("the model has to be one of impacts or of oblique impacts", column="ball.model")
+        raise InputError("the model has to be one of impacts or of oblique impacts", key="ball.model")
     rubbed = _load_law(ball.friction_model, here, "ball.friction_model") if ball.friction_model else None
     if rubbed is not None and not isinstance(rubbed, FrictionLaw):
-        raise InputError("the model has to be one of slip records", column="ball.friction_model")
+        raise InputError("the model has to be one of slip records", key="ball.friction_model")
     return mount_law(scenario, fitted, rubbed)
 
 
@@ -140,23 +140,23 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
         striker.tangential_mass if striker and arm.mass is None else mass)
     if arm.mass is not None:
         if "effective_mass" not in {one.name for one in parameters_of(reference)}:
-            raise InputError("this contact model has no effective_mass; leave it out", column="arm.mass")
+            raise InputError("this contact model has no effective_mass; leave it out", key="arm.mass")
         reference = eqx.tree_at(lambda one: one.effective_mass, reference, scalar(arm.mass))
     assert isinstance(friction.reference, AbstractFriction)
     if isinstance(friction.reference, RubberFriction):
         raise InputError("the slip term of Eqs. 9 and 10 grows without limit at the loads of an impact (above "
                          f"{DIVERGES_ABOVE:.1f} N); fit the slip records with --model eq8 or coulomb",
-                         column="ball.friction_model")
+                         key="ball.friction_model")
     given = {*reference.provides, *friction.reference.provides, *GIVEN, *ball.conditions}
     condition = getattr(reference, "condition", "")
     if condition and condition not in given:
         raise InputError(f"the fitted power law reads {condition!r}: give its value there, such as "
-                         f"conditions = {{ {condition} = 1 }}", column="ball.conditions")
+                         f"conditions = {{ {condition} = 1 }}", key="ball.conditions")
     for effect in own:
         for name in effect.requires:
             if name not in given:
                 raise InputError(f"the effect {effect.id} reads {name!r}: give its value there, such as "
-                                 f"conditions = {{ {name} = 1 }}", column="ball.conditions")
+                                 f"conditions = {{ {name} = 1 }}", key="ball.conditions")
     rolling = CLAMPED if arm.clamped else striker.rolling_mass if striker else 0.5
     creep = {} if striker is None else {"creep_speed": striker.creep_speed}
     return Striker(reference, friction.reference, tangential_mass=scalar(across), rolling_mass=scalar(rolling),
@@ -178,26 +178,26 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
         law = make_law(scenario, here)
         if scenario.arm.mass is not None and "effective_mass" in table.parameters:
             raise InputError("the arm's mass is given as known; leave one of the two out",
-                             column="uncertainty.parameters.effective_mass")
+                             key="uncertainty.parameters.effective_mass")
         stated = {name: (None if one.mean is None else float(one.mean), float(one.sd))
                   for name, one in table.parameters.items()}
         return vary_law(law, stated, table.correlation, draws=table.draws, seed=scenario.seed)
     name = table.fit or ball.model or ball.friction_model
     if not name:
         raise InputError("nothing says how uncertain the contact is: name a fit, or give parameters with their sd",
-                         column="uncertainty")
+                         key="uncertainty")
     folder = here / name
     folder = folder.parent if folder.suffix == ".json" else folder
     if not is_fitted(str(folder)):
-        raise InputError(f"{name} is no folder that fit, sample, discover or weigh wrote", column="uncertainty.fit")
+        raise InputError(f"{name} is no folder that fit, sample, discover or weigh wrote", key="uncertainty.fit")
     models, note = find_models(folder)
     family = models[0][1].family
     if family not in ("impact", "oblique", "slip"):
-        raise InputError("the fit has to be one of impacts or of slip records", column="uncertainty.fit")
+        raise InputError("the fit has to be one of impacts or of slip records", key="uncertainty.fit")
     slips = family == "slip"
     taken = ball.friction_model if slips else ball.model
     if taken and (here / taken).resolve() != folder.resolve():
-        raise InputError(f"the ball's model is {taken} and the fit {name}; name one of them", column="uncertainty.fit")
+        raise InputError(f"the ball's model is {taken} and the fit {name}; name one of them", key="uncertainty.fit")
     other = ball.model if slips else ball.friction_model
     beside = _load_law(other, here, "ball.model" if slips else "ball.friction_model") if other else None
 
@@ -227,7 +227,7 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> Pr
     arm, limits, goal = scenario.arm, scenario.limits, scenario.goal
     chaser = np.asarray(arm.chaser, dtype=float)
     if not np.any(chaser):
-        raise InputError("the direction to the chaser must not be zero", column="arm.chaser")
+        raise InputError("the direction to the chaser must not be zero", key="arm.chaser")
     allowed = Limits(
         speed=arm.speed, approach=limits.approach, force=limits.force, depression=limits.depression, edge=limits.edge,
         pressure=np.asarray(limits.pressure), window=np.asarray(limits.window),

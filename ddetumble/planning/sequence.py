@@ -15,13 +15,35 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate
-from .strike_plan import STARTS, StrikePlan, plan_strike
+from .relaxation import Relaxation, find_relaxations
+from .strike_plan import LEAST_GAIN, STARTS, StrikePlan, plan_strike
 from .strike_problem import Problem, reach_speed
 
 
 SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
 PRESSURES = np.linspace(0.0, 1.0, 5)
 RUBBED = np.array([0.03, 0.1, 0.3, 1.0])  # of the depression and of the speed, at which friction is looked at
+
+
+@dc.dataclass(frozen=True)
+class Joint:
+    """What came of optimising all impacts of a sequence jointly, which were planned one after the other.
+
+    Attributes:
+        aim: what was brought down: `impacts` (their number), `share` (of the momentum left), `impulse` or `time`.
+        taken: whether the sequence is the one that was optimised jointly; where not, that does not reach what is wanted.
+        impacts, share, impulse, duration: of the sequence optimised jointly: number, share of the angular momentum left
+            [-], sizes of all contact impulses added up [N s], from time 0 to the last separation [s].
+        alone: the same four of the one that was planned one after the other.
+    """
+
+    aim: str
+    taken: bool
+    impacts: int
+    share: float
+    impulse: float
+    duration: float
+    alone: tuple[int, float, float, float]
 
 
 @dc.dataclass(frozen=True)
@@ -37,8 +59,9 @@ class Sequence:
         bound: fewest impacts that could do it, whatever the plan; 0 where none can be given.
         floor: share that frictionless impacts cannot go below; 0 on surfaces without an axis of revolution.
         refused: the best further impact where it was not worth its while or not allowed, and the sequence ended.
-        together: what changing all impacts at once made of it, in a sentence; '' where that was not done.
-        tried: what one impact less would leave, as far as was found, in a sentence.
+        joint: what optimising all impacts jointly made of it, or what one impact less would leave; None where that was
+            not done, or made it no better.
+        relaxations: limits each of which, looser, would allow an impact; looked for where there is none.
     """
 
     impacts: tuple[StrikePlan, ...]
@@ -49,8 +72,8 @@ class Sequence:
     bound: int
     floor: float
     refused: StrikePlan | None = None
-    together: str = ""
-    tried: str = ""
+    joint: Joint | None = None
+    relaxations: tuple[Relaxation, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -203,5 +226,18 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = ST
             progress(f"impact {len(impacts)}: {100 * left:.2f} % left")
         now = move_on(now, plan)
     impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in impacts)
+    relaxations = ()
+    if refused is not None and not impacts and not refused.missed:
+        if progress is not None:
+            progress("looking for the limit that stands in the way")
+        relaxations = find_relaxations(problem, list_obstacles(refused), LEAST_GAIN, seed=seed)
     return Sequence(tuple(impacts), tuple(instants), tuple(shares), impulse, left <= share,
-                    bound_impacts(problem, share), find_floor(problem), refused)
+                    bound_impacts(problem, share), find_floor(problem), refused, None, relaxations)
+
+
+def list_obstacles(plan: StrikePlan) -> list[str]:
+    """Constraints that stand in the way of a better plan: those that hold it; where it is not allowed, those that it
+    misses or just keeps.
+    """
+    binding = plan.certificate.binding
+    return [name for name in plan.values if name in binding and (binding[name] > 0.0 or not plan.allowed)]

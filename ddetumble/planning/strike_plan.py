@@ -105,7 +105,7 @@ class StrikePlan:
         return not self.worth and self.untouched - self.estimate >= LEAST_GAIN * self.untouched
 
 
-class _Search:
+class DesignSearch:
     """The problem as SciPy asks for it; each design is integrated once for its values and once for its derivatives."""
 
     def __init__(self, problem: Problem, face: int, tally: Tally):
@@ -136,7 +136,7 @@ def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int 
 
     Where that is outside what is allowed, it is begun again from there, once, without what it had learnt of curvature.
     """
-    search = _Search(problem, face, tally)
+    search = DesignSearch(problem, face, tally)
     bounds = find_bounds(problem, face)
     best = np.clip(x, *bounds.T)
     for _ in range(2):

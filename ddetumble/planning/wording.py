@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from ..discrepancy.wording import NAMES, UNITS
+from ..discrepancy.wording import NAMES, UNITS, format_plain
 from ..inference.archive import SavedModel
 from .limits import CHOSEN, Extra, Limit
 from .proposals import Design, Narrowing, Proposal
@@ -106,13 +106,13 @@ def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:
 
 
 def _say_extra(extra: Extra) -> str:
-    return f"{extra.name} (noise {extra.sd:.3g} {extra.unit})".replace(" 1)", ")")
+    return f"{extra.name} (noise {format_plain(extra.sd)} {extra.unit})".replace(" 1)", ")")
 
 
 def say_value(name: str, value: float, unit: str) -> str:
     """A condition with its unit, in the unit that people use."""
     shown, factor = UNITS.get(name, (unit, 1.0))
-    return f"{value * factor:.3g} {shown if shown else ''}".rstrip().removesuffix(" 1")
+    return f"{format_plain(value * factor)} {shown if shown else ''}".rstrip().removesuffix(" 1")
 
 
 def describe_limit(limit: Limit) -> str:

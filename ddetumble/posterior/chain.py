@@ -61,7 +61,7 @@ class Settings:
         """
         for name, least in (("ensembles", 1), ("burn", 0), ("block", 1), ("effective", 1), ("most", 1), ("seed", 0)):
             if getattr(self, name) < least:
-                raise InputError(f"{name} has to be at least {least}; it is {getattr(self, name)}", column=name)
+                raise InputError(f"{name} has to be at least {least}; it is {getattr(self, name)}", option=name)
 
     def fixed(self) -> dict[str, Any]:
         """What must not change while a chain goes on: how long it is to become may."""

@@ -53,7 +53,7 @@ class Ensembles(AbstractSampler):
         walkers = settings.walkers or max(16, 2 * free + 4)
         if walkers % 2 or walkers < 2 * free + 2 or walkers < 6:
             raise InputError(f"walkers has to be even and at least {max(6, 2 * free + 2)} with {free} parameters; it "
-                             f"is {walkers}", column="walkers")
+                             f"is {walkers}", option="walkers")
         return walkers
 
     def density(self, number: int, x: np.ndarray) -> np.ndarray:

@@ -66,7 +66,7 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
         target = pose_fit(source)
     sampler = sampler or named
     if sampler not in SAMPLERS:
-        raise InputError(f"there is no sampler {sampler!r}; it is {' or '.join(SAMPLERS)}", column="sampler")
+        raise InputError(f"there is no sampler {sampler!r}; it is {' or '.join(SAMPLERS)}", option="sampler")
     settings = Settings(**{**stated, **{k: v for k, v in given.items() if v is not None}})
     return run_chains(SAMPLERS[sampler], target, settings, None if folder is None else Path(folder) / CHAIN,
                       lambda text, share: report(text, 0.15 + 0.85 * share))

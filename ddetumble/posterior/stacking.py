@@ -185,7 +185,7 @@ def weigh(source: Campaign | str | Path, models: Rivals = (), model: str = "pape
     names = [name_rival(one.effects) for one in fits]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{name} stands twice among the rivals; name every model once", column="effect")
+            raise InputError(f"{name} stands twice among the rivals; name every model once", option="effect")
     # One noise for all, measured on what the best of them leaves.
     best = min(fits, key=lambda one: one.chi2_reduced)
     fits = [fit_again(one, best.noise) for one in fits]
@@ -206,7 +206,7 @@ def _split(one: str | Sequence[str | type[AbstractEffect]]) -> tuple[str | type[
         return ()
     if not all(parts) or "none" in parts:
         raise InputError(f"{one!r} names no model: give effects with commas between them, or `none` alone",
-                         column="effect")
+                         option="effect")
     return tuple(parts)
 
 
@@ -444,7 +444,7 @@ def read_weights(folder: Path) -> list[tuple[str, Path, float]]:
         schema = content.get("schema") if isinstance(content, dict) else None
         if schema != SCHEMA:
             raise InputError(f"the schema is {schema!r}; this version reads {SCHEMA!r}: {again}", file=path,
-                             column="schema")
+                             key="schema")
         found = _Weights.model_validate(content)
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
@@ -452,7 +452,7 @@ def read_weights(folder: Path) -> list[tuple[str, Path, float]]:
         first = error.errors()[0]
         reason = first["msg"].removeprefix("Value error, ")
         raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; {again}", file=path,
-                         column=".".join(str(part) for part in first["loc"]) or None) from None
+                         key=".".join(str(part) for part in first["loc"]) or None) from None
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
         raise InputError(f"this is no JSON file, or only a part of one; {again}", file=path) from None
     kept = [(one.name, path.parent / one.folder, one.weight) for one in found.rivals if one.weight > 0]

@@ -357,7 +357,7 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     for k, name in sorted(enumerate(names), key=lambda one: "." not in one[1]):
         if name in known.undetermined and not np.isfinite(high[k] - low[k]):
             raise InputError(f"the records say nothing about {name}, so that there is no posterior to draw from; give "
-                             "it a prior or bounds (in fit.toml: [priors], [bounds]), or fix it ([fixed])", column=name)
+                             "it a prior or bounds (in fit.toml: [priors], [bounds]), or fix it ([fixed])")
     slots = [full.slots[k].parameter for k in places]
     space = _slim(full, found.solution.u, fit.effects)
     records = trim_records(problem.records)

@@ -3,10 +3,20 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
+from ..discrepancy.comparison import Comparison
 from ..discrepancy.records import Place, Trace
-from ..figures.labels import clean
+from ..figures.labels import clean, describe_quantity, format_error, format_number
 from .findings import show_failures, show_fits
-from .page import Section, write_page
+from .page import Section, Table, write_page
+
+
+# Columns of the errors in words; those of residuals in the channel's unit are named with it.
+_WORDS = {"ratio": "rms / noise", "nrmse": "rms / signal", "samples": "samples", "records": "records",
+          "record": "record", "sequence": "place in the series", "chi2_reduced": "χ² per sample", "channel": "channel"}
+_RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
 
 
 def write_comparison(
@@ -45,3 +55,54 @@ def write_comparison(
     models = {clean(label, 60): traces for label, traces in models.items()}
     parts = [show_fits(models), show_failures(models, noise, where), *sections]
     return write_page(title, sentence, parts, folder, name, status=[clean(one, 120) for one in status], facts=facts)
+
+
+def tabulate_errors(result: Comparison) -> Section:
+    """Errors by channel, condition and record as a part of a page, every column with its unit."""
+    units = {str(row["channel"]): str(row["unit"]) for _, row in result.channels.iterrows()}
+    tables = [_tabulate(result.channels.drop(columns="unit"), units, "By channel.")]
+    if any(name not in _WORDS and not name.startswith("ratio") and name not in _RESIDUALS
+           for name in result.conditions.columns):
+        tables.append(_tabulate(result.conditions, units,
+                                "By condition; each is the mean over tests with equal settings."))
+    tables.append(_tabulate(result.records, units, "By record."))
+    text = "Rms / noise is the error over the standard deviation of the noise: 1 is as good as a model can be."
+    return Section("Errors", [text], tables=tables)
+
+
+def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Table:
+    """A table of errors with headings in words; `units` are those of the channels, SI."""
+    header, columns = [], []
+    shown = {channel: describe_quantity(channel, unit=unit) for channel, unit in units.items()}
+    several = len({one.unit for one in shown.values()}) > 1
+    for name in map(str, frame.columns):
+        values = list(frame[name])
+        if name in _RESIDUALS:
+            unit = next(iter(shown.values())).unit
+            header.append(_RESIDUALS[name] + ("" if several else f" [{unit}]"))
+            own = ([shown[str(channel)] for channel in frame["channel"]] if "channel" in frame else
+                   [next(iter(shown.values()))] * len(values))
+            columns.append([f"{format_number(one.scale * float(value))} {one.unit if several else ''}".rstrip()
+                            for one, value in zip(own, values, strict=True)])
+        elif name.startswith("ratio_"):
+            header.append(f"rms / noise, {describe_quantity(name.removeprefix('ratio_')).name}")
+            columns.append([format_number(float(value)) for value in values])
+        elif name in _WORDS:
+            header.append(_WORDS[name])
+            columns.append([_show(name, value) for value in values])
+        else:
+            setting = describe_quantity(name, np.asarray(values, float))
+            header.append(setting.label)
+            columns.append([setting.format(float(value)) for value in values])
+    return Table(header, list(zip(*columns, strict=True)), caption)
+
+
+def _show(name: str, value) -> str:
+    """A cell of a column that has a word of its own."""
+    if name == "nrmse":
+        return format_error(float(value))
+    if name == "channel":
+        return describe_quantity(str(value)).name
+    if name in ("samples", "records", "sequence") and np.isfinite(value):
+        return f"{float(value):g}"
+    return clean(value) if isinstance(value, str) else format_number(float(value))

@@ -1,6 +1,7 @@
 """The report of what was found in a campaign, as one page."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from ..figures.labels import (
     name_step,
     say_p,
 )
-from ..figures.views import View, choose_view
+from ..figures.views import View, choose_view, find_span, find_stretch
 from .missing import show_missing
 from .page import Picture, Section, Table, write_page
 from .words import (
@@ -75,7 +76,8 @@ def list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
     facts = [("error of the fit", compare(first.nrmse, last.nrmse), floor)]
     if math.isfinite(first.heldout_nrmse):
         held = compare(first.heldout_nrmse, last.heldout_nrmse)
-        facts.append(("error on held-out conditions", held, "whole conditions left out"))
+        what = "records" if discovery.family == "tumble" else "conditions"
+        facts.append((f"error on held-out {what}", held, f"whole {what} left out"))
     chi2 = format_number(first.chi2_reduced) + (f" → {format_number(last.chi2_reduced)}" if grown else "")
     facts.append(("χ² per degree of freedom", chi2, "1 is noise alone"))
     fit = last.lack_of_fit
@@ -125,7 +127,8 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
     if is_peaks(first):
         pictures = [
             Picture(f"peaks-{channel}", f"{_begin(channel)} of each record, measured and modelled; below, the residual "
-                    "in units of the noise.", figures.draw_peaks(models, channel))
+                    "in units of the noise.", figures.draw_peaks(models, channel), "",
+                    figures.draw_peaks(models, channel, narrow=True))
             for channel in list_channels(first)
         ]  # fmt: skip
         return Section("Model against measurement", figures=pictures)
@@ -135,6 +138,8 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
             f"{_begin(channel)} of records spread over the conditions: measured (dots) and modelled (lines). Below "
             "each, measured minus model in units of the noise, single samples faint and their running mean as a line."
         )
+        if any(find_stretch(trace) != find_span(trace) for trace in first if trace.channel == channel):
+            caption += " Of records that turn too often to be seen, the end is drawn."
         names = " and ".join(models)
         alt = f"{_begin(channel)} over {view.along} for up to eight records with {names}, and their residuals."
         figure = figures.draw_fit(models, channel, count=8 if i == 0 else 4)
@@ -154,20 +159,22 @@ def show_failures(
     pictures = [
         Picture("record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. "
                 "1 is as good as a model can be.", figures.draw_record_errors(models),
-                "Grid of the error over the noise by condition."),
+                "Grid of the error over the noise by condition.", figures.draw_record_errors(models, narrow=True)),
     ]  # fmt: skip
     if not is_peaks(first):
         pictures.insert(0, Picture(
             "residual-map", "Mean residual over the noise, one row a record in the order of its conditions. Stripes "
             "that many rows share are physics; scattered colour is noise, or a setting that is off in one record.",
-            figures.draw_residual_map(models), f"Heat map of the residuals by record and {view.share}."))
+            figures.draw_residual_map(models), f"Heat map of the residuals by record and {view.share}.",
+            figures.draw_residual_map(models, narrow=True)))
         apart = f"{view.apart} apart, " if view.phases else ""
         for channel in channels:
             pictures.append(Picture(
                 f"dependence-{channel}", f"{_begin(channel)}: mean residual against state and condition, {apart}with "
                 "two standard errors from the scatter between records.",
                 figures.draw_dependence(models, channel, (noise or {}).get(channel), where or ()),
-                f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
+                f"Mean residual of the {describe_quantity(channel).name} against state and conditions.",
+                figures.draw_dependence(models, channel, (noise or {}).get(channel), where or (), narrow=True)))
         if view.force in channels:
             pictures.append(_show_missing(models, view))
     points = [] if where is None else [say_place(place, view) for place in where] or ["No place stands out."]
@@ -192,7 +199,7 @@ def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
         "they scatter more than stated."
     )
     alt = "Shift of every setting in every record, in stated deviations."
-    picture = Picture("settings", caption, figures.draw_shifts(models), alt)
+    picture = Picture("settings", caption, figures.draw_shifts(models), alt, figures.draw_shifts(models, narrow=True))
     return Section("How far the settings were moved", figures=[picture], tables=[Table(header, rows)])
 
 
@@ -227,7 +234,8 @@ def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
     if "backward" in view.phases:
         caption += " On a stroke backward the force is negative, so friction that is missing is too."
     return Picture("missing-force", caption, figures.draw_missing_force(models, channel),
-                   f"Measured minus modelled {word} against {state}.")  # fmt: skip
+                   f"Measured minus modelled {word} against {state}.",
+                   figures.draw_missing_force(models, channel, narrow=True))  # fmt: skip
 
 
 def _show_steps(discovery: Discovery) -> Section:
@@ -241,8 +249,8 @@ def _show_steps(discovery: Discovery) -> Section:
     ]  # fmt: skip
     table = Table(("model", "χ² / dof", "error", "held-out error", "noise floor", "misfit left", "converged"), rows)
     caption = (
-        "Root mean square of the residual over that of the signal, for every model of the loop: on the records that "
-        "were fitted and on conditions that were left out. No model can do better than the noise floor."
+        "Root mean square of the residual over that of the signal, for every model of the loop: on what was "
+        "fitted and on what was left out. No model can do better than the noise floor."
     )
     alt = f"Error of {len(discovery.steps)} models against the noise floor of {format_error(discovery.noise_nrmse)}."
     return Section("The error, step by step", figures=[
@@ -258,14 +266,16 @@ def _show_ranking(discovery: Discovery) -> Section:
         if one.effect in discovery.effects:
             marked.add(i)
         detectable = ", ".join(
-            f"{clean(key.rpartition('.')[2])} {format_number(value)} {clean(one.units.get(key, ''), 16)}".rstrip()
+            f"{clean(key.removeprefix(f'{one.effect}.'))} {format_number(value)} {clean(one.units.get(key, ''), 16)}"
+            .rstrip()
             for key, value in one.smallest_detectable.items())  # fmt: skip
         error = one.standard_error
-        difference = f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}"
+        difference = "–" if one.heldout_difference == 0 else (
+            f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}")
         kin = ", ".join(map(clean, one.indistinguishable_from))
         later = share_at_step(discovery, one.effect)
         gain = (format_share(one.explains, 1), format_p(one.p_value)) if later is None else (
-            f"{format_share(later[1], 1)} at step {later[0]}", "–")  # fmt: skip
+            f"{format_share(later[1], 1)} (step {later[0]})", "–")  # fmt: skip
         rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse), difference,
                      detectable or "–",
                      kin or "–"))  # fmt: skip
@@ -321,7 +331,8 @@ def _show_parameters(discovery: Discovery) -> Section:
     caption = "Estimates with their 95 % intervals, each on its own scale, and the strongest correlations."
     if len(steps) > 1:
         caption += " Where those of the two models lie apart, the missing physics had pulled the parameter away."
-    picture = Picture("parameters", caption, figures.draw_parameters(steps), f"Intervals of {len(rows)} parameters.")
+    picture = Picture("parameters", caption, figures.draw_parameters(steps), f"Intervals of {len(rows)} parameters.",
+                      figures.draw_parameters(steps, narrow=True))
     return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
 
 
@@ -362,8 +373,18 @@ def _show_judgement(discovery: Discovery) -> Section:
     if noise:
         header = ("channel", "stated sd", "sd used", "unit", "correlation", "white share", "how")
         tables.append(Table(header, noise, "Noise."))
-    texts = dict.fromkeys(step.lack_of_fit.text for step in discovery.steps if step.lack_of_fit.text)
-    return Section("How the verdict was reached", list(texts), tables=tables, points=list(discovery.notes))
+    return Section("How the verdict was reached", _list_texts(discovery.steps), tables=tables,
+                   points=list(discovery.notes))
+
+
+def _list_texts(steps: Sequence[Step]) -> list[str]:
+    """How lack of fit was judged, as sentences; those of steps that differ but in their numbers once, the first's."""
+    texts: dict[str, str] = {}
+    for step in steps:
+        if step.lack_of_fit.text:
+            texts.setdefault(re.sub(r"\d+", "", step.lack_of_fit.text), step.lack_of_fit.text)
+    more = " (of the first model; the table has those of the others)" if len(steps) > 1 else ""
+    return [re.sub(r"(degrees of freedom)", rf"\1{more}", text).rstrip(".") + "." for text in texts.values()]
 
 
 def _scale(value, scale: float) -> str:

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..discrepancy.records import MissingForce
-from ..figures.labels import clean, format_number, format_share, format_value
+from ..discrepancy.records import MissingForce, Shape
+from ..figures.labels import clean, describe_quantity, format_number, format_share, format_value
 from .page import Picture, Section, Table, write_page
 
 
@@ -35,22 +35,25 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
     best = missing.shapes[0]
     pictures = [Picture(
         "missing-shape", "The force that is missing, fitted inside the equation of motion, with two posterior standard "
-        "deviations, a simple law that draws it (dashed, where it holds beside the same values of the model's "
-        "parameters), and below, grey, where the samples lie. Right: how much "
+        "deviations, a simple law that describes it (dashed, where it holds beside the same values of the model's "
+        "parameters), and below, grey, where the samples lie. Beside it: how much "
         "of the misfit of left-out conditions each removes" + (", and the force's spectrum (grey: two standard "
         "deviations of what noise leaves)." if best.spectrum.shape[1] > 2 else "."),
-        figures.draw_missing_shape(missing), f"Missing {clean(best.way)} over {clean(best.variable)}.")]
+        figures.draw_missing_shape(missing), f"Missing {clean(best.way)} over {clean(best.variable)}.",
+        figures.draw_missing_shape(missing, narrow=True))]
     if len(missing.shapes) > 1:
         pictures.append(Picture(
             "missing-rivals", "The same over the other variables that came near, each fitted alone; how far behind the "
-            "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals(missing)))
-    tables = [Table(("free force", "knots", "misfit removed", "behind the best", "visible", "told from zero from"), [
+            "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals(missing), "",
+            figures.draw_missing_rivals(missing, narrow=True)))
+    tables = [Table(("free force", "knots", "misfit removed", "behind the best", "visible", "differs from zero from"), [
         (clean(f"{s.way} over {s.variable}" + (f", {' and '.join(s.parts)}" if s.parts[0] else "")), s.intervals,
          format_share(missing.share(s.loss)),
+         "–" if s.difference == 0 else
          f"{format_value(s.difference, s.standard_error)} ± {format_value(s.standard_error, s.standard_error)}",
-         format_share(s.visible), "–" if s.begins is None else f"{s.begins:.4g}") for s in missing.shapes],
-        "Free forces of one variable (SI). Visible: share of the force's own signature that the model's parameters and "
-        "the settings cannot imitate.")]
+         format_share(s.visible), _show_place(s)) for s in missing.shapes],
+        "Free forces of one variable; how far behind the best each is counts noise variances of left-out conditions. "
+        "Visible: share of the force's own signature that the model's parameters and the settings cannot imitate.")]
     if missing.laws:
         rows = []
         for law in missing.laws:
@@ -58,12 +61,21 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
                                for n, e in law.parameters.items())
             rows.append((clean(law.text), clean(values, 300),
                          "–" if missing.lone else format_share(missing.share(law.loss)),
+                         "–" if law is missing.laws[0] else
                          f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
-                         format_number(law.chi2 - missing.laws[0].chi2),
+                         "–" if law is missing.laws[0] else format_number(law.chi2 - missing.laws[0].chi2),
                          "yes" if law.converged else "no"))
         tables.append(Table(("simple law", "parameters (SI)", "misfit removed", "behind the first", "fits worse by",
                              "converged"), rows,
-                            "Laws that would draw it, fitted inside the equation of motion, in noise variances. Of "
+                            "Laws that would describe it, fitted inside the equation of motion, in noise variances. Of "
                             "those that left-out conditions do not tell apart the one that fits best comes first; a "
                             "parameter costs 9."))
     return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]
+
+
+def _show_place(shape: Shape) -> str:
+    """From where on a shape differs from zero, with its unit."""
+    if shape.begins is None:
+        return "–"
+    shown = describe_quantity(shape.variable, shape.x)
+    return f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()

@@ -8,7 +8,7 @@ import numpy as np
 from ..figures.plan import draw_outlook, draw_prospect
 from ..planning.ambiguity import Assessment, Outlook, Spread
 from ..planning.prospect import Prospect
-from .page import Section, Table
+from .page import Picture, Section, Table
 
 
 WORDS = {
@@ -47,20 +47,21 @@ def show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = N
     if len(rows) > 1:
         rows.append(["all, by their weights", *_show(found.whole)])
     table = Table(
-        ["model", "weight", "|L| left, mean ± sd [%]", "5 to 95 % of the draws [%]",
+        ["model", "weight", "momentum left, mean ± sd [%]", "5 to 95 % of the draws [%]",
          f"worst {100 * found.tail:.0f} % [%]", "peak force [N]", "depression [mm]", "limits not kept in",
          "wrong plan costs [%]"], rows,
         "Of the first impact. The last column: what is lost, of what was wanted small, by a plan for another model.")
-    picture = ("outlook", "How much of the angular momentum the first impact leaves, under draws of the contact law. "
-               "Dashed: the mean of the worst share.",
-               draw_outlook({name: one.shares for name, one in found.models.items()}, found.whole.nominal,
-                            found.whole.momentum.tail))
-    pictures: list[tuple[str, str, Any]] = [picture]
+    shares = {name: one.shares for name, one in found.models.items()}
+    wide, narrow = (draw_outlook(shares, found.whole.nominal, found.whole.momentum.tail, narrow=small)
+                    for small in (False, True))
+    pictures = [Picture("outlook", "How much of the angular momentum the first impact leaves, under draws of the "
+                        "contact law. Dashed: the mean of the worst share.", wide, "", narrow)]
     sentences = list(found.sentences)
     if prospect is not None:
         low, high, tail = (np.array([getattr(one, name) for one in prospect.after]) for name in ("q05", "q95", "tail"))
-        pictures.append(("prospect", "How much of the angular momentum is left after each impact, under the same draws "
-                         "and with nothing planned again.", draw_prospect(prospect.best, low, high, tail, share)))
+        wide, narrow = (draw_prospect(prospect.best, low, high, tail, share, narrow=small) for small in (False, True))
+        pictures.append(Picture("prospect", "How much of the angular momentum is left after each impact, under the "
+                                "same draws and with nothing planned again.", wide, "", narrow))
         sentences.insert(1, prospect.sentence)
     return Section("How sure this is", [*sentences, WORDS[plan_for], found.note], figures=pictures, tables=[table])
 

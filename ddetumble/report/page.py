@@ -2,6 +2,7 @@
 
 import base64
 import dataclasses as dc
+import math
 import os
 import re
 import tempfile
@@ -11,14 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from .._errors import InputError
-from ..figures.labels import clean
-from ..figures.style import render_png
+from ..figures.labels import clean, typeset
+from ..figures.style import reduce_colours, render_png
 
 
 BUDGET = 2_700_000  # characters of all figures in a page
-WIDE, SMALL = 104, 72  # pixels an inch of a figure, type of 13 and 9 pixels; the latter on a telephone
-HEADLINE, LONGEST, SHORTEST = 150, 230, 24  # characters: two short sentences, what still reads as one, a clause
-_NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?$|^–?$")
+WIDE = 104  # pixels an inch of a figure, which makes its type 13 pixels high
+HEADLINE, LONGEST, SHORTEST = 110, 230, 24  # characters: one short sentence, what still reads as one, a clause
+BRIEF, PHRASE = 12, 28  # characters that a column's cells keep on one line, and from which on they are sentences
+_NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[-+−]?\d+)?)?( ?%)?( \(step \d+\))?$|^–?$")
 
 
 @dc.dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Picture:
         caption: what it shows, one or two sentences.
         figure: a matplotlib figure.
         alt: what a reader who cannot see it should hear; the caption where it is empty.
-        narrow: the same drawn for a telephone; without it, the figure scrolls sideways there.
+        narrow: the same drawn for a telephone; without it, the figure is shrunk there, and enlarged by a tap.
     """
 
     name: str
@@ -56,7 +58,7 @@ class Section:
 
     Attributes:
         title: its heading.
-        paragraphs: plain text; `markupsafe.Markup` passes as HTML.
+        paragraphs: plain text, commands between backticks; `markupsafe.Markup` passes as HTML.
         figures: `Picture`s, or tuples (name, caption, figure[, alt]).
         tables: `Table`s, pandas data frames, or lists of rows of which the first is the header.
         points: a list of short sentences after the paragraphs.
@@ -115,8 +117,7 @@ def write_page(
             "title": section.title, "paragraphs": section.paragraphs, "points": section.points,
             "figures": [
                 {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data,
-                 "narrow": small, **{name: round(pixels * float(picture.figure.get_size_inches()[0]))
-                                     for name, pixels in (("width", WIDE), ("small", SMALL))}}
+                 "narrow": small, "width": round(WIDE * float(picture.figure.get_size_inches()[0]))}
                 for picture, data, small in list(zip(pictures, shown, narrow, strict=True))[start : start + count]
             ],
             "tables": [_read_table(table) for table in section.tables],
@@ -138,12 +139,10 @@ def write_page(
 
 
 def split_sentence(text: str) -> tuple[str, str]:
-    """The headline, one or two short sentences, and the rest; a long sentence parts at a colon or a semicolon.
+    """The headline, which is the first sentence, and the rest; a long first sentence parts at a colon or a semicolon.
 
-    Stops within brackets, in numbers and in names part nothing.
+    Stops within brackets, in numbers and in names part nothing, nor does what would leave but a word or two.
     """
-    if len(text) <= HEADLINE:
-        return text, ""
     depth, ends, breaks = 0, [], []
     for i, (character, after) in enumerate(zip(text, text[1:], strict=False)):
         depth = max(0, depth + (character in "([") - (character in ")]"))
@@ -152,11 +151,30 @@ def split_sentence(text: str) -> tuple[str, str]:
                 ends.append(i + 1)
             elif character in ":;":
                 breaks.append(i + 1)
-    place = max((end for end in ends if end <= HEADLINE), default=None)
-    if place is None:
-        place = next((one for one in breaks if one <= LONGEST), next(iter(ends), len(text)))
+    place = next(iter(ends), len(text))
+    if place > HEADLINE:
+        place = next((one for one in breaks if one <= min(place, LONGEST)), place)
     head, rest = text[:place], text[place:].strip()
-    return head[:-1] + "." if head[-1] in ":;" else head, rest[:1].upper() + rest[1:]
+    return head[:-1] + "." if head[-1:] in (":", ";") else head, begin_sentence(rest)
+
+
+def begin_sentence(text: str) -> str:
+    """Text with a capital at its beginning, unless it begins with a symbol or the name of a parameter or a file."""
+    return text[:1].upper() + text[1:] if re.match(r"[a-z]+(-[a-z]+)*[ ,;:]+(?!=)", text) else text
+
+
+def format_prose(text) -> Any:
+    """Text as HTML: escaped, numbers and units as in print, what stands between backticks as code; HTML as it is."""
+    import markupsafe
+
+    if isinstance(text, markupsafe.Markup):
+        return text
+    parts = str(text).split("`")
+    if len(parts) % 2 == 0:  # a backtick without another is but a character
+        return markupsafe.escape(typeset(str(text)))
+    return markupsafe.Markup("").join(
+        markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else markupsafe.escape(typeset(part))
+        for i, part in enumerate(parts))
 
 
 def write_whole(path: Path, content: bytes):
@@ -174,8 +192,13 @@ def write_whole(path: Path, content: bytes):
         raise
 
 
+def _begin(text):
+    """`begin_sentence`, but HTML as it is."""
+    return text if hasattr(text, "__html__") else begin_sentence(str(text))
+
+
 def _encode(image: bytes) -> str:
-    return base64.b64encode(image).decode("ascii")
+    return base64.b64encode(reduce_colours(image)).decode("ascii")
 
 
 def _fit_budget(pictures: Sequence[Picture], images: Sequence[bytes], budget: int) -> list[str]:
@@ -200,12 +223,30 @@ def _read_table(table) -> dict:
     elif not isinstance(table, Table):
         rows = list(table)
         table = Table(rows[0], rows[1:])
-    rows = [[_show(cell) for cell in row] for row in table.rows]
+    places = [_count_places([row[i] for row in table.rows if i < len(row)]) for i in range(len(table.header))]
+    rows = [[f"{cell:.{places[i]}f}" if isinstance(cell, float) and places[i] and math.isfinite(cell) else _show(cell)
+             for i, cell in enumerate(row)] for row in table.rows]
     right = [all(_NUMBER.match(row[i]) for row in rows if i < len(row)) for i in range(len(table.header))]
+    kinds = ["right" if own and rows else _judge_width([row[i] for row in rows if i < len(row)])
+             for i, own in enumerate(right)]
     return {
-        "header": [str(name) for name in table.header], "caption": table.caption, "right": right if rows else [],
+        "header": [str(name) for name in table.header], "caption": table.caption, "kinds": kinds,
         "rows": [{"cells": row, "marked": i in table.marked} for i, row in enumerate(rows)],
     }  # fmt: skip
+
+
+def _count_places(cells: Sequence) -> int:
+    """How many decimals all numbers of a column show: one or two where none has more, 0 for those of four digits."""
+    numbers = [cell for cell in cells if isinstance(cell, float) and math.isfinite(cell)]
+    return next((places for places in (1, 2) if numbers and all(round(x, places) == x for x in numbers)), 0)
+
+
+def _judge_width(cells: Sequence[str]) -> str:
+    """How much room a column of words wants: `brief` ones, `phrase`s, `prose`; `wild` where a word would not fit."""
+    longest = max(map(len, cells), default=0)
+    word = max((len(word) for cell in cells for word in cell.split()), default=0)
+    kind = "brief" if longest <= BRIEF else "phrase" if longest <= PHRASE else "prose"
+    return f"{kind} wild" if word > PHRASE else kind
 
 
 def _show(cell) -> str:
@@ -220,6 +261,7 @@ def _load_template(name: str):
 
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
                                      undefined=jinja2.StrictUndefined)
+    environment.filters |= {"prose": format_prose, "sentence": lambda text: format_prose(_begin(text))}
     return environment.from_string(_read_text(name))
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import math
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from ..dynamics.free_motion import coast
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
+from ..measurement.units import choose_time_unit, format_time
 from ..planning.ambiguity import Assessment
 from ..planning.measured import (
     Extrapolation,
@@ -25,14 +27,14 @@ from ..planning.measured import (
     warn_of_extrapolation,
 )
 from ..planning.prospect import Prospect
-from ..planning.sequence import Sequence, measure_share
+from ..planning.sequence import Joint, Sequence, measure_share
 from ..planning.strike_plan import LEAST_GAIN, StrikePlan
 from ..planning.strike_problem import Problem
 from .outlook import list_outlook, show_outlook
-from .page import Section, Table, write_page, write_whole
+from .page import Picture, Section, Table, write_page, write_whole
 
 
-SCHEMA = "ddetumble.plan-result/1"
+SCHEMA = "ddetumble.plan-result/2"
 PLACES = 120  # times drawn between two impacts
 ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
 SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen
@@ -41,10 +43,11 @@ FOUNDED = {
     "alone": "Each impact is the best of several starts for itself, from the motion that the one before left; the "
              "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
              "constraints' share says how nearly each is a first-order optimum.",
-    "together": "The impacts were planned one after the other, and then changed all together, with the gradient "
-                "through all of them and the motion between. What is left of that gradient after the binding "
-                "constraints' share says how nearly the whole is a first-order optimum near where it began; another "
-                "sequence may be better still."}
+    "jointly": "The impacts were planned one after the other, and then optimised jointly, with the gradient through "
+               "all of them and the motion between. What is left of that gradient after the binding constraints' "
+               "share says how nearly the whole is a first-order optimum near where it began; another sequence may be "
+               "better still."}
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 AFTERWARDS = 30.0  # s, of free motion drawn at either end
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
@@ -62,17 +65,67 @@ def describe_plan(problem: Problem, sequence: Sequence, share: float,
             f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone.")
     if not count:
         missed = sequence.refused is not None and sequence.refused.missed
-        return f"{'No impact was found' if missed else 'This cannot be done'}: {_say_why(sequence)}.{frictionless}"
+        cannot = "No impact was found" if missed else "This cannot be done"
+        return f"{cannot}: {_say_why(sequence)}.{_format_relaxations(sequence)}{frictionless}"
     left = 100 * sequence.shares[-1]
-    start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {left:.2f} % of the angular momentum"
-    aim = f", in {sequence.instants[-1]:.0f} s and with {sequence.impulse:.1f} N s of contact force in all"
+    shown = f"{left:.2f} %" if left >= 0.005 else "less than 0.01 %"
+    start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {shown} of the angular momentum"
+    start += "" if sequence.reached else f", not the wanted {100 * share:g} %"
+    last = format_time(sequence.instants[-1], find_end(sequence))
+    aim = (f" {'It comes' if count == 1 else 'The last of them comes'} at {last}, and the contact force has an impulse "
+           f"of {sequence.impulse:.1f} N s{'' if count == 1 else ' in all'}.")
     bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound > 1 else ""
-    ended = "" if sequence.reached else f" The wanted {100 * share:g} % are not reached"
-    ended += f": {_say_why(sequence)}." if ended and sequence.refused is not None else "." if ended else ""
-    told = sequence.together or sequence.tried
-    together = f" {told}" if told else ""
+    ended = ""
+    if not sequence.reached and sequence.refused is not None:
+        why = _say_why(sequence)
+        ended = f" {why[:1].upper()}{why[1:]}."
+    together = "" if sequence.joint is None else f" {_format_joint(sequence.joint, share)}"
     beyond = warn_of_extrapolation(list_extrapolations(ranges, sequence.impacts, problem.conditions))
-    return f"{start}{aim}.{ended}{together}{bound}{frictionless} {beyond}".rstrip()
+    return f"{start}.{aim}{ended}{together}{bound}{frictionless} {beyond}".rstrip()
+
+
+def find_end(sequence: Sequence) -> float:
+    """Up to when the motion is followed [s], which decides on the unit of all times of a plan."""
+    return (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS
+
+
+def _format_joint(joint: Joint, share: float) -> str:
+    """What optimising jointly made of the plan, or would leave with one impact less."""
+    count, (before, left, impulse, duration) = _format_count(joint.impacts), joint.alone
+    if not joint.taken:
+        missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but not within the limits"
+        leave = "leaves" if joint.impacts == 1 else "leave"
+        return f"Optimised jointly, {count} {leave} {100 * joint.share:.2f} % of the angular momentum, {missed}."
+    if joint.aim == "impacts":
+        do = "does" if joint.impacts == 1 else "do"
+        return f"Optimised jointly, {count} {do} what takes {_format_count(before)} when planned one after the other."
+    what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remain, against {100 * left:.2f} %",
+            "impulse": f"impulse: {joint.impulse:.1f} N s, against {impulse:.1f} N s",
+            "time": f"time: {joint.duration:.1f} s, against {duration:.1f} s"}[joint.aim]
+    return f"The impacts were optimised jointly for the least {what} when planned one after the other."
+
+
+def _format_count(impacts: int) -> str:
+    number = NUMBERS[impacts] if impacts < len(NUMBERS) else f"{impacts}"
+    return f"{number} impact{'s' * (impacts != 1)}"
+
+
+def _format_relaxations(sequence: Sequence) -> str:
+    """Which limit would have to be looser, and how much."""
+    if not sequence.relaxations:
+        return ""
+    parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g}, where it is {one.given:g} {one.unit}"
+             for one in sequence.relaxations]
+    return (f" An impact worth {100 * LEAST_GAIN:.0f} % of what is wanted would be allowed with "
+            f"{'; or with '.join(parts)}; all else as it is.")
+
+
+def _round_loosely(value: float, up: bool) -> float:
+    """Two digits, rounded so that what is allowed at `value` is allowed there too."""
+    if value == 0.0:
+        return 0.0
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
+    return float(f"{(math.ceil if up else math.floor)(value / step) * step:.3g}")
 
 
 def _say_why(sequence: Sequence) -> str:
@@ -124,7 +177,7 @@ def follow_plan(problem: Problem, sequence: Sequence) -> tuple[np.ndarray, np.nd
     inertia = problem.debris.inertia
     attitude, rates, begin = problem.attitude, problem.angular_velocity, 0.0
     found: list[tuple[np.ndarray, ...]] = []
-    ends = [*sequence.instants, (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS]
+    ends = [*sequence.instants, find_end(sequence)]
     for k, end in enumerate(ends):
         since = np.linspace(0.0, end - begin, PLACES)
         motion = coast(inertia, attitude, rates, since)
@@ -177,13 +230,13 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
     for number, plan in enumerate(sequence.impacts, 1):
         push = np.asarray(rotate_back(plan.design.attitude, plan.collision.impulse))
         head = np.asarray(plan.design.point)
-        arrows.append({"tail": (head - 0.6 * reach * push / largest).tolist(), "head": head.tolist(),
+        arrows.append({"tail": (head - 0.5 * reach * push / largest).tolist(), "head": head.tolist(),
                        "colour": COLOURS["impulse"], "label": str(number)})
     data = json.dumps({"lines": trace_edges(problem.debris.surface), "arrows": arrows, "reach": 1.3 * reach})
     script = resources.files("ddetumble.report").joinpath("turning.js").read_text(encoding="utf-8")
     return markupsafe.Markup(
-        '<canvas id="turning" width="900" height="520" tabindex="0" role="img" style="max-width:100%;touch-action:none;'
-        'cursor:grab" aria-label="The body with its impacts; drag or use the arrow keys to turn it"></canvas>'
+        '<canvas id="turning" tabindex="0" role="img" style="display:block;width:100%;touch-action:pan-y;cursor:grab" '
+        'aria-label="The body with its impacts; drag or use the arrow keys to turn it"></canvas>'
         '<script type="application/json" id="turning-data">' + data.replace("<", "\\u003c") + "</script>"
         "<script>" + script + "</script>")
 
@@ -219,7 +272,9 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, 
         "possible": True if impacts else None if best is not None and best.missed else False,
         "reached": sequence.reached, "wanted_share": share, "share_left": sequence.shares[-1] if impacts else 1.0,
-        "impulse": sequence.impulse, "duration": sequence.duration, "together": sequence.together,
+        "impulse": sequence.impulse, "duration": sequence.duration,
+        "joint": None if sequence.joint is None else dc.asdict(sequence.joint),
+        "relaxations": [dc.asdict(one) for one in sequence.relaxations],
         "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
         "refused": None if best is None else {
@@ -232,27 +287,32 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
     time, momentum, nutation = follow_plan(problem, sequence)
-    figures = [("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
-                draw_motion(time, momentum, nutation, sequence.instants))]
+    figures = [Picture("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
+                       draw_motion(time, momentum, nutation, sequence.instants), "",
+                       draw_motion(time, momentum, nutation, sequence.instants, narrow=True))]
     if impacts:
         chosen = sorted({0, len(impacts) // 2, len(impacts) - 1})
         courses = [sequence.impacts[k].collision.course for k in chosen]
-        figures.append(("contacts", "Normal force and friction during contact.", draw_contacts(
-            [np.asarray(c.time) for c in courses], [np.asarray(c.normal_force) for c in courses],
-            [np.linalg.norm(np.asarray(c.friction), axis=1) for c in courses], [f"impact {k + 1}" for k in chosen])))
+        drawn = ([np.asarray(c.time) for c in courses], [np.asarray(c.normal_force) for c in courses],
+                 [np.linalg.norm(np.asarray(c.friction), axis=1) for c in courses], [f"impact {k + 1}" for k in chosen])
+        alike = " Where there are fewer lines than impacts, some coincide." if len(chosen) > 1 else ""
+        figures.append(Picture("contacts", f"Normal force and friction during contact.{alike}", draw_contacts(*drawn),
+                               "", draw_contacts(*drawn, narrow=True)))
+    unit, factor = choose_time_unit(find_end(sequence))
     table = Table(
-        ["impact", "at [s]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
-         "peak force [N]", "depression [mm]", "contact [ms]", "|L| left [%]", "held by"]
-        + ["beyond what was measured"] * bool(ranges),
-        [[str(one["impact"]), f"{one['instant']:.2f}", one["face"], _list(one["point"]), _list(one["arm_velocity"]),
-          f"{one['initial_pressure'] / 1e6:.3f}", f"{one['peak_normal_force']:.1f}",
-          f"{1e3 * one['peak_depression']:.2f}", f"{1e3 * one['duration']:.1f}", f"{100 * one['share_left']:.3f}",
-          ", ".join(one["certificate"]["binding"]) or "nothing"]
-         + [", ".join(map(format_extrapolation, others)) or "nothing"] * bool(ranges)
-         for one, others in zip(impacts, outside, strict=True)])
+        ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
+         "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]", "limits reached"],
+        [[str(one["impact"]), f"{factor * one['instant']:.{4 if unit == 'h' else 2}f}", one["face"],
+          _list(one["point"]), _list(one["arm_velocity"]), f"{one['initial_pressure'] / 1e6:.3f}",
+          f"{one['peak_normal_force']:.1f}", f"{1e3 * one['peak_depression']:.2f}", f"{1e3 * one['duration']:.1f}",
+          f"{100 * one['share_left']:.3f}",
+          ", ".join(one["certificate"]["binding"]) or "none"]
+         for one in impacts])
+    farther = [f"Impact {k}, beyond what was measured: {', '.join(map(format_extrapolation, others))}."
+               for k, others in enumerate(outside, 1) if others]
     proofs = Table(
-        ["impact", "gradient left over [-]", "gradient against differences [-]", "disc to edge [mm]",
-         "integrations", "gradients", "starts: score"],
+        ["impact", "gradient left over", "gradient against differences", "disc to edge [mm]",
+         "integrations", "gradients", "score of each start"],
         [[str(one["impact"]), f"{one['certificate']['stationarity']:.1e}",
           f"{one['certificate']['gradient_error']:.1e}",
           f"{1e3 * one['certificate']['edge_margin']:.1f}", str(one["integrations"]["values"]),
@@ -263,7 +323,7 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
             make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
             "the last impact, to the same scale, where enough is left. Orange: the impulse of each impact, its head at "
             "the point of contact. Drag to turn."]),
-        Section("Before, between and after", [], figures=figures, tables=[table] if impacts else []),
+        Section("Before, between and after", [], figures=figures, tables=[table] if impacts else [], points=farther),
     ]
     if assessment is not None:
         sections.append(show_outlook(assessment, plan_for, prospect, share))
@@ -271,7 +331,8 @@ def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "",
     if impacts:
         sections.append(Section(
             "How well the plan is founded",
-            [FOUNDED["together" if sequence.together else "alone"], *list_doubts(sequence)], tables=[proofs]))
+            [FOUNDED["jointly" if sequence.joint is not None and sequence.joint.taken else "alone"],
+             *list_doubts(sequence)], tables=[proofs]))
     folder.mkdir(parents=True, exist_ok=True)
     page = write_page(title or "Planned impacts", sentence, sections, folder, "report.html")
     write_whole(folder / "plan.json", (json.dumps(result, indent=1, allow_nan=False) + "\n").encode())
@@ -288,7 +349,8 @@ def list_doubts(sequence: Sequence) -> list[str]:
         told.append(f"Impact {', '.join(map(str, done))} leaves next to nothing: there is nothing more to gain, and "
                     "where a size is nought it has no gradient.")
     if rough:
-        told.append(f"No first-order optimum to {ROUGH:.0%} of the gradient: impact {', '.join(map(str, rough))}.")
+        told.append(f"No first-order optimum to {100 * ROUGH:g} % of the gradient: impact "
+                    f"{', '.join(map(str, rough))}.")
     return told
 
 

@@ -21,6 +21,9 @@ from .page import Picture, Section, Table, write_page
 from .words import flatten
 
 
+HEADLINE = 105  # characters of intervals in the first sentence
+
+
 def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
     """Write what the draws say as one self-contained page, and its figures as PNG files in `figures/` beside it.
 
@@ -52,23 +55,26 @@ def say_posterior(posterior: Posterior) -> str:
     told = []
     # What a model adds is what a reader looks for: parameters of effects first.
     names = sorted(posterior.parameters, key=lambda n: "." not in n)
-    for name in names[:3]:
+    for name in names:
         p = posterior.parameters[name]
         unit = f" {clean(p.unit, 16)}" if p.unit not in ("", "1") else ""
         low, high = (format_value(q, p.sd) for q in (p.q025, p.q975))
-        told.append(f"{clean(name if '.' in name else name.replace('_', ' '), 60)} lies between {low} and {high}{unit}")
+        told.append(f"{clean(name if '.' in name else name.replace('_', ' '), 60)} {low} to {high}{unit}")
+        if len(told) > 1 and len(_join(told)) > HEADLINE:
+            told.pop()
+            break
     rest = len(names) - len(told)
-    more = f" (and {rest} more {'parameters' if rest > 1 else 'parameter'} below)" if rest > 0 else ""
-    text = f"With 95 % probability each, {_join(told)}{more}"
+    more = f" Below: {rest} more {'parameters' if rest > 1 else 'parameter'}." if rest > 0 else ""
+    text = f"95 % intervals: {_join(told)}."
     checks = posterior.predictive
     if not posterior.converged:
-        return f"The chains have not converged, so that these are no final numbers. {text}."
+        return f"The chains have not converged, so that there are no final numbers. {text}{more}"
     if checks is None:
-        return f"{text}, if the model is right."
+        return f"{text}{more} They hold if the model is right, which was not checked."
     if checks.rejected:
-        return (f"The model does not make records like those measured ({say_p(checks.p_value)}), so that its intervals "
-                f"cannot be relied on. {text}, if the model were right.")
-    return f"{text}; records that the model would make look like those measured ({say_p(checks.p_value)})."
+        return (f"These intervals cannot be relied on. The model does not make records like those measured "
+                f"({say_p(checks.p_value)}). {text}{more}")
+    return f"{text}{more} Records that the model would make look like those measured ({say_p(checks.p_value)})."
 
 
 def _join(parts: list[str]) -> str:

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from ..discrepancy.records import Discovery, Estimate, Place
 from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, format_share, format_value
 from ..figures.views import View
+from ..measurement.units import format_time
 
 
 WHOLE = 0.995  # share from which a range is all there is
+MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it
 _PHASES = {
     "loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
     "backward": " on strokes backward",
@@ -43,15 +45,20 @@ def say_place(place: Place, view: View) -> str:
     name = view.series if place.variable == "sequence" else shown.name
     unit = f" {shown.unit}" if shown.unit else ""
     span = f"{format_number(shown.scale * low)} to {format_number(shown.scale * high)}{unit}"
+    whole = place.variable == "time" and low <= MARGIN * view.longest and high >= (1.0 - MARGIN) * view.longest
     phase = _PHASES[place.phase] if place.phase in view.phases else ""
     period = ""
     if place.period is not None and math.isfinite(place.period):
-        period = f"; it repeats every {format_number(shown.scale * place.period)}{unit}"
+        every = format_time(place.period) if place.variable == "time" else (
+            f"{format_number(shown.scale * place.period)}{unit}")
+        period = f"; it repeats every {every}"
     channel = describe_quantity(place.channel).name
     share = f"{format_share(place.share)} of the misfit of the {channel}"
     removes = "" if place.removes is None else f"; a simple force of it removes {format_share(place.removes)}"
     if place.variable == "direction":
         return f"{share} depends on the {name}{period}{removes}."
+    if whole and place.share >= WHOLE:
+        return f"The misfit of the {channel} runs through whole records{period}{removes}."
     if place.removes is not None and place.share >= WHOLE:
         return f"The misfit of the {channel} depends on the {name}, {span}{period}{removes}."
     return f"{share} sits where the {name} is {span}{phase}{period}{removes}."
@@ -93,7 +100,7 @@ def flatten(settings: Mapping, prefix: str = "") -> list[tuple[str, str]]:
         if isinstance(value, Mapping):
             rows += flatten(value, f"{name}, ")
         elif isinstance(value, (list, tuple)):
-            rows.append((name, ", ".join(clean(item, 80) for item in value)))
+            rows.append((name, ", ".join(clean(item, 80) for item in value) or "none"))
         else:
             rows.append((name, f"{value:.4g}" if isinstance(value, float) else clean(value, 200)))
     return rows

@@ -1,0 +1,90 @@
+"""Goodness of fit: whether a fit leaves more than noise does, or moves the settings further than their uncertainty."""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+
+LEVEL = 0.01  # chance of saying so of a model that is complete
+# Chi-square per degree of freedom above which no error of the noise explains it: where the noise is measured from the
+# residuals and correlated, its variance is known to a tenth or two.
+FAR = 1.5
+
+
+@dc.dataclass(frozen=True)
+class GoodnessOfFit:
+    """What a fit leaves beyond noise and stated settings.
+
+    Attributes:
+        chi2_reduced: chi-square per degree of freedom [-].
+        p_value: chance that noise as it was taken leaves so much.
+        setting, record: that was moved furthest; '' where no setting may move.
+        shift: by how much, in its stated standard deviations, with its sign [-].
+        shift_p_value: chance that settings as uncertain as stated are moved so far.
+    """
+
+    chi2_reduced: float
+    p_value: float
+    setting: str
+    record: str
+    shift: float
+    shift_p_value: float
+
+    @property
+    def misfit(self) -> bool:
+        """Whether more is left than the noise explains."""
+        return self.chi2_reduced > FAR and self.p_value < LEVEL
+
+    @property
+    def moved(self) -> bool:
+        """Whether settings were moved further than their stated uncertainty explains."""
+        return self.shift_p_value < LEVEL
+
+    def __str__(self) -> str:
+        """The conclusion in a sentence; '' where there is none to draw."""
+        left = f"chi-square per degree of freedom is {self.chi2_reduced:.3g}"
+        far = f"the {self.setting.replace('_', ' ')} of record {self.record} by {abs(self.shift):.2g} stated deviations"
+        if not self.misfit and not self.moved:
+            return ""
+        if not self.moved:
+            told = f"The model does not describe the data within their noise: {left}."
+        elif not self.misfit:
+            told = ("The model describes the data only with settings that were moved further than their stated "
+                    f"uncertainty allows: {far}.")
+        else:
+            told = ("The model does not describe the data within their noise and the stated uncertainty of the "
+                    f"settings: {left}, and the fit moved {far}.")
+        return (f"{told} The uncertainties of the parameters do not allow for that; `ddetumble discover` looks for what "
+                "is missing.")
+
+
+def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:
+    """The goodness of fit of a solution.
+
+    Args:
+        chi2: sum of squares of whitened residuals, shifts and priors [-].
+        degrees: of freedom.
+        shifts: of settings in their stated deviations, by setting and record.
+    """
+    size = {(name, record): abs(value) for name, own in shifts.items() for record, value in own.items()}
+    name, record = max(size, key=lambda one: size[one], default=("", ""))
+    p_value = combine_p_values([weigh_shifts(np.array(list(own.values()))) for own in shifts.values() if own])
+    chance = float(stats.chi2.sf(chi2, degrees)) if degrees > 0 else 1.0
+    largest = shifts[name][record] if name else 0.0
+    return GoodnessOfFit(chi2 / max(degrees, 1), chance, name, record, largest, p_value)
+
+
+def weigh_shifts(shifts: np.ndarray) -> float:
+    """p-value of the shifts of one setting, in stated deviations, shape (records,): of their sum of squares and of the
+    largest (Bonferroni).
+    """
+    together = float(stats.chi2.sf(np.sum(shifts**2), len(shifts)))
+    alone = min(len(shifts) * 2.0 * float(stats.norm.sf(np.max(np.abs(shifts)))), 1.0)
+    return combine_p_values((together, alone))
+
+
+def combine_p_values(values: Sequence[float]) -> float:
+    """The p-value of the smallest of several (Bonferroni)."""
+    return min(len(values) * min(values), 1.0) if values else 1.0
