@@ -50,27 +50,26 @@ def main(arguments=None):
 def compare(options):
     """Time both."""
     from ddetumble import fit, pose_fit, read_campaign
-    from ddetumble.sampling import ensemble
-    from ddetumble.sampling.ensemble import Settings, run_ensembles
+    from ddetumble.posterior.chain import Settings, run_chains
+    from ddetumble.posterior.ensemble import Ensembles
 
-    ensemble.WORKERS = 1
     module = load_peer(options.peer)  # before anything that takes long
     campaign = read_campaign(locate(options.campaign))
     fitted = fit(campaign, effects=[options.effect], noise="stated")
     target = pose_fit(fitted)
-    run_ensembles(target, Settings(burn=4, block=4, most=4, effective=10**9))  # compiles
+    run_chains(Ensembles, target, Settings(burn=4, block=4, most=4, effective=10**9))  # compiles
     ours = []
     for seed in range(options.repeats):
         began = time.perf_counter()
-        chains = run_ensembles(target, Settings(seed=seed))
+        chains = run_chains(Ensembles, target, Settings(seed=seed))
         seconds = time.perf_counter() - began
         ours.append({"seconds": seconds, "effective": chains.convergence.effective, "rhat": chains.convergence.rhat,
-                     "evaluations": chains.evaluations, "time": float(chains.convergence.times.max())})
-        print(f"ours, seed {seed}: {seconds:.0f} s, {chains.evaluations} densities, "
+                     "evaluations": chains.statistics['evaluations'], "time": float(chains.convergence.times.max())})
+        print(f"ours, seed {seed}: {seconds:.0f} s, {chains.statistics['evaluations']} densities, "
               f"{chains.convergence.effective:.0f} independent draws", flush=True)
     peer = Peer(module, locate(options.campaign), target, fitted)
     rng = np.random.default_rng(0)
-    from ddetumble.sampling.target import draw_inside
+    from ddetumble.posterior.target import draw_inside
 
     x = draw_inside(target, rng, 20)
     theirs, mine = np.array([peer.log_density(one) for one in x]), target.log_density(x)
@@ -171,7 +170,7 @@ class Peer:
     def _run(self, density, start, steps):
         import emcee
 
-        from ddetumble.sampling.diagnostics import measure_times
+        from ddetumble.posterior.diagnostics import measure_times
 
         sampler = emcee.EnsembleSampler(*start.shape, density)
         began = time.perf_counter()

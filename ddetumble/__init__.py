@@ -62,10 +62,10 @@ _HOMES = {
     "simulate": "dynamics.impact", "resolve_model": "inference.archive", "fit": "inference.estimation",
     "compare": "selection.compare", "identify": "reconstruct.force", "discover": "selection.discover",
     "draw_missing_force": "selection.missing.missing_force",
-    "fit_slip_curve": "inference.curves", "fit_slip_polynomials": "inference.curves", "fit_rubber": "inference.curves",
-    "SlipRecord": "inference.curves", "fit_curve": "inference.regression",
-    "sample": "sampling.sampling", "pose_fit": "sampling.target", "pose_curve": "sampling.curves",
-    "weigh": "sampling.weighing",
+    "fit_slip_curve": "inference.curve_models", "fit_slip_polynomials": "inference.curve_models",
+    "fit_rubber": "inference.curve_models", "SlipRecord": "inference.curve_models", "fit_curve": "inference.curve_fit",
+    "sample": "posterior.sampling", "pose_fit": "posterior.target", "pose_curve": "posterior.target",
+    "weigh": "posterior.stacking",
     "predict": "selection.predict", "predict_pulses": "selection.pulses",
     "design": "planning.nexttest", "map_effects": "planning.visibility",
     "write_report": "report", "describe": "report",
@@ -130,12 +130,12 @@ if TYPE_CHECKING:
     from .exam.examination import examine as examine
     from .exam.scorecard import write_scorecard as write_scorecard
     from .inference.archive import resolve_model as resolve_model
-    from .inference.curves import SlipRecord as SlipRecord
-    from .inference.curves import fit_rubber as fit_rubber
-    from .inference.curves import fit_slip_curve as fit_slip_curve
-    from .inference.curves import fit_slip_polynomials as fit_slip_polynomials
+    from .inference.curve_fit import fit_curve as fit_curve
+    from .inference.curve_models import SlipRecord as SlipRecord
+    from .inference.curve_models import fit_rubber as fit_rubber
+    from .inference.curve_models import fit_slip_curve as fit_slip_curve
+    from .inference.curve_models import fit_slip_polynomials as fit_slip_polynomials
     from .inference.estimation import fit as fit
-    from .inference.regression import fit_curve as fit_curve
     from .measurement.campaign import Campaign as Campaign
     from .measurement.laboratory import import_tests as import_tests
     from .measurement.package import read_campaign as read_campaign
@@ -151,13 +151,13 @@ if TYPE_CHECKING:
     from .planning.sequence import plan_sequence as plan_sequence
     from .planning.strike_plan import plan_strike as plan_strike
     from .planning.visibility import map_effects as map_effects
+    from .posterior.sampling import sample as sample
+    from .posterior.stacking import weigh as weigh
+    from .posterior.target import pose_curve as pose_curve
+    from .posterior.target import pose_fit as pose_fit
     from .reconstruct.force import identify as identify
     from .report import describe as describe
     from .report import write_report as write_report
-    from .sampling.curves import pose_curve as pose_curve
-    from .sampling.sampling import sample as sample
-    from .sampling.target import pose_fit as pose_fit
-    from .sampling.weighing import weigh as weigh
     from .selection.compare import compare as compare
     from .selection.discover import discover as discover
     from .selection.missing.missing_force import draw_missing_force as draw_missing_force

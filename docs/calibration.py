@@ -34,8 +34,9 @@ from ddetumble.inference.parameters import ParameterSpace, to_public
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records, trim_records
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
-from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.target import pose_fit
+from ddetumble.posterior.chain import Settings, run_chains
+from ddetumble.posterior.ensemble import Ensembles
+from ddetumble.posterior.target import pose_fit
 
 
 LEVELS = (0.5, 0.9, 0.95)
@@ -202,9 +203,9 @@ def rank(job: tuple[str, int, int]) -> list[dict[str, Any]]:
     for seed in range(first, last):
         fit, truth = run_one("sampled", name, 10**6 + seed)
         target = pose_fit(fit)
-        chains = run_ensembles(target, Settings(walkers=16, ensembles=1, burn=60, block=80, effective=10**6, most=240,
-                                                seed=seed))
-        draws = target.publish(chains.kept.reshape(-1, len(target.names)))
+        settings = Settings(walkers=16, ensembles=1, burn=60, block=80, effective=10**6, most=240, seed=seed)
+        chains = run_chains(Ensembles, target, settings)
+        draws = target.publish(chains.x.reshape(-1, len(target.names)))
         few = draws[np.linspace(0, len(draws) - 1, DRAWS).astype(int)]
         true = np.array([truth[n] for n in target.names])
         central = [[bool(a <= t <= b) for t, a, b in zip(true, *np.quantile(draws, [0.5 - p / 2, 0.5 + p / 2], axis=0),

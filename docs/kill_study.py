@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.sampling.checkpoint import read_arrays
-from ddetumble.sampling.curves import CurveTarget, pose_curve
-from ddetumble.sampling.ensemble import Settings, run_ensembles
+from ddetumble.posterior.chain import Settings, read_arrays, run_chains
+from ddetumble.posterior.ensemble import Ensembles
+from ddetumble.posterior.target import CurveTarget, pose_curve
 
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,7 +52,7 @@ def work(folder: Path) -> None:
         count[0] += 1
         print(count[0], flush=True)
 
-    run_ensembles(make_target(), SETTINGS, folder, report)
+    run_chains(Ensembles, make_target(), SETTINGS, folder, report)
     print("done", flush=True)
 
 
@@ -113,7 +113,7 @@ def main() -> None:
     rng, rows, same, chains = np.random.default_rng(1), [], 0, 0
     whole = given.scratch / "whole"
     began = time.perf_counter()
-    run_ensembles(make_target(), SETTINGS, whole)
+    run_chains(Ensembles, make_target(), SETTINGS, whole)
     long = time.perf_counter() - began
     print(f"undisturbed: {long:.1f} s, {len(list(whole.glob('block-*.npz')))} blocks")
     folder, before = given.scratch / "chain-0", 0

@@ -20,8 +20,8 @@ from ddetumble import find_data, fit_curve
 from ddetumble.cli.failures import run_guarded
 from ddetumble.cli.progress import show_progress
 from ddetumble.figures.style import AFTER, BEFORE, FLOOR, dress, head_figure, new_figure, render_png, styled
+from ddetumble.inference.curve_fit import Regression
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.inference.regression import Regression
 
 from .seal_study import format_table, wrap_page
 

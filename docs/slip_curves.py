@@ -22,8 +22,8 @@ from ddetumble.contact.friction import (
     slip_coefficients,
 )
 from ddetumble.figures.style import AFTER, BEFORE, GREY, INK, PLACE, dress, new_figure, render_png, styled
-from ddetumble.inference.curve_results import say_sd
-from ddetumble.inference.curves import (
+from ddetumble.inference.curve_fit import say_sd
+from ddetumble.inference.curve_models import (
     SlipRecord,
     evaluate_polynomials,
     fit_rubber,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ddetumble._errors import InputError
-from ddetumble.sampling.checkpoint import ChainFolder, read_arrays, write_arrays
-from ddetumble.sampling.ensemble import Settings, is_due, run_ensembles
-from ddetumble.sampling.hamiltonian import run_nuts
+from ddetumble.posterior.chain import Settings, is_due, open_chain, read_arrays, run_chains, write_arrays
+from ddetumble.posterior.ensemble import Ensembles
+from ddetumble.posterior.nuts import Nuts
 from docs.kill_study import compare, inspect, kill_once, make_target, start
 
 
@@ -19,14 +19,14 @@ def test_a_chain_that_stopped_goes_on_as_if_it_had_not(tmp_path):
     import dataclasses as dc
 
     target = make_target()
-    whole = run_ensembles(target, SHORT, tmp_path / "whole")
+    whole = run_chains(Ensembles, target, SHORT, tmp_path / "whole")
     for most in (10, 20, 40):
-        run_ensembles(target, dc.replace(SHORT, most=most), tmp_path / "parts")
-    again = run_ensembles(target, SHORT, tmp_path / "parts")
+        run_chains(Ensembles, target, dc.replace(SHORT, most=most), tmp_path / "parts")
+    again = run_chains(Ensembles, target, SHORT, tmp_path / "parts")
     np.testing.assert_array_equal(again.x, whole.x)
-    assert again.resumed == 60 and compare(tmp_path / "whole", tmp_path / "parts")
+    assert again.statistics["resumed"] == 60 and compare(tmp_path / "whole", tmp_path / "parts")
     # Nothing on disk at all gives the same numbers too.
-    np.testing.assert_array_equal(run_ensembles(target, SHORT).x, whole.x)
+    np.testing.assert_array_equal(run_chains(Ensembles, target, SHORT).x, whole.x)
 
 
 @pytest.mark.slow
@@ -34,9 +34,9 @@ def test_nuts_goes_on_too(tmp_path):
     import dataclasses as dc
 
     target, settings = make_target(), dc.replace(SHORT, burn=30, most=40)
-    whole = run_nuts(target, settings, tmp_path / "whole")
-    run_nuts(target, dc.replace(settings, most=10), tmp_path / "parts")
-    again = run_nuts(target, settings, tmp_path / "parts")
+    whole = run_chains(Nuts, target, settings, tmp_path / "whole")
+    run_chains(Nuts, target, dc.replace(settings, most=10), tmp_path / "parts")
+    again = run_chains(Nuts, target, settings, tmp_path / "parts")
     np.testing.assert_array_equal(again.x, whole.x)
     assert again.statistics["resumed"] == 40
 
@@ -53,18 +53,18 @@ def test_killed_at_random_moments(tmp_path):
 
 def test_a_write_that_was_cut_off_is_swept_away(tmp_path):
     target = make_target()
-    run_ensembles(target, SHORT, tmp_path)
+    run_chains(Ensembles, target, SHORT, tmp_path)
     (tmp_path / ".block-000009.npz.part").write_bytes(b"half a block")
     assert inspect(tmp_path)["parts"] == 1
-    run_ensembles(target, SHORT, tmp_path)
+    run_chains(Ensembles, target, SHORT, tmp_path)
     assert inspect(tmp_path) == {"blocks": 8, "unreadable": 0, "parts": 0}
 
 
 def test_two_writers_are_one_too_many(tmp_path):
-    with ChainFolder(tmp_path, {"a": 1}), pytest.raises(InputError, match="another process is sampling"):
-        with ChainFolder(tmp_path, {"a": 1}):
+    with open_chain(tmp_path, {"a": 1}), pytest.raises(InputError, match="another process is sampling"):
+        with open_chain(tmp_path, {"a": 1}):
             raise AssertionError
-    with ChainFolder(tmp_path, {"a": 1}):  # free again
+    with open_chain(tmp_path, {"a": 1}):  # free again
         pass
 
 
@@ -76,7 +76,7 @@ def test_a_writer_in_another_process_is_seen(tmp_path):
         while process.stdout.readline().strip() not in ("1", "2"):
             assert process.poll() is None
         with pytest.raises(InputError, match="another process is sampling"):
-            run_ensembles(make_target(), SHORT, tmp_path)
+            run_chains(Ensembles, make_target(), SHORT, tmp_path)
     finally:
         process.send_signal(signal.SIGKILL)
         process.communicate()
@@ -84,33 +84,33 @@ def test_a_writer_in_another_process_is_seen(tmp_path):
 
 def test_a_damaged_block_is_one_sentence(tmp_path):
     target = make_target()
-    run_ensembles(target, SHORT, tmp_path)
+    run_chains(Ensembles, target, SHORT, tmp_path)
     file = tmp_path / "block-000003.npz"
     whole = file.read_bytes()
     for damaged in (whole[:200], b"", b"x" * 300, whole[:-40]):
         file.write_bytes(damaged)
         with pytest.raises(InputError, match="damaged"):
-            run_ensembles(target, SHORT, tmp_path)
+            run_chains(Ensembles, target, SHORT, tmp_path)
     for later in tmp_path.glob("block-*.npz"):
         if later.name >= file.name:
             later.unlink()
-    again = run_ensembles(target, SHORT, tmp_path)  # what the sentence tells one to do
-    assert again.resumed == 30 and again.x.shape[1] == 80
+    again = run_chains(Ensembles, target, SHORT, tmp_path)  # what the sentence tells one to do
+    assert again.statistics["resumed"] == 30 and again.x.shape[1] == 60
 
 
 def test_a_chain_of_something_else_is_refused(tmp_path):
     import dataclasses as dc
 
     target = make_target()
-    run_ensembles(target, SHORT, tmp_path)
+    run_chains(Ensembles, target, SHORT, tmp_path)
     with pytest.raises(InputError, match="walkers is 16 there and 20 now"):
-        run_ensembles(target, dc.replace(SHORT, walkers=20), tmp_path)
+        run_chains(Ensembles, target, dc.replace(SHORT, walkers=20), tmp_path)
     (tmp_path / "chain.json").write_text("{}")
     with pytest.raises(InputError, match="no plan of a chain"):
-        run_ensembles(target, SHORT, tmp_path)
+        run_chains(Ensembles, target, SHORT, tmp_path)
     (tmp_path / "chain.json").unlink()
     with pytest.raises(InputError, match="without its plan"):
-        run_ensembles(target, SHORT, tmp_path)
+        run_chains(Ensembles, target, SHORT, tmp_path)
 
 
 def test_arrays_come_back_and_nothing_is_run(tmp_path):

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from ddetumble import InputError, fit_curve
-from ddetumble.inference import regression
+from ddetumble.inference import curve_fit
 from docs.nist_study import MODELS, attempt, count_reached, read_problems, tell_story
 
 
@@ -59,7 +59,7 @@ def test_one_damping_is_not_enough(name, solves):
     units = jnp.stack([jnp.ones(len(begin)), jnp.abs(begin)])
     weights = jnp.full(len(problem.y), 1.0 / np.sqrt(np.mean(problem.y**2)))
     data = (jnp.asarray(problem.x), jnp.asarray(problem.y), weights)
-    squares = np.asarray(regression._descend(MODELS[name], jnp.asarray(begin), units, *data)[1])
+    squares = np.asarray(curve_fit._descend(MODELS[name], jnp.asarray(begin), units, *data)[1])
     assert int(np.nanargmin(squares)) == solves and squares[1 - solves] > 2 * squares[solves]
 
 
@@ -127,8 +127,8 @@ def test_exact():
 
 def test_stopped_early(monkeypatch):
     """A fit that ran out of steps says so."""
-    monkeypatch.setattr(regression, "MOST_STEPS", 2)
-    monkeypatch.setattr(regression, "MOST_POLISH", 0)
+    monkeypatch.setattr(curve_fit, "MOST_STEPS", 2)
+    monkeypatch.setattr(curve_fit, "MOST_POLISH", 0)
     found = fit_curve(lambda p, x: p[0] * jnp.exp(-p[1] * x), X, 3.0 * np.exp(-0.7 * X), [9.0, 9.0])
     assert not found.converged and found.message.startswith("Not converged after 2 steps: one more step would change")
 

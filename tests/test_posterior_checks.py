@@ -14,13 +14,18 @@ from ddetumble._errors import InputError
 from ddetumble.cli import main
 from ddetumble.inference.estimation import fit
 from ddetumble.measurement.package import read_campaign
-from ddetumble.sampling.checks import check_posterior
-from ddetumble.sampling.curves import pose_curve
-from ddetumble.sampling.sampling import sample
-from ddetumble.sampling.scores import fit_without, score_conditions, smooth_weights
-from ddetumble.sampling.target import draw_inside, pose_fit
-from ddetumble.sampling.weighing import draw_about, read_rivals, read_weights, weigh
-from ddetumble.sampling.weights import compare_rivals, stack_weights
+from ddetumble.posterior.loo import score_conditions, smooth_weights
+from ddetumble.posterior.predictive_check import check_posterior
+from ddetumble.posterior.sampling import sample
+from ddetumble.posterior.stacking import (
+    compare_rivals,
+    draw_about,
+    read_rivals,
+    read_weights,
+    stack_weights,
+    weigh,
+)
+from ddetumble.posterior.target import draw_inside, pose_curve, pose_fit
 from ddetumble.selection.predict import average_predictions, predict
 from tests.helpers_tumble import make_long
 
@@ -100,7 +105,7 @@ def test_influential_condition_is_refitted():
 
 def test_refit_is_least_squares():
     design, y, labels, target = make_line()
-    mean, covariance = fit_without(target, np.arange(6) == 2)
+    mean, covariance = target.fit_without(np.arange(6) == 2)
     keep = labels != 2
     exact = np.linalg.lstsq(design[keep], y[keep], rcond=None)[0]
     assert np.allclose(mean, exact, atol=1e-6)
@@ -287,7 +292,7 @@ def test_left_out_equals_refits(fits):
     assert all(s.trusted and s.way == "draws" for s in found.scores)
     for k in (0, 12):
         out = np.arange(24) == k
-        mean, covariance = fit_without(target, out)
+        mean, covariance = target.fit_without(out)
         y = np.random.default_rng(k).multivariate_normal(mean, covariance, 480)
         own = target.likelihoods(y)[:, out].sum(axis=1)
         direct = np.log(np.mean(np.exp(own - own.max()))) + own.max()

@@ -6,8 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from ddetumble.selection import predict as prediction
-from ddetumble.selection.extrapolation import find_squeezes
 
 from ddetumble import ComputationError, InputError, predict, predict_pulses
 from ddetumble import simulate as simulate_impact
@@ -22,6 +20,8 @@ from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
+from ddetumble.selection import predict as prediction
+from ddetumble.selection.extrapolation import find_squeezes
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

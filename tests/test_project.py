@@ -27,7 +27,7 @@ LAYERS = (
     {"dynamics"},
     {"measurement"},
     {"inference"},
-    {"sampling"},
+    {"posterior"},
     {"selection", "reconstruct"},
     {"planning"},
     {"report", "figures", "paper", "demo"},

@@ -18,10 +18,11 @@ from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_s
 from ddetumble.figures.posterior import _push_ellipses, _push_marginal
 from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
-from ddetumble.sampling.diagnostics import compare_ensembles, judge_chains, measure_times
-from ddetumble.sampling.ensemble import Settings, run_ensembles
-from ddetumble.sampling.moves import Mixture, Proposal, mix_moves
-from ddetumble.sampling.target import draw_inside
+from ddetumble.posterior.chain import Settings, run_chains
+from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_times
+from ddetumble.posterior.ensemble import Ensembles, mix_moves
+from ddetumble.posterior.proposal import Mixture
+from ddetumble.posterior.target import draw_inside
 
 
 BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}
@@ -106,7 +107,7 @@ def test_the_integral_is_that_of_quadrature(target):
 def test_sampled_integral_agrees_with_the_linear_one(target):
     import equinox as eqx
 
-    from ddetumble.sampling.marginal import draw_nodes, integrate_nuisances
+    from ddetumble.posterior.target import draw_nodes, integrate_nuisances
 
     assert target.curved < 0.05 and "analytically" in target.notes[0]
     x = draw_inside(target, np.random.default_rng(4), 5)
@@ -213,10 +214,9 @@ def test_a_bent_valley_is_sampled_to_its_ends():
 def test_a_mixture_draws_what_its_density_says_within_its_limits():
     """Shares of a grid's cells among many draws against the density's integral over them."""
     low, high = np.array([-1.0, -np.inf]), np.array([2.0, 0.5])
-    made = Mixture([Proposal(np.zeros(2), np.array([[1.0, 0.5], [0.5, 0.6]]), low, high),
-                    Proposal(np.array([1.5, -1.0]), 0.2 * np.eye(2), low, high)], np.array([0.3, 0.7]))
-    again = Mixture.load(made.state(5), low, high)
-    x = again.draw(200_000, np.random.RandomState(2))
+    made = Mixture([(np.zeros(2), np.array([[1.0, 0.5], [0.5, 0.6]])), (np.array([1.5, -1.0]), 0.2 * np.eye(2))], low,
+                   high, np.array([0.3, 0.7]))
+    x = made.draw(200_000, np.random.RandomState(2))
     assert np.all((x >= low) & (x <= high))
     a, b = (np.linspace(m, n, 601) for m, n in ((-1.0, 2.0), (-8.0, 0.5)))
     grid = np.stack(np.meshgrid(0.5 * (a[1:] + a[:-1]), 0.5 * (b[1:] + b[:-1]), indexing="ij"), axis=-1)
@@ -229,8 +229,9 @@ def test_a_mixture_draws_what_its_density_says_within_its_limits():
 @pytest.mark.parametrize("even", [False, True])
 def test_the_proposal_draws_what_its_density_says(even):
     """Importance weights of its draws, random or evenly spread, give the moments of another distribution."""
-    made = Proposal(np.array([0.2, -0.1]), np.array([[1.0, 0.6], [0.6, 1.0]]), np.full(2, -np.inf), np.full(2, np.inf))
-    x = made.spread(2**17, 1) if even else made.draw(200_000, np.random.RandomState(1))
+    made = Mixture([(np.array([0.2, -0.1]), np.array([[1.0, 0.6], [0.6, 1.0]]))], np.full(2, -np.inf),
+                   np.full(2, np.inf))
+    x = made.spread(2**17, np.random.RandomState(1)) if even else made.draw(200_000, np.random.RandomState(1))
     logs = stats.multivariate_normal([0.5, 0.0], [[0.8, 0.1], [0.1, 0.5]]).logpdf(x) - made.log_density(x)
     w = np.exp(logs - logs.max())
     w /= w.sum()
@@ -243,9 +244,8 @@ def test_every_move_leaves_the_density_as_it_is(which):
     """In five dimensions, where a wrong power of the jump's length in a move's weight changes every variance."""
     size, walkers, free = 5, 200, np.full(5, np.inf)
     sd = np.geomspace(1.0, 3.0, size)
-    one = Proposal(np.zeros(size), 1.5 * np.diag(sd**2), -free, free)
-    other = Proposal(np.ones(size), 3.0 * np.diag(sd**2), -free, free)
-    move, _ = mix_moves(Mixture([one, other], np.array([0.6, 0.4])), 0.5)[which]
+    parts = [(np.zeros(size), 1.5 * np.diag(sd**2)), (np.ones(size), 3.0 * np.diag(sd**2))]
+    move, _ = mix_moves(Mixture(parts, -free, free, np.array([0.6, 0.4])), 0.5)[which]
     chain = emcee.EnsembleSampler(walkers, size, lambda x: -0.5 * np.sum((x / sd) ** 2, axis=1), moves=move,
                                   vectorize=True)
     chain._random = random = np.random.RandomState(3)
@@ -256,7 +256,7 @@ def test_every_move_leaves_the_density_as_it_is(which):
 def test_the_moves_are_all_tested():
     """The test above counts them."""
     free = np.full(5, np.inf)
-    assert len(mix_moves(Mixture([Proposal(np.zeros(5), np.eye(5), -free, free)], np.ones(1)), 0.5)) == 3
+    assert len(mix_moves(Mixture([(np.zeros(5), np.eye(5))], -free, free), 0.5)) == 3
 
 
 @pytest.mark.slow
@@ -375,9 +375,10 @@ def test_settings_of_a_specification(folder, tmp_path, capsys):
 @pytest.mark.slow
 def test_every_run_of_a_seed_is_the_same():
     made, _, _ = pose_line()
-    one, two = (run_ensembles(made, Settings(seed=5, effective=300)) for _ in range(2))
+    one, two = (run_chains(Ensembles, made, Settings(seed=5, effective=300)) for _ in range(2))
     np.testing.assert_array_equal(one.x, two.x)
-    assert not np.array_equal(one.x, run_ensembles(made, Settings(seed=6, effective=300)).x[:, : one.x.shape[1]])
+    other = run_chains(Ensembles, made, Settings(seed=6, effective=300))
+    assert not np.array_equal(one.x, other.x[:, : one.x.shape[1]])
 
 
 def test_the_fits_gaussian_is_drawn_in_public_units():

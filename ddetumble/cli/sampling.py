@@ -73,8 +73,8 @@ def sample_posterior(
     command goes on.
     """
     read = read_source(source, Choice(model, effect, effects_from, free, fix, prior), output, "posterior")
-    from ..sampling.posterior import FILE, SUMMARY
-    from ..sampling.sampling import CHAIN, sample
+    from ..posterior.result import FILE, SUMMARY
+    from ..posterior.sampling import CHAIN, sample
 
     with (read.open("sample", overwrite, (SUMMARY, FILE), resumes=(CHAIN,),
                     progress=f"{CHAIN}/block-000000.npz") as out,
@@ -132,7 +132,7 @@ def weigh_models(
         refuse_peaks(path)
     measured = read_campaign(locate_campaign(campaign or _name_campaign(path)) if found else path)
     target = output or Path(f"{path.resolve().name if found else measured.name}-weights")
-    from ..sampling.weighing import weigh
+    from ..posterior.stacking import weigh
 
     with (open_folder(target, "weigh", overwrite) as out,
           show_progress(f"weighing models of {measured.name}") as report):

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..sampling.posterior import Posterior
-from ..sampling.target import AbstractTarget
+from ..posterior.result import Posterior
+from ..posterior.target import AbstractTarget
 from .labels import clean
 from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, SHADES, WIDTH, dress, head_figure, new_figure, styled
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..sampling.checks import LEVEL, STATISTICS, Checks
-from ..sampling.scores import Scores
+from ..posterior.loo import Scores
+from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
 from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
 from .style import (
     AFTER,

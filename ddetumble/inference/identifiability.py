@@ -100,8 +100,12 @@ def analyse_columns(space: ParameterSpace, names: Sequence[str], columns: np.nda
             (rows, free).
         scales: of the free coordinates, shape (free,).
     """
+    return analyse_jacobian(names, columns, scales, np.array([limit_knowledge(space, name) for name in names]))
+
+
+def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarray, vast: np.ndarray) -> Knowledge:
+    """As `analyse_columns`; `vast` are deviations of coordinates beyond which nothing is known, shape (free,)."""
     count = len(names)
-    vast = np.array([limit_knowledge(space, name) for name in names])
     norms = np.linalg.norm(columns, axis=0)
     silent = norms * vast < scales
     safe = np.maximum(norms, 1e-6 * scales / vast)
@@ -142,7 +146,7 @@ def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray
         found.append(f"These records say nothing about {name}: it changes them less than their noise.")
     for k, blend in enumerate(known.blends):
         change = _say_change(problem.space, solution, blend)
-        members = _list(blend.names)
+        members = list_words(blend.names)
         if blend.singular:
             text = (f"{members} cannot be told apart: {change} changes no record beyond its noise, so that only "
                     "their combination is known, and the single values are not")
@@ -194,7 +198,7 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
         else:
             size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
         parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
-    return _list(parts)
+    return list_words(parts)
 
 
 def _typical(space: ParameterSpace, name: str) -> float:
@@ -290,14 +294,7 @@ def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, b
         return 1.0
     more, _ = found.projected()
     both = np.concatenate([columns, more.reshape(-1, columns.shape[1])])
-    return _spread(columns, columns, blend) / _spread(both, columns, blend)
-
-
-def _spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float:
-    """Standard deviation along the combination that `rows` leave; lengths are those of unit-norm `columns`."""
-    unit = rows / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    _, s, right = np.linalg.svd(unit, full_matrices=False)
-    return float(np.linalg.norm((right @ blend.direction) / np.maximum(s, 1e-6)))
+    return measure_spread(columns, columns, blend) / measure_spread(both, columns, blend)
 
 
 def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float:
@@ -327,7 +324,14 @@ def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float
                        own=np.concatenate([solution.own, rows[:, :, free:]], axis=1),
                        residual=np.concatenate([solution.residual, np.zeros(rows.shape[:2])], axis=1))
     columns, both = (flatten_columns(one) for one in (solution, wider))
-    return _spread(columns, columns, blend) / _spread(both, columns, blend)
+    return measure_spread(columns, columns, blend) / measure_spread(both, columns, blend)
+
+
+def measure_spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float:
+    """Standard deviation along the combination that `rows` leave; lengths are those of unit-norm `columns`."""
+    unit = rows / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    _, s, right = np.linalg.svd(unit, full_matrices=False)
+    return float(np.linalg.norm((right @ blend.direction) / np.maximum(s, 1e-6)))
 
 
 def flatten_columns(solution: Solution) -> np.ndarray:
@@ -336,6 +340,7 @@ def flatten_columns(solution: Solution) -> np.ndarray:
     return np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(solution.prior_weight)])
 
 
-def _list(words: Sequence[str]) -> str:
+def list_words(words: Sequence[str]) -> str:
+    """Words with commas and an `and`."""
     words = list(words)
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 
 from .._errors import ComputationError
-from ..sampling.weights import name_rival
+from ..posterior.stacking import name_rival
 from .draws import Laws, split_laws
 from .risk import evaluate_draws, find_tail, pose_draws
 from .strike_plan import ALLOWED, LOST, StrikePlan, Tally, refine

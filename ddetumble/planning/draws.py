@@ -21,10 +21,9 @@ from ..contact.gripping import StrikeLaw
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import SavedModel, load_model
 from ..inference.parameters import ParameterSpace, from_public
-from ..sampling.posterior import FILE as POSTERIOR
-from ..sampling.weighing import read_weights
-from ..sampling.weights import FILE as WEIGHTS
-from ..sampling.weights import name_rival
+from ..posterior.result import FILE as POSTERIOR
+from ..posterior.stacking import FILE as WEIGHTS
+from ..posterior.stacking import name_rival, read_weights
 from ..selection.result import RIVALS
 
 

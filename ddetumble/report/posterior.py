@@ -13,10 +13,10 @@ from ..figures.labels import (
     say_p,
     vary,
 )
-from ..sampling.checks import STATISTICS
-from ..sampling.posterior import Posterior
-from ..sampling.scores import WAYS
-from ..sampling.target import CampaignTarget
+from ..posterior.loo import WAYS
+from ..posterior.predictive_check import STATISTICS
+from ..posterior.result import Posterior
+from ..posterior.target import CampaignTarget
 from .page import Picture, Section, Table, write_page
 from .words import flatten
 

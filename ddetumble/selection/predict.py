@@ -19,7 +19,7 @@ from ..inference.starts import lay_mesh
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_unit, si_unit
-from ..sampling.weights import FILE as WEIGHTS
+from ..posterior.stacking import FILE as WEIGHTS
 from .extrapolation import describe_extrapolation, describe_failure
 
 
@@ -469,7 +469,7 @@ def predict_average(folder: Path, conditions: str | Path | pd.DataFrame) -> pd.D
 
 def read_rivals(folder: Path) -> tuple[list[str], list[SavedModel], list[float]]:
     """Names, models and weights, with sum 1, of the rivals in a folder that `weigh` wrote."""
-    from ..sampling.weighing import read_weights
+    from ..posterior.stacking import read_weights
 
     rivals = read_weights(folder)
     total = sum(weight for *_, weight in rivals)

@@ -9,7 +9,7 @@ import pandas as pd
 from .._errors import InputError
 from ..inference.archive import SavedModel, load_model
 from ..measurement.units import format_time
-from ..sampling.weights import FILE as WEIGHTS
+from ..posterior.stacking import FILE as WEIGHTS
 from .predict import (
     CHUNK,
     Request,

@@ -1,23 +1,24 @@
 """Draw from the posterior of a fit: by emcee, or by NUTS."""
 
-import dataclasses as dc
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
-from ..inference.curve_results import CurveFit
+from ..inference.curve_fit import CurveFit
 from ..inference.estimation import Progress, fit
 from ..inference.findings import Fit
 from ..inference.specification import read_specification
 from ..measurement.campaign import Campaign
-from .curves import pose_curve_fit
-from .ensemble import Settings, run_ensembles
-from .posterior import Posterior, summarise_posterior
-from .target import AbstractTarget, pose_fit
+from .chain import Settings, run_chains
+from .ensemble import Ensembles
+from .nuts import Nuts
+from .result import Posterior
+from .target import AbstractTarget, pose_curve_fit, pose_fit
 
 
+SAMPLERS = {one.name: one for one in (Ensembles, Nuts)}
 CHAIN = "chain"  # folder of the blocks
 
 
@@ -49,37 +50,26 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
     report = progress or (lambda text, share: None)
     given = {"walkers": walkers, "ensembles": ensembles, "burn": burn, "block": block, "effective": effective,
              "most": most, "seed": seed}
-    stated: dict[str, Any] = {}
-    target = source if isinstance(source, AbstractTarget) else None
-    if isinstance(source, CurveFit):
+    stated, named = {}, "emcee"
+    if isinstance(source, AbstractTarget):
+        target = source
+    elif isinstance(source, CurveFit):
         target = pose_curve_fit(source)
-    if target is None:
+    else:
         if isinstance(source, (str, Path)) and Path(source).suffix == ".toml":
             stated, named = _read_settings(Path(source))
-            sampler = sampler or named
-        found = source if isinstance(source, Fit) else None
-        if found is None:
-            assert not isinstance(source, (Fit, CurveFit, AbstractTarget))
-            found = fit(source, model, effects, progress=lambda text, share: report(text, 0.1 * share), **fitting)
+        if not isinstance(source, Fit):
+            source = fit(source, model, effects, progress=lambda text, share: report(text, 0.1 * share), **fitting)
         elif fitting or effects:
             raise InputError("a fit has its model and effects already; fit it anew with others")
         report("looking whether nuisances can be integrated analytically", 0.1)
-        target = pose_fit(found)
+        target = pose_fit(source)
+    sampler = sampler or named
+    if sampler not in SAMPLERS:
+        raise InputError(f"there is no sampler {sampler!r}; it is {' or '.join(SAMPLERS)}", option="sampler")
     settings = Settings(**{**stated, **{k: v for k, v in given.items() if v is not None}})
-    sampler = sampler or "emcee"
-    place = None if folder is None else Path(folder) / CHAIN
-    if sampler == "nuts":
-        from .hamiltonian import run_nuts
-
-        return run_nuts(target, settings, place, lambda text, share: report(text, 0.15 + 0.85 * share))
-    if sampler != "emcee":
-        raise InputError(f"there is no sampler {sampler!r}; it is emcee or nuts", option="sampler")
-    chains = run_ensembles(target, settings, place, lambda text, share: report(text, 0.15 + 0.85 * share))
-    settings = settings.check(len(target.names))
-    return summarise_posterior(
-        target, "emcee", dc.asdict(settings), chains.kept, chains.log_density[:, chains.burn:], chains.convergence,
-        {"accepted": chains.accepted, "evaluations": chains.evaluations, "failures": chains.failures,
-         "resumed": chains.resumed})
+    return run_chains(SAMPLERS[sampler], target, settings, None if folder is None else Path(folder) / CHAIN,
+                      lambda text, share: report(text, 0.15 + 0.85 * share))
 
 
 def _read_settings(path: Path) -> tuple[dict[str, Any], str]:

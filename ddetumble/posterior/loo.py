@@ -15,23 +15,16 @@ import dataclasses as dc
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from scipy import optimize
 
 from .._errors import ComputationError
-from ..inference.bounded import solve_bounded
-from ..inference.problem import Problem
-from ..measurement.grouping import group_conditions, name_conditions
-from .curves import CurveTarget
-from .moves import Proposal
-from .target import AbstractTarget, CampaignTarget, cap_covariance, know_fit
+from .proposal import Mixture, Part
+from .target import AbstractTarget
 
 
 TRUSTED = 0.7  # shape of the Pareto tail up to which weights can be trusted
 REFITTED = 256  # draws about fits with and without the condition
+COSTLY = 4  # times fewer draws where each costs as much as the points of a sampled integral
 WAYS = {"draws": "draws reweighted", "refit": "refitted without it"}
 
 
@@ -112,18 +105,13 @@ def smooth_weights(log_weights: np.ndarray, independent: float = 1.0) -> tuple[n
     return result, float(k) if np.isfinite(k) else np.inf
 
 
-def spare_draws(target: AbstractTarget, wanted: int) -> int:
-    """How many draws to make: fewer where each costs as much as the points of a sampled integral."""
-    return wanted // 4 if isinstance(target, CampaignTarget) and target.plan.nodes.shape[0] else wanted
-
-
 def limit_shape(draws: int) -> float:
     """Shape of the tail that so many draws can bear: 0.7 for many, less for few (Vehtari et al. 2024)."""
     return min(TRUSTED, 1.0 - 1.0 / np.log10(max(draws, 20)))
 
 
 def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndarray, base: np.ndarray | None = None, *,
-                     groups: np.ndarray | None = None, independent: float = 1.0, seed: int = 0,
+                     independent: float = 1.0, seed: int = 0,
                      report: Callable[[str, float], None] = lambda text, share: None) -> Scores:
     """Leave every condition out once.
 
@@ -133,19 +121,12 @@ def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndar
         likelihoods: of every part at them, shape (draws, parts).
         base: logarithm of posterior over the density that the draws come from, shape (draws,); None for draws from the
             posterior.
-        groups: number of the condition of every part, shape (parts,); whole conditions of a campaign, and single parts
-            of a curve, where not given.
         independent: share of the draws that count as independent.
         seed: of the draws about refits.
         report: called with a sentence and the share done.
     """
     base = np.zeros(len(x)) if base is None else base
-    settings: list[dict[str, float]] = []
-    if isinstance(target, CampaignTarget):
-        table = target.fit.source.records
-        groups = group_conditions(table) if groups is None else groups
-        settings = name_conditions(table, groups)
-    groups = np.arange(len(target.parts)) if groups is None else groups
+    groups, settings = target.group_parts()
     numbers = np.unique(groups)
     whole = describe_draws(x, smooth_weights(base, independent)[0], target.covariance)
     found = []
@@ -161,7 +142,7 @@ def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndar
             if again is not None and (again[2] or not again[1] > shape):
                 (elpd, shape, trusted), way = again, "refit"
         keys = tuple(part for part, gone in zip(target.parts, out, strict=True) if gone)
-        found.append(Score(settings[k] if settings else {}, keys, elpd, shape, way, trusted))
+        found.append(Score(settings[k], keys, elpd, shape, way, trusted))
     return _gather(found)
 
 
@@ -187,7 +168,7 @@ def _average(log_weights: np.ndarray, own: np.ndarray, independent: float) -> tu
     return float(np.logaddexp.reduce(smooth[alive] + own[alive])), k, bool(k <= limit_shape(size))
 
 
-def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.ndarray], random
+def _refit(target: AbstractTarget, out: np.ndarray, whole: Part, random: np.random.RandomState
            ) -> tuple[float, float, bool] | None:
     """The same from draws about a fit without some parts, and about that of all; None where the fit says nothing.
 
@@ -195,21 +176,20 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.
     draws, whose density is the mixture of the two.
     """
     try:
-        found = fit_without(target, out)
+        found = target.fit_without(out)
     except ComputationError:
         return None
     if found is None:
         return None
     halves, best = [found, whole], None
     for _ in range(2):
-        proposals = [Proposal(*one, target.low, target.high) for one in halves]
-        x = np.concatenate([one.spread(spare_draws(target, REFITTED) // 2, random.randint(2**31)) for one in proposals])
+        proposal = Mixture(halves, target.low, target.high)
+        x = proposal.spread(REFITTED // COSTLY if target.costly else REFITTED, random)
         if not len(x):
             return best
-        densities = [one.log_density(x) - np.sum(np.log(np.diag(one.factor))) for one in proposals]
         likelihoods = target.likelihoods(x)
         own, rest = likelihoods[:, out].sum(axis=1), likelihoods[:, ~out].sum(axis=1)
-        weights = target.prior(x) + rest - np.logaddexp(*densities)
+        weights = target.prior(x) + rest - proposal.log_density(x)
         weights, both = (np.where(np.isfinite(w), w, -np.inf) for w in (weights, weights + own))
         smooth, k = smooth_weights(weights)
         posterior, k_both = smooth_weights(both)
@@ -226,7 +206,7 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: tuple[np.ndarray, np.
     return best
 
 
-def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray) -> Part:
     """Mean and covariance of weighted draws; the covariance that is given where they are too few."""
     if not np.any(np.isfinite(log_weights)):
         return x.mean(axis=0), fallback
@@ -235,59 +215,3 @@ def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray)
     if 1.0 / np.sum(w**2) < 4 * x.shape[1]:
         return mean, fallback
     return mean, np.atleast_2d(np.cov(x.T, aweights=w))
-
-
-def fit_without(target: AbstractTarget, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Coordinates and their covariance by a fit without some parts, shapes (free,) and (free, free).
-
-    Args:
-        target: the posterior of all parts.
-        out: which parts are left out, shape (parts,).
-
-    Returns:
-        None where the fit fails, or the rest says nothing about a parameter.
-    """
-    if isinstance(target, CampaignTarget):
-        return _fit_campaign(target, out)
-    return _fit_curve(target, out) if isinstance(target, CurveTarget) and target.labels is not None else None
-
-
-def _fit_campaign(target: CampaignTarget, out: np.ndarray):
-    problem, found = target.fit.problem, target.fit.bounded
-    weights = np.array(problem.records.stack.weights)
-    weights[: len(out)][out] = 0.0
-    stack = eqx.tree_at(lambda s: s.weights, problem.records.stack, jnp.asarray(weights))
-    less = Problem(problem.space, dc.replace(problem.records, stack=stack), problem.priors)
-    again = solve_bounded(less, list(found.names), found.solution.u, found.solution.z, found.bounds, 1e-2)
-    if again.solution.failed:
-        return None
-    _, known = know_fit(less, again)
-    room = target.high - target.low
-    if any(not np.isfinite(room[target.names.index(name)]) for name in known.undetermined):
-        return None
-    covariance = cap_covariance(known.covariance, room)
-    if not np.all(np.isfinite(covariance)):
-        return None
-    places = [problem.space.index[name] for name in target.names]
-    return again.solution.u[places], covariance
-
-
-def _fit_curve(target: CurveTarget, out: np.ndarray):
-    assert target.labels is not None
-    keep = ~out[target.labels]
-    priors = [(target.names.index(name), mean, sd) for name, (mean, sd) in target.priors.items()]
-
-    def rows(x: Any):
-        more = jnp.array([(x[k] - mean) / sd for k, mean, sd in priors])
-        return jnp.concatenate([target.rows(x, target.data)[keep], more])
-
-    start = np.clip(target.centre, target.low, target.high)
-    slope: Any = jax.jit(jax.jacfwd(rows))
-    bend: Any = lambda x: np.asarray(slope(jnp.asarray(x)))
-    found = optimize.least_squares(lambda x: np.asarray(rows(jnp.asarray(x))), start, x_scale=np.sqrt(np.diag(
-        target.covariance)), jac=bend, bounds=(target.low, target.high))
-    information = found.jac.T @ found.jac
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    if np.linalg.cond(information * np.outer(scale, scale)) > 1e12:
-        return None
-    return found.x, np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)

@@ -21,8 +21,7 @@ from jaxtyping import Array
 from scipy import stats
 
 from ..inference.problem import simulate_records
-from .marginal import Plan
-from .target import CampaignTarget
+from .target import CampaignTarget, Plan, map_blocks
 
 
 DRAWS = 96
@@ -118,18 +117,6 @@ def _simulate(space, names, channels, x: Array, z: Array, plan: Plan):
     return jax.lax.map(one, (x, z))
 
 
-def _run(target: CampaignTarget, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `_simulate`, in blocks of one size."""
-    size = len(x)
-    pad = -size % BLOCK
-    x, z = (np.concatenate([a, np.repeat(a[-1:], pad, axis=0)]) for a in (x, z))
-    records = target.records
-    parts = [_simulate(target.space, records.nuisances, records.channels, jnp.asarray(x[k: k + BLOCK]),
-                       jnp.asarray(z[k: k + BLOCK]), target.plan) for k in range(0, len(x), BLOCK)]
-    residual, failed, model = (np.concatenate([np.asarray(part[j]) for part in parts])[:size] for j in range(3))
-    return residual, failed, model
-
-
 def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generator
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nuisances of every record given parameters, and the records that these make.
@@ -146,13 +133,14 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
         (draws, records, channels, samples). Draws that the model cannot compute are left out.
     """
     at = target.integrate(x)
+    run = partial(_simulate, target.space, target.records.nuisances, target.records.channels, plan=target.plan)
     tries = TRIED if target.plan.nodes.shape[0] else 1
     back = np.linalg.inv(np.swapaxes(at.factor, -1, -2))
     found = []
     for _ in range(tries):
         noise = rng.standard_normal(at.mean.shape)
         z = at.mean + np.einsum("srkl,srl->srk", back, noise)
-        residual, failed, model = _run(target, x, z)
+        residual, failed, model = map_blocks(run, BLOCK, x, z)
         value = -0.5 * (np.sum(residual**2, axis=2) + np.sum(z**2, axis=2)) + 0.5 * np.sum(noise**2, axis=2)
         found.append((np.where(failed | ~np.isfinite(value), -np.inf, value), z, residual, model))
     values = np.stack([one[0] for one in found])

@@ -3,7 +3,7 @@
 import dataclasses as dc
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,10 @@ import numpy as np
 
 from .._errors import InputError
 from ..inference.files import list_versions, make_plain, write_json
-from .checks import DRAWS, Checks, check_posterior
-from .curves import CurveTarget
 from .diagnostics import Convergence
-from .scores import Scores, score_conditions
-from .target import AbstractTarget, CampaignTarget
+from .loo import Scores, score_conditions
+from .predictive_check import DRAWS, Checks, check_posterior
+from .target import AbstractTarget, CampaignTarget, CurveTarget
 
 
 if TYPE_CHECKING:
@@ -97,9 +96,7 @@ class Posterior:
     @property
     def title(self) -> str:
         """What was sampled, in words."""
-        if isinstance(self.target, CampaignTarget):
-            return f"{self.target.fit.model_text}, sampled from {self.target.fit.campaign}"
-        return str(self.target.identity.get("title", "a curve"))
+        return self.target.title
 
     def draw(self, count: int, seed: int = 0) -> np.ndarray:
         """So many draws of the coordinates, shape (count, free), each once as long as there are enough."""
@@ -119,10 +116,16 @@ class Posterior:
 
     def scored(self) -> np.ndarray:
         """Draws at which likelihoods of the records are kept, shape (ensembles, draws, free): some of `thinned`."""
-        sampled = isinstance(self.target, CampaignTarget) and self.target.plan.nodes.shape[0]
         x, _ = self.thinned()
-        every = max(1, -(-x.shape[0] * x.shape[1] // SCORED[bool(sampled)]))
+        every = max(1, -(-x.shape[0] * x.shape[1] // SCORED[self.target.costly]))
         return x[:, ::every]
+
+    def _score(self) -> np.ndarray:
+        """Logarithm of every part's likelihood at these draws, shape (ensembles, draws, parts)."""
+        if self.log_likelihood is not None:
+            return self.log_likelihood
+        x = self.scored()
+        return self.target.likelihoods(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:2], -1)
 
     def examine(self, report: Callable[[str, float], None] = lambda text, share: None) -> "Posterior":
         """The same with posterior predictive checks and scores of left-out conditions, where it has several parts."""
@@ -130,12 +133,7 @@ class Posterior:
         if isinstance(target, CurveTarget) and target.labels is None:
             return self
         report("likelihoods of the records", 0.0)
-        x = self.scored()
-        flat = x.reshape(-1, x.shape[-1])
-        likelihoods = self.log_likelihood
-        if likelihoods is None:
-            likelihoods = target.likelihoods(flat).reshape(*x.shape[:2], -1)
-        checks = None
+        flat, likelihoods, checks = self.scored().reshape(-1, len(target.names)), self._score(), None
         if isinstance(target, CampaignTarget):
             checks = check_posterior(target, self.draw(DRAWS), report=lambda t, s: report(t, 0.3 + 0.3 * s))
         share = min(1.0, self.convergence.effective / max(len(flat), 1))
@@ -153,9 +151,7 @@ class Posterior:
             unit = f" [{p.unit}]" if p.unit else ""
             rows.append((f"{name}{unit}", f"{p.mean:.6g}", f"{p.sd:.3g}", f"{p.q025:.6g}", f"{p.q975:.6g}",
                          f"{p.effective:.0f}", f"{p.rhat:.3f}", f"{p.fit:.6g} +/- {p.fit_sd:.3g}"))
-        widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-        lines += ["    " + "  ".join(cell.ljust(w) if k == 0 else cell.rjust(w)
-                                     for k, (cell, w) in enumerate(zip(row, widths, strict=True))) for row in rows]
+        lines += [f"    {line}" for line in align_table(rows)]
         if self.predictive is not None:
             lines += ["[[Predictive check]]", f"    {self.predictive.sentence}"]
         if self.left_out is not None:
@@ -192,11 +188,7 @@ class Posterior:
             "posterior": {name: public[..., k] for k, name in enumerate(self.target.names)},
             "sample_stats": {"lp": value},
         }
-        likelihoods = self.log_likelihood
-        if likelihoods is None:
-            some = self.scored()
-            likelihoods = self.target.likelihoods(some.reshape(-1, some.shape[-1])).reshape(*some.shape[:2], -1)
-        groups["log_likelihood"] = {"record": likelihoods}
+        groups["log_likelihood"] = {"record": self._score()}
         coordinates: dict[str, Any] = {"part": list(self.target.parts)}
         dims = {"record": ["part"]}
         if self.predictive is not None:
@@ -292,3 +284,9 @@ def _describe_statistics(statistics: Mapping[str, Any]) -> str:
 def _correlate(x: np.ndarray) -> np.ndarray:
     flat = x.reshape(-1, x.shape[-1])
     return np.atleast_2d(np.corrcoef(flat.T)) if flat.shape[1] > 1 else np.ones((1, 1))
+
+
+def align_table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table: the first column to the left, all others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]

@@ -8,10 +8,10 @@ rank-normalised; Vehtari et al. 2021) compares the ensembles, which are independ
 """
 
 import dataclasses as dc
+from typing import Any
 
 import emcee
 import numpy as np
-from scipy import stats
 
 
 AGREE = 1.01  # R-hat below which ensembles agree
@@ -41,6 +41,12 @@ class Convergence:
     enough: bool
     lacking: str
 
+    def describe(self) -> str:
+        """How far the chains are, in a phrase."""
+        if not np.isfinite(self.rhat):
+            return "settling"
+        return f"{self.effective:.0f} independent draws, R-hat {self.rhat:.3f}"
+
 
 def measure_times(x: np.ndarray) -> np.ndarray:
     """Steps of one walker that are worth one independent draw, in one ensemble; at least 1.
@@ -69,28 +75,17 @@ def _measure(x: np.ndarray) -> np.ndarray:
 def compare_ensembles(x: np.ndarray) -> np.ndarray:
     """R-hat of every parameter, shape (ensembles, steps, walkers, free) to (free,); infinite where it says nothing.
 
-    Draws are ranked over everything, made normal, and each ensemble is split into its halves; bulk and folded draws
-    both have to agree.
+    Every ensemble is split into its halves; ranks of the draws and of their distances from the median both have to
+    agree. The halves of a single ensemble are split once more.
     """
-    ensembles, steps, walkers, free = x.shape
+    from arviz_stats.base.array import array_stats
+
+    ensembles, steps, _, free = x.shape
     if steps < 8:
         return np.full(free, np.inf)
-    half = steps // 2
-    parts = np.concatenate([x[:, :half], x[:, steps - half:]]).reshape(2 * ensembles, -1, free)
-    found = []
-    for k in range(free):
-        values = parts[..., k]
-        found.append(max(_compare(values), _compare(np.abs(values - np.median(values)))))
-    return np.array(found)
-
-
-def _compare(values: np.ndarray) -> float:
-    ranks = stats.rankdata(values, axis=None).reshape(values.shape)
-    normal = stats.norm.ppf((ranks - 0.375) / (values.size + 0.25))
-    count = values.shape[1]
-    within = np.mean(np.var(normal, axis=1, ddof=1))
-    between = count * np.var(normal.mean(axis=1), ddof=1)
-    return float(np.sqrt(((count - 1) / count * within + between / count) / within)) if within > 0 else np.inf
+    with np.errstate(all="ignore"):
+        found: Any = array_stats.rhat(x[:, steps % 2:].reshape(max(ensembles, 2), -1, free), 0, 1)
+    return np.where(np.isfinite(found), found, np.inf)
 
 
 def judge_chains(x: np.ndarray, wanted: float) -> Convergence:

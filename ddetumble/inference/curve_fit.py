@@ -1,0 +1,840 @@
+r"""Least squares of curves with few coefficients: values, covariance, profile likelihood, and what stays undetermined.
+
+`fit_curve` fits any curve, to rounding where possible. Levenberg-Marquardt of optimistix goes down from the start
+twice, once with damping in the parameters' own units and once in units of their start, as each fails where the other
+does not; the smaller sum of squares counts. Gauss-Newton steps on columns of unit norm then go on until rounding stops
+them.
+
+`fit_model` fits a `Curve` from many starts at once, in coordinates in which it is regular, and says what its Jacobian
+cannot tell apart. Its intervals are those of the profile likelihood: with coefficient $p_k$ drawn to a value v,
+
+$$ \min_x \chi^2(x) + w^2 (p_k(x) - v)^2 $$
+
+lies on the profile of $p_k$ at the value that it attains, whatever w: no coefficient has to be held exactly.
+"""
+
+import dataclasses as dc
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array
+from scipy import stats
+
+from .._errors import ComputationError, InputError
+from .files import make_plain
+from .identifiability import (
+    VAST,
+    VAST_LINEAR,
+    Blend,
+    Knowledge,
+    analyse_jacobian,
+    list_words,
+    measure_spread,
+)
+
+
+DAMPINGS = ("own units", "units of the start")
+TOLERANCE = 1e-10  # of Levenberg-Marquardt, relative
+MOST_STEPS = 3000  # of the same: curved valleys are long
+MOST_POLISH = 100  # Gauss-Newton steps after it
+PATIENCE = 3  # such steps without gain before they end
+SETTLED = 1e-6  # of the scatter: a last step that changes the curve less has arrived
+ROUNDING = 1e-13  # of the readings' size: likewise
+EPS = float(np.finfo(float).eps)
+FAINT = 1e5 * EPS  # scatter of this share of the readings is told to be near rounding
+LOST = 1e-6  # component of a direction that changes nothing, above which a parameter is not determined
+
+LEVEL = 0.95  # of all intervals
+RISE = float(stats.chi2.ppf(LEVEL, 1))  # of chi-square at their ends
+GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are taken anew
+GOES = 4  # of a fit at most: along a curved valley one may not reach the end
+LITTLE = 0.02  # chi-square that one more Gauss-Newton step would gain: below it a fit has ended
+FLAT = 1e-4  # singular value of unit columns below which no step is taken that way
+STARTS = 12  # of a fit; fewer are padded, so that one program serves them all
+POINTS = 12  # on each side of a profile
+FAR = 20.0  # standard deviations after which a profile that has not risen never will
+HIGH = 25.0  # rise of chi-square at which a profile ends
+STIFF = 10.0  # weight that draws a coefficient to its value, over its deviation, at least
+BISECTIONS = 8  # in which the end of an interval is found, between two points of a profile
+MOVING = 0.02  # share of its way that a coefficient goes in the last two points of a line without an end
+AGAIN = 3  # times that a fit begins again from a better place that a profile found
+UNKNOWN = 100.0  # relative deviation of a combination beyond which nothing is known of it
+UNLIKELY = 1e-4  # probability of a misfit as large below which the curve is said not to fit
+ENOUGH = 0.2  # relative deviation at which a coefficient counts as known
+MOST_BLENDS = 2  # told one by one
+MOST_MEMBERS = 4  # of a combination, told by name
+MOST_STROKES = 1e4  # beyond it, averaging is no advice
+
+
+@dc.dataclass(frozen=True)
+class Regression:
+    """A curve fitted by least squares.
+
+    Attributes:
+        names: of the parameters.
+        values: at the smallest sum of squares, shape (parameters,).
+        errors: standard deviations of the values from the Jacobian there, infinite for what the readings do not
+            determine, shape (parameters,).
+        covariance: of the values, shape (parameters, parameters); nan between what is not determined and all else.
+        sum_of_squares: of the residuals, over `sd` where that is given (chi-square).
+        residual_sd: root of the sum of squares over the degrees of freedom; nan where there are none.
+        degrees: of freedom, readings less parameters.
+        steps: of Levenberg-Marquardt from the start with the damping that did better, and of polishing after it.
+        damping: which one that was.
+        converged: whether one more step would change next to nothing, and all parameters are determined.
+        message: how it ended, a sentence.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    errors: np.ndarray
+    covariance: np.ndarray
+    sum_of_squares: float
+    residual_sd: float
+    degrees: int
+    steps: int
+    damping: str
+    converged: bool
+    message: str
+
+    def text(self) -> str:
+        """A table for people, and how it ended."""
+        rows = [f"  {name:12} {value:15.8g} +- {error:.3g}"
+                for name, value, error in zip(self.names, self.values, self.errors, strict=True)]
+        head = f"sum of squares {self.sum_of_squares:.8g} with {self.degrees} degrees of freedom"
+        return "\n".join([head, *rows, self.message])
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data for JSON; what is infinite or missing is null."""
+        return make_plain(self)
+
+
+def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, float] | Sequence[float], sd=None
+              ) -> Regression:
+    r"""Minimise $\sum_i [(f(p, x_i) - y_i)/\sigma_i]^2$ over the parameters p, and say how well they are known.
+
+    The covariance is $(J^T J)^{-1}$ with the Jacobian J of the whitened curve at the solution. Without `sd` all
+    readings weigh the same, and it is multiplied by the residual variance $\sum r^2/(n - p)$.
+
+    Args:
+        model: f, of the parameters and `x`, in JAX: shapes (parameters,) and that of `x` to (readings,). It is compiled
+            once if it stands at the top of a module, and anew every time if it is made on the spot.
+        x: predictors, shape (readings,), or (predictors, readings) if there are several.
+        y: readings, shape (readings,).
+        start: where to begin; a mapping gives the parameters names, which are p1, p2, ... otherwise. The right orders
+            of magnitude help, as they are the units of one of two dampings.
+        sd: standard deviation of the readings in their unit, one number or shape (readings,).
+
+    Raises:
+        InputError: An argument is no use; one sentence says where.
+        ComputationError: Sum of squares or derivatives are no numbers where the fit ended.
+    """
+    x, y, sd, begin, names = _check(x, y, sd, start)
+    weights = 1.0 / (np.ones_like(y) if sd is None else sd)
+    size = float(np.sqrt(np.mean((weights * y) ** 2))) or 1.0
+    scaled = jnp.asarray(weights / size)  # so that the fit does not depend on the unit of the readings
+    data = (jnp.asarray(x), jnp.asarray(y), scaled)
+    struct = jax.eval_shape(model, jnp.asarray(begin), data[0])
+    if getattr(struct, "shape", None) != y.shape:
+        raise InputError(f"the model must return one number a reading, shape {y.shape}; it returns "
+                         f"{getattr(struct, 'shape', type(struct).__name__)}")
+    residual = np.asarray(_linearise(model, jnp.asarray(begin), *data)[0])
+    if not np.all(np.isfinite(residual)):
+        raise InputError("the model at the start is not a number for reading number "
+                         f"{int(np.argmin(np.isfinite(residual))) + 1}; start elsewhere")
+    units = np.stack([np.ones_like(begin), np.where(begin == 0, 1.0, np.abs(begin))])
+    found = _descend(model, jnp.asarray(begin), jnp.asarray(units), *data)
+    reached, squares, steps = (np.asarray(part) for part in found)
+    best = int(np.argmin(np.where(np.isfinite(squares), squares, np.inf)))
+    place, polished = _polish(model, reached[best], data)
+    return _conclude(place, names, size, sd is None, int(steps[best]) + polished, DAMPINGS[best])
+
+
+class _Place(NamedTuple):
+    """Parameters, residual, singular values of columns of unit norm, their axes, norms, next step and its size."""
+
+    values: np.ndarray
+    residual: np.ndarray
+    singular: np.ndarray
+    axes: np.ndarray
+    norms: np.ndarray
+    step: np.ndarray
+    gain: float
+
+
+def _go_down(rows: Callable[[Array], Array], start: Array, unit: Array, relative: float, absolute: float, most: int):
+    """Levenberg-Marquardt in given units: place and steps."""
+    found = optx.least_squares(lambda q, _: rows(start + unit * q), optx.LevenbergMarquardt(
+        rtol=relative, atol=absolute), jnp.zeros_like(start), max_steps=most, throw=False)
+    return start + unit * found.value, found.stats["num_steps"]
+
+
+@eqx.filter_jit
+def _descend(model, start: Array, units: Array, x: Array, y: Array, weights: Array):
+    """Levenberg-Marquardt with each of several units: parameters, sums of squares, steps."""
+    def rows(p):
+        return weights * (model(p, x) - y)
+
+    def one(unit):
+        values, steps = _go_down(rows, start, unit, TOLERANCE, 1e-14, MOST_STEPS)
+        return values, jnp.sum(rows(values) ** 2), steps
+
+    return jax.vmap(one)(units)
+
+
+@eqx.filter_jit
+def _linearise(model, values: Array, x: Array, y: Array, weights: Array):
+    """Residual and its derivatives."""
+    def rows(p):
+        return weights * (model(p, x) - y)
+
+    return rows(values), jax.jacfwd(rows)(values)
+
+
+def _look(model, values: np.ndarray, data) -> _Place | None:
+    """Residual, Jacobian and Gauss-Newton step at a place; None where they are no numbers."""
+    residual, columns = (np.asarray(part) for part in _linearise(model, jnp.asarray(values), *data))
+    if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(columns))):
+        return None
+    norms = np.linalg.norm(columns, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    left, singular, axes = np.linalg.svd(columns / norms, full_matrices=False)
+    kept = singular > singular[0] * len(residual) * EPS
+    pull = np.where(kept, left.T @ residual, 0.0)
+    step = -(axes.T @ (pull / np.where(kept, singular, 1.0))) / norms
+    return _Place(values, residual, np.where(kept, singular, 0.0), axes, norms, step, float(np.linalg.norm(pull)))
+
+
+def _polish(model, values: np.ndarray, data) -> tuple[_Place, int]:
+    """Gauss-Newton steps for as long as the next one keeps shrinking and the sum of squares does not rise."""
+    best = here = _look(model, values, data)
+    if best is None or here is None:
+        raise ComputationError("the fit ended where the model or its derivatives are not numbers, at "
+                               f"{', '.join(f'{v:.6g}' for v in values)}; start elsewhere")
+    limit = float(best.residual @ best.residual) * (1.0 + 1e-6) + ROUNDING**2 * len(best.residual)
+    without, taken, used = 0, 0, 0
+    while taken < MOST_POLISH and without < PATIENCE:
+        here = _look(model, here.values + here.step, data)
+        taken += 1
+        if here is None or here.residual @ here.residual > limit:
+            break
+        without = 0 if here.gain < best.gain else without + 1
+        if not without:
+            best, used = here, taken
+    return best, used
+
+
+def _conclude(place: _Place, names: tuple[str, ...], size: float, scale: bool, steps: int, damping: str) -> Regression:
+    """Standard errors, and in words how the fit ended; sums of squares in units of `size` so far."""
+    count, degrees = len(names), len(place.residual) - len(names)
+    squares = float(place.residual @ place.residual)
+    spread = math.sqrt(squares / degrees) if degrees else math.nan
+    root = place.axes.T / np.where(place.singular > 0, place.singular, np.inf) / place.norms[:, None]
+    covariance = root @ root.T * (spread**2 if scale else 1.0 / size**2)
+    lost = np.any(np.abs(place.axes[place.singular == 0]) > LOST, axis=0)
+    covariance[lost, :] = covariance[:, lost] = np.nan
+    covariance[lost, lost] = np.inf
+    settled = place.gain <= SETTLED * (spread if scale else 1.0 / size) + ROUNDING * math.sqrt(count)
+    message = "Converged" if settled else f"Not converged after {steps} steps"
+    message += f": one more step would change the curve by {place.gain * size:.2g} in all"
+    if lost.any():
+        message += f"; the readings do not determine {', '.join(n for n, out in zip(names, lost, strict=True) if out)}"
+    elif scale and spread < FAINT:
+        message += (f"; the scatter is {spread / EPS:.0f} times the rounding of the readings, and the standard errors "
+                    f"that rest on it are good to about {max(0, round(math.log10(max(spread / EPS, 1.0))))} digits")
+    return Regression(names, place.values, np.sqrt(np.diag(covariance)), covariance, squares * size**2, spread * size,
+                      degrees, steps, damping, bool(settled and not lost.any()), message + ".")
+
+
+def _check(x, y, sd, start):
+    """Arguments as arrays of numbers that fit together, and the parameters' names."""
+    names = tuple(map(str, start)) if isinstance(start, Mapping) else ()
+    parts = {"x": x, "y": y, "start": list(start.values()) if isinstance(start, Mapping) else start}
+    if sd is not None:
+        parts["sd"] = sd
+    for name, part in parts.items():
+        try:
+            parts[name] = np.asarray(part, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{name} must be numbers") from None
+    x, y, begin = parts["x"], parts["y"], parts["start"]
+    if x.ndim not in (1, 2) or y.ndim != 1 or begin.ndim != 1 or not begin.size:
+        raise InputError("y and start are lists of numbers, x is one too or several of y's length; they have the "
+                         f"shapes {y.shape}, {begin.shape} and {x.shape}")
+    names = names or tuple(f"p{k + 1}" for k in range(len(begin)))
+    if x.shape[-1] != len(y):
+        order = "; several predictors stand one a row" if x.ndim == 2 else ""
+        raise InputError(f"x and y must be of one length; they are {x.shape[-1]} and {len(y)} long{order}")
+    if sd is not None:
+        if parts["sd"].shape not in ((), y.shape):
+            raise InputError(f"sd must be one number or as many as y, which are {len(y)}; its shape is "
+                             f"{parts['sd'].shape}")
+        parts["sd"] = np.broadcast_to(parts["sd"], y.shape)
+    for name, part in parts.items():
+        good = np.isfinite(part)
+        if not good.all():
+            k = int(np.argmin(good)) % part.shape[-1]
+            which = f"of {names[k]} " if name == "start" else f"number {k + 1} "
+            raise InputError(f"{name} {which}is not a number")
+    if sd is not None and np.any(parts["sd"] <= 0):
+        k = int(np.argmax(parts["sd"] <= 0))
+        raise InputError(f"sd must be positive; number {k + 1} is {parts['sd'][k]:g}")
+    least = len(begin) + (1 if sd is None else 0)
+    if len(y) < least:
+        raise InputError(f"too few readings: {len(y)}, and {len(begin)} parameters need {least} at least"
+                         + ("; standard errors from the scatter take one more" if sd is None else ""))
+    return x, y, parts.get("sd"), begin, names
+
+
+@dc.dataclass(frozen=True)
+class Curve:
+    r"""A curve with few coefficients; a static value, whose functions live at the top of a module.
+
+    Attributes:
+        names: of the coefficients.
+        units: of each, as text.
+        logs: whether each is positive, with its logarithm as coordinate.
+        typical: change of each coordinate a hundred times which is more than anybody expects (1 for logarithms).
+        predict: `(coefficients, data)` to whitened residuals, shapes (coefficients,) to (rows,).
+        unfold: `(x, data)` to coefficients: internal coordinates, in which the fit is regular.
+        fold: `(coefficients, data)` to internal coordinates.
+        derive: `coefficients` to combinations of them worth telling.
+        derived: names of those.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    logs: tuple[bool, ...]
+    typical: tuple[float, ...]
+    predict: Callable[[Array, Any], Array]
+    unfold: Callable[[Array, Any], Array]
+    fold: Callable[[Array, Any], Array]
+    derive: Callable[[Array], Array]
+    derived: tuple[str, ...]
+
+    @property
+    def index(self) -> dict[str, int]:
+        """Place of each coefficient."""
+        return {name: k for k, name in enumerate(self.names)}
+
+    def to_coordinates(self, values, xp=np):
+        """Logarithms of what is positive, shape (..., coefficients)."""
+        logs = xp.asarray(self.logs)
+        with np.errstate(divide="ignore"):
+            return xp.where(logs, xp.log(xp.where(logs, values, 1.0)), values)
+
+    def to_values(self, coordinates: np.ndarray) -> np.ndarray:
+        """Back from `to_coordinates`."""
+        logs = np.asarray(self.logs)
+        return np.where(logs, np.exp(np.where(logs, coordinates, 0.0)), coordinates)
+
+
+@dc.dataclass(frozen=True)
+class Profile:
+    """Chi-square as a function of one coefficient, all others refitted.
+
+    Attributes:
+        name: of the coefficient.
+        values: of it, ascending, the estimate among them, shape (points,).
+        rise: of chi-square over its minimum [-], shape (points,).
+        low, high: of the 95 % interval, where the rise is 3.84; infinite (or 0, for what is positive) where it never
+            gets there.
+        bounded: whether the data bound it below and above.
+    """
+
+    name: str
+    values: np.ndarray
+    rise: np.ndarray
+    low: float
+    high: float
+    bounded: tuple[bool, bool]
+
+
+@dc.dataclass(frozen=True)
+class Coefficient:
+    """One fitted number.
+
+    Attributes:
+        name, unit: which; b and d are per millimetre, as Eq. 10 has them.
+        estimate: at the smallest chi-square.
+        sd: standard deviation from the Jacobian; infinite where nothing is known.
+        low, high: 95 % interval by profile likelihood; infinite where there is no end.
+        bounded: whether the readings bound it on both sides.
+    """
+
+    name: str
+    unit: str
+    estimate: float
+    sd: float
+    low: float
+    high: float
+    bounded: bool
+
+
+@dc.dataclass(frozen=True)
+class CurveFit:
+    """A fit of one friction curve, or of several by polynomials.
+
+    Attributes:
+        subject: what was fitted.
+        coefficients: by name, in order.
+        derived: estimate and standard deviation of combinations, by name.
+        fixed: what was held, by name.
+        covariance: in coordinates (of what is positive: the logarithm), shape (coefficients, coefficients).
+        correlations: shape (coefficients, coefficients).
+        singular_values: of the whitened Jacobian with columns of unit norm, descending; 0 is an exact symmetry.
+        chi2, readings: misfit, and how many numbers it sums over.
+        steps: that the optimiser took.
+        profiles: one a coefficient.
+        notes: what cannot be told apart and which test would, sentences.
+        curve, data: for those who go on computing.
+    """
+
+    subject: str
+    coefficients: Mapping[str, Coefficient]
+    derived: Mapping[str, tuple[float, float]]
+    fixed: Mapping[str, float]
+    covariance: np.ndarray
+    correlations: np.ndarray
+    singular_values: np.ndarray
+    chi2: float
+    readings: int
+    steps: int
+    profiles: tuple[Profile, ...]
+    notes: tuple[str, ...]
+    curve: Curve
+    data: Any
+
+    @property
+    def values(self) -> np.ndarray:
+        """Estimates in order, shape (coefficients,)."""
+        return np.array([c.estimate for c in self.coefficients.values()])
+
+    def text(self) -> str:
+        """A table for people, and the sentences below it."""
+        lines = [f"{self.subject}: chi-square {self.chi2:.1f} of {self.readings} readings less "
+                 f"{len(self.coefficients)} coefficients"]
+        for c in self.coefficients.values():
+            reach = f"95 % from {say_end(c.low)} to {say_end(c.high)}"
+            known = "" if c.bounded else ", not bounded by these readings"
+            lines.append(f"  {c.name:12} {c.estimate:12.5g} +- {say_sd(c.sd):9} {c.unit:10} {reach}{known}")
+        lines += [f"  {name:26} {value:12.5g} +- {say_sd(sd)}" for name, (value, sd) in self.derived.items()]
+        lines += [f"  {name} = {value:g}, held" for name, value in self.fixed.items()]
+        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data for JSON; what has no end is null."""
+        return {f.name: make_plain(getattr(self, f.name)) for f in dc.fields(self) if f.name not in ("curve", "data")}
+
+
+def say_end(value: float) -> str:
+    """An end of an interval in words."""
+    return f"{value:.5g}" if math.isfinite(value) else ("no upper end" if value > 0 else "no lower end")
+
+
+def say_sd(value: float) -> str:
+    """A standard deviation in words."""
+    return f"{value:.2g}" if math.isfinite(value) else "unknown"
+
+
+def fits_noise(chi2: float, degrees: int) -> bool:
+    """Whether noise alone would often make a chi-square as large, with so many degrees of freedom."""
+    return degrees <= 0 or bool(stats.chi2.sf(chi2, degrees) >= UNLIKELY)
+
+
+def fit_model(curve: Curve, starts: np.ndarray, data: Any, subject: str, *, readings: int, fixed: Mapping[str, float],
+              spans: np.ndarray | None, tests: Sequence[tuple[str, Any]], elsewhere: Mapping[str, str], unit: str,
+              notes: Callable[[np.ndarray], list[str]]) -> CurveFit:
+    """Fit a curve, trace its profiles, and say what the readings cannot tell apart and which test would.
+
+    Args:
+        curve, starts, data, subject: as for `settle_curve`.
+        readings: how many there are.
+        fixed: what is held, by name.
+        spans: as for `trace_profiles`; None for no profiles, and so no intervals.
+        tests: designs to try, as text and data; each is added to the readings there are.
+        elsewhere: for a coefficient, where else it can be had.
+        unit: what could be repeated and averaged: `strokes`.
+        notes: sentences about the coefficients, that come first.
+    """
+    fit, profiles = settle_curve(curve, starts, data, subject), ()
+    if spans is not None:
+        first = measure_knowledge(curve, fit.coefficients, data)
+        fit, profiles = trace_profiles(curve, fit, first, spans, data, subject)
+    measured = measure_knowledge(curve, fit.coefficients, data)
+    told = [*notes(fit.coefficients),
+            *_describe_confusion(curve, fit, measured, profiles, tests, elsewhere, unit)]
+    lost = measured.known.undetermined
+    doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
+    coefficients = {}
+    for k, name in enumerate(curve.names):
+        low, high, bounded = 0.0 if curve.logs[k] else -math.inf, math.inf, False
+        if profiles and not doubtful:
+            low, high, bounded = profiles[k].low, profiles[k].high, all(profiles[k].bounded)
+        sd = math.inf if name in lost or doubtful else float(measured.sd[k])
+        coefficients[name] = Coefficient(name, curve.units[k], float(fit.coefficients[k]), sd, low, high, bounded)
+    if doubtful:
+        told = [f"The readings do not determine {list_words(doubtful)}: there may be other places, far from this "
+                "estimate, that fit as well. No interval is given for any coefficient.", *told]
+    derived = {n: (v, s if s < UNKNOWN * abs(v) else math.inf) for n, (v, s) in measured.derived.items()}
+    degrees = readings - len(curve.names)
+    if not fits_noise(fit.chi2, degrees):
+        chance = float(stats.chi2.sf(fit.chi2, degrees))
+        told = [f"The curve does not fit: chi-square is {fit.chi2:.5g} where about {degrees} is expected "
+                 f"(p = {chance:.1g}), so that no interval here can be relied on.", *told]
+    return CurveFit(subject, coefficients, derived, dict(fixed), measured.known.covariance,
+                    measured.known.correlations, measured.singular, fit.chi2, readings, fit.steps, tuple(profiles),
+                    tuple(told), curve, data)
+
+
+class Settled(NamedTuple):
+    """A fit: coefficients, internal coordinates, chi-square, steps taken."""
+
+    coefficients: np.ndarray
+    x: np.ndarray
+    chi2: float
+    steps: int
+
+
+class _Lines(NamedTuple):
+    """Fits side by side: internal coordinates, coefficients, chi-square (infinite where it is none), gain, steps.
+
+    The gain is what one more Gauss-Newton step would take off chi-square.
+    """
+
+    x: np.ndarray
+    coefficients: np.ndarray
+    chi2: np.ndarray
+    gain: np.ndarray
+    steps: np.ndarray
+
+
+@partial(jax.jit, static_argnums=0)
+def _refit(curve: Curve, starts: Array, which: Array, values: Array, weights: Array, data: Any):
+    """One go from many starts, in coordinates whose columns have unit norm.
+
+    Args:
+        curve, data: what is fitted.
+        starts: internal coordinates, shape (lines, coefficients).
+        which: coefficient that is drawn to a value, shape (lines,).
+        values, weights: coordinates that it is drawn to, and how strongly; weight 0 leaves it free, shapes (lines,).
+    """
+    def one(start, k, value, weight):
+        def rows(x):
+            p = curve.unfold(x, data)
+            return jnp.append(curve.predict(p, data), weight * (curve.to_coordinates(p, jnp)[k] - value))
+
+        norms = jnp.linalg.norm(jax.jacfwd(rows)(start), axis=0)
+        unit = 1.0 / jnp.maximum(jnp.where(jnp.isfinite(norms), norms, 1.0), 1.0)
+        x, steps = _go_down(rows, start, unit, 1e-8, 1e-4, GO)
+        return x, curve.unfold(x, data), rows(x), jax.jacfwd(rows)(x), steps
+
+    return jax.vmap(one)(starts, which, values, weights)
+
+
+def _go(curve: Curve, starts: np.ndarray, data: Any, which=None, values=None, weights=None) -> _Lines:
+    """As `_refit`, every call with as many lines."""
+    count = len(starts)
+    size = max(STARTS, 2 * len(curve.names))
+    given = (starts, np.zeros(count, dtype=int) if which is None else which,
+             *(np.zeros(count) if part is None else part for part in (values, weights)))
+    padded = (np.concatenate([part, np.repeat(part[-1:], size - count, axis=0)]) for part in given)
+    x, p, rows, columns, steps = (np.asarray(a)[:count] for a in _refit(curve, *map(jnp.asarray, padded), data))
+    good = np.isfinite(rows).all(axis=1) & np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(x).all(axis=1)
+    rows, columns = np.where(good[:, None], rows, 0.0), np.where(good[:, None, None], columns, 0.0)
+    left, singular, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), 1.0),
+                                      full_matrices=False)
+    pull = np.where(singular > FLAT, np.einsum("lrk,lr->lk", left, rows), 0.0)
+    chi2 = np.where(good, np.sum(rows[:, :-1] ** 2, axis=1), np.inf)
+    return _Lines(x, p, chi2, np.where(good, np.sum(pull**2, axis=1), np.inf), steps)
+
+
+@partial(jax.jit, static_argnums=0)
+def _fold(curve: Curve, coefficients: Array, data: Any) -> Array:
+    """Internal coordinates of many, shape (lines, coefficients), back from beyond limits, where slopes vanish."""
+    return jax.vmap(lambda p: curve.fold(p, data))(coefficients)
+
+
+def settle_curve(curve: Curve, starts: np.ndarray, data: Any, subject: str) -> Settled:
+    """Fit a curve from several starts at once by Levenberg-Marquardt of optimistix; the best one counts.
+
+    Args:
+        curve: what is fitted.
+        starts: coefficients to start from, shape (starts, coefficients), `STARTS` of them at most.
+        data: for `predict`.
+        subject: what it is, for the message.
+
+    Raises:
+        ComputationError: No start led to a minimum.
+    """
+    x = np.asarray(_fold(curve, jnp.asarray(starts, dtype=float), data))
+    taken = 0
+    for _ in range(GOES):
+        lines = _go(curve, x, data)
+        best = int(np.argmin(lines.chi2))
+        chi2, gain = lines.chi2[best], lines.gain[best]
+        if not np.isfinite(chi2):
+            raise ComputationError(f"The fit of {subject} failed: from none of {len(x)} starts is its misfit a number; "
+                                   "check the values and their standard deviations")
+        taken += int(lines.steps[best])
+        if gain <= LITTLE * max(1.0, 1e-3 * chi2):
+            return Settled(lines.coefficients[best], lines.x[best], float(chi2), taken)
+        x = np.where(np.isfinite(lines.chi2)[:, None], lines.x, lines.x[best])
+    raise ComputationError(f"The fit of {subject} did not end after {taken} steps: chi-square is {chi2:.6g} and one "
+                           f"more step would take {gain:.2g} off it")
+
+
+@partial(jax.jit, static_argnums=0)
+def _differentiate(curve: Curve, coefficients: Array, data: Any):
+    """Residual, its derivatives by the coefficients, and combinations with theirs."""
+    rows, columns = curve.predict(coefficients, data), jax.jacfwd(curve.predict)(coefficients, data)
+    return rows, columns, curve.derive(coefficients), jax.jacfwd(curve.derive)(coefficients)
+
+
+class Measured(NamedTuple):
+    """What the Jacobian at a fit says.
+
+    Attributes:
+        known: in coordinates (logarithms of what is positive).
+        columns: whitened derivatives by the coordinates, shape (rows, coefficients).
+        sd: of the coefficients, shape (coefficients,).
+        singular: values of the columns scaled to unit norm, descending, shape (coefficients,).
+        derived: estimate and standard deviation of each combination.
+    """
+
+    known: Knowledge
+    columns: np.ndarray
+    sd: np.ndarray
+    singular: np.ndarray
+    derived: dict[str, tuple[float, float]]
+
+
+def measure_knowledge(curve: Curve, coefficients: np.ndarray, data: Any) -> Measured:
+    """Covariance, correlations and directions that change nothing, by the singular values of the Jacobian."""
+    rows, columns, values, slopes = map(np.asarray, _differentiate(curve, jnp.asarray(coefficients), data))
+    factor = np.where(curve.logs, coefficients, 1.0)  # derivative of a coefficient by its coordinate
+    columns, slopes = columns * factor, slopes * factor
+    if not np.all(np.isfinite(columns)):
+        raise ComputationError("the derivatives of the curve at its fit are not all numbers")
+    vast = np.where(curve.logs, VAST["log"], VAST_LINEAR * np.array(curve.typical))
+    known = analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast)
+    norms = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(norms > 0, norms, 1.0)
+    singular = np.linalg.svd(np.concatenate([unit, np.zeros((len(norms), len(norms)))]), compute_uv=False)
+    sd = np.sqrt(np.diag(known.covariance)) * factor
+    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
+    derived = {n: (float(v), float(s)) for n, v, s in zip(curve.derived, values, spread, strict=True)}
+    return Measured(known, columns, sd, singular, derived)
+
+
+def trace_profiles(curve: Curve, fit: Settled, measured: Measured, spans: np.ndarray, data: Any, subject: str
+                   ) -> tuple[Settled, tuple[Profile, ...]]:
+    """Profile likelihood of every coefficient, outwards from the fit on both sides.
+
+    A profile that finds a better place than the fit sends the fit there, and all begins again.
+
+    Args:
+        curve, fit, data, subject: as for `settle_curve`.
+        measured: what the Jacobian at the fit says.
+        spans: farthest change of each coordinate that is worth trying, shape (coefficients,).
+
+    Returns:
+        The fit, and the profiles in the order of the names.
+    """
+    sd = np.sqrt(np.diag(measured.known.covariance))
+    reach = np.repeat(np.minimum(FAR * sd, spans), 2)  # of each line: every coefficient downwards, then upwards
+    weights = np.maximum(STIFF * FAR / reach, np.repeat(np.linalg.norm(measured.columns, axis=0), 2))
+    which, sign = np.arange(len(reach)) // 2, np.where(np.arange(len(reach)) % 2, 1.0, -1.0)
+    traces = []
+    for _ in range(AGAIN):
+        lines = _trace_lines(curve, fit, which, sign, reach, weights, data)
+        traces.append(lines)
+        if not np.any(lines.chi2 < fit.chi2 - 0.01):
+            break
+        better = np.unravel_index(int(np.argmin(lines.chi2)), lines.chi2.shape)
+        fit = settle_curve(curve, lines.coefficients[better][None], data, subject)
+    ends = _find_ends(curve, fit, lines, which, sign, reach, weights, data)
+    for seen in traces:
+        _widen_ends(curve, fit, seen, ends)
+    rise, ends = np.maximum(lines.chi2 - fit.chi2, 0.0), curve.to_values(ends.T)
+    made = []
+    for k, name in enumerate(curve.names):
+        values = np.concatenate([lines.coefficients[:, 2 * k, k][::-1], fit.coefficients[k: k + 1],
+                                 lines.coefficients[:, 2 * k + 1, k]])
+        rises = np.concatenate([rise[:, 2 * k][::-1], [0.0], rise[:, 2 * k + 1]])
+        there = np.isfinite(rises)
+        low, high = float(ends[0, k]), float(ends[1, k])
+        made.append(Profile(name, values[there], rises[there], low, high,
+                            (low > (0.0 if curve.logs[k] else -math.inf), high < math.inf)))
+    return fit, tuple(made)
+
+
+def _trace_lines(curve: Curve, fit: Settled, which: np.ndarray, sign: np.ndarray, reach: np.ndarray,
+                 weights: np.ndarray, data: Any) -> _Lines:
+    """Points of all profiles, each fit from the one before; shapes (points, lines, ...), infinite after `HIGH`."""
+    centre = curve.to_coordinates(fit.coefficients)[which]
+    step = reach / FAR
+    offsets = np.geomspace(np.minimum(0.25 * step, reach / 30), reach, POINTS)
+    x, done, points = np.tile(fit.x, (len(which), 1)), np.zeros(len(which), dtype=bool), []
+    for offset in offsets:
+        lines = _go(curve, x, data, which, centre + sign * offset, weights)
+        points.append(lines._replace(chi2=np.where(done, np.inf, lines.chi2)))
+        done |= ~(lines.chi2 <= fit.chi2 + HIGH)
+        x = np.where(done[:, None], x, np.asarray(_fold(curve, jnp.asarray(lines.coefficients), data)))
+    return _Lines(*map(np.stack, zip(*points, strict=True)))
+
+
+def _find_ends(curve: Curve, fit: Settled, lines: _Lines, which: np.ndarray, sign: np.ndarray, reach: np.ndarray,
+               weights: np.ndarray, data: Any) -> np.ndarray:
+    """Coordinates at which each side first rises by `RISE`, infinite where none does, shape (coefficients, 2).
+
+    False position on the root of the rise, which is nearly straight, between the two points around it.
+    """
+    rise = lines.chi2 - fit.chi2
+    bounded = np.any(rise > RISE, axis=0)
+    first, all_lines = np.argmax(rise > RISE, axis=0), np.arange(len(which))
+    own = curve.to_coordinates(lines.coefficients)[:, all_lines, which]
+    begin = first == 0
+    x = np.where(begin[:, None], fit.x, lines.x[first - 1, all_lines])
+    below = np.where(begin, curve.to_coordinates(fit.coefficients)[which], own[first - 1, all_lines])
+    low = np.where(begin, 0.0, np.sqrt(np.maximum(rise[first - 1, all_lines], 0.0)))
+    above, high = own[first, all_lines], np.sqrt(np.maximum(rise[first, all_lines], 0.0))
+    above, high = (np.where(bounded & np.isfinite(high), part, other) for part, other in (
+        (above, below + sign * reach), (high, 10.0 * math.sqrt(RISE))))
+    for turn in range(BISECTIONS):
+        share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.02, 0.98)
+        share = share if turn % 3 < 2 else np.full(len(share), 0.5)
+        found = _go(curve, x, data, which, below + share * (above - below), weights)
+        value = curve.to_coordinates(found.coefficients)[all_lines, which]
+        root = np.sqrt(np.maximum(found.chi2 - fit.chi2, 0.0))
+        up = ~(root <= math.sqrt(RISE))
+        above, high = np.where(up, value, above), np.where(up, root, high)
+        below, low, x = np.where(up, below, value), np.where(up, low, root), np.where(up[:, None], x, found.x)
+    share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    return np.where(bounded, below + share * (above - below), sign * np.inf).reshape(-1, 2)
+
+
+def _widen_ends(curve: Curve, fit: Settled, lines: _Lines, ends: np.ndarray) -> None:
+    """Let intervals hold what their coefficients were on any line where chi-square had not risen.
+
+    A line that follows one coefficient may miss a second valley that another line finds; and where another line has no
+    end, what still moves away there (by more than `MOVING` of its way) has none either.
+    """
+    here = curve.to_coordinates(fit.coefficients)
+    there = np.where((lines.chi2 - fit.chi2 <= RISE)[..., None], curve.to_coordinates(lines.coefficients), here)
+    for k in range(len(curve.names)):
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            own = there[..., k]
+            point, line = np.unravel_index(int(np.argmax(sign * own)), own.shape)
+            farthest = own[point, line]
+            if sign * farthest > sign * ends[k, side]:
+                moving = abs(farthest - own[point - 2, line]) > MOVING * abs(farthest - here[k])
+                ends[k, side] = sign * math.inf if point == POINTS - 1 and moving else farthest
+
+
+def _describe_confusion(curve: Curve, fit: Settled, measured: Measured, profiles: Sequence[Profile],
+                       tests: Sequence[tuple[str, Any]], elsewhere: Mapping[str, str], unit: str) -> list[str]:
+    """What cannot be told apart, worst first, in sentences with the test that would resolve it."""
+    found = [f"These readings say nothing about {name}: it changes them less than their noise."
+             for name in measured.known.silent]
+    blends = measured.known.blends
+    found += [_describe_blend(curve, fit, measured, blend, tests, elsewhere, unit) for blend in blends[:MOST_BLENDS]]
+    rest = len(blends) - MOST_BLENDS
+    if rest > 0:
+        found.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} loose too: rely on the curve rather "
+                     "than on single coefficients.")
+    for profile in profiles:
+        if all(profile.bounded):
+            continue
+        name, values, largest = profile.name, profile.values, float(np.max(profile.rise))
+        if any(profile.bounded):
+            bound, end = ("below", "upper") if profile.bounded[0] else ("above", "lower")
+            found.append(f"These readings bound {name} from {bound} only: its interval has no {end} end.")
+        elif largest < RISE:
+            found.append(f"These readings do not bound {name} at all: with it held anywhere from {values[0]:.3g} to "
+                         f"{values[-1]:.3g} and the rest refitted, chi-square rises by {largest:.2g} at most.")
+        else:
+            found.append(f"These readings do not bound {name} at all: far from its estimate, with the other "
+                         "coefficients elsewhere too, the fit is as good.")
+    return found
+
+
+def _describe_blend(curve: Curve, fit: Settled, measured: Measured, blend: Blend, tests: Sequence[tuple[str, Any]],
+                    elsewhere: Mapping[str, str], unit: str) -> str:
+    shown = blend.names[:MOST_MEMBERS]
+    others = len(blend.names) - len(shown)
+    members = list_words([*shown, f"{others} other{'s' if others > 1 else ''}"] if others else shown)
+    change, share = _say_change(curve, fit, blend)
+    if blend.singular:
+        text = f"{members} cannot be told apart: {change} changes no reading beyond its noise"
+    else:
+        part = "one standard deviation" if share == 1 else f"{share:.2g} of a standard deviation"
+        text = f"{members} are hard to tell apart: {change} changes the readings by {part} only"
+    return f"{text}; {_say_remedy(curve, fit, measured, blend, tests, elsewhere, unit)}."
+
+
+def _say_change(curve: Curve, fit: Settled, blend: Blend) -> tuple[str, float]:
+    """Such as: raising b by 0.1 1/mm and lowering d by 20 %; and how large a part of one deviation that is."""
+    steps = {n: blend.step[curve.index[n]] for n in blend.names}
+    share = 1.0
+    if blend.singular:
+        k = curve.index[blend.names[0]]
+        share = (0.01 if curve.logs[k] else curve.typical[k]) / abs(steps[blend.names[0]])
+    logs = [abs(steps[n]) for n in blend.names if curve.logs[curve.index[n]]]
+    share = min([share, *(0.5 / step for step in logs if step > 0)])
+    if steps[blend.names[0]] < 0:
+        share = -share
+    parts = []
+    for name in blend.names[:MOST_MEMBERS]:
+        k = curve.index[name]
+        step = share * steps[name]
+        if curve.logs[k]:
+            size = f"{abs(math.expm1(step)) * 100:.2g} %"
+        else:
+            size = f"{abs(step):.2g}" + (f" {curve.units[k]}" if curve.units[k] else "")
+        parts.append(f"{'raising' if step > 0 else 'lowering'} {name} by {size}")
+    return list_words(parts) + (", and the others with them," if len(blend.names) > MOST_MEMBERS else ""), abs(share)
+
+
+def _say_remedy(curve: Curve, fit: Settled, measured: Measured, blend: Blend, tests: Sequence[tuple[str, Any]],
+                elsewhere: Mapping[str, str], unit: str) -> str:
+    """The design that shortens the uncertainty most, how often to repeat this one, or what to take from elsewhere."""
+    gains, now = [], measure_spread(measured.columns, measured.columns, blend)
+    for text, data in tests:
+        more = measure_knowledge(curve, fit.coefficients, data).columns
+        both = np.concatenate([measured.columns, more])
+        gains.append((measure_spread(both, measured.columns, blend) / now, text))
+    best, text = min(gains, default=(1.0, ""))
+    size = _size(curve, fit, blend)
+    if blend.singular:
+        if best * size < 0.5:
+            return f"{text} would tell them apart"
+    elif size <= ENOUGH:
+        return f"these steps are at most {100 * ENOUGH:g} % of each"
+    else:
+        strokes = (size / ENOUGH) ** 2
+        average = f"the average of about {strokes:.2g} such {unit} would fix them to {100 * ENOUGH:g} %"
+        gain = "tell them apart" if best < 0.1 else f"make their difference {1 / best:.1f} times as certain"
+        if best < 0.5:
+            return f"{text} would {gain}" + (f", and {average}" if strokes < MOST_STROKES else "")
+        if strokes < MOST_STROKES:
+            return average
+    known = next((elsewhere[n] for n in blend.names if n in elsewhere), "the value of one of them from elsewhere")
+    return f"{known} would tell them apart"
+
+
+def _size(curve: Curve, fit: Settled, blend: Blend) -> float:
+    """Largest relative deviation of a member along the combination."""
+    found = []
+    for name in blend.names:
+        k = curve.index[name]
+        step = abs(blend.step[k])
+        found.append(step if curve.logs[k] else step / max(abs(fit.coefficients[k]), curve.typical[k]))
+    return max(found)
