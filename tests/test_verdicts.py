@@ -10,8 +10,8 @@ import pytest
 import ddetumble as dd
 from ddetumble.discrepancy.records import LackOfFit
 from ddetumble.discrepancy.shifts import EACH, is_moved, measure_shifts
-from ddetumble.inference.goodness import combine_p_values
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.inference.goodness import combine_p_values
 
 
 BASE = {"effective_mass": 1.2, "restitution": 0.85}
