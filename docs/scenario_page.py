@@ -51,8 +51,8 @@ RESULT = """\
 | `wanted_share`, `share_left`, `axial_share` | of the angular momentum: wanted, left, what no normal force can take |
 | `impulse`, `duration` | sizes of all contact impulses added up [N s]; from time 0 to the last separation [s] |
 | `fewest_impacts` | lower bound on their number; null where none can be given |
-| `joint` | what optimising all impacts jointly made of it (`taken`), or what one impact less would leave; `alone`: number, share left, impulse and duration of the impacts planned one after the other |
-| `relaxations` | where there is no impact: limits each of which would have to be looser, alone, for one that is worth its while |
+| `joint` | what optimising all impacts jointly made of it (`taken`), or what one impact less would leave |
+| `relaxations` | where there is no impact: limits each of which, looser, would allow one worth its while |
 | `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
 | `refused` | the best further impact, where it is not allowed or not worth its while |
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
@@ -63,7 +63,8 @@ inertial; `angular_velocity` is in body components; `debris_velocity` is the dri
 `certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
 `gradient_error` its largest difference from central differences. `extrapolated` lists what lies outside of
 `measured`. In `refused`, `estimate` is the least that closed forms see allowed, and `missed` says whether that is worth
-its while: then the search has failed. In `relaxations`, `key` is the scenario's, `given` its value, and `needed` one at
+its while: then the search has failed. In `joint`, `alone` lists the number, share left, impulse and duration of the
+impacts planned one after the other. In `relaxations`, `key` is the scenario's, `given` its value, and `needed` one at
 which such an impact was integrated, the tightest that was found.
 """
 

@@ -75,7 +75,8 @@ def test_a_record_cut_in_mid_contact_is_noted(tmp_path):
     time, force = raw_trace()
     whole = import_tests(write(tmp_path / "a.csv", raw_text([time, force], ["t [s]", "F [N]"])), **CONDITIONS)
     short = time < time[np.argmax(force)] + 1e-3
-    cut = import_tests(write(tmp_path / "b.csv", raw_text([time[short], force[short]], ["t [s]", "F [N]"])), **CONDITIONS)
+    text = raw_text([time[short], force[short]], ["t [s]", "F [N]"])
+    cut = import_tests(write(tmp_path / "b.csv", text), **CONDITIONS)
     assert not find_truncated(whole)
     (fault,) = find_truncated(cut)
     assert fault.records == ("b",) and str(fault) in cut.notes

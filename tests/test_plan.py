@@ -616,7 +616,8 @@ def test_one_impact_less():
     assert pressed.joint.share <= share * (1 + 1e-3) < pressed.joint.alone[1]
     # A share that two impacts cannot reach, however optimised: three are planned, and what two leave is told.
     three = plan_together(problem, 0.95 * least, 3, starts=2)
-    assert len(three.impacts) == 3 and three.joint is not None and (three.joint.taken, three.joint.impacts) == (False, 2)
+    assert len(three.impacts) == 3 and three.joint is not None
+    assert (three.joint.taken, three.joint.impacts) == (False, 2)
     assert three.joint.share == pytest.approx(least, rel=0.02) and three.joint.share > 0.95 * least
 
 

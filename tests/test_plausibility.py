@@ -33,7 +33,8 @@ def test_shipped_campaigns_are_plausible(path):
     ("impact-b", "normal_force", "N", "kgf", 9.80665), ("impact-e", "depression", "mm", "m", 1e3),
     ("impact-e", "depression", "m", "mm", 1e-3), ("slip-d", "slip_speed", "mm/s", "m/s", 1e3),
     ("slip-a", "normal_load", "kN", "N", 1e-3), ("slip-a", "tangential_force", "N", "kN", 1e3),
-    ("impact-b", "initial_pressure", "psi", "MPa", 145.03774), ("impact-e", "initial_pressure", "psi", "Pa", 1.4503774e-4),
+    ("impact-b", "initial_pressure", "psi", "MPa", 145.03774),
+    ("impact-e", "initial_pressure", "psi", "Pa", 1.4503774e-4),
     ("slip-a", "internal_pressure", "psi", "MPa", 145.03774), ("slip-a", "internal_pressure", "kPa", "MPa", 1e3),
     ("slip-a", "internal_pressure", "bar", "MPa", 10), ("tumble-a", "angular_velocity", "deg/s", "rad/s", 57.29578),
 ])  # fmt: skip

@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
         "weigh",
         short_help="Weights of rival models, by conditions left out.",
         epilog="\b\nExamples:\n  ddetumble weigh data/slip-a --effect adhesive-offset --effect viscous-friction "
-        "--effect none\n  ddetumble weigh discovery --campaign data/impact-b\n"
+        "--effect none\n  ddetumble weigh data/impact-b --effect adhesion --effect wall-stiffness,sensor-lag -o w\n"
         "  ddetumble predict slip-a-weights conditions.csv",
     )(weigh_models)
 
@@ -113,7 +113,7 @@ def weigh_models(
     overwrite: Annotated[bool, OVERWRITE] = False,
 ):
     """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages
-    over them.
+    over them. A folder of discover has rivals where its sentence names effects that it could not tell apart.
     """
     path = Path(source) if (Path(source) / "result.json").is_file() else locate_campaign(source)
     found = (path / "result.json").is_file()

@@ -243,7 +243,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
         list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
         solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls), problem.records.count, counted,
-        dict(noise), converged, solution.steps, state, shifts, told, remedies, tuple(notes), dict(settings), space, solution, campaign, problem, found, gaussians)
+        dict(noise), converged, solution.steps, state, shifts, told, remedies, tuple(notes), dict(settings),
+        space, solution, campaign, problem, found, gaussians)
 
 
 def _at_null(space: ParameterSpace, name: str, u: np.ndarray) -> bool:

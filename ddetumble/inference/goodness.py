@@ -56,8 +56,8 @@ class GoodnessOfFit:
         else:
             told = ("The model does not describe the data within their noise and the stated uncertainty of the "
                     f"settings: {left}, and the fit moved {far}.")
-        return (f"{told} The uncertainties of the parameters do not allow for that; `ddetumble discover` looks for what "
-                "is missing.")
+        return (f"{told} The uncertainties of the parameters do not allow for that; `ddetumble discover` looks for "
+                "what is missing.")
 
 
 def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:

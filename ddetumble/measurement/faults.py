@@ -21,7 +21,7 @@ NEAR = 3.0  # deviations below a limit where a reading may have been cut
 UNEVEN = 0.02  # share of the interval by which intervals may differ
 COPIED = 0.9  # share of equal readings of a copied record
 LAST = 5  # readings at the end of a record whose mean tells whether it ends in contact
-PRESSED = 0.05  # of the peak: above it such a mean is a contact's, where a gauge's zero that drifts, or its lag, is less
+PRESSED = 0.05  # of the peak: above it such a mean is a contact's; a gauge's zero that drifts, or its lag, makes less
 SURE = 6.0  # standard deviations of that mean above nought
 STAYING = ("missing", "uneven", "truncated")  # kinds that are reported and change nothing
 
@@ -31,8 +31,8 @@ class Fault:
     """One fault of the data, in words.
 
     Attributes:
-        kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`, `zero`, `gain`,
-            `outlier` or `doubtful`.
+        kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`,
+            `zero`, `gain`, `outlier` or `doubtful`.
         records: keys of the records that have it.
         channel: or condition that has it; empty where it is the record as a whole.
         seen: what is seen, a sentence.

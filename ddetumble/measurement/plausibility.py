@@ -34,7 +34,8 @@ CORRECTED = (0.6, 1.7)  # what that ratio has to be once a mistaken unit is corr
 NUMBERS = ("elastic_modulus",)  # that a campaign says are known, with which no record differs from another
 MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values are in, and the one that was stated
     "pressure": (("bar", "MPa"), ("kPa", "MPa"), ("bar", "Pa"), ("MPa", "Pa"), ("kPa", "Pa"), ("psi", "bar"),
-                 ("psi", "MPa"), ("MPa", "bar"), ("kPa", "bar"), ("psi", "kPa"), ("psi", "Pa"), ("MPa", "psi"), ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa")),
+                 ("psi", "MPa"), ("MPa", "bar"), ("kPa", "bar"), ("psi", "kPa"), ("psi", "Pa"), ("MPa", "psi"),
+                 ("Pa", "bar"), ("Pa", "MPa"), ("Pa", "kPa")),
     "speed": (("mm/s", "m/s"), ("m/s", "mm/s"), ("cm/s", "m/s"), ("m/s", "cm/s"), ("mm/s", "cm/s"),
               ("cm/s", "mm/s"), ("km/h", "m/s"), ("mm/min", "mm/s"), ("mm/s", "mm/min")),
     "time": (("ms", "s"), ("s", "ms"), ("us", "s"), ("us", "ms"), ("ms", "us"), ("s", "min"), ("min", "s")),

@@ -72,8 +72,8 @@ class _Limit:
 
 def _halve_ball(problem: Problem) -> float:
     """Half of the ball's diameter, up to where the contact geometry holds; of a pad, ten times its limit [m]."""
-    diameter = float(problem.law.reference.ball.diameter())
-    return max(0.5 * diameter, float(problem.limits.depression)) if diameter else 10.0 * float(problem.limits.depression)
+    diameter, given = float(problem.law.reference.ball.diameter()), float(problem.limits.depression)
+    return max(0.5 * diameter, given) if diameter else 10.0 * given
 
 
 LIMITS = (

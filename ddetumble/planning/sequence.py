@@ -31,7 +31,7 @@ class Joint:
 
     Attributes:
         aim: what was brought down: `impacts` (their number), `share` (of the momentum left), `impulse` or `time`.
-        taken: whether the sequence is the one that was optimised jointly; where not, that does not reach what is wanted.
+        taken: whether the sequence is the one that was optimised jointly; where not, that misses what is wanted.
         impacts, share, impulse, duration: of the sequence optimised jointly: number, share of the angular momentum left
             [-], sizes of all contact impulses added up [N s], from time 0 to the last separation [s].
         alone: the same four of the one that was planned one after the other.

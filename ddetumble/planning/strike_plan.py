@@ -114,6 +114,7 @@ class DesignSearch:
         self.slopes_at: tuple[bytes, Any] = (b"", None)
 
     def values(self, x: np.ndarray) -> np.ndarray:
+        """Score and constraints of a design, shape (1 + constraints,); `LOST` where they cannot be computed."""
         if self.at[0] != x.tobytes():
             found = np.array(evaluate(self.problem, self.face, jnp.asarray(x)))
             self.tally.values += 1
@@ -124,6 +125,7 @@ class DesignSearch:
         return self.at[1]
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives by the variables, shape (1 + constraints, 7)."""
         if self.slopes_at[0] != x.tobytes():
             value, slopes = evaluate_slopes(self.problem, self.face, jnp.asarray(x))
             self.tally.slopes += 1

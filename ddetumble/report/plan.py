@@ -114,10 +114,10 @@ def _format_relaxations(sequence: Sequence) -> str:
     """Which limit would have to be looser, and how much."""
     if not sequence.relaxations:
         return ""
-    parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g}, where it is {one.given:g} {one.unit}"
-             for one in sequence.relaxations]
-    return (f" An impact worth {100 * LEAST_GAIN:.0f} % of what is wanted would be allowed with "
-            f"{'; or with '.join(parts)}; all else as it is.")
+    parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g} {one.unit} in place of {one.given:g} "
+             f"{one.unit}" for one in sequence.relaxations]
+    return (f" An impact worth {100 * LEAST_GAIN:.0f} % of what is wanted would be allowed with {', or '.join(parts)}, "
+            "the other limits as they are.")
 
 
 def _round_loosely(value: float, up: bool) -> float:

@@ -1,4 +1,4 @@
-"""Conditions beyond those that a model was fitted to: named, and where an impact would squeeze the ball out of shape."""
+"""Conditions beyond those that a model was fitted to, and impacts that would squeeze the ball out of shape."""
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
@@ -66,7 +66,8 @@ def describe_extrapolation(saved: SavedModel, keys: list[str], settings: dict[st
     for i, key in enumerate(keys):
         for phrase in saved.outside({name: float(v[i]) for name, v in settings.items()}, slack=SLACK):
             found.setdefault(phrase, []).append(key)
-    notes = [f"Extrapolated: {phrase} (record {_list_some(records)})." for phrase, records in list(found.items())[:MOST]]
+    shown = list(found.items())[:MOST]
+    notes = [f"Extrapolated: {phrase} (record {_list_some(records)})." for phrase, records in shown]
     if len(found) > MOST:
         notes.append(f"Extrapolated in {len(found) - MOST} further settings.")
     beyond = {key for records in found.values() for key in records}
