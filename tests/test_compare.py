@@ -38,7 +38,7 @@ def make(folder, seed, effects=None):
 def test_adequate(tmp_path):
     """Where nothing is missing, noise is all that is left, and the mass is the true one."""
     found = compare(make(tmp_path, 1))
-    assert not found.lack_of_fit.rejected and "nothing but noise" in found.sentence
+    assert not found.lack_of_fit.rejected
     assert 0.9 < found.chi2_reduced < 1.1 and found.nrmse == pytest.approx(found.noise_nrmse, rel=0.1)
     mass = found.parameters["effective_mass"]
     assert abs(mass.estimate - 1.3) < 4 * mass.sd and found.fitted == ("effective_mass", "restitution")
@@ -53,7 +53,7 @@ def test_missing(tmp_path, capsys):
     """A stiff wall: the reference model fails and says where; the fitted model that has it does not, unrefitted."""
     campaign = make(tmp_path / "campaign", 2, WALL)
     found = compare(campaign)
-    assert found.lack_of_fit.rejected and found.where and "something is missing. Worst record r" in found.sentence
+    assert found.lack_of_fit.rejected and found.where
     assert found.channels["ratio"][0] > 1.1 and found.nrmse > 1.1 * found.noise_nrmse
     assert set(found.residuals["variable"]) == {"time", "depression", "depression_rate", "initial_pressure",
                                                "approach_speed", "sequence"}

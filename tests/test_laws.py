@@ -11,6 +11,7 @@ import pytest
 import ddetumble as dd
 from ddetumble.contact.effect import AbstractElasticEffect, parameter
 from ddetumble.figures import draw_missing_shape
+from ddetumble.figures.labels import typeset
 from ddetumble.measurement.campaign import Column, Uncertainty
 from ddetumble.selection.result import Estimate, Law, MissingForce, Shape
 
@@ -81,10 +82,10 @@ def test_a_law_is_drawn_only_beside_its_curve(amount, drawn):
     missing = make_drawn(amount)
     figure = draw_missing_shape(missing)
     labels = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-    assert (missing.laws[0].text in labels) == drawn
+    assert (typeset(missing.laws[0].text) in labels) == drawn
     lowest = min(np.min(line.get_ydata()) for line in figure.axes[0].get_lines())
     assert lowest > -1.0
     # Known up to a constant, a share is what it is of the mean: -2.61 times a force is that force.
     centred = dc.replace(missing, shapes=(dc.replace(missing.shapes[0], values=np.zeros((1, 121)), centred=True),))
     labels = [text.get_text() for legend in draw_missing_shape(centred).legends for text in legend.get_texts()]
-    assert missing.laws[0].text in labels
+    assert typeset(missing.laws[0].text) in labels

@@ -343,7 +343,7 @@ def test_report_of_a_posterior(fits, tmp_path):
             "tangential_force"].shape
     html = write_posterior(found, folder).read_text(encoding="utf-8")
     first = html[html.index("<h1"): html.index("</h1>")]
-    assert "95 % probability" in first or "not converged" in first
+    assert "95\u00a0% intervals" in first or "not converged" in first
     bare = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html)  # chance writes any four letters into a megabyte of pixels
     assert "http" not in bare.split("<body", 1)[1].replace("http-equiv", "")
     for name in ("corner", "trace", "ranks", "predictive", "left-out"):

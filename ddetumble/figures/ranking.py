@@ -77,6 +77,8 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     axes.set_xlim(-4 if narrow else -1.5, 175 if narrow else 118)  # a diamond at 0 stays clear of the names
     axes.set_xticks(range(0, 101, 50 if narrow else 20))
     axes.spines["bottom"].set_bounds(0, 100)
+    axes.spines["left"].set_visible(False)
+    axes.axvline(0, color=GREY, lw=0.7, zorder=1)
     axes.tick_params(axis="y", length=0)
     label = "share of the misfit above noise that it removes (bars) [%]"
     axes.set_xlabel(wrap_text(label, 2.3) if narrow else label)
