@@ -69,6 +69,8 @@ _HOMES = {
     "fit_rubber": "inference.curve_models", "SlipRecord": "inference.curve_models", "fit_curve": "inference.curve_fit",
     "sample": "posterior.sampling", "pose_fit": "posterior.target", "pose_curve": "posterior.target",
     "weigh": "posterior.stacking",
+    "SelectionSettings": "selection.settings", "OutlierSettings": "selection.settings",
+    "BaselineSettings": "selection.settings",
     "predict": "selection.predict", "predict_pulses": "selection.pulses",
     "design": "planning.nexttest", "map_effects": "planning.visibility",
     "write_report": "report", "describe": "report",
@@ -170,3 +172,6 @@ if TYPE_CHECKING:
     from .selection.missing.missing_force import draw_missing_force as draw_missing_force
     from .selection.predict import predict as predict
     from .selection.pulses import predict_pulses as predict_pulses
+    from .selection.settings import BaselineSettings as BaselineSettings
+    from .selection.settings import OutlierSettings as OutlierSettings
+    from .selection.settings import SelectionSettings as SelectionSettings
