@@ -9,6 +9,7 @@ import ddetumble as dd
 from ddetumble.exam.simulators.impact import Impact, simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.measurement import find_onsets
+from ddetumble.measurement.alignment import find_offset
 
 
 LEAD = 0.02  # s, the true onset
@@ -177,3 +178,15 @@ def test_a_common_shift_is_one_nuisance_of_the_campaign(late, tmp_path):
 def test_a_sensor_lag_cannot_be_told_from_a_common_shift(late):
     lag = dd.fit(late, effects=["sensor-lag"]).parameters["sensor-lag.T"]
     assert lag.sd > 0.5e-4 and lag.q025 < 1e-4
+
+
+@pytest.mark.parametrize("count", [5, 8, 40])
+def test_noise_alone_is_no_offset(count):
+    """However few readings there are before contact, noise passes for an offset as seldom as three deviations; a true
+    one of ten is found.
+    """
+    noise = np.random.default_rng(6).standard_normal((20000, count))
+    taken = sum(find_offset(quiet) != 0.0 for quiet in noise)
+    expected = 20000 * 0.0027
+    assert abs(taken - expected) < 4.0 * np.sqrt(expected)
+    assert np.mean([find_offset(quiet + 10.0) for quiet in noise[:500]]) == pytest.approx(10.0, abs=0.1)

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from .._errors import InputError
 from .checks import FEWEST_SAMPLES
@@ -70,11 +71,11 @@ def align_tests(tests, sources, onset, notes):
                 continue
             squares.setdefault(name, []).append(float(np.var(quiet, ddof=1)))
             if name in ("normal_force", "tangential_force", "depression"):
-                offset = quiet.mean()
                 if name == "depression" and _find_slope(t[there], quiet):
                     moving.append(test)
                     continue
-                if abs(offset) <= 3 * quiet.std(ddof=1) / math.sqrt(quiet.size):  # it would only add noise
+                offset = find_offset(quiet)
+                if not offset:
                     continue
                 test.values[name] = values - offset
                 shown.append(f"{name} {offset:.4g} {si_unit(name)}")
@@ -164,6 +165,16 @@ def check_increase(test: "RawTest", name: str = "time") -> None:
         raise InputError(problem, file=test.file, column=name, row=int(test.lines[back[0] + 1]))
     if len(test.lines) < FEWEST_SAMPLES:
         raise InputError(f"record {test.key!r} has fewer than {FEWEST_SAMPLES} samples", file=test.file)
+
+
+def find_offset(quiet: np.ndarray) -> float:
+    """Mean of readings at rest, shape (samples,); 0 where noise alone could do it, as to take it off would only add
+    noise.
+    """
+    # Of few readings the deviation is itself uncertain: Student's t, at what three deviations of a Gaussian are.
+    limit = special.stdtrit(quiet.size - 1, special.ndtr(3.0))
+    offset = float(quiet.mean())
+    return offset if abs(offset) > limit * quiet.std(ddof=1) / math.sqrt(quiet.size) else 0.0
 
 
 def _find_slope(t, quiet) -> float:
