@@ -64,6 +64,6 @@ def describe_imitation(candidates: Sequence[Candidate]) -> tuple[str, ...]:
     """Sentence on the effect that removes most of a misfit alone, at values beyond its limits; none where none does."""
     for one in sorted(candidates, key=lambda c: -c.explains):
         if one.beyond and one.explains > LARGEST_PART:
-            return (f"{one.effect.capitalize()} alone would remove {one.explains:.0%} of the misfit, and explains "
-                    f"nothing: {one.text}.",)
+            return (f"{one.effect.capitalize()} alone would remove {100 * one.explains:.0f} % of the misfit, and "
+                    f"explains nothing: {one.text}.",)
     return ()
