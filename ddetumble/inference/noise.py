@@ -175,7 +175,7 @@ def _gather(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 def _describe(found: Weighing, interval: float, stated_sd: float | None) -> Noise:
     kind = (f"correlated along the trace ({found.correlation:.2f} from sample to sample)" if not found.white_share else
-            f"correlated along the trace ({found.correlation:.2f}), {found.white_share:.0%} of its power white")
+            f"correlated along the trace ({found.correlation:.2f}), {100 * found.white_share:.0f} % of its power white")
     text = kind if found.correlation > 0 else "white"
     if stated_sd is not None and abs(np.log(found.sd / stated_sd)) > 0.1:
         text += f"; its size {found.sd:.3g} is not the stated {stated_sd:.3g}"

@@ -274,10 +274,11 @@ def _describe_limits(name: str, values: np.ndarray, x: np.ndarray, low: float, h
 
 
 def _describe_statistics(statistics: Mapping[str, Any]) -> str:
-    words = {"accepted": "{:.0%} of the moves accepted", "evaluations": "{} evaluations of the density",
+    words = {"accepted": "{} of the moves accepted", "evaluations": "{} evaluations of the density",
              "resumed": "{} steps taken over from an earlier run", "divergences": "{} divergences",
              "leapfrogs": "{} leapfrog steps"}
-    return ", ".join(text.format(statistics[key]) for key, text in words.items()
+    shown = {**statistics, "accepted": f"{100 * statistics.get('accepted', 0.0):.0f} %"}
+    return ", ".join(text.format(shown[key]) for key, text in words.items()
                      if key in statistics and (statistics[key] or key not in ("resumed", "divergences")))
 
 

@@ -69,13 +69,13 @@ class Identification:
             "differs from the gauge by more than its uncertainty" if self.rms_z > 1 else
             "is closer to the gauge than its uncertainty says")
         return (f"The force from depression and pressure {verdict}: rms {self.rms_z:.2f} standard deviations, "
-                f"{self.coverage:.1%} of the samples in contact inside the 95 % band.")
+                f"{100 * self.coverage:.1f} % of the samples in contact inside the 95 % band.")
 
     def text(self) -> str:
         """The outcome for a terminal."""
         rows = self.records.copy()
         if "coverage" in rows:
-            rows["coverage"] = [f"{x:.1%}" for x in rows["coverage"]]
+            rows["coverage"] = [f"{100 * x:.1f} %" for x in rows["coverage"]]
         return "\n\n".join([self.sentence, self.source, rows.to_string(index=False, float_format="{:.3g}".format),
                             *self.notes])
 
