@@ -58,10 +58,7 @@ _HOMES = {
     "plan_together": "planning.chain",
     "draw_laws": "planning.draws", "plan_robust_strike": "planning.risk", "assess_plan": "planning.ambiguity",
     "assess_sequence": "planning.prospect",
-    "strike": "dynamics.strike", "slide": "dynamics.slide", "catalogue": "effects",
-    "effect": "contact.function_effect", "parameter": "contact.effect",
-    "check_effect": "inference.effect_check", "EffectReport": "inference.effect_check",
-    "Check": "inference.effect_check",
+    "strike": "dynamics.strike", "slide": "dynamics.slide", "check_effect": "contact.contract", "catalogue": "effects",
     "simulate": "dynamics.impact", "resolve_model": "inference.archive", "fit": "inference.estimation",
     "compare": "selection.compare", "identify": "reconstruct.force", "discover": "selection.discover",
     "draw_missing_force": "selection.missing.missing_force",
@@ -96,8 +93,7 @@ if TYPE_CHECKING:
     from ._errors import ComputationError as ComputationError
     from ._errors import InputError as InputError
     from ._settings import find_data as find_data
-    from .contact.effect import parameter as parameter
-    from .contact.function_effect import effect as effect
+    from .contact.contract import check_effect as check_effect
     from .contact.gripping import StrikeLaw as StrikeLaw
     from .contact.gripping import Striker as Striker
     from .contact.law import Ball as Ball
@@ -141,9 +137,6 @@ if TYPE_CHECKING:
     from .inference.curve_models import fit_rubber as fit_rubber
     from .inference.curve_models import fit_slip_curve as fit_slip_curve
     from .inference.curve_models import fit_slip_polynomials as fit_slip_polynomials
-    from .inference.effect_check import Check as Check
-    from .inference.effect_check import EffectReport as EffectReport
-    from .inference.effect_check import check_effect as check_effect
     from .inference.estimation import fit as fit
     from .measurement.campaign import Campaign as Campaign
     from .measurement.laboratory import import_tests as import_tests

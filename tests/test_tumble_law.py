@@ -11,7 +11,7 @@ from ddetumble import check_effect, coast, resolve_model, tumble
 from ddetumble._rotation import rotate
 from ddetumble.contact import torque
 from ddetumble.effects import TUMBLE, catalogue
-from ddetumble.effects.directions import TUMBLE_DIRECTIONS
+from ddetumble.effects.tumble_probes import TUMBLE_PROBES
 from ddetumble.exam.simulators.tumbling import simulate_tumbling
 from tests.helpers_tumble import RATES, make_law, move
 
@@ -42,9 +42,9 @@ def test_catalogue():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [*TUMBLE, *TUMBLE_DIRECTIONS], ids=lambda effect: effect.id)
+@pytest.mark.parametrize("effect", [*TUMBLE, *TUMBLE_PROBES], ids=lambda effect: effect.id)
 def test_contract(effect):
-    """Every effect and test direction: absent at its null, alive, compiled = eager."""
+    """Every effect and probe: absent at its null, alive, compiled = eager."""
     report = check_effect(effect)
     assert report.ok, str(report)
 

@@ -199,10 +199,10 @@ def draw_force(
 
 def _prove_contract(effect, model: str, family: str) -> None:
     """Refuse an effect of the user's own that breaks the contract on which verdicts rely."""
+    from ..contact.contract import check_effect
     from ..contact.effect import family_of
     from ..effects import CATALOGUES
     from ..inference.archive import resolve_model
-    from ..inference.effect_check import check_effect
 
     if family_of(effect) == family and not any(effect in known for known in CATALOGUES.values()):
         check_effect(effect, resolve_model(model, family).reference).require()

@@ -16,7 +16,10 @@ from ..dynamics.slide import slide
 from ..dynamics.spinning import START, spin
 from ..dynamics.strike import strike
 from ..effects import IMPACT, OBLIQUE, SLIP, TUMBLE
-from ..effects.directions import DIRECTIONS
+from ..effects.oblique_probes import OBLIQUE_PROBES
+from ..effects.probes import PROBES
+from ..effects.slip_probes import SLIP_PROBES
+from ..effects.tumble_probes import TUMBLE_PROBES
 from ..measurement.campaign import Campaign
 
 
@@ -119,23 +122,23 @@ IMPACT_SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
 FAMILIES: dict[str, Family] = {
     "impact": Family(
         "impact", ("normal_force", "depression", "pressure"), ("approach_speed",),
-        IMPACT_SIZES, ("impact",), IMPACT, DIRECTIONS["impact"], "depression", "depression_rate",
+        IMPACT_SIZES, ("impact",), IMPACT, PROBES, "depression", "depression_rate",
         ("loading", "unloading"), partial(observe_contact, simulate),
         "measure at other pressures and speeds, or add the depression and pressure channels"),
     "slip": Family(
         "slip", ("tangential_force",), ("normal_load",), (256, 1024, 4096, 8192, 16384, 32768), ("slip",), SLIP,
-        DIRECTIONS["slip"], "slip", "direction", ("forward", "backward"), observe_slip,
+        SLIP_PROBES, "slip", "direction", ("forward", "backward"), observe_slip,
         "measure at other loads, pressures and slip speeds"),
     "oblique": Family(
         "oblique", ("normal_force", "tangential_force", "slip", "depression", "pressure"),
         ("approach_speed", "tangential_speed"), (384, *IMPACT_SIZES), ("impact", "slip", "oblique"),
         (*IMPACT, *SLIP, *OBLIQUE),
-        DIRECTIONS["oblique"], "depression", "depression_rate", ("loading", "unloading"),
+        (*PROBES, *OBLIQUE_PROBES), "depression", "depression_rate", ("loading", "unloading"),
         partial(observe_contact, strike),
         "measure at other pressures, speeds and angles, or add the slip and depression channels"),
     "tumble": Family(
         "tumble", (*RATES, *ATTITUDES), (), (320, 640, 1024, 1536, 2560, 5120, 10240, 20480), ("tumble",), TUMBLE,
-        DIRECTIONS["tumble"], "time", "angular_speed", ("both", "both"), observe_tumble,
+        TUMBLE_PROBES, "time", "angular_speed", ("both", "both"), observe_tumble,
         "measure longer, from other initial rates, or add the attitude", (4, 8, 16, 24, 48, 96, 192, 384), START,
         (4, 8, 16, 32, 48, 64, 96)),
 }  # fmt: skip
