@@ -218,8 +218,8 @@ def describe_imitation(candidates: Sequence[Candidate], largest_part: float) -> 
     """Sentence on the effect that removes most of a misfit alone, at values beyond its limits; none where none does."""
     for one in sorted(candidates, key=lambda c: -c.explains):
         if one.beyond and one.explains > largest_part:
-            return (f"{one.effect.capitalize()} alone would remove {100 * one.explains:.0f} % of the misfit, and explains "
-                    f"nothing: {one.text}.",)
+            return (f"{one.effect.capitalize()} alone would remove {100 * one.explains:.0f} % of the misfit, and "
+                    f"explains nothing: {one.text}.",)
     return ()
 
 
