@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 
 from .._errors import ComputationError, InputError
-from .interrupts import INTERRUPTED
+from .interrupts import INTERRUPTED, was_interrupted
 
 
 BAD_INPUT, FAILED, PIPE_CLOSED = 2, 1, 141
@@ -49,7 +49,7 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
                 return _leave_pipe()
             raise
         except Exception as error:
-            return _explain(error, words)
+            return tell_stopped() if was_interrupted() else _explain(error, words)
 
 
 def tell(sentence: str, code: int) -> int:

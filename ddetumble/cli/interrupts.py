@@ -17,6 +17,7 @@ from typing import NoReturn
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended: 128 and the number of the signal
 PATIENCE = 1.0  # s, for the main thread to stop by itself, as it does wherever it runs Python
 _undo: list[Callable[[], object]] = []
+_arrived = threading.Event()
 _wakeup: list[socket.socket] = []  # both ends, kept open as long as the process lives
 
 
@@ -52,8 +53,14 @@ def watch_interrupts(tell: Callable[[], object]) -> None:
     threading.Thread(target=_watch, args=(reader, tell), name="interrupts", daemon=True).start()
 
 
+def was_interrupted() -> bool:
+    """Whether Ctrl-C has arrived: libraries turn it into errors of their own, as numpy does while it is imported."""
+    return _arrived.is_set()
+
+
 def _watch(reader: socket.socket, tell: Callable[[], object]) -> None:
     _wait_for_interrupt(reader)
+    _arrived.set()
     reader.settimeout(PATIENCE)
     with suppress(TimeoutError):
         _wait_for_interrupt(reader)
