@@ -6,7 +6,8 @@ import io
 from pathlib import Path
 
 from ddetumble import discover, find_data
-from ddetumble.figures import draw_fit, draw_ledger, draw_ranking, render_png
+from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, render_png
+from ddetumble.figures.labels import name_steps
 from ddetumble.figures.plan import draw_motion
 from ddetumble.planning.chain import plan_together
 from ddetumble.planning.scenario import pose_problem, read_scenario
@@ -28,7 +29,8 @@ def main() -> None:
         models[f"with {' and '.join(found.effects)}"] = found.steps[-1].traces
     FOLDER.mkdir(exist_ok=True)
     write_picture([draw_fit(models, count=4)], FOLDER / "discovery.png")
-    write_picture([draw_ranking(found.candidates, found.effects), draw_ledger(found)], FOLDER / "ranking.png")
+    steps = draw_error_by_step(name_steps(found), found.steps, found.noise_nrmse)
+    write_picture([draw_ranking(found.candidates, found.effects), steps], FOLDER / "ranking.png")
     print(found.sentence)
     path = find_data() / "scenarios" / f"{SCENARIO}.toml"
     scenario = read_scenario(path)

@@ -9,7 +9,7 @@ from ddetumble._errors import InputError
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import load_model, resolve_model, save_model
+from ddetumble.inference.archive import load_model, make_fitted, resolve_model, save_model
 from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.parameters import ParameterSpace
@@ -61,8 +61,9 @@ def saved(campaign, tmp_path):
     space = ParameterSpace(Ball(doubled_core=True), IMPACT)
     solution = make_solution(space, ["effective_mass", "sensor-highpass.tau_s"],
                              {"effective_mass": 1.4, "sensor-highpass.tau_s": 0.8})
-    save_model(tmp_path / "m", campaign=campaign, model_name="paper-doubled-core", space=space, solution=solution,
-               noise=NOISE, effects=["sensor-highpass"], extra={"verdict": "explained"})
+    save_model(tmp_path / "m", make_fitted(
+        campaign=campaign, model_name="paper-doubled-core", space=space, solution=solution, noise=NOISE,
+        effects=["sensor-highpass"], extra={"verdict": "explained"}))
     return tmp_path / "m", solution
 
 
@@ -97,8 +98,8 @@ def test_effects_of_the_user_come_back_from_their_file(campaign, tmp_path):
     assert resolve_effect(f"{file}:Felt") is felt
     space = ParameterSpace(Ball(), (*IMPACT, felt))
     solution = make_solution(space, ["felt.k_f"], {"felt.k_f": 80.0})
-    save_model(tmp_path / "m", campaign=campaign, model_name="paper", space=space, solution=solution, noise=NOISE,
-               effects=["felt"])
+    save_model(tmp_path / "m", make_fitted(
+        campaign=campaign, model_name="paper", space=space, solution=solution, noise=NOISE, effects=["felt"]))
     assert str(tmp_path) not in (tmp_path / "m" / "model.json").read_text()
     model = load_model(tmp_path / "m")
     assert type(model.law().effects[0]) is felt and float(model.law().effects[0].k_f) == 80.0
@@ -114,8 +115,9 @@ def test_an_effect_without_a_file_is_given_again(campaign, tmp_path):
     exec(USER, namespace)
     felt = namespace["Felt"]
     space = ParameterSpace(Ball(), (felt,))
-    save_model(tmp_path / "m", campaign=campaign, model_name="paper", space=space,
-               solution=make_solution(space, ["felt.k_f"], {"felt.k_f": 80.0}), noise=NOISE, effects=["felt"])
+    save_model(tmp_path / "m", make_fitted(
+        campaign=campaign, model_name="paper", space=space,
+        solution=make_solution(space, ["felt.k_f"], {"felt.k_f": 80.0}), noise=NOISE, effects=["felt"]))
     with pytest.raises(InputError, match="extra"):
         load_model(tmp_path / "m")
     assert load_model(tmp_path / "m", extra=[felt]).effects == ("felt",)
@@ -165,5 +167,6 @@ def test_a_folder_without_a_model_is_refused(campaign, tmp_path):
     (tmp_path / "file").write_text("")
     space = ParameterSpace(Ball(), ())
     with pytest.raises(InputError):
-        save_model(tmp_path / "file" / "m", campaign=campaign, model_name="paper", space=space,
-                   solution=make_solution(space, ["restitution"], {}), noise={}, effects=())
+        save_model(tmp_path / "file" / "m", make_fitted(
+            campaign=campaign, model_name="paper", space=space, solution=make_solution(space, ["restitution"], {}),
+            noise={}, effects=()))

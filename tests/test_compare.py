@@ -11,7 +11,7 @@ from ddetumble.cli import main
 from ddetumble.contact.law import Ball
 from ddetumble.effects.wall import WallStiffness
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import resolve_model, save_model
+from ddetumble.inference.archive import make_fitted, resolve_model, save_model
 from ddetumble.inference.families import FAMILIES
 from ddetumble.inference.models import is_fitted
 from ddetumble.inference.parameters import ParameterSpace
@@ -60,9 +60,10 @@ def test_missing(tmp_path, capsys):
     space = ParameterSpace(Ball(), (WallStiffness,))
     problem = Problem(space, stack_records(campaign))
     solution = problem.solve(space.of([None, "wall-stiffness"]), space.coordinates(), tolerance=1e-4)
-    save_model(tmp_path / "fit", campaign=campaign, model_name="paper", space=space, solution=solution,
-               noise={"normal_force": default_noise(campaign, "normal_force", np.arange(9) * 1e-3)},
-               effects=["wall-stiffness"])
+    save_model(tmp_path / "fit", make_fitted(
+        campaign=campaign, model_name="paper", space=space, solution=solution,
+        noise={"normal_force": default_noise(campaign, "normal_force", np.arange(9) * 1e-3)},
+        effects=["wall-stiffness"]))
     grown = compare(campaign, str(tmp_path / "fit"))
     assert not grown.lack_of_fit.rejected and grown.fitted == () and grown.parameters == {}
     assert grown.nrmse == pytest.approx(grown.noise_nrmse, rel=0.1)

@@ -12,7 +12,7 @@ from ddetumble.contact.sliding import RubberFriction
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.figures import draw_map, draw_next_test
-from ddetumble.inference.archive import load_model, save_model
+from ddetumble.inference.archive import load_model, make_fitted, save_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, observe_record
 from ddetumble.inference.stack import default_noise, stack_records
@@ -96,8 +96,8 @@ def rivals(tmp_path_factory):
         solution = problem.solve(space.of([None, effect.id]), space.coordinates(
             {k: BASE[k] for k in ("adhesion_constant", "loss_factor")}), tolerance=1e-6)
         assert not solution.failed
-        save_model(place, campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise,
-                   effects=[effect.id])
+        save_model(place, make_fitted(
+            campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise, effects=[effect.id]))
     (folder / "result.json").write_text(json.dumps({
         "verdict": "explained", "steps": [{"alternatives": []}, {"alternatives": ["adhesive-offset"]}]}))
     return folder
@@ -277,8 +277,8 @@ def test_a_channel_is_proposed(tmp_path):
     noise = {"normal_force": default_noise(campaign, "normal_force", np.arange(9) * 1e-3)}
     for effect, place in ((SensorGain, tmp_path), (MembraneArea, tmp_path / "rivals" / "1")):
         solution = problem.solve(space.of([None, effect.id]), space.coordinates(), tolerance=1e-4)
-        save_model(place, campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise,
-                   effects=[effect.id])
+        save_model(place, make_fitted(
+            campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise, effects=[effect.id]))
     (tmp_path / "result.json").write_text(json.dumps({
         "verdict": "explained", "steps": [{"alternatives": ["membrane-area"]}]}))
     found = design(tmp_path, limits={"p0": "1 MPa", "speed": "0.4 m/s"})
@@ -315,8 +315,8 @@ def test_another_spin_is_proposed(tmp_path, monkeypatch):
     names = {EddyCurrent.id: ("eddy-current.k_e",), ConstantTorque.id: ("constant-torque.torque.2",)}
     for effect, place in ((EddyCurrent, tmp_path), (ConstantTorque, tmp_path / "rivals" / "1")):
         solution = problem.solve(names[effect.id], space.coordinates({"inertia_ratio": 0.5}), tolerance=1e-6)
-        save_model(place, campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise,
-                   effects=[effect.id])
+        save_model(place, make_fitted(
+            campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise, effects=[effect.id]))
     (tmp_path / "result.json").write_text(json.dumps({
         "verdict": "explained", "steps": [{"alternatives": []}, {"alternatives": ["constant-torque"]}]}))
     best = design(tmp_path).proposals[0]

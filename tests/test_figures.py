@@ -10,7 +10,7 @@ import pytest
 
 from ddetumble import figures
 from ddetumble.figures import plan
-from ddetumble.figures.labels import describe_quantity, shorten_names, typeset
+from ddetumble.figures.labels import describe_quantity, name_steps, shorten_names, typeset
 from ddetumble.figures.style import apply_style
 from ddetumble.figures.views import choose_view, find_stretch
 from ddetumble.measurement.units import format_time
@@ -131,7 +131,7 @@ def test_findings_have_room(narrow):
     found = make_slip_discovery()
     last = dc.replace(found.steps[-1], added="x", effects=("pressure-dependent-restitution", "viscoelastic-wall", "x"))
     found = dc.replace(found, steps=(found.steps[0], last))
-    check_layout(figures.draw_ledger(found, narrow=narrow))
+    check_layout(figures.draw_error_by_step(name_steps(found), found.steps, found.noise_nrmse, narrow))
     check_layout(figures.draw_ranking(make_candidates(("adhesion",)), ("adhesion",), narrow=narrow))
     check_layout(figures.draw_parameters({"reference model": found.steps[0], LONG: last}, narrow=narrow))
 

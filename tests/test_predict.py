@@ -15,7 +15,7 @@ from ddetumble.dynamics.impact import bound_depression
 from ddetumble.effects.wall import StressSoftening, WallStiffness
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import load_model, save_model
+from ddetumble.inference.archive import load_model, make_fitted, save_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
@@ -40,8 +40,9 @@ def fit_folder(folder, seed, effects=None, classes=(), channels=("normal_force",
                              tolerance=1e-4)
     assert not solution.failed and 0.8 < solution.chi2 / np.sum(np.asarray(problem.records.stack.weights) > 0) < 1.2
     noise = {c: default_noise(campaign, c, np.arange(9) * 1e-3) for c in channels}
-    save_model(folder / f"model-{seed}", campaign=campaign, model_name="paper", space=space, solution=solution,
-               noise=noise, effects=[c.id for c in classes])
+    save_model(folder / f"model-{seed}", make_fitted(
+        campaign=campaign, model_name="paper", space=space, solution=solution, noise=noise,
+        effects=[c.id for c in classes]))
     return folder / f"model-{seed}", made
 
 

@@ -13,7 +13,14 @@ import pytest
 from ddetumble import figures
 from ddetumble._errors import InputError
 from ddetumble.figures.binning import bin_residuals, choose_records, group_values, is_peaks, sort_traces
-from ddetumble.figures.labels import describe_conditions, describe_quantity, format_number, format_p, format_value
+from ddetumble.figures.labels import (
+    describe_conditions,
+    describe_quantity,
+    format_number,
+    format_p,
+    format_value,
+    name_steps,
+)
 from ddetumble.figures.views import choose_view, find_phase, find_strokes, share_span
 from ddetumble.report import Picture, Section, Table, describe, write_comparison, write_page, write_report
 from ddetumble.report.text import align
@@ -61,6 +68,11 @@ class Page(HTMLParser):
             self.text.append(" ".join(data.split()))
             if self.open[-1] == "h1":
                 self.headline = self.text[-1]
+
+
+def draw_steps(discovery):
+    """The error by step of a discovery."""
+    return figures.draw_error_by_step(name_steps(discovery), discovery.steps, discovery.noise_nrmse)
 
 
 def read_image(data):
@@ -218,7 +230,7 @@ def test_many_and_few_records():
 
 def test_ledger_on_a_long_scale():
     discovery = dc.replace(make_discovery("explained"), noise_nrmse=1e-4)
-    axes = figures.draw_ledger(discovery).axes[0]
+    axes = draw_steps(discovery).axes[0]
     assert axes.get_xscale() == "log"
 
 
@@ -234,13 +246,13 @@ def test_settings_of_the_user_stay():
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    figures.render_png(figures.draw_ledger(make_discovery("explained")))
+    figures.render_png(draw_steps(make_discovery("explained")))
     assert dict(matplotlib.rcParams) == before
 
 
 def test_same_input_same_bytes():
     discovery = make_discovery("nothing-missing")
-    for draw in (figures.draw_ledger, lambda one: figures.draw_residual_map({"model": one.steps[0].traces})):
+    for draw in (draw_steps, lambda one: figures.draw_residual_map({"model": one.steps[0].traces})):
         one, other = (figures.render_png(draw(discovery)) for _ in "ab")
         assert one == other
 

@@ -1,15 +1,30 @@
 """Commands that hold a model against a campaign: `compare`, `identify`, `discover` and `missing`."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .._errors import InputError
+from ..inference.builtin import list_names
 from .options import CAMPAIGN, MODEL, OVERWRITE, OWN, folder_option
 from .places import Output, check_file, locate_campaign, open_folder, open_optional, write_table
 from .progress import show_progress
 
 
+if TYPE_CHECKING:
+    from ..measurement.campaign import Campaign
+
+MODELS = typer.Option(
+    "-m", "--model", metavar="MODEL",
+    help=f"Model to compare ({list_names()}), a folder that fit or discover wrote, or "
+    "FILE.py:NAME; may be repeated.",
+)
+STEPS = typer.Option(
+    "-e", "--effect", metavar="ID", help="Then add this effect to the last model, fit it, and compare again; may be "
+    "repeated, each on top of the ones before.",
+)
 KEEP = typer.Option("--keep-all", help="Leave out no record and no sample: faults are only reported.")
 
 
@@ -18,8 +33,10 @@ def register(app: typer.Typer) -> None:
     app.command(
         "compare",
         short_help="Hold a model against measurements: where it fails, against the noise.",
-        epilog="\b\nExample:\n  ddetumble compare data/impact-c --model paper -o comparison",
-    )(compare_model)
+        epilog="\b\nExamples:\n  ddetumble compare impact-c -o comparison\n"
+        "  ddetumble compare impact-h --effect wall-stiffness --effect arm-servo -o steps\n"
+        "  ddetumble compare impact-h -m paper -m matunaga -m my-fit -o models",
+    )(compare_models)
     app.command(
         "discover",
         short_help="Find the missing physics, and write the report.",
@@ -39,42 +56,59 @@ def register(app: typer.Typer) -> None:
     )(identify_force)
 
 
-def compare_model(
+def compare_models(
     campaign: Annotated[str, CAMPAIGN],
-    model: Annotated[str, MODEL] = "paper",
+    model: Annotated[list[str] | None, MODELS] = None,
+    effect: Annotated[list[str] | None, STEPS] = None,
+    effects_from: Annotated[Path | None, OWN] = None,
     output: Annotated[Path | None, folder_option("Also write compare.json and figures here.")] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ):
-    """Hold a model against measurements: error by channel, record and condition, against the noise."""
+    """Hold models against measurements: error by channel, record and condition, against the noise. With several models,
+    or effects added one after the other, their errors side by side, fitted and cross-validated.
+    """
     path = locate_campaign(campaign)
     from ..measurement.package import read_campaign
 
-    measured, page = read_campaign(path), None
+    measured, page, models = read_campaign(path), None, list(model or ["paper"])
     with open_optional(output, "compare", overwrite) as out, show_progress(f"comparing {measured.name}") as report:
         if measured.samples is None:
-            text, page = _judge_peaks(measured, model, out, "compare.json", "comparison.html")
+            if len(models) > 1 or effect:
+                raise InputError("the campaign holds peaks only: compare it with one model, without effects", file=path)
+            text, page = _judge_peaks(measured, models[0], out, "compare.json", "comparison.html")
         else:
             from ..selection.compare import compare
 
-            result = compare(measured, model=model)
+            result = compare(measured, *models, *_extend(models[-1], effect or (), effects_from, measured),
+                             progress=report)
             text = result.text()
             if out is not None:
+                from ..report import report_comparison
+
                 report("drawing", 0.9)
-                page = out.place(_write_comparison(result, model, out.draft))
+                result.save(out.draft)
+                page = out.place(report_comparison(result, out.draft))
     typer.echo(text)
     if page is not None:
         typer.echo(f"Report: {page}")
 
 
-def _write_comparison(result, model: str, folder: Path) -> Path:
-    """Write `compare.json` and the page of a comparison; returns the page's path."""
-    from ..report import tabulate_errors, write_comparison
+def _extend(model: str, effects: Sequence[str], path: Path | None, measured: "Campaign") -> list:
+    """A model with one effect after the other, each a model of its own."""
+    from ..inference.archive import resolve_model
+    from ..inference.families import name_family
+    from ..inference.models import list_effects, resolve_effect
 
-    result.save(folder)
-    return write_comparison(
-        result.sentence, {model: result.traces}, folder, title=f"{result.campaign} and the model {model}",
-        noise=result.noise, where=result.where, status=(result.campaign, f"{len(result.records)} records"),
-        sections=[tabulate_errors(result)])
+    resolved = resolve_model(model, name_family(measured))
+    held = list_effects(path) if path is not None else ()
+    found, law = [], resolved.reference.extend(resolved.effects)
+    for one in [resolve_effect(name, held) for name in effects] or list(held):
+        try:
+            law = law + one
+        except TypeError as error:
+            raise InputError(f"--effect: {error}") from None
+        found.append(law)
+    return found
 
 
 def identify_force(

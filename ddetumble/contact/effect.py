@@ -25,12 +25,12 @@ slip records are in `contact.sliding`, those on tumbling records (torques) in `c
 import abc
 import dataclasses as dc
 import functools
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Self, cast
 
 import equinox as eqx
 import jax.numpy as jnp
-from equinox import AbstractClassVar
+from equinox import AbstractClassVar, AbstractVar
 from jaxtyping import Array
 
 from .._numerics import scalar, type_scalar
@@ -222,6 +222,41 @@ class AbstractModel(eqx.Module):
     @abc.abstractmethod
     def extend(self, effects: tuple[AbstractEffect, ...]) -> Any:
         """This model with effects: its law."""
+
+    def __add__(self, effect: AbstractEffect | type[AbstractEffect]) -> "AbstractLaw":
+        """This model extended by one effect: `Ball() + Adhesion()`."""
+        return self.extend(()) + effect
+
+
+class AbstractLaw(eqx.Module):
+    """Base of all laws: a reference model and the effects that extend it.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
+
+    reference: AbstractVar[AbstractModel]
+    effects: AbstractVar[tuple[AbstractEffect, ...]]
+
+    def __add__(self, effect: AbstractEffect | type[AbstractEffect]) -> Self:
+        """This law extended by one more effect, an instance or a class (which then stands at its defaults).
+
+        Raises:
+            TypeError: It is no effect, or the law has one of this id already.
+        """
+        if isinstance(effect, type) and issubclass(effect, AbstractEffect):
+            effect = cast(Callable[[], AbstractEffect], effect)()
+        if not isinstance(effect, AbstractEffect):
+            raise TypeError(f"a model is extended by effects; {effect!r} is none")
+        if effect.id in [own.id for own in self.effects]:
+            raise TypeError(f"the model has the effect {effect.id!r} already")
+        return dc.replace(self, effects=(*self.effects, effect))
+
+
+def is_absent(effect: AbstractEffect) -> bool:
+    """Whether every amplitude of an effect stands at its null, so that it contributes exactly nothing."""
+    return all(float(read_field(effect, p.field)) == p.default for p in parameters_of(effect) if p.kind != "shape")
 
 
 def read_validity(model: AbstractModel) -> dict[str, tuple[float, float]]:

@@ -35,7 +35,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._numerics import positive_part, safe_divide
-from .effect import AbstractEffect, AbstractModel, Scalar, family_of, parameter
+from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, family_of, parameter
 from .law import AbstractReference, ContactLaw
 from .sliding import AbstractFriction, FrictionLaw, Slide
 
@@ -129,7 +129,7 @@ class Striker(AbstractModel):
         return StrikeLaw(self, effects)
 
 
-class StrikeLaw(eqx.Module):
+class StrikeLaw(AbstractLaw):
     """A reference model of oblique impacts and the effects that extend it.
 
     Attributes:

@@ -18,6 +18,7 @@ from .effect import (
     AbstractElasticEffect,
     AbstractGasEffect,
     AbstractGeometryEffect,
+    AbstractLaw,
     AbstractModel,
     AbstractRestitutionEffect,
     AbstractSensorEffect,
@@ -228,7 +229,7 @@ class PowerLaw(AbstractGasless):
         return exact_damping(restitution, approach_speed)
 
 
-class ContactLaw(eqx.Module):
+class ContactLaw(AbstractLaw):
     """A reference model and the effects that extend it; contributions of one stage are summed or multiplied.
 
     Attributes:

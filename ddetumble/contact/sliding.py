@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from equinox import AbstractClassVar
 from jaxtyping import Array
 
-from .effect import AbstractEffect, AbstractModel, Scalar, parameter, pick_effects
+from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter, pick_effects
 from .friction import DIVERGES_ABOVE, composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
 
 
@@ -179,7 +179,7 @@ class CoulombFriction(AbstractFriction):
         return jnp.zeros_like(slide.slip)
 
 
-class FrictionLaw(eqx.Module):
+class FrictionLaw(AbstractLaw):
     """A reference model and the effects that extend it; factors multiply, forces add.
 
     Attributes:

@@ -36,7 +36,7 @@ import jax.numpy as jnp
 from equinox import AbstractClassVar
 from jaxtyping import Array, Float
 
-from .effect import AbstractEffect, AbstractModel, Scalar, parameter, pick_effects
+from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter, pick_effects
 
 
 Vector = Float[Array, "3"]
@@ -137,7 +137,7 @@ class RigidBody(AbstractModel):
         return TumbleLaw(self, effects)
 
 
-class TumbleLaw(eqx.Module):
+class TumbleLaw(AbstractLaw):
     """A rigid body and the effects that extend it; moments and torques add, gyroscope effects act one after another.
 
     Attributes:

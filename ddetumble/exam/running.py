@@ -72,7 +72,7 @@ def _run_in_pool(work: Callable[[int], Any], jobs: Sequence[int], workers: int) 
                 process.terminate()
             raise
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(wait=not waiting, cancel_futures=True)
 
 
 def _settle() -> None:

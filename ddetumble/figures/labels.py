@@ -182,6 +182,12 @@ def describe_conditions(conditions: Mapping[str, float], names: Iterable[str] = 
     return " · ".join(words)
 
 
+def name_steps(discovery) -> list[str]:
+    """Names of all models of a discovery, the reference first."""
+    return [f"reference: {clean(discovery.model, 24)}", *(
+        name_step(discovery.steps, number, discovery.model) for number in range(1, len(discovery.steps)))]
+
+
 def name_step(steps: Sequence, number: int, model: str) -> str:
     """A model of the loop: the reference, or what came and went at that step: `+ adhesion, − gas-leak`.
 

@@ -14,6 +14,7 @@ INK = "#1b2733"
 GREY = "#66727f"
 PALE = "#c9d1d9"
 FAINT = "#eef1f4"
+MORE = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of the Okabe-Ito palette, for further models
 BEFORE = "#d55e00"
 AFTER = "#0072b2"
 KIN = "#7fc0ea"
@@ -97,8 +98,8 @@ def dress(axes, grid: str = "y"):
 
 
 def colour_models(count: int) -> list[str]:
-    """Colours of one model, or of the models before and after."""
-    return [AFTER] if count == 1 else [BEFORE, AFTER][:count]
+    """Colours of one model, of the models before and after, or of several, the one before first."""
+    return [AFTER] if count == 1 else [[BEFORE, AFTER, *MORE][k % (2 + len(MORE))] for k in range(count)]
 
 
 def space_ticks(axes, count: int = 8):

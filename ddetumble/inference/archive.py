@@ -1,5 +1,6 @@
-"""A fitted model on disk: `model.json`, all that a prediction, a design or another fit needs to go on from it."""
+"""A fitted model, in hand and on disk (`model.json`): all that a prediction, a design or another fit goes on from."""
 
+import abc
 import dataclasses as dc
 import json
 import os
@@ -13,12 +14,12 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, AbstractModel, list_choices
+from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, list_choices
 from ..effects import CATALOGUES
 from ..measurement.campaign import Campaign, Uncertainty
 from .families import name_family
 from .files import hash_file, list_versions, make_plain, refuse_peaks, write_json
-from .models import ResolvedModel, find_model, is_fitted, resolve_effect
+from .models import ResolvedModel, find_model, is_fitted, resolve_effect, wrap_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
 from .problem import Solution
@@ -114,10 +115,10 @@ class ModelFile(_Strict):
 
 @dc.dataclass(frozen=True, eq=False)
 class SavedModel:
-    """A fitted model, read back.
+    """A fitted model: what `predict`, `design`, `draw_laws`, another fit or a comparison goes on from.
 
     Attributes:
-        folder: it was read from.
+        folder: it was read from; None for one that is not on disk.
         campaign, sha256, family: of the campaign it was fitted to.
         model: name of the reference model.
         effects: ids of the effects in the model.
@@ -138,7 +139,7 @@ class SavedModel:
         sampling: of a typical record; None in files of earlier versions.
     """
 
-    folder: Path
+    folder: Path | None
     campaign: str
     sha256: str
     family: str
@@ -195,13 +196,23 @@ class SavedModel:
         return found
 
 
-def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
-               noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
-               names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> Path:
-    """Write a fitted model into a folder, as `model.json`.
+class AbstractFitted(abc.ABC):
+    """A result that holds a fitted model: a fit, a discovery."""
+
+    @abc.abstractmethod
+    def fitted_model(self) -> SavedModel:
+        """The fitted model by itself."""
+
+
+Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | SavedModel | AbstractFitted
+
+
+def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
+                noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
+                names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> SavedModel:
+    """A fitted model from a solution.
 
     Args:
-        folder: where to; made where it is not there.
         campaign: that was fitted.
         model_name: of the reference model, as `resolve_model` takes it.
         space: of the fit; parameters of effects that are not in the model are left out.
@@ -211,33 +222,55 @@ def save_model(folder, *, campaign: Campaign, model_name: str, space: ParameterS
         covariance: of the coordinates of `names`; that of the solution where not given.
         names: of the fitted parameters; those of the solution where not given.
         extra: anything more that JSON can hold, for whoever reads the file.
+    """
+    inside = [e for e in space.effects if e.id in effects or not _at_null(space, solution.u, e)]
+    own = ParameterSpace(space.reference, inside, space.commons)
+    spread = campaign.independent.uncertainty if campaign.independent is not None else None
+    ranges = {n: (float(np.nanmin(x)), float(np.nanmax(x))) for n in campaign.conditions
+              for x in [campaign.records[n].to_numpy(dtype=float)]}
+    sampling = _describe_sampling(campaign)
+    stated = {n: column.uncertainty for n, column in campaign.conditions.items() if column.uncertainty is not None}
+    return SavedModel(
+        None, campaign.name, campaign.sha256, name_family(campaign), model_name, tuple(e.id for e in inside), own,
+        np.array([solution.u[space.index[name]] for name in own.index]),
+        tuple(solution.names if names is None else names),
+        solution.covariance() if covariance is None else np.asarray(covariance), dict(noise),
+        {name: campaign.column(name).unit for name in (*campaign.conditions, *noise)}, stated,
+        0.0 if spread is None else float(spread.sd(np.ones(1))[0]), ranges, len(campaign.records),
+        float(solution.chi2), list_versions(), dict(extra or {}),
+        sampling=None if sampling is None else SamplingEntry(**sampling))
+
+
+def save_model(folder, fitted: SavedModel) -> Path:
+    """Write a fitted model into a folder, as `model.json`.
+
+    Args:
+        folder: where to; made where it is not there.
+        fitted: the model.
 
     Returns:
         Path of the file.
 
     Raises:
-        InputError: The folder cannot be written, or an effect is defined in no file.
+        InputError: The folder cannot be written.
     """
     folder = Path(folder)
-    inside = [e for e in space.effects if e.id in effects or not _at_null(space, solution.u, e)]
-    owners = {None, *(e.id for e in inside)}
-    covariance = solution.covariance() if covariance is None else np.asarray(covariance)
-    spread = campaign.independent.uncertainty if campaign.independent is not None else None
-    model, digest = _place_model(model_name, folder)
+    model, digest = _place_model(fitted.model, folder)
+    covariance = np.asarray(fitted.covariance)
     content = ModelFile.model_validate({
         "schema": SCHEMA,
-        "campaign": campaign.name, "sha256": campaign.sha256, "family": name_family(campaign),
-        "model": model, "model_sha256": digest, "choices": make_plain(list_choices(space.reference)),
-        "effects": [_describe_effect(e, folder) for e in inside],
-        "coordinates": {s.name: float(solution.u[k]) for k, s in enumerate(space.slots) if s.owner in owners},
-        "free": list(solution.names if names is None else names),
-        "covariance": [[float(x) for x in row] for row in covariance],
-        "channels": {name: {"unit": campaign.column(name).unit, "noise": make_plain(level)}
-                     for name, level in noise.items()},
-        "conditions": {name: _describe_condition(campaign, name) for name in campaign.conditions},
-        "time_sd": 0.0 if spread is None else float(spread.sd(np.ones(1))[0]),
-        "sampling": _describe_sampling(campaign), "records": len(campaign.records), "chi2": float(solution.chi2),
-        "commons": [dc.asdict(one) for one in space.commons], "versions": list_versions(), "extra": dict(extra or {}),
+        "campaign": fitted.campaign, "sha256": fitted.sha256, "family": fitted.family,
+        "model": model, "model_sha256": digest, "choices": make_plain(list_choices(fitted.space.reference)),
+        "effects": [_describe_effect(e, folder) for e in fitted.space.effects],
+        "coordinates": dict(zip(fitted.space.index, map(float, fitted.u), strict=True)),
+        "free": list(fitted.free), "covariance": [[float(x) for x in row] for row in covariance],
+        "channels": {name: {"unit": fitted.units[name], "noise": make_plain(level)}
+                     for name, level in fitted.noise.items()},
+        "conditions": {name: _describe_condition(fitted, name) for name in fitted.ranges},
+        "time_sd": fitted.time_sd, "records": fitted.records, "chi2": fitted.chi2,
+        "sampling": None if fitted.sampling is None else fitted.sampling.model_dump(),
+        "commons": [dc.asdict(one) for one in fitted.space.commons], "versions": dict(fitted.versions),
+        "extra": dict(fitted.extra),
     })  # fmt: skip
     path = folder / FILE
     write_json(path, content.model_dump(mode="json", by_alias=True))
@@ -286,25 +319,47 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
         content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)), content.sampling)
 
 
-def resolve_model(name: str, family: str = "impact") -> ResolvedModel:
-    """The reference model that a name stands for.
+def take_fitted(model: str | Path | SavedModel | AbstractFitted) -> SavedModel:
+    """The fitted model that a result holds, or that a folder has.
+
+    Raises:
+        InputError: The folder holds none, or a damaged one; or it is a model that was not fitted.
+    """
+    if isinstance(model, AbstractFitted):
+        return model.fitted_model()
+    if isinstance(model, SavedModel):
+        return model
+    if not isinstance(model, (str, Path)):
+        raise InputError(f"{type(model).__name__} is no fitted model: give what fit or discover returned, or a folder "
+                         "that they wrote")
+    return load_model(model)
+
+
+def resolve_model(model: Model, family: str = "impact") -> ResolvedModel:
+    """The model that an argument stands for.
 
     Args:
-        name: a built-in model; a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or
-            `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or `AbstractFriction`, an
-            instance of one or of `Striker`, or a law that extends one by effects.
+        model: a model in hand (`Ball()`, `Ball() + Adhesion()`), a fit or a discovery, or a name: of a built-in model;
+            of a folder that `fit` or `discover` wrote, for the fitted model as it stands there; or `FILE.py:NAME` for
+            one of the user's own: a subclass of `AbstractReference` or `AbstractFriction`, an instance of one or of
+            `Striker`, or a law that extends one by effects.
         family: of the records, as built-in names stand for different models in different families.
 
     Raises:
         InputError: There is no such model, file or name, or it is none of these things.
     """
-    if not is_fitted(name):
-        return find_model(name, family)
-    saved = load_model(name)
+    if isinstance(model, (AbstractModel, AbstractLaw)) or (
+            isinstance(model, type) and issubclass(model, AbstractModel)):
+        return wrap_model(model)
+    if not isinstance(model, (str, Path, SavedModel, AbstractFitted)):
+        raise InputError(f"{model!r} is no model: give a name, a folder, a model such as Ball(), or a fit", key="model")
+    if isinstance(model, (str, Path)) and not is_fitted(str(model)):
+        return find_model(str(model), family)
+    saved = take_fitted(model)
     law = saved.law()
     added = f" with {', '.join(saved.effects)}" if saved.effects else ""
     return ResolvedModel(saved.model, law.reference, f"{saved.model}{added}, as fitted to {saved.campaign}.",
-                         tuple(law.effects))
+                         tuple(law.effects), True)
 
 
 def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect]) -> bool:
@@ -336,11 +391,10 @@ def _freeze(value: Any) -> Any:
     return tuple(_freeze(v) for v in value) if isinstance(value, list) else value
 
 
-def _describe_condition(campaign: Campaign, name: str) -> dict[str, Any]:
-    values, column = campaign.records[name].to_numpy(dtype=float), campaign.conditions[name]
-    spread = column.uncertainty or Uncertainty()
-    return {"unit": column.unit, "low": float(np.nanmin(values)), "high": float(np.nanmax(values)),
-            "absolute": spread.absolute, "relative": spread.relative}
+def _describe_condition(fitted: SavedModel, name: str) -> dict[str, Any]:
+    (low, high), spread = fitted.ranges[name], fitted.uncertainties.get(name, Uncertainty())
+    return {"unit": fitted.units[name], "low": low, "high": high, "absolute": spread.absolute,
+            "relative": spread.relative}
 
 
 def _describe_sampling(campaign: Campaign) -> dict[str, Any] | None:

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractEffect, parameters_of
+from ..contact.effect import AbstractEffect, is_absent, parameters_of
 from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
 from ..measurement.package import read_campaign
-from .archive import resolve_model
+from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts, list_origins
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .families import find_family, name_family
@@ -32,7 +32,7 @@ STARTS = 12  # tried at most
 Progress = Callable[[str, float], None]
 
 
-def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence[str | type[AbstractEffect]] = (), *,
+def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequence[str | type[AbstractEffect]] = (), *,
         free: Sequence[str] | Mapping[str, float | bool] | None = None, fixed: Mapping[str, float] | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
         bounds: Mapping[str, tuple[float, float]] | None = None, start: Mapping[str, float] | None = None,
@@ -42,7 +42,8 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
 
     Args:
         campaign: a campaign, its folder, or a specification `fit.toml` (which then says everything else).
-        model: reference model; a folder that `fit` or `discover` wrote brings its effects and starts from its values.
+        model: a reference model by name or in hand, extended or not (`Ball() + Adhesion()`); a fit, or a folder that
+            `fit` or `discover` wrote, brings its effects and starts from its values.
         effects: ids of the catalogue, `FILE.py:NAME`, or classes, that extend the model.
         free: parameters to fit beside those of the effects and the unknown ones of the reference model; with their
             starts where it is a mapping.
@@ -67,7 +68,9 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         settings = {"command": f"ddetumble fit {path.name}", "specification": path.name, "sha256": digest,
                     "title": found.title, "seed": found.seed}
         try:
-            return _fit(read_campaign(found.campaign), found, settings, {}, progress or _quiet, ())
+            measured = read_campaign(found.campaign)
+            return _fit(measured, found, resolve_model(found.model, name_family(measured)), settings, {},
+                        progress or _quiet, ())
         except InputError as error:
             if error.file is not None:
                 raise
@@ -76,25 +79,29 @@ def fit(campaign: Campaign | str | Path, model: str = "paper", effects: Sequence
         campaign = read_campaign(campaign)
     wanted = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
     ids = [e if isinstance(e, str) else e.id for e in effects]
+    find_family(name_family(campaign), "fit")
+    resolved = resolve_model(model, name_family(campaign))
     specification = Specification.model_construct(
-        schema_="ddetumble.fit/1", campaign=campaign.name, model=str(model), effects=ids, free=wanted,
+        schema_="ddetumble.fit/1", campaign=campaign.name, model=resolved.name, effects=ids, free=wanted,
         fixed=dict(fixed or {}), priors={k: _Pair(*v) for k, v in (priors or {}).items()}, bounds=dict(bounds or {}),
         nuisances=nuisances, noise="stated" if noise == "stated" else "measured")
-    added = "".join([*(f" --effect {e}" for e in ids),
+    named = _shorten(str(model)) if isinstance(model, (str, Path)) else resolved.name
+    brought = [] if isinstance(model, (str, Path)) else [e.id for e in resolved.effects]
+    added = "".join([*(f" --effect {e}" for e in dict.fromkeys([*brought, *ids])),
                      *(f" --free {n}" + ("" if v is True else f"={v:g}") for n, v in wanted.items()),
                      *(f" --fix {n}={v:g}" for n, v in (fixed or {}).items()),
                      *(f" --prior {n}={m:g}+-{s:g}" for n, (m, s) in (priors or {}).items())])
-    settings = {"command": f"ddetumble fit {campaign.name} --model {_shorten(str(model))}{added}"}
+    settings = {"command": f"ddetumble fit {campaign.name} --model {named}{added}"}
     given = noise if isinstance(noise, Mapping) else None
     classes = tuple(e for e in effects if not isinstance(e, str))
-    return _fit(campaign, specification, settings, dict(start or {}), progress or _quiet, classes, given)
+    return _fit(campaign, specification, resolved, settings, dict(start or {}), progress or _quiet, classes, given)
 
 
-def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Mapping[str, float], report: Progress,
-         classes: Sequence[type[AbstractEffect]], noise: Mapping[str, Noise] | None = None) -> Fit:
+def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, settings: Mapping,
+         start: Mapping[str, float], report: Progress, classes: Sequence[type[AbstractEffect]],
+         noise: Mapping[str, Noise] | None = None) -> Fit:
     """Fit what a specification says."""
     catalogue = find_family(name_family(campaign), "fit").catalogue
-    resolved = resolve_model(wanted.model, name_family(campaign))
     chosen = choose_effects(wanted.effects, classes, resolved)
     assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in catalogue])
     for effect in chosen:
@@ -114,7 +121,7 @@ def _fit(campaign: Campaign, wanted: Specification, settings: Mapping, start: Ma
     if space.family.free_running and whole.records.lengths.max() > MOST:  # starts are tried on a part of the samples
         problem = _pose(space, stack_records(campaign, noise, MOST), priors, wanted.nuisances)
     known = [n for n in names if n in assembly.base]
-    told, saved = bool({*given} & {*known}), (Path(wanted.model) / "model.json").is_file()
+    told, saved = bool({*given} & {*known}), resolved.fitted
     origins = list_origins(campaign, space, base, known)
     if saved:  # what the model or the user says comes first, with the rest guessed where nothing is known of it
         origins = [base, *origins]
@@ -330,8 +337,8 @@ def place_bounds(space: ParameterSpace, names: Sequence[str], wanted: Specificat
 def list_starts(space: ParameterSpace, chosen: Sequence[type[AbstractEffect]], names: Sequence[str],
                 given: Mapping[str, float], resolved: ResolvedModel) -> list[dict[str, float]]:
     """Coordinates to start the effects from: inside their range, every shape that is to be scanned."""
-    fitted = {e.id for e in resolved.effects}
-    options = [default_starts(e) for e in chosen if e.id not in fitted]
+    placed = {e.id for e in resolved.effects if not is_absent(e)}  # with values to start from
+    options = [default_starts(e) for e in chosen if e.id not in placed]
     combined = list(itertools.islice(itertools.product(*options), 500))
     if len(combined) > STARTS:
         combined = [combined[k] for k in np.linspace(0, len(combined) - 1, STARTS).astype(int)]

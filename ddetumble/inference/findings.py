@@ -10,19 +10,20 @@ import numpy as np
 
 from .._errors import InputError
 from ..measurement.campaign import Campaign
-from .archive import save_model
+from .archive import AbstractFitted, SavedModel, make_fitted, save_model
 from .bounded import NEAR, Bounded, linearise_all, truncate_normal
 from .files import list_versions, make_plain, write_json
 from .goodness import GoodnessOfFit, judge_goodness
 from .identifiability import Knowledge, Remedy, analyse_columns, describe_knowledge, flatten_columns
 from .noise import Noise
-from .parameters import ParameterSpace, coordinate_bounds, to_public
+from .parameters import ParameterSpace, coordinate_bounds, to_coordinate, to_public
 from .problem import Problem, Solution
 
 
 FILE = "fit.json"
 SCHEMA = "ddetumble.fit-result/1"
 LEAST = 0.1  # correlations below are not printed
+NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square (two sd) what lies there may fit
 
 
 @dc.dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Fitted:
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class Fit(AbstractFitted):
     """A fitted model.
 
     Attributes:
@@ -108,6 +109,9 @@ class Fit:
     bounded: Bounded
     gaussians: Mapping[str, tuple[float, float, float, float]]
 
+    def __str__(self) -> str:
+        return self.text()
+
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
 
@@ -115,6 +119,13 @@ class Fit:
     def model_text(self) -> str:
         """Model and effects in words."""
         return self.model + (f" with {', '.join(self.effects)}" if self.effects else "")
+
+    def fitted_model(self) -> SavedModel:
+        """The fitted model by itself: what predictions and designs go on from."""
+        return make_fitted(
+            campaign=self.source, model_name=self.model, space=self.space, solution=self.solution, noise=self.noise,
+            effects=self.effects, covariance=self.covariance, names=tuple(self.parameters),
+            extra={"made_by": self.settings.get("made_by", "fit"), "chi2_reduced": self.chi2_reduced})
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Interval of a parameter in its public unit: Gaussian in its coordinate, cut off at its limits.
@@ -191,9 +202,7 @@ class Fit:
         folder = Path(folder)
         if folder.exists() and not folder.is_dir():
             raise InputError("is a file; name a folder for the fit", file=folder)
-        save_model(folder, campaign=self.source, model_name=self.model, space=self.space, solution=self.solution,
-                   noise=self.noise, effects=self.effects, covariance=self.covariance, names=tuple(self.parameters),
-                   extra={"made_by": "fit", "chi2_reduced": self.chi2_reduced})
+        save_model(folder, self.fitted_model())
         write_json(folder / FILE, self.to_dict())
         return folder
 
@@ -216,7 +225,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     flat = flatten_columns(solution)
     known = analyse_columns(space, moving, flat, solution.scales)
     told, remedies = describe_knowledge(problem, solution, flat, known, campaign)
-    parameters, covariance, correlations, gaussians = _estimate(problem, found, known, start)
+    parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + sum(name in found.names for name in problem.priors) - len(moving)
     notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others "
@@ -265,11 +274,13 @@ def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], f
     return found
 
 
-def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
+def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
               ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray, dict[str, tuple[float, float, float, float]]]:
     """Parameters in the order of `found.names`, their covariance, correlations, and Gaussians of their coordinates.
 
-    Held parameters are uncorrelated.
+    The one rule for intervals, of `fit` and `discover`: Gaussian in the coordinate in which the fit moves, cut off at
+    the limits. An amplitude whose slope vanishes at its null is as uncertain as half the way there where values near
+    the null fit as well. Held parameters are uncorrelated.
     """
     space, solution, names = problem.space, found.solution, found.names
     moving = list(solution.names)
@@ -293,6 +304,8 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
             parameters[name] = _make_public(p, unit, u, sd, first, last, initial, side)
             continue
         sd = float(np.sqrt(covariance[k, k]))
+        if p.singular:
+            sd = max(sd, _reach_null(problem, solution, name))
         gaussians[name] = (float(u), sd, float(low), float(high))
         if name in known.undetermined:
             gaussians[name] = (float(u), math.inf, *coordinate_bounds(p))
@@ -312,6 +325,23 @@ def _estimate(problem: Problem, found: Bounded, known: Knowledge, start: np.ndar
             text = f"beyond what physics allows, {p.limits[0]:g} to {p.limits[1]:g}: {p.limits_reason}"
         parameters[name] = Fitted(middle, width, first, last, unit, initial, text=text)
     return parameters, covariance, correlations, gaussians
+
+
+def _reach_null(problem: Problem, solution: Solution, name: str) -> float:
+    """Half the distance to a null at which an amplitude has no slope, where values next to it fit as well; else 0.
+
+    The curvature at the estimate knows nothing of it.
+    """
+    k, weights = problem.space.index[name], problem.records.stack.weights
+    parameter, u = problem.space.slots[k].parameter, solution.u.copy()
+    null = to_coordinate(parameter.coordinate, parameter.default)
+    distance = float(u[k]) - null
+    if distance == 0.0 or solution.residual.shape[1] != weights.shape[1] * weights.shape[2]:
+        return 0.0  # of thinned records
+    u[k] = null + NEXT * distance
+    others = [other for other in solution.names if other != name]
+    near = problem.solve(others, u, solution.z, tolerance=1e-2)
+    return 0.5 * abs(distance) if near.chi2 - solution.chi2 < LIKELY else 0.0
 
 
 def _make_public(p, unit: str, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:

@@ -6,17 +6,31 @@ import hashlib
 import inspect
 import sys
 import types
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 from .._errors import InputError
-from ..contact.effect import AbstractEffect, AbstractModel
-from ..contact.gripping import StrikeLaw
-from ..contact.law import ContactLaw
-from ..contact.sliding import FrictionLaw
-from ..contact.torque import TumbleLaw
+from ..contact.effect import (
+    AbstractEffect,
+    AbstractLaw,
+    AbstractModel,
+    list_choices,
+    parameters_of,
+    parts_of,
+    read_field,
+)
+from ..contact.gripping import Striker
+from ..contact.law import Ball, PowerLaw
+from ..contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFriction
+from ..contact.torque import RigidBody
 from ..effects import CATALOGUES
 from .builtin import BUILTIN, MODELS
+
+
+# Reference models by the name of their class; one that is made of two is `Striker(Ball, CoulombFriction)`.
+PARTS: dict[str, Callable[[], AbstractModel]] = {
+    one.__name__: one for one in (Ball, PowerLaw, RubberFriction, AdhesionHysteresis, CoulombFriction, RigidBody)}
 
 
 @dc.dataclass(frozen=True)
@@ -27,13 +41,15 @@ class ResolvedModel:
         name: as given.
         reference: template of the reference model; its values are the defaults.
         text: which equations it is, one sentence.
-        effects: instances that extend it from the start, for a law of the user's own.
+        effects: instances that extend it from the start, of a fitted model or for a law of the user's own.
+        fitted: whether its values are those of a fit.
     """
 
     name: str
     reference: AbstractModel
     text: str
     effects: tuple[AbstractEffect, ...] = ()
+    fitted: bool = False
 
 
 def is_fitted(name: str) -> bool:
@@ -60,6 +76,9 @@ def find_model(name: str, family: str = "impact") -> ResolvedModel:
     path, colon, attribute = name.rpartition(":")
     if colon and path.endswith(".py"):
         return _import_model(name, Path(path), attribute)
+    made = _build_model(name)
+    if made is not None:
+        return ResolvedModel(name, made, _describe_class(type(made)))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
     other = [kind for kind, known in BUILTIN.items() if name in known]
@@ -72,6 +91,59 @@ def find_model(name: str, family: str = "impact") -> ResolvedModel:
     raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(models)}, a folder that fit or "
                      f"discover "
                      "wrote, or FILE.py:NAME")
+
+
+def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> ResolvedModel:
+    """A model in hand, such as `Ball(truncated=True) + Adhesion()`, under a name by which a saved fit finds it again.
+
+    The name is that of the built-in model with the same parts, choices and constants; else that of the class, with its
+    file where it is one of the user's own.
+
+    Raises:
+        InputError: A class cannot be made without arguments.
+    """
+    if isinstance(model, type):
+        try:
+            model = cast(Callable[[], AbstractModel], model)()
+        except TypeError as error:
+            raise InputError(f"{model.__name__}() cannot be made without arguments ({error}); give an instance"
+                             ) from None
+    effects = model.effects if isinstance(model, AbstractLaw) else ()
+    reference = model.reference if isinstance(model, AbstractLaw) else model
+    for name, built in BUILTIN.get(type(reference).family, {}).items():
+        if _identify(built.make()) == _identify(reference):
+            return ResolvedModel(name, reference, built.text, tuple(effects))
+    return ResolvedModel(_name_class(reference), reference, _describe_class(type(reference)), tuple(effects))
+
+
+def _identify(reference: AbstractModel) -> tuple:
+    """What makes two reference models one: parts, choices, and what no fit moves unless it is asked to."""
+    held = tuple(float(read_field(reference, p.field)) for p in parameters_of(reference) if not p.free)
+    return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items()), held
+
+
+def _name_class(reference: AbstractModel) -> str:
+    kind = type(reference)
+    if isinstance(reference, Striker):
+        return f"Striker({type(reference.ball).__name__}, {type(reference.friction).__name__})"
+    if PARTS.get(kind.__name__) is kind:
+        return kind.__name__
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return kind.__name__ if file is None else f"{file}:{kind.__qualname__}"
+
+
+def _build_model(name: str) -> AbstractModel | None:
+    """The model that a name by classes stands for (`Ball`, `Striker(Ball, CoulombFriction)`), or None."""
+    outer, _, rest = name.removesuffix(")").partition("(")
+    if outer == "Striker" and name.endswith(")"):
+        parts: list[Any] = [PARTS[part.strip()]() for part in rest.split(",") if part.strip() in PARTS]
+        return Striker(*parts) if len(parts) == 2 else None
+    return PARTS[name]() if name in PARTS else None
+
+
+def _describe_class(kind: type) -> str:
+    """First paragraph of a class's docstring."""
+    return " ".join((kind.__doc__ or kind.__name__).strip().split("\n\n")[0].split())
 
 
 def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
@@ -161,7 +233,7 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
                          file=path) from error
     text = " ".join((type(made).__doc__ or "").strip().split("\n\n")[0].split()) or f"{attribute} of {path.name}"
-    if isinstance(made, (ContactLaw, FrictionLaw, StrikeLaw, TumbleLaw)):
+    if isinstance(made, AbstractLaw):
         return ResolvedModel(name, made.reference, f"{attribute} of {path.name}", tuple(made.effects))
     return ResolvedModel(name, made, text)
 
@@ -169,4 +241,4 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
 def _is_model(value) -> bool:
     if isinstance(value, type):
         return issubclass(value, AbstractModel) and not inspect.isabstract(value)
-    return isinstance(value, (AbstractModel, ContactLaw, FrictionLaw, StrikeLaw, TumbleLaw))
+    return isinstance(value, (AbstractModel, AbstractLaw))

@@ -19,7 +19,7 @@ from .._errors import InputError
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import FILE as MODEL
-from ..inference.archive import SavedModel, load_model
+from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fitted
 from ..inference.parameters import ParameterSpace, from_public
 from ..posterior.result import FILE as POSTERIOR
 from ..posterior.stacking import FILE as WEIGHTS
@@ -101,6 +101,8 @@ def draw_posterior(saved: SavedModel, count: int, seed: int) -> np.ndarray:
     """
     import xarray as xr
 
+    if saved.folder is None:
+        raise InputError("the model is in no folder; save the fit and its posterior there")
     path = saved.folder / POSTERIOR
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as data:
@@ -143,14 +145,19 @@ def find_models(folder: Path) -> tuple[list[tuple[str, SavedModel, float]], str]
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 
 
-def draw_laws(source: Path | str | Sequence[tuple[str, SavedModel, float]], make: Callable[[Any], StrikeLaw], *,
-              draws: int = 32, seed: int = 0, note: str = "") -> Laws:
+def _has_posterior(saved: SavedModel) -> bool:
+    return saved.folder is not None and (saved.folder / POSTERIOR).is_file()
+
+
+def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, SavedModel, float]],
+              make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0, note: str = "") -> Laws:
     """Draw contact laws from a posterior's samples where there are some, from a fit's covariance elsewhere.
 
     All models are drawn with the same random numbers.
 
     Args:
-        source: folder that `fit`, `sample`, `discover` or `weigh` wrote, or name, model and weight of each.
+        source: what `fit` or `discover` returned (a discovery with its rivals, each counted the same), a folder that
+            `fit`, `sample`, `discover` or `weigh` wrote, or name, model and weight of each.
         make: turns a fitted law into the law of oblique impacts; traced by JAX.
         draws: of each model.
         seed: of the random numbers.
@@ -160,7 +167,11 @@ def draw_laws(source: Path | str | Sequence[tuple[str, SavedModel, float]], make
         InputError: the folder holds no fit, or models that extend different references.
     """
     folder = str(source) if isinstance(source, (str, Path)) else ""
-    models, note = find_models(Path(source)) if isinstance(source, (str, Path)) else (list(source), note)
+    if isinstance(source, AbstractFitted):
+        held = [take_fitted(one) for one in (source, *getattr(source, "rivals", ()))]
+        models = [(name_rival(one.effects), one, 1.0 / len(held)) for one in held]
+    else:
+        models, note = find_models(Path(source)) if isinstance(source, (str, Path)) else (list(source), note)
     first = models[0][1].space
     if any(one.space.key[:2] != first.key[:2] for _, one, _ in models):
         raise InputError("the models extend different reference models; plan with one at a time", file=folder or None)
@@ -172,10 +183,10 @@ def draw_laws(source: Path | str | Sequence[tuple[str, SavedModel, float]], make
         whole[:, [space.index[name] for name in saved.space.index]] = own
         return whole
 
-    drawn = [place(one, draw_posterior(one, draws, seed) if (one.folder / POSTERIOR).is_file()
+    drawn = [place(one, draw_posterior(one, draws, seed) if _has_posterior(one)
                    else draw_coordinates(one.space, one.u, one.spread(), draws, seed)) for _, one, _ in models]
     best = [place(one, one.u[None]) for _, one, _ in models]
-    sampled = [name for name, one, _ in models if (one.folder / POSTERIOR).is_file()]
+    sampled = [name for name, one, _ in models if _has_posterior(one)]
     origin = (f"{draws} draws{' of each model' if len(models) > 1 else ''} from the "
               f"{'posterior' if len(sampled) == len(models) else 'covariance'} of the fit.")
     build = jax.vmap(lambda u: make(space.build(u)))

@@ -10,8 +10,8 @@ import numpy as np
 
 from .._errors import ComputationError, InputError
 from ..inference.archive import FILE as MODEL
-from ..inference.archive import SavedModel, load_model
-from ..selection.result import RESULT, RIVALS
+from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fitted
+from ..selection.result import RESULT, RIVALS, Discovery
 from ..selection.settings import DEFAULT
 from .limits import Extra, list_extras, set_limits
 from .preview import Layout, Test, place_conditions, prepare
@@ -27,9 +27,10 @@ STEPS = 15  # of the refit that checks a separation
 EDGE = 5e-3  # share of its range within which a condition stands at a limit
 
 Progress = Callable[[str, float], None]
+Fitted = AbstractFitted | SavedModel
 
 
-def design(folder: str | Path, *, limits: Mapping[str, str] | Sequence[str] | None = None,
+def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, str] | Sequence[str] | None = None,
            channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
            progress: Progress | None = None) -> Design:
     """Find the test that best tells apart what a discovery could not.
@@ -41,39 +42,55 @@ def design(folder: str | Path, *, limits: Mapping[str, str] | Sequence[str] | No
     that narrows the parameters most is sought.
 
     Args:
-        folder: that `discover` or `fit` wrote.
+        models: what `discover` or `fit` returned, several fits of one campaign, or a folder that they wrote.
         limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, by condition; the campaign's range, extended, elsewhere.
         channels: `NAME: NOISE UNIT` of channels that could be added; the usual ones where not given.
         length: of the test's record in its independent variable [s or m]; as in the campaign where not given.
         progress: called with a sentence and the share done.
 
     Raises:
-        InputError: the folder holds no fitted model, or an option makes no sense.
+        InputError: there is no fitted model, or an option makes no sense.
         ComputationError: a rival could not be integrated anywhere within the limits.
     """
     report = progress or (lambda text, share: None)
-    models, verdict = read_confused(Path(folder))
+    rivals, verdict = list_confused(models)
     if length is not None and not length > 0:
         raise InputError(f"the length of a record has to be positive, not {length:g}")
-    chosen, extras = set_limits(models[0], limits), list_extras(models[0], channels)
-    layout, test = prepare(models, chosen, extras, length=length)
-    names = tuple(name_model(m) for m in models)
+    chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
+    layout, test = prepare(rivals, chosen, extras, length=length)
+    names = tuple(name_model(m) for m in rivals)
     proposals = []
     for k, extra in enumerate((None, *extras)):
         if extra is not None and channels is None and proposals[0].split == len(proposals[0].pairs) > 0:
             break  # no further channel is needed, and none was asked for
         what = "the test" if extra is None else f"a test with {extra.name}"
         report(f"looking for {what}", 0.1 + 0.85 * k / (1 + len(extras)))
-        mask = np.array([c in models[0].channels or (extra is not None and c in extra.channels)
+        mask = np.array([c in rivals[0].channels or (extra is not None and c in extra.channels)
                          for c in layout.channels], dtype=float)
         x, worth = search_conditions(layout, test, mask)
         if worth <= 0.0 and part_rivals(layout, test, x[None], mask, 0).failed.any():
             raise ComputationError("the models could not be integrated within these limits: check --limit")
-        proposals.append(_propose(layout, test, mask, x, extra, names, models[0]))
+        proposals.append(_propose(layout, test, mask, x, extra, names, rivals[0]))
     ranked = sorted(proposals, key=_rank)
-    found = Design(models[0].campaign, models[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
-    sentence, notes = explain_design(found, models[0])
+    found = Design(rivals[0].campaign, rivals[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
+    sentence, notes = explain_design(found, rivals[0])
     return dc.replace(found, sentence=sentence, notes=notes)
+
+
+def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[SavedModel], str]:
+    """The best model and its rivals, and the verdict (`fit` where no discovery gives one).
+
+    Raises:
+        InputError: there is no fitted model, the rivals were not written, or they are of several campaigns.
+    """
+    if isinstance(models, (str, Path)):
+        return read_confused(Path(models))
+    if isinstance(models, Discovery):
+        return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
+    found = [take_fitted(one) for one in ([models] if isinstance(models, (SavedModel, AbstractFitted)) else models)]
+    if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
+        raise InputError("the models have to be fits of one campaign that extend one reference model")
+    return found, "fit" if len(found) == 1 else "undecided"
 
 
 def read_confused(folder: Path) -> tuple[list[SavedModel], str]:

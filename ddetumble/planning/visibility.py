@@ -14,7 +14,7 @@ import numpy as np
 from .._errors import ComputationError
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
-from ..inference.archive import resolve_model
+from ..inference.archive import Model, resolve_model
 from ..inference.assembly import default_starts
 from ..inference.families import name_family
 from ..inference.files import list_versions, make_plain, write_json
@@ -127,7 +127,7 @@ class _Signature:
     column: np.ndarray
 
 
-def map_effects(plan: Campaign | str | Path, model: str = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
+def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
                 channels: Sequence[str] | None = None,
                 uncertainties: Sequence[str] | None = None, values: Sequence[str] | None = None,
                 length: str | None = None, interval: str | None = None, progress: Progress | None = None

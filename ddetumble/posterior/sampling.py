@@ -6,6 +6,7 @@ from typing import Any
 
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
+from ..inference.archive import Model
 from ..inference.curve_fit import CurveFit
 from ..inference.estimation import Progress, fit
 from ..inference.findings import Fit
@@ -22,7 +23,7 @@ SAMPLERS = {one.name: one for one in (Ensembles, Nuts)}
 CHAIN = "chain"  # folder of the blocks
 
 
-def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, model: str = "paper",
+def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, model: Model = "paper",
            effects: Sequence[str | type[AbstractEffect]] = (), *, sampler: str | None = None,
            folder: str | Path | None = None, progress: Progress | None = None,
            walkers: int | None = None, ensembles: int | None = None, burn: int | None = None,

@@ -20,7 +20,7 @@ from scipy import optimize
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect
-from ..inference.archive import load_model
+from ..inference.archive import Model, load_model
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
 from ..inference.files import list_versions, make_plain, refuse_peaks, write_json
@@ -145,7 +145,7 @@ class ModelWeights:
         return folder
 
 
-def weigh(source: Campaign | str | Path, models: Rivals = (), model: str = "paper", *,
+def weigh(source: Campaign | str | Path, models: Rivals = (), model: Model = "paper", *,
           campaign: Campaign | str | Path | None = None, progress: Progress | None = None, seed: int = 0,
           **fitting: Any) -> ModelWeights:
     """Weigh rival models by how well they predict conditions that they have not seen.
@@ -194,7 +194,7 @@ def weigh(source: Campaign | str | Path, models: Rivals = (), model: str = "pape
         base, share = 0.4 + 0.6 * k / len(fits), 0.6 / len(fits)
         scores.append(score_fit(one, seed, lambda text, s, b=base, w=share, n=names[k]: report(f"{n}: {text}",
                                                                                               b + w * s)))
-    return conclude(measured.name, model, fits, scores, notes)
+    return conclude(measured.name, fits[0].model, fits, scores, notes)
 
 
 def _split(one: str | Sequence[str | type[AbstractEffect]]) -> tuple[str | type[AbstractEffect], ...]:

@@ -13,9 +13,9 @@ import pandas as pd
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
-from ..inference.archive import load_model, resolve_model
+from ..inference.archive import Model, SavedModel, resolve_model, take_fitted
 from ..inference.files import make_plain
-from ..inference.models import ResolvedModel, is_fitted
+from ..inference.models import ResolvedModel
 from ..inference.noise import Noise, estimate_noise
 from ..inference.parameters import ParameterSpace, to_coordinate
 from ..inference.stack import default_noise
@@ -98,7 +98,7 @@ class _Contact:
     smooth: dict[str, Smooth]
 
 
-def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identification:
+def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identification:
     """Find the force from measured depression and pressure, and hold it against the gauge where there is one.
 
     Depression and pressure become smooth curves over each contact; Eqs. 4 and 5 (or the law of a fitted model) then
@@ -107,7 +107,7 @@ def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identific
 
     Args:
         campaign: with the channel `depression`, best with `pressure` too; or its folder.
-        model: reference model, see `ddetumble.inference.models`.
+        model: reference model, by name or in hand, or a fitted one.
 
     Raises:
         InputError: no depression, no stated noise, too few samples in a contact, or a model without gas.
@@ -124,7 +124,8 @@ def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identific
     noise = _smooth_all(campaign, contacts, channels)
     space = ParameterSpace(resolved.reference, tuple(type(e) for e in resolved.effects))
     u = _coordinates(space, resolved, campaign)
-    names, covariance, u, source, more = _find_parameters(campaign, model, space, u, contacts, noise, measured)
+    saved = take_fitted(model) if resolved.fitted else None  # type: ignore[arg-type]
+    names, covariance, u, source, more = _find_parameters(campaign, saved, space, u, contacts, noise, measured)
     notes += more
     left = [e.id for e in resolved.effects if isinstance(e, AbstractSensorEffect)]
     if left:
@@ -138,8 +139,8 @@ def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identific
     if "restitution" in names:
         i = names.index("restitution")
         sd = float(space.public("restitution", u, float(np.sqrt(max(covariance[i, i], 0.0))))["sd"])
-    return Identification(campaign.name, model, table.drop(columns="inside"), records, rms_z, coverage, float(value),
-                          sd, source, tuple(notes))
+    return Identification(campaign.name, resolved.name, table.drop(columns="inside"), records, rms_z, coverage,
+                          float(value), sd, source, tuple(notes))
 
 
 def _check(campaign: Campaign, resolved: ResolvedModel):
@@ -226,16 +227,15 @@ def _smooth_all(campaign: Campaign, contacts: Sequence[_Contact], channels: Sequ
     return found
 
 
-def _find_parameters(campaign: Campaign, model: str, space: ParameterSpace, u: np.ndarray,
+def _find_parameters(campaign: Campaign, saved: SavedModel | None, space: ParameterSpace, u: np.ndarray,
                      contacts: Sequence[_Contact], noise: Mapping[str, Noise], measured: bool):
     """Restitution and whatever else is unknown: names, covariance, coordinates, source, notes."""
-    if is_fitted(model):
-        saved = load_model(model)
+    if saved is not None:
         u = u.copy()
         for name in saved.space.index:
             u[space.index[name]] = saved.u[saved.space.index[name]]
         return (saved.free, saved.covariance, u,
-                f"Restitution and all other parameters are those of the fitted model in {model}.", [])
+                f"Restitution and all other parameters are those of the model fitted to {saved.campaign}.", [])
     wanted = [s.name for s in space.slots
               if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None]
     if not [name for name in wanted if name != "effective_mass"]:

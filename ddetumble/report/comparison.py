@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..figures.labels import clean, describe_quantity, format_error, format_number
-from ..selection.compare import Comparison
+from ..figures.labels import clean, describe_quantity, format_error, format_number, format_share
+from ..selection.compare import Comparison, Comparisons
 from ..selection.result import Place, Trace
-from .findings import show_failures, show_fits
-from .page import Section, Table, write_page
+from .findings import STEPS_CAPTION, draw_both, show_failures, show_fits
+from .page import Picture, Section, Table, write_page
 
 
 # Columns of the errors in words; those of residuals in the channel's unit are named with it.
@@ -55,6 +55,58 @@ def write_comparison(
     models = {clean(label, 60): traces for label, traces in models.items()}
     parts = [show_fits(models), show_failures(models, noise, where), *sections]
     return write_page(title, sentence, parts, folder, name, status=[clean(one, 120) for one in status], facts=facts)
+
+
+def report_comparison(found: Comparison | Comparisons, folder) -> Path:
+    """Write what `compare` returned as a page, `comparison.html`; returns its path.
+
+    Of several models it shows the error by step, what each changes beside what the first leaves, and the one that
+    cross-validates best.
+    """
+    if isinstance(found, Comparison):
+        return write_comparison(
+            found.sentence, {found.model: found.traces}, folder, title=f"{found.campaign} and the model {found.model}",
+            noise=found.noise, where=found.where, status=(found.campaign, f"{len(found.records)} records"),
+            sections=[tabulate_errors(found)])
+    best = len(found) - 1 if found.best is None else found.best
+    shown = {found.names[k]: found[k].traces for k in dict.fromkeys((0, best))}
+    one = found[best]
+    return write_comparison(
+        found.sentence, shown, folder, title=f"{one.campaign} and {len(found)} models", noise=one.noise,
+        where=found[0].where, status=(one.campaign, f"{len(one.records)} records"),
+        sections=[_show_models(found), _show_signatures(found), tabulate_errors(one)])
+
+
+def _show_models(found: Comparisons) -> Section:
+    """Error by model, drawn and as a table."""
+    from .. import figures
+
+    floor = min(one.noise_nrmse for one in found)
+    rows = [(name, one.free, format_number(one.chi2_reduced), format_error(one.nrmse),
+             format_error(one.heldout_nrmse), format_error(one.prediction_nrmse), format_share(one.prediction_coverage),
+             format_error(one.noise_nrmse), "yes" if one.lack_of_fit.rejected else "no")
+            for name, one in zip(found.names, found, strict=True)]
+    table = Table(("model", "free", "χ² / dof", "error", "cross-validated", "prediction", "coverage", "noise floor",
+                   "misfit left"), rows, STEPS_CAPTION)
+    alt = f"Error of {len(found)} models against the noise floor of {format_error(floor)}."
+    caption = ("Root mean square of the residual over that of the signal: of all records, and of conditions left out "
+               "one after the other. No model can do better than the noise floor.")
+    return Section("The error, step by step", figures=[Picture("error-by-step", caption, *draw_both(
+        lambda narrow: figures.draw_error_by_step(found.names, found.models, floor, narrow), alt))], tables=[table])
+
+
+def _show_signatures(found: Comparisons) -> Section:
+    """What each model changes of the first one's prediction, beside what that one leaves."""
+    from .. import figures
+
+    models = {clean(name, 60): one.traces for name, one in zip(found.names, found, strict=True)}
+    channel = found[0].traces[0].channel
+    word, first = describe_quantity(channel).name, clean(found.names[0])
+    caption = (f"Dots: measured minus {first}, {word}, single samples faint. Lines: what each other model changes of "
+               "its prediction after the fit. What is missing runs along the dots.")
+    alt = f"Residual of {first} and the change that {len(found) - 1} models make to it, where it is largest."
+    return Section("Why an effect fits", figures=[Picture("signatures", caption, *draw_both(
+        lambda narrow: figures.draw_signatures(models, channel, narrow=narrow), alt))])
 
 
 def tabulate_errors(result: Comparison) -> Section:

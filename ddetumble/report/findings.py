@@ -3,8 +3,9 @@
 import dataclasses as dc
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..figures.binning import is_peaks, list_channels
 from ..figures.labels import (
@@ -16,6 +17,7 @@ from ..figures.labels import (
     format_share,
     format_value,
     name_step,
+    name_steps,
     say_p,
 )
 from ..figures.views import View, choose_view, find_span, find_stretch
@@ -241,24 +243,38 @@ def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
                    figures.draw_missing_force(models, channel, narrow=True))  # fmt: skip
 
 
+STEPS_CAPTION = (
+    "Cross-validated: each condition by the model fitted without it, its own settings adjusted within their stated "
+    "uncertainty. Prediction: the same from the settings as they are written down; coverage is the share of samples "
+    "within the predicted 95 % interval.")
+
+
 def _show_steps(discovery: Discovery) -> Section:
     from .. import figures
 
     rows = [
         (name_step(discovery.steps, number, discovery.model), format_number(step.chi2_reduced),
-         format_error(step.nrmse), format_error(step.heldout_nrmse), format_error(discovery.noise_nrmse),
+         format_error(step.nrmse), format_error(step.heldout_nrmse), format_error(step.prediction_nrmse),
+         format_share(step.prediction_coverage), format_error(discovery.noise_nrmse),
          "yes" if step.lack_of_fit.rejected else "no", "yes" if step.converged else "no")
         for number, step in enumerate(discovery.steps)
     ]  # fmt: skip
-    table = Table(("model", "χ² / dof", "error", "held-out error", "noise floor", "misfit left", "converged"), rows)
+    table = Table(("model", "χ² / dof", "error", "cross-validated", "prediction", "coverage", "noise floor",
+                   "misfit left", "converged"), rows, STEPS_CAPTION)
     caption = (
-        "Root mean square of the residual over that of the signal, for every model of the loop: on what was "
-        "fitted and on what was left out. No model can do better than the noise floor."
+        "Root mean square of the residual over that of the signal, for every model of the loop: of all records, and of "
+        "conditions left out one after the other. No model can do better than the noise floor."
     )
     alt = f"Error of {len(discovery.steps)} models against the noise floor of {format_error(discovery.noise_nrmse)}."
     return Section("The error, step by step", figures=[
-        Picture("ledger", caption, figures.draw_ledger(discovery), alt, figures.draw_ledger(discovery, narrow=True)),
-    ], tables=[table])  # fmt: skip
+        Picture("error-by-step", caption, *draw_both(lambda narrow: figures.draw_error_by_step(
+            name_steps(discovery), discovery.steps, discovery.noise_nrmse, narrow), alt)),
+    ], tables=[table])
+
+
+def draw_both(draw: Callable[[bool], Any], alt: str) -> tuple[Any, str, Any]:
+    """A figure, what a reader who cannot see it should hear, and the same for a telephone."""
+    return draw(False), alt, draw(True)
 
 
 def _show_ranking(discovery: Discovery) -> Section:
@@ -279,10 +295,11 @@ def _show_ranking(discovery: Discovery) -> Section:
         later = share_at_step(discovery, one.effect)
         gain = (format_share(one.explains, 1), format_p(one.p_value)) if later is None else (
             f"{format_share(later[1], 1)} (step {later[0]})", "–")  # fmt: skip
-        rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse), difference,
+        rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse),
+                     format_error(one.prediction_nrmse), difference,
                      detectable or "–",
                      kin or "–"))  # fmt: skip
-    header = ("effect", "explains", "p", "visible", "held-out error", "behind the best, held out",
+    header = ("effect", "explains", "p", "visible", "cross-validated", "prediction", "behind the best, cross-validated",
               "smallest detectable", "cannot be told from")  # fmt: skip
     tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", frozenset(marked))]
     paragraphs = [

@@ -79,10 +79,11 @@ def _show_steps(discovery: Discovery) -> str:
         misfit = f"{'yes' if fit.rejected else 'no'} (p {format_p(fit.p_value)})"
         rows.append((name_step(discovery.steps, number, discovery.model), format_number(step.chi2_reduced),
                      format_error(step.nrmse),
-                     format_error(step.heldout_nrmse), format_error(discovery.noise_nrmse), misfit,
+                     format_error(step.heldout_nrmse), format_error(step.prediction_nrmse),
+                     format_error(discovery.noise_nrmse), misfit,
                      "" if step.converged else "not converged"))  # fmt: skip
-    header = ("model", "chi2/dof", "nrmse", "held out", "noise", "misfit left", "")
-    return align(header, rows, "lrrrrll") if rows else ""
+    header = ("model", "chi2/dof", "nrmse", "cross-val.", "predicted", "noise", "misfit left", "")
+    return align(header, rows, "lrrrrrll") if rows else ""
 
 
 def _show_candidates(discovery: Discovery) -> str:
@@ -92,11 +93,12 @@ def _show_candidates(discovery: Discovery) -> str:
         shown = list(discovery.candidates)
     rows = [
         (("* " if one.effect in discovery.effects else "  ") + clean(one.effect, 32), *_show_gain(discovery, one),
-         format_share(one.visible), format_error(one.heldout_nrmse),
+         format_share(one.visible), format_error(one.heldout_nrmse), format_error(one.prediction_nrmse),
          clean(", ".join(one.indistinguishable_from), 30))
         for one in shown
     ]  # fmt: skip
-    lines = [align(("  candidate", "explains", "p", "visible", "held out", "not to be told from"), rows, "lrrrrl")]
+    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "not to be told from"), rows,
+                   "lrrrrrl")]
     rest = [one for one in discovery.candidates if one not in shown]
     if rest:
         most = max(one.explains for one in rest)

@@ -1,27 +1,29 @@
-"""One model beside the measurements: how large the error is against the noise, and what it depends on."""
+"""Models beside the measurements: how large the error is against the noise, what it depends on, which does best."""
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import pandas as pd
 
-from ..inference.archive import resolve_model
+from ..contact.effect import is_absent
+from ..inference.archive import Model, resolve_model, take_fitted
+from ..inference.estimation import Progress, fit
 from ..inference.families import Family, find_family, name_family
 from ..inference.files import make_plain, write_json
-from ..inference.models import is_fitted
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.thinning import thin_campaign
+from .cross_validation import compare_losses
 from .describe import describe_noise, public_estimates
 from .lack_of_fit import hold_settings, is_moved, measure_shifts
 from .localise import residual_places
-from .problem import fit_reference, pose_selection
+from .problem import PredictionError, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
-from .sentences import describe_moves, describe_place, find_longest
-from .series import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel
+from .sentences import describe_moves, describe_place, find_longest, join_words
+from .series import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel, split_error
 
 
 BINS = 12
@@ -50,6 +52,15 @@ class Comparison:
         shifts: how far the settings of the records were moved.
         held_nrmse: `nrmse` with every condition as it is written down; None where no setting was moved beyond chance.
         notes: sentences on records outside the model's range, and on samples that were not taken.
+        effects: ids of the effects in the model.
+        heldout_nrmse: the cross-validated error; of a model that was fitted to another campaign `nrmse` itself, as none
+            of these records chose it. NaN where there are too few conditions, or nothing was fitted.
+        prediction_nrmse, prediction_coverage: the prediction error from settings as they are written down, and the
+            share of samples within the predicted 95 % interval; NaN for a model of another campaign.
+        heldout_squares: of the cross-validated error, by record: their sum is its square, shape (records,).
+        groups: condition of every record, shape (records,).
+        converged: state of the optimiser.
+        free: number of parameters that these records chose, here or before.
     """
 
     campaign: str
@@ -73,6 +84,17 @@ class Comparison:
     shifts: tuple[SettingShift, ...] = ()
     held_nrmse: float | None = None
     notes: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+    heldout_nrmse: float = float("nan")
+    prediction_nrmse: float = float("nan")
+    prediction_coverage: float = float("nan")
+    heldout_squares: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    groups: np.ndarray = dc.field(default_factory=lambda: np.zeros(0, dtype=int), repr=False, compare=False)
+    converged: bool = True
+    free: int = 0
+
+    def __str__(self) -> str:
+        return self.sentence
 
     def text(self) -> str:
         """The outcome for a terminal."""
@@ -88,6 +110,12 @@ class Comparison:
         if self.shifts:
             parts.append("\n".join(["Settings moved by the fit, in stated deviations:", *(
                 f"  {s.name}: {s.rms:.2g} rms, {s.largest:+.2g} at most (record {s.record})" for s in self.shifts)]))
+        if np.isfinite(self.heldout_nrmse):
+            predicted = "" if not np.isfinite(self.prediction_nrmse) else (
+                f"; predicted from settings as written down: {100 * self.prediction_nrmse:.2f} %, "
+                f"{100 * self.prediction_coverage:.0f} % of samples within the 95 % interval")
+            parts.append(f"Error: {100 * self.nrmse:.2f} % fitted, {100 * self.heldout_nrmse:.2f} % cross-validated, "
+                         f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
         parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items())]))
         return "\n\n".join(parts)
 
@@ -96,7 +124,7 @@ class Comparison:
         plain = {}
         for field in dc.fields(self):
             value = getattr(self, field.name)
-            if field.name not in ("traces", "shifts"):
+            if field.name not in ("traces", "shifts", "heldout_squares", "groups"):
                 plain[field.name] = value.to_dict("records") if isinstance(value, pd.DataFrame) else value
         return make_plain({**plain, "nuisances": list_shifts(self.shifts)})
 
@@ -107,37 +135,145 @@ class Comparison:
         return path
 
 
-def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: bool = True) -> Comparison:
-    """Hold a model against a campaign.
+@dc.dataclass(frozen=True)
+class Comparisons(Sequence[Comparison]):
+    """Several models held against one campaign, in the order in which they were given: the loop by hand.
 
-    Mass, restitution and whatever else a reference model leaves free are fitted to the campaign first; a fitted model
-    (a folder) is taken with its own values. Each record's conditions and time origin may move within their stated
-    uncertainty.
+    Attributes:
+        models: the comparison of each.
+        names: of the models.
+        best: number of the one with the smallest cross-validated error; None where that is not known.
+        alike: numbers of those whose cross-validated error is not larger than its by two standard errors of the paired
+            difference over conditions.
+        sentence: the outcome in words.
+    """
+
+    models: tuple[Comparison, ...]
+    names: tuple[str, ...]
+    best: int | None
+    alike: tuple[int, ...]
+    sentence: str
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+    def __getitem__(self, k):
+        return self.models[k]
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a model: errors (rms over rms signal), noise, and whether significant lack of fit is left."""
+        return pd.DataFrame([{
+            "model": name, "free": one.free, "chi2_reduced": one.chi2_reduced, "nrmse": one.nrmse,
+            "heldout_nrmse": one.heldout_nrmse, "prediction_nrmse": one.prediction_nrmse,
+            "prediction_coverage": one.prediction_coverage, "noise_nrmse": one.noise_nrmse,
+            "p_value": one.lack_of_fit.p_value, "rejected": one.lack_of_fit.rejected, "converged": one.converged}
+            for name, one in zip(self.names, self.models, strict=True)])
+
+    def text(self) -> str:
+        """The outcome for a terminal."""
+        shown = self.table
+        for name in ("nrmse", "heldout_nrmse", "prediction_nrmse", "prediction_coverage", "noise_nrmse"):
+            shown[name] = [f"{100 * x:.2f} %" if np.isfinite(x) else "–" for x in shown[name]]
+        shown["misfit left"] = [f"{'yes' if x else 'no'} (p {'< 1e-6' if p < 1e-6 else f'{p:.2g}'})"
+                                for x, p in zip(shown["rejected"], shown["p_value"], strict=True)]
+        shown = shown.drop(columns=["rejected", "p_value", "converged"]).rename(columns={
+            "chi2_reduced": "chi2/dof", "heldout_nrmse": "cross-validated", "prediction_nrmse": "predicted",
+            "prediction_coverage": "coverage", "noise_nrmse": "noise"})
+        notes = dict.fromkeys(note for one in self.models for note in one.notes)
+        return "\n\n".join(["\n".join((self.sentence, *(f"- {note}" for note in notes))),
+                            shown.to_string(index=False, float_format="{:.4g}".format)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the fitted series, as JSON can hold it."""
+        return make_plain({"sentence": self.sentence, "names": self.names, "best": self.best, "alike": self.alike,
+                           "models": [one.to_dict() for one in self.models]})
+
+    def save(self, folder) -> Path:
+        """Write `compare.json` into a folder; returns its path."""
+        path = Path(folder) / "compare.json"
+        write_json(path, self.to_dict())
+        return path
+
+
+@overload
+def compare(campaign: Campaign | str | Path, model: Model = "paper", /, *, refit: bool = True,
+            progress: Progress | None = None) -> Comparison: ...
+
+
+@overload
+def compare(campaign: Campaign | str | Path, model: Model, second: Model, /, *others: Model, refit: bool = True,
+            progress: Progress | None = None) -> Comparisons: ...
+
+
+def compare(campaign, *models, refit=True, progress=None):
+    """Hold models against a campaign.
+
+    A reference model has mass, restitution and whatever else it leaves free fitted to the campaign first; so has one
+    with effects that stand at their null, such as `Ball() + Adhesion()`, effects and all, as by `fit`. A fitted model
+    (a fit, a discovery, a folder) is taken with its own values. Each record's conditions and time origin may move
+    within their stated uncertainty.
 
     Args:
         campaign: with samples, or its folder.
-        model: see `ddetumble.inference.models`.
+        *models: by name, in hand, or fitted, as for `fit`; the paper's where none is given. For each one more step of
+            the loop: `compare(data, model, model + Adhesion())`.
         refit: False takes a reference model's own values too.
+        progress: called with a sentence and the share done.
+
+    Returns:
+        A `Comparison` of one model; of several `Comparisons`, with a table of their errors and one sentence.
 
     Raises:
         InputError: the campaign cannot be used, for one because it holds peaks only (`ddetumble.paper.judge_campaign`
             reads those).
-        ComputationError: the model could not be integrated.
+        ComputationError: a model could not be integrated.
     """
+    report = progress or (lambda text, share: None)
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
     find_family(name_family(campaign), "compare")
+    models = models or ("paper",)
+    found, names = [], []
+    for k, model in enumerate(models):
+        name = name_model(model, name_family(campaign))
+        report(f"comparing {name}", k / len(models))
+        found.append(_compare_one(campaign, model, name, refit))
+        names.append(name if names.count(name) == 0 else f"{name} ({k + 1})")
+    return found[0] if len(found) == 1 else _conclude(tuple(found), tuple(names))
+
+
+def name_model(model: Model, family: str) -> str:
+    """A model in few words: name of its reference model or folder, and its effects."""
+    resolved = resolve_model(model, family)
+    if isinstance(model, (str, Path)):
+        return Path(model).name if resolved.fitted else resolved.name
+    return " + ".join([resolved.name, *(e.id for e in resolved.effects)])
+
+
+def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Comparison:
+    """One model beside the measurements."""
     resolved = resolve_model(model, name_family(campaign))
     campaign, thinned = thin_campaign(campaign, MANY)
+    given = resolved.fitted
+    own: tuple[str, ...] | None = None  # names of what was fitted, where these records chose it
+    if refit and not resolved.fitted and any(is_absent(e) for e in resolved.effects):
+        made = fit(campaign, model)
+        resolved, own = resolve_model(made, name_family(campaign)), tuple(made.parameters)
+    elif given:
+        saved = take_fitted(model)  # type: ignore[arg-type]
+        own = saved.free if saved.sha256 == campaign.sha256 else None
     bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
-    if not refit or is_fitted(model):
+    if not refit or resolved.fitted:
         # What was fitted elsewhere holds against what this campaign says is known.
         start = bench.start.copy()
-        own = {n: v for n, v in zip(bench.space.index, bench.space.coordinates(), strict=True)
-               if bench.space.slots[bench.space.index[n]].owner is None}
-        if is_fitted(model):
-            for name, value in own.items():
-                start[bench.space.index[name]] = value
+        if resolved.fitted:
+            for slot, value in zip(bench.space.slots, bench.space.coordinates(), strict=True):
+                if slot.owner is None:
+                    start[bench.space.index[slot.name]] = value
         bench = dc.replace(bench, start=start, base=tuple(common.slot.name for common in bench.space.commons))
     bench, fitted = fit_reference(bench)
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
@@ -155,18 +291,61 @@ def compare(campaign: Campaign | str | Path, model: str = "paper", *, refit: boo
     residuals = bin_residuals(traces, end, campaign, bench.family)
     where = tuple(residual_places(bench, fitted))
     degrees = max(float(used.sum()) - len(solution.names), 1.0)
-    name = resolved.name if not is_fitted(model) else str(Path(model).name)
     shifts, floor = measure_shifts(bench.records, solution), noise_nrmse(traces)
     held = None
     if is_moved(shifts):
         held = measure_error(bench.records, hold_settings(bench.problem, solution).channels)
+    chosen = fitted
+    if own is not None:  # cross-validated over what these records chose, where the model stands
+        names = tuple(n for n in bench.space.index if n in own or n in solution.names)
+        chosen = bench.file(fitted.effects, bench.problem.solve(names, solution.u, solution.z, moving=False))
+    squares = np.zeros(0)
+    error, predicted = float("nan"), PredictionError(float("nan"), float("nan"))
+    if resolved.fitted and own is None:
+        error, squares = nrmse(traces), split_error(bench.records, solution.channels)
+    elif refit and bench.holds_out:
+        error, squares = bench.cross_validate(chosen), bench.split_cross_validation(chosen)
+        predicted = bench.predict(chosen)
+    # What was fitted here, not before; all that these records chose counts as free.
+    names = tuple(chosen.solution.names) if own is not None and not given else tuple(solution.names)
     return Comparison(
-        campaign.name, campaign.title, campaign.sha256, model, tuple(solution.names),
+        campaign.name, campaign.title, campaign.sha256, name, names,
         _say(name, campaign, traces, channels, records, where, lack, shifts, held, floor), lack,
         float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
         _by_condition(campaign, traces, bench.groups), residuals,
-        public_estimates(bench, solution) if solution.names else {}, where, describe_noise(bench), traces,
-        shifts, held, (*bench.warnings, *filter(None, [thinned])))
+        public_estimates(bench, chosen.solution if own is not None else solution) if names else {}, where, describe_noise(bench), traces,
+        shifts, held, (*bench.warnings, *filter(None, [thinned])), fitted.effects, error, predicted.nrmse,
+        predicted.coverage, squares, bench.groups, chosen.solution.converged or own is not None,
+        len(chosen.solution.names))
+
+
+def _conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Comparisons:
+    """Which model cross-validates best, and which are not told from it."""
+    known = [k for k, one in enumerate(models) if np.isfinite(one.heldout_nrmse) and len(one.heldout_squares)]
+    best = min(known, key=lambda k: models[k].heldout_nrmse, default=None)
+    alike: tuple[int, ...] = ()
+    if best is not None:
+        differences = {k: compare_losses(models[k].heldout_squares, models[best].heldout_squares, models[best].groups)
+                       for k in known if k != best}
+        alike = tuple(k for k, (difference, error) in differences.items() if difference < 2 * error)
+    return Comparisons(models, names, best, alike, _say_all(models, names, best, alike))
+
+
+def _say_all(models: Sequence[Comparison], names: Sequence[str], best: int | None, alike: Sequence[int]) -> str:
+    """The outcome of several models in words."""
+    good = [name for name, one in zip(names, models, strict=True) if not one.lack_of_fit.rejected]
+    left = (f"{join_words(good)} {'shows' if len(good) == 1 else 'show'} no significant lack of fit."
+            if good else "All of them show significant lack of fit.")
+    if best is None:
+        return f"{left} There is no cross-validated error to compare: too few conditions, or nothing was fitted."
+    one = models[best]
+    others = ", ".join(f"{names[k]} {100 * models[k].heldout_nrmse:.2f} %" for k in range(len(models)) if k != best
+                       and np.isfinite(models[k].heldout_nrmse))
+    same = "" if not alike else (
+        f" The difference from {join_words([names[k] for k in alike])} is within two standard errors: these conditions "
+        "cannot tell them apart.")
+    return (f"{names[best]} has the smallest cross-validated error, {100 * one.heldout_nrmse:.2f} % (noise "
+            f"{100 * one.noise_nrmse:.2f} %), against {others}.{same} {left}")
 
 
 def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:

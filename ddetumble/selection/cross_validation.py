@@ -1,6 +1,7 @@
 """Cross-validation over conditions: how well a fitted model predicts tests that did not choose it."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ..inference.stack import Records
 from .settings import DEFAULT
 
 
+NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 
 
@@ -22,7 +24,7 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     """
     columns, residual = solution.projected()
     loss = np.zeros(len(residual))
-    for out, step in _step_aside(solution, groups, columns, residual):
+    for out, step, _ in _step_aside(solution, groups, columns, residual):
         moved = residual[out] + (columns[out] @ step if columns.shape[2] else 0.0)
         with np.errstate(over="ignore"):  # what this condition alone told is anything without it
             loss[out] = np.fmin(np.sum(moved**2, axis=1), BEYOND)
@@ -36,22 +38,41 @@ def forecast(records: Records, solution: Solution, groups: np.ndarray, share: fl
     whole record.
     """
     early, loss = _find_early(records, solution, share), np.zeros(records.count)
-    for out, step in _step_aside(solution, groups, *solution.projected()):
+    for out, step, _ in _step_aside(solution, groups, *solution.projected()):
         for r in np.flatnonzero(out):
             loss[r] = _predict_rest(solution, int(r), early[r], step)
     return loss
 
 
-def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early
-                     ) -> tuple[np.ndarray, np.ndarray]:
-    """Every record by the model fitted without its condition, its own settings adjusted within their uncertainty.
+class LeftOut(NamedTuple):
+    """Every record by the model fitted without its condition.
+
+    Attributes:
+        channels: shape (records, channels, samples), SI, NaN in records that could not be computed.
+        used: which samples count, shape (records, samples).
+        coverage: share of the whitened residuals within the 95 % interval of a new measurement, from the linearised
+            model: parameters, settings as far as they are not adjusted, and noise.
+    """
+
+    channels: np.ndarray
+    used: np.ndarray
+    coverage: float
+
+
+def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early,
+                     adjust: bool = True) -> LeftOut:
+    """Every record by the model fitted without its condition.
 
     Parameters and settings by one Gauss-Newton step (as in `leave_out`), then the exact model. Of records that run on
     from where they start, the first `share` gives what they start from, and the rest counts (as in `forecast`).
 
-    Returns:
-        Channels, shape (records, channels, samples), SI, NaN in records that could not be computed; and which samples
-        count, shape (records, samples).
+    Args:
+        problem: that was fitted.
+        solution: with all records.
+        groups: condition of every record, shape (records,).
+        share: see above.
+        adjust: whether the left-out record's own settings suit it best within their stated uncertainty, which makes the
+            cross-validated error; else they stand as they are written down, which makes the prediction error.
     """
     records, free_running = problem.records, problem.space.family.free_running
     time = np.asarray(records.stack.time)[: records.count]
@@ -62,17 +83,29 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
     u = np.broadcast_to(solution.u, (count, len(solution.u))).copy()
     z = solution.z.copy()
     columns = [problem.space.index[name] for name in solution.names]
-    for out, step in _step_aside(solution, groups, *solution.projected()):
+    inside = counted = 0.0
+    for out, step, spread in _step_aside(solution, groups, *solution.projected()):
         u[np.ix_(out, columns)] += step * solution.scales
-        for r in np.flatnonzero(out):
-            rows = early[r] if free_running else slice(None)
-            z[r] += _adjust_own(solution, int(r), rows, step)
+        for r in map(int, np.flatnonzero(out)):
+            rows = slice(None) if adjust and not free_running else early[r]
+            change = _adjust_own(solution, r, rows, step)
+            z[r] += change
+            own, shared = solution.own[r], solution.shared[r]
+            used = ~early[r] & ((solution.residual[r] != 0) | np.any(own != 0, axis=1))
+            moved = (solution.residual[r] + own @ change + (shared @ step if len(step) else 0.0))[used]
+            known = np.linalg.inv(own[rows].T @ own[rows] + np.eye(own.shape[1]))
+            variance = 1.0 + np.einsum("ik,kl,il->i", own[used], known, own[used])
+            if len(step):
+                variance += np.einsum("ik,kl,il->i", shared[used], spread, shared[used])
+            inside += float(np.sum(moved**2 <= NORMAL_95**2 * variance))
+            counted += float(used.sum())
+    coverage, seen = inside / counted if counted else float("nan"), ~early[:, :samples]
     try:
         at = problem.solve(solution.names, u, z, moving=False)
     except ComputationError:
-        return np.full((count, len(records.channels), samples), np.nan), ~early[:, :samples]
+        return LeftOut(np.full((count, len(records.channels), samples), np.nan), seen, coverage)
     failed = np.isin(records.keys, at.failed)[:, None, None]
-    return np.where(failed, np.nan, at.channels), ~early[:, :samples]
+    return LeftOut(np.where(failed, np.nan, at.channels), seen, coverage)
 
 
 def _adjust_own(solution: Solution, record: int, rows, step: np.ndarray) -> np.ndarray:
@@ -86,8 +119,9 @@ def _adjust_own(solution: Solution, record: int, rows, step: np.ndarray) -> np.n
 
 
 def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, residual: np.ndarray
-                ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """For every condition which records are its own, and the step of the parameters that leaves it out."""
+                ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For every condition which records are its own, the step of the parameters that leaves it out, and their
+    covariance without it; both in units of their scales."""
     count = columns.shape[2]
     prior = np.diag(solution.prior_weight**2)
     blocks = np.einsum("grk,grl->gkl", columns, columns)
@@ -98,8 +132,9 @@ def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, res
         left = whole - blocks[out].sum(axis=0)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
         right = sides[out].sum(axis=0)
+        inverse = np.outer(scale, scale) * np.linalg.pinv(left * np.outer(scale, scale), rcond=1e-12, hermitian=True)
         yield out, (scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * right, rcond=1e-12)[0] if count
-                    else np.zeros(0))
+                    else np.zeros(0)), inverse
 
 
 def _find_early(records: Records, solution: Solution, share: float) -> np.ndarray:

@@ -8,8 +8,10 @@ import numpy as np
 from scipy import stats
 
 from .._numerics import map_threads
-from ..inference.identifiability import limit_knowledge
-from ..inference.parameters import to_coordinate, to_public
+from ..inference.bounded import Bounded
+from ..inference.findings import Fit, estimate_parameters, summarise_fit
+from ..inference.identifiability import analyse_columns, flatten_columns, limit_knowledge
+from ..inference.parameters import to_public
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
 from .detectability import detectable_length, find_size
@@ -20,7 +22,6 @@ from .result import Candidate, Estimate, Step
 from .series import make_traces, measure_error, nrmse
 
 
-NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square what lies there may fit
 WIDEST = 10.0  # standard deviations that are told, in those beyond which nothing is known
 
 
@@ -33,37 +34,32 @@ def list_loose(selection: SelectionProblem, solution: Solution) -> tuple[str, ..
 
 def public_estimates(selection: SelectionProblem, solution: Solution, owners: Sequence[str | None] | None = None
                      ) -> dict[str, Estimate]:
-    """Estimates of the free parameters in their public units."""
-    covariance = solution.covariance()
+    """Estimates of the free parameters in their public units, by the rule of `fit` (`estimate_parameters`).
+
+    What the records do not determine has a deviation of `WIDEST` times that beyond which nothing is known.
+    """
+    space = selection.space
+    known = analyse_columns(space, solution.names, flatten_columns(solution), solution.scales)
+    whole = Bounded(solution, solution.names, {}, {})
     found = {}
-    for k, name in enumerate(solution.names):
-        slot = selection.space.slots[selection.space.index[name]]
+    for name, one in estimate_parameters(selection.problem, whole, known, selection.guess)[0].items():
+        slot = space.slots[space.index[name]]
         if owners is not None and slot.owner not in owners:
             continue
-        widest = WIDEST * limit_knowledge(selection.space, name)
-        sd = min(float(np.sqrt(max(covariance[k, k], 0.0))), widest)
-        if slot.parameter.singular:
-            sd = max(sd, _reach_null(selection, solution, name))
-        values = selection.space.public(name, solution.u, sd)
-        found[name] = Estimate(**values, text=slot.parameter.text)
+        if one.determined:
+            found[name] = Estimate(one.estimate, one.sd, one.q025, one.q975, one.unit, slot.parameter.text)
+        else:
+            values = space.public(name, solution.u, WIDEST * limit_knowledge(space, name))
+            found[name] = Estimate(**values, text=slot.parameter.text)
     return found
 
 
-def _reach_null(selection: SelectionProblem, solution: Solution, name: str) -> float:
-    """Half the distance to a null at which an amplitude has no slope, where values next to it fit as well; else 0.
-
-    The curvature at the estimate knows nothing of it.
-    """
-    k, weights = selection.space.index[name], selection.records.stack.weights
-    parameter, u = selection.space.slots[k].parameter, solution.u.copy()
-    null = to_coordinate(parameter.coordinate, parameter.default)
-    distance = float(u[k]) - null
-    if distance == 0.0 or solution.residual.shape[1] != weights.shape[1] * weights.shape[2]:
-        return 0.0  # of thinned records
-    u[k] = null + NEXT * distance
-    others = [other for other in solution.names if other != name]
-    near = selection.problem.solve(others, u, solution.z, tolerance=1e-2)
-    return 0.5 * abs(distance) if near.chi2 - solution.chi2 < LIKELY else 0.0
+def make_fit(selection: SelectionProblem, fitted: Fitted, model: str, verdict: str = "") -> Fit:
+    """A model of the selection as `fit` returns one."""
+    solution = fitted.solution
+    return summarise_fit(
+        selection.campaign, model, fitted.effects, selection.problem, Bounded(solution, solution.names, {}, {}),
+        selection.guess, selection.noise, {"made_by": "discover", "verdict": verdict}, True, selection.warnings)
 
 
 def strongest_correlations(solution: Solution, least: float = 0.1) -> tuple[tuple[str, str, float], ...]:
@@ -90,12 +86,13 @@ def describe_step(selection: SelectionProblem, grown: FittedStep, before: Fitted
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])
     alternatives = tuple({"effect": e, "heldout_difference": d, "standard_error": s}
                          for e, d, s in grown.alternatives)
+    predicted = selection.predict(fitted)
     return Step(
         added=added, effects=fitted.effects, chi2_reduced=solution.chi2 / max(rows - len(solution.names), 1.0),
         nrmse=nrmse(traces), heldout_nrmse=selection.cross_validate(fitted), alternatives=alternatives,
         lack_of_fit=grown.lack, parameters=public_estimates(selection, solution),
         correlations=strongest_correlations(solution), traces=traces, converged=solution.converged,
-        shifts=shifts, held_nrmse=held)
+        shifts=shifts, held_nrmse=held, prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage)
 
 
 def describe_noise(selection: SelectionProblem) -> dict[str, dict[str, Any]]:
@@ -203,6 +200,7 @@ def _describe(selection: SelectionProblem, finished: _Finished, tried: Candidate
     else:
         alike = tuple(e for e, c in cosines.items() if c > selection.settings.collinear)
     beyond = () if absent else list_unphysical(selection, fitted.solution)
+    predicted = selection.predict(before if absent else fitted)
     return Candidate(
         effect=effect, p_value=p_value,
         explains=float(np.clip(drop / excess, 0.0, 1.0)) if rejected else 0.0,  # without a misfit there is no share
@@ -214,6 +212,7 @@ def _describe(selection: SelectionProblem, finished: _Finished, tried: Candidate
         heldout_difference=difference, standard_error=error, cosines=cosines,
         text="its best amplitude has the wrong sign, or does nothing" if absent else "; ".join(map(str, beyond)),
         beyond=tuple(one.name for one in beyond),
+        prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage,
         units={name: selection.space.unit(name, before.solution.u) for name in detectable})
 
 

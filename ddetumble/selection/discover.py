@@ -3,6 +3,7 @@
 import dataclasses as dc
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
-from ..inference.archive import resolve_model
+from ..inference.archive import Model, resolve_model
 from ..inference.builtin import BUILTIN
 from ..inference.families import find_family, name_family
 from ..inference.models import ResolvedModel
@@ -18,7 +19,7 @@ from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
 from .cleaning import Cleaned, begin_cleaning, clean_records
-from .describe import describe_candidates, describe_noise, describe_step, list_loose
+from .describe import describe_candidates, describe_noise, describe_step, list_loose, make_fit
 from .forward_selection import (
     CandidateFits,
     FittedStep,
@@ -47,21 +48,22 @@ from .settings import DEFAULT, SelectionSettings
 Progress = Callable[[str, float], None]
 
 
-def discover(campaign: Campaign | str | FilePath, model: str = "paper", *,
+def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
              effects: Sequence[type[AbstractEffect]] = (), settings: SelectionSettings = DEFAULT,
              keep_all: bool = False, progress: Progress | None = None) -> Discovery:
     """Find out which physical effect a campaign shows and the model lacks.
 
     Args:
         campaign: a campaign with samples, or its folder.
-        model: reference model, see `ddetumble.inference.models`; one that has effects already is grown further.
+        model: reference model, by name or in hand; one that has effects already is grown further.
         effects: effects of your own, tried beside the catalogue.
         settings: thresholds that decide; the result keeps them.
         keep_all: leave out no record and no sample: faults of the data are reported, and nothing is done about them.
         progress: called with a sentence and the share done.
 
     Returns:
-        A `Discovery`: verdict, effects, parameters, where the misfit sits, what could not be told apart.
+        A `Discovery`: verdict, effects, parameters, where the misfit sits, what could not be told apart; its `best`
+        model, its `rivals` and its `fits` step by step are what `fit` returns.
 
     Raises:
         InputError: the campaign cannot be used (wrong family, peaks only, nothing to fit).
@@ -217,7 +219,8 @@ def _assemble(selection: SelectionProblem, model: str, steps: Sequence[FittedSte
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": selection.conditions, "seconds": round(time.perf_counter() - began, 2)},
         missing=missing if isinstance(missing, MissingForce) else None,
-        model_state={"selection": selection, "solution": steps[-1].fitted.solution, "rivals": _list_rivals(steps)},
+        made=(tuple(partial(make_fit, selection, s.fitted, model, verdict) for s in steps),
+              tuple(partial(make_fit, selection, one, model, verdict) for one in _list_rivals(steps))),
     )
     sentence, notes = explain(found, selection.left_out, selection.family)
     if isinstance(missing, MissingForce):

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from .._errors import ComputationError, InputError
-from ..inference.archive import SavedModel, load_model
+from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fitted
 from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
@@ -188,11 +188,12 @@ BEYOND = 1.25  # contact times that such an impact record lasts
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
 
 
-def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+def predict(model: str | Path | SavedModel | AbstractFitted, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
     """Predict records at new conditions.
 
     Args:
-        model: folder that `fit`, `discover` or `weigh` wrote; with weights, predictions are averaged over the rivals.
+        model: what `fit` or `discover` returned, or a folder that they or `weigh` wrote; with weights, predictions are
+            averaged over the rivals.
         conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
             `slip`, since the stroke began); one row a wanted sample, SI, or in the unit of its heading
             (`initial_pressure [MPa]`). Without `time` there is one row a record, and the times are chosen: until a
@@ -211,12 +212,13 @@ def predict(model: str | Path | SavedModel, conditions: str | Path | pd.DataFram
         InputError: a column is missing or holds no numbers, conditions that no test can have.
         ComputationError: the model could not be integrated there.
     """
-    if not isinstance(model, SavedModel) and (Path(model) / WEIGHTS).is_file():
+    if isinstance(model, (str, Path)) and (Path(model) / WEIGHTS).is_file():
         return predict_average(Path(model), conditions)
     return predict_model(model, conditions)
 
 
-def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
+def predict_model(model: str | Path | SavedModel | AbstractFitted,
+                  conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     """As `predict`, for a single model."""
     saved, request = ask_model(model, conditions)
     request = lay_times(saved, request)
@@ -257,10 +259,10 @@ def predict_model(model: str | Path | SavedModel, conditions: str | Path | pd.Da
     return result
 
 
-def ask_model(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame | Request
+def ask_model(model: str | Path | SavedModel | AbstractFitted, conditions: str | Path | pd.DataFrame | Request
               ) -> tuple[SavedModel, Request]:
     """A fitted model, and what is wanted of it."""
-    saved = model if isinstance(model, SavedModel) else load_model(model)
+    saved = take_fitted(model)
     if isinstance(conditions, Request):
         return saved, conditions
     return saved, read_request(conditions, saved, name_conditions(saved))

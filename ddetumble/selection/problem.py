@@ -3,6 +3,7 @@
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -22,7 +23,7 @@ from ..measurement.grouping import can_leave_out, count_conditions, group_condit
 from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
 from .result import LackOfFit
-from .series import measure_error
+from .series import measure_error, split_error
 from .settings import DEFAULT, SelectionSettings
 
 
@@ -63,6 +64,18 @@ class Fitted:
         chance.
         """
         return self.score + self.penalty * len(self.solution.names)
+
+
+class PredictionError(NamedTuple):
+    """How well a model predicts conditions that it was not fitted to, from their settings alone.
+
+    Attributes:
+        nrmse: rms error over rms signal.
+        coverage: share of the samples (whitened) within the predicted 95 % interval of a new measurement.
+    """
+
+    nrmse: float
+    coverage: float
 
 
 @dc.dataclass(frozen=True)
@@ -233,8 +246,25 @@ class SelectionProblem:
         if not self.holds_out:
             return float("nan")
         problem = self.thin if fitted.thinned and self.thin is not None else self.problem
-        channels, used = predict_left_out(problem, fitted.solution, self.groups, self.settings.early)
-        return measure_error(problem.records, channels, used)
+        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early)
+        return measure_error(problem.records, found.channels, found.used)
+
+    def split_cross_validation(self, fitted: Fitted) -> np.ndarray:
+        """Square of the cross-validated error by record, shape (records,): their sum is its square."""
+        found = predict_left_out(self.problem, fitted.solution, self.groups, self.settings.early)
+        return split_error(self.problem.records, found.channels, found.used)
+
+    def predict(self, fitted: Fitted) -> PredictionError:
+        """Prediction error of a model: every condition predicted from its settings as they are written down.
+
+        Of records that run on from where they start, their first part gives what they start from, and the number is
+        the cross-validated error. NaN where there are too few conditions, or a prediction could not be computed.
+        """
+        if not self.holds_out:
+            return PredictionError(float("nan"), float("nan"))
+        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
+        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust=False)
+        return PredictionError(measure_error(problem.records, found.channels, found.used), found.coverage)
 
     def list_directions(self, exclude: Sequence[str], probes: bool = True, depth: float | None = None,
                         frequency: float | None = None) -> list[tuple[str, str, dict[str, float]]]:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from .._errors import InputError
-from ..inference.archive import SavedModel, load_model
+from ..inference.archive import AbstractFitted, SavedModel, load_model
 from ..measurement.units import format_time
 from ..posterior.stacking import FILE as WEIGHTS
 from .predict import (
@@ -34,14 +34,16 @@ FINE = 700  # samples of a pulse: its peak is met to 1e-5, and the model pads re
 AFTER = 1.1  # contact times that the samples reach, so that pulses that last longer by a few deviations end too
 
 
-def predict_pulses(model: str | Path | SavedModel, conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
+def predict_pulses(model: str | Path | SavedModel | AbstractFitted,
+                   conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
 
     F is what the gauge reads. Deviations are propagated by differences of one standard deviation along the principal
     directions of the fit's covariance, and of every condition that scatters.
 
     Args:
-        model: folder that `fit`, `discover` or `weigh` wrote; with weights, values are averaged over the rivals.
+        model: what `fit` or `discover` returned, or a folder that they or `weigh` wrote; with weights, values are
+            averaged over the rivals.
         conditions: as of `predict`; times are not read.
 
     Returns:
@@ -54,7 +56,7 @@ def predict_pulses(model: str | Path | SavedModel, conditions: str | Path | pd.D
         InputError: The model is of other records, or the conditions are faulty.
         ComputationError: The model could not be integrated there.
     """
-    if not isinstance(model, SavedModel) and (Path(model) / WEIGHTS).is_file():
+    if isinstance(model, (str, Path)) and (Path(model) / WEIGHTS).is_file():
         _, models, weights = read_rivals(Path(model))
         tables = [predict_pulses(one, conditions) for one in models]
         result = average_predictions(tables, weights)

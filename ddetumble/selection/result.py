@@ -1,12 +1,17 @@
 """What the discovery of missing physics hands to reports and files: plain records, no computation."""
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._errors import InputError
+from ..inference.archive import FILE, AbstractFitted, SavedModel, save_model
+from ..inference.files import list_versions, make_plain, write_json
+from ..inference.findings import Fit
 from ..measurement.faults import Fault
 from .settings import DEFAULT, SelectionSettings
 
@@ -117,7 +122,11 @@ class Step:
         added: id of the effect added at this step (None for the reference model).
         effects: all effects in the model.
         chi2_reduced: chi-square of the whitened residuals and nuisances over degrees of freedom.
-        nrmse, heldout_nrmse: rms residual over rms signal, fitted and with whole conditions left out.
+        nrmse: rms residual over rms signal, fitted.
+        heldout_nrmse: the cross-validated error: every condition by the model fitted without it, its own settings
+            adjusted within their stated uncertainty.
+        prediction_nrmse: the prediction error: the same from its settings as they are written down;
+            `prediction_coverage` is the share of samples within the predicted 95 % interval.
         alternatives: confusion set of the added effect: dicts with `effect`, `heldout_difference`, `standard_error`.
         lack_of_fit: whether something is still missing.
         parameters: estimates by public name.
@@ -142,6 +151,8 @@ class Step:
     converged: bool
     shifts: tuple[SettingShift, ...] = ()
     held_nrmse: float | None = None
+    prediction_nrmse: float = float("nan")
+    prediction_coverage: float = float("nan")
 
 
 @dc.dataclass(frozen=True)
@@ -169,6 +180,8 @@ class Candidate:
     text: str = ""
     units: Mapping[str, str] = dc.field(default_factory=dict)
     beyond: tuple[str, ...] = ()
+    prediction_nrmse: float = float("nan")
+    prediction_coverage: float = float("nan")
 
 
 @dc.dataclass(frozen=True)
@@ -298,8 +311,6 @@ class MissingForce:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, text, lists."""
-        from ..inference.files import make_plain
-
         found = make_plain(self)
         for law in found["laws"]:
             del law["losses"]
@@ -309,7 +320,7 @@ class MissingForce:
 
 
 @dc.dataclass(frozen=True)
-class Discovery:
+class Discovery(AbstractFitted):
     """Everything that `discover` found; `to_dict()` is `result.json`.
 
     Attributes:
@@ -330,7 +341,7 @@ class Discovery:
         settings: the thresholds that decided.
         counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
-        model_state: the fitted model itself, for saving and predicting; not part of the record.
+        made: what makes the fits: of every step, and of the rivals of the last one.
     """
 
     campaign: str
@@ -353,7 +364,34 @@ class Discovery:
     doubts: tuple[str, ...] = ()
     references: tuple[Mapping[str, Any], ...] = ()
     missing: MissingForce | None = None
-    model_state: Any = dc.field(default=None, repr=False, compare=False)
+    made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
+        default=((), ()), repr=False, compare=False)
+
+    @functools.cached_property
+    def fits(self) -> tuple[Fit, ...]:
+        """Every step as `fit` returns one, the reference model first."""
+        return tuple(make() for make in self.made[0])
+
+    @functools.cached_property
+    def rivals(self) -> tuple[Fit, ...]:
+        """Models that the last step could not be told from, as `fit` returns one."""
+        return tuple(make() for make in self.made[1])
+
+    @property
+    def best(self) -> Fit:
+        """The model of the last step as `fit` returns one.
+
+        Raises:
+            InputError: The discovery was put together by hand, without its fits.
+        """
+        if not self.made[0]:
+            raise InputError("this discovery does not hold its fitted models")
+        return self.fits[-1]
+
+    def fitted_model(self) -> SavedModel:
+        """The model of the last step by itself: what predictions and designs go on from."""
+        found = self.best.fitted_model()
+        return dc.replace(found, extra={**found.extra, "verdict": self.verdict})
 
     def __str__(self) -> str:
         return self.sentence
@@ -376,22 +414,15 @@ class Discovery:
         Raises:
             InputError: the folder cannot be written.
         """
-        from ..inference.archive import FILE, save_model
-        from ..inference.files import list_versions, write_json
-
         folder = Path(folder)
-        if self.model_state is not None:
-            selection, solution = self.model_state["selection"], self.model_state["solution"]
-
-            def save(place, fitted, effects):
-                save_model(place, campaign=selection.campaign, model_name=self.model, space=selection.space,
-                           solution=fitted, noise=selection.noise, effects=effects, extra={"verdict": self.verdict})
-
-            save(folder, solution, self.effects)
+        if self.made[0]:
+            save_model(folder, self.fitted_model())
             for old in (folder / RIVALS).glob(f"*/{FILE}"):  # of an earlier discovery
                 old.unlink()
-            for number, rival in enumerate(self.model_state["rivals"], 1):
-                save(folder / RIVALS / str(number), rival.solution, rival.effects)
+            for number, rival in enumerate(self.rivals, 1):
+                found = rival.fitted_model()
+                save_model(folder / RIVALS / str(number), dc.replace(found, extra={**found.extra, "verdict":
+                                                                                  self.verdict}))
         write_json(folder / RESULT, {**self.to_dict(), "versions": list_versions()})
         return folder / RESULT
 
@@ -399,14 +430,13 @@ class Discovery:
         """`result.json` of `discover`: plain numbers, text, lists."""
         first = self.steps[0].lack_of_fit
         last = self.steps[-1]
-        from ..inference.files import make_plain
-
         return make_plain({
             "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
             "effects": list(self.effects), "sentence": self.sentence,
             "steps": [{
                 "added": s.added, "effects": list(s.effects), "chi2_reduced": s.chi2_reduced, "nrmse": s.nrmse,
-                "heldout_nrmse": s.heldout_nrmse, "held_nrmse": s.held_nrmse,
+                "heldout_nrmse": s.heldout_nrmse, "prediction_nrmse": s.prediction_nrmse,
+                "prediction_coverage": s.prediction_coverage, "held_nrmse": s.held_nrmse,
                 "nuisances": list_shifts(s.shifts), "alternatives": [a["effect"] for a in s.alternatives],
                 "paired_differences": [dict(a) for a in s.alternatives], "converged": s.converged,
                 "lack_of_fit": dc.asdict(s.lack_of_fit),
@@ -414,7 +444,8 @@ class Discovery:
             "noise_nrmse": self.noise_nrmse,
             "candidates": [{
                 "effect": c.effect, "p_value": c.p_value, "explains": c.explains, "visible": c.visible,
-                "heldout_nrmse": c.heldout_nrmse, "smallest_detectable": dict(c.smallest_detectable),
+                "heldout_nrmse": c.heldout_nrmse, "prediction_nrmse": c.prediction_nrmse,
+                "prediction_coverage": c.prediction_coverage, "smallest_detectable": dict(c.smallest_detectable),
                 "indistinguishable_from": list(c.indistinguishable_from),
                 "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
                 "cosines": dict(c.cosines), "estimates": {k: dc.asdict(v) for k, v in c.estimates.items()},

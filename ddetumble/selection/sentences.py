@@ -74,7 +74,8 @@ def _count_conditions(found: Discovery) -> str:
     return "one condition" if count == 1 else f"{count} conditions"
 
 
-def _join(words: list[str]) -> str:
+def join_words(words: Sequence[str]) -> str:
+    """Words with commas and an "and" between them."""
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
@@ -123,7 +124,7 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     first, last = found.steps[0], found.steps[-1]
     model = found.model.replace("\\", "/").rsplit("/", 1)[-1]
     given = list(dict.fromkeys(name.split(".")[0] for name in first.parameters if "." in name))
-    model += f" with {_join(given)}" if given else ""
+    model += f" with {join_words(given)}" if given else ""
     absorbs = ", ".join([*(name.replace("_", " ") for name in first.parameters), "and the settings"])
     if family.free_running:
         absorbs = " and ".join([*(name.replace("_", " ") for name in first.parameters), "the initial rates"])
@@ -138,12 +139,12 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
         best = [c for c in found.candidates if c.visible > found.settings.invisible and c.smallest_detectable]
         if best:
             shown = best[:3]
-            sentence += " It would have shown " + _join(
+            sentence += " It would have shown " + join_words(
                 [f"{n} of {v:.3g} {c.units.get(n, '')}".rstrip()
                  for c in shown for n, v in list(c.smallest_detectable.items())[:1]]) + " or more."
     elif found.verdict == "undecided" and lack.rejected:
         fits = [c for c in found.candidates if c.explains > found.settings.largest_part]
-        which = (f"{_join([c.effect for c in fits])} alone would remove most of that" if fits else
+        which = (f"{join_words([c.effect for c in fits])} alone would remove most of that" if fits else
                  "no single effect of the catalogue removes most of that")
         sentence = (f"Undecided: {records} at {_count_conditions(found)} cannot tell what is missing. The model "
                     f"{model!r} fails ({misfit}); {which}, and no condition can be left out to check it. With three "
@@ -159,11 +160,11 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
                     "confirms")
         values = _values(last, found.effects)
         told = f" ({values})." if len(values) < BRIEF else f". The estimates: {values}."  # a headline has to be short
-        sentence = (f"Missing {was} {_join(list(found.effects))}{told} Without {them} the model {model!r} fails: "
+        sentence = (f"Missing {was} {join_words(list(found.effects))}{told} Without {them} the model {model!r} fails: "
                     f"{misfit}; with {them} {_level(last, found)} is left, and {held_out}.")
     elif found.verdict == "improved":
         verbs, them = ("helps but is", "it") if len(found.effects) == 1 else ("help but are", "them")
-        sentence = (f"{_join(list(found.effects)).capitalize()} {verbs} not all. The model {model!r} alone "
+        sentence = (f"{join_words(list(found.effects)).capitalize()} {verbs} not all. The model {model!r} alone "
                     f"leaves {_level(first, found)}, with {them} "
                     f"{_level(last, found)}, and a misfit remains that no effect of the catalogue removes.")
     else:
@@ -177,7 +178,7 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     notes = []
     alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
     if alike:
-        sentence += (f" This campaign cannot tell it apart from {_join(alike)}: "
+        sentence += (f" This campaign cannot tell it apart from {join_words(alike)}: "
                      f"{family.remedies}.")
     elif found.verdict == "explained":
         what = f"predicts left-out {'records' if family.free_running else 'conditions'}" if some else "fits"
@@ -189,15 +190,16 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
               and c.effect not in found.effects]
     if unseen:
         they = "they do" if len(unseen) > 1 else "it does"
-        notes.append(f"This campaign can hardly see {_join(unseen)}: refitting {absorbs} "
+        notes.append(f"This campaign can hardly see {join_words(unseen)}: refitting {absorbs} "
                      f"absorbs more than 99.8 % of what {they}.")
     needs = {effect.id: effect.requires for effect in family.catalogue}
     if left_out:
-        notes.append("Not tried, because the model or the campaign lacks what they need: " + _join(
+        notes.append("Not tried, because the model or the campaign lacks what they need: " + join_words(
             [f"{e} ({', '.join(needs[e])})" if needs.get(e) else e for e in left_out]) + ".")
     ordered = [e for e in left_out if "sequence" in needs.get(e, ())]
     if ordered and lack.rejected and found.verdict != "explained":
-        sentence += (f" {_join(ordered).capitalize()} could not be tried: the campaign does not say in which order the "
+        sentence += (
+            f" {join_words(ordered).capitalize()} could not be tried: the campaign does not say in which order the "
                      "tests were made (a condition `sequence`: 1, 2, 3 ...).")
     for channel, noise in found.noise.items():
         notes.append(f"Noise of the {CHANNEL_WORDS.get(channel, channel.replace('_', ' '))}: {noise['text']}.")
@@ -260,7 +262,8 @@ def mention_faults(found: Discovery, faults: Sequence[Fault]) -> Discovery:
         return found
     sentence, out = found.sentence, sorted({key for f in faults if f.left_out for key in f.records})
     if out:
-        sentence += (f" Left out as faulty: {'record' if len(out) == 1 else 'records'} {_join(out)}; see the faults of "
+        sentence += (
+            f" Left out as faulty: {'record' if len(out) == 1 else 'records'} {join_words(out)}; see the faults of "
                      "the data.")
     for fault in faults:
         if fault.kind == "doubtful" and found.verdict != "nothing-missing":

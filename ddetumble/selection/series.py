@@ -67,6 +67,17 @@ def measure_error(records: Records, channels: np.ndarray, used: np.ndarray | Non
                      for c, (a, b) in enumerate(zip(above, below, strict=True))})
 
 
+def split_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> np.ndarray:
+    """Square of `measure_error` by record, shape (records,): their sum is its square."""
+    values = np.asarray(records.stack.values)[: records.count]
+    there = np.asarray(records.stack.weights)[: records.count] > 0
+    if used is not None:
+        there = there & used[:, None, :]
+    below = np.sum(np.where(there, values, 0.0) ** 2, axis=(0, 2))
+    above = np.sum(np.where(there, values - channels, 0.0) ** 2, axis=2)
+    return np.sum(above[:, below > 0] / below[below > 0], axis=1) / max(int(np.sum(below > 0)), 1)
+
+
 def list_channels(traces: Sequence[Trace]) -> tuple[str, ...]:
     """Channels of traces, in their order."""
     return tuple(dict.fromkeys(trace.channel for trace in traces))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._errors import InputError
 from ...contact.effect import AbstractEffect
-from ...inference.archive import resolve_model
+from ...inference.archive import Model, resolve_model
 from ...inference.assembly import require_samples
 from ...inference.families import find_family, name_family
 from ...measurement.campaign import Campaign
@@ -34,7 +34,7 @@ WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to
 Progress = Callable[[str, float], None]
 
 
-def draw_missing_force(campaign: Campaign | str | Path, model: str = "paper", *,
+def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
                        effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
                        keep_all: bool = False, progress: Progress | None = None) -> MissingForce:
     """Draw the force that a model lacks, fitted inside the equation of motion.

@@ -1,9 +1,11 @@
 """The error falling step by step, down to the noise floor."""
 
 import math
+from collections.abc import Sequence
 
-from ..selection.result import Discovery, Step
-from .labels import clean, format_error, format_number, name_step, say_p
+from ..selection.compare import Comparison
+from ..selection.result import Step
+from .labels import format_error, format_number, say_p
 from .style import (
     AFTER,
     BEFORE,
@@ -22,11 +24,13 @@ from .style import (
 
 
 @styled
-def draw_ledger(discovery: Discovery, narrow: bool = False):
-    """One row a model of the loop: its error on fitted and on held-out records, with the noise floor drawn in.
+def draw_error_by_step(names: Sequence[str], steps: Sequence[Step | Comparison], floor: float, narrow: bool = False):
+    """One row a model of the loop: its error, fitted and cross-validated, with the noise floor drawn in.
 
     Args:
-        discovery: its `steps`, `noise_nrmse` and `model` are drawn.
+        names: of the models, in the order in which they were tried.
+        steps: of a discovery, or comparisons of models with one campaign.
+        floor: rms of the noise over that of the signal.
         narrow: draw for a telephone, names and numbers above and below each row.
 
     Returns:
@@ -35,7 +39,6 @@ def draw_ledger(discovery: Discovery, narrow: bool = False):
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    steps, floor = discovery.steps, discovery.noise_nrmse
     figure = new_figure(1.5 + 1.1 * len(steps), NARROW) if narrow else new_figure(1.15 + 0.62 * len(steps), WIDTH)
     axes = dress(figure.add_subplot(), grid="x")
     errors = [100 * error for step in steps for error in (step.nrmse, step.heldout_nrmse) if math.isfinite(error)]
@@ -68,16 +71,14 @@ def draw_ledger(discovery: Discovery, narrow: bool = False):
         axes.scatter(held, row, s=140, facecolor="none", edgecolor=colour, lw=1.6, zorder=3)
         if narrow:
             continue
-        text = f", held out {format_error(step.heldout_nrmse)}" if math.isfinite(held) else ""
+        text = f", cross-val. {format_error(step.heldout_nrmse)}" if math.isfinite(held) else ""
         axes.annotate(format_error(step.nrmse) + text, (beside, row),
                       xytext=(0, 2), textcoords="offset points", va="bottom", color=INK, fontsize=9.5)
         axes.annotate(_describe_fit(step), (beside, row), xytext=(0, -2), textcoords="offset points", va="top",
                       color=GREY, fontsize=8.5)
-    names = [f"reference: {clean(discovery.model, 24)}"] + [
-        name_step(steps, number, discovery.model) for number in range(1, len(steps))]
     if narrow:
         for row, (name, step) in enumerate(zip(names, steps, strict=True)):
-            held = f", held out {format_error(step.heldout_nrmse)}" if math.isfinite(step.heldout_nrmse) else ""
+            held = f", cross-validated {format_error(step.heldout_nrmse)}" if math.isfinite(step.heldout_nrmse) else ""
             below = f"{format_error(step.nrmse)}{held}\n{_describe_fit(step)}"
             for text, side in ((wrap_text(name, NARROW - 0.4, 10), "bottom"), (below, "top")):
                 axes.annotate(text, (0, row), xycoords=("axes fraction", "data"),
@@ -97,7 +98,7 @@ def draw_ledger(discovery: Discovery, narrow: bool = False):
         Line2D([], [], ls="none", marker="o", ms=8, color=GREY),
         Line2D([], [], ls="none", marker="o", ms=11, mfc="none", mec=GREY, mew=1.5),
     ]
-    labels = ["fitted", "held out"]
+    labels = ["fitted", "cross-validated"]
     if noise > 0:
         handles.append(Patch(facecolor=FLOOR, alpha=0.35, edgecolor=FLOOR))
         labels.append(f"noise floor {format_error(floor)}")
@@ -105,7 +106,7 @@ def draw_ledger(discovery: Discovery, narrow: bool = False):
     return figure
 
 
-def _describe_fit(step: Step) -> str:
+def _describe_fit(step: Step | Comparison) -> str:
     """Chi-square of a step and what its lack of fit says."""
     fit = step.lack_of_fit
     verdict = "misfit left" if fit.rejected else "no misfit left"
