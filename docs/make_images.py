@@ -5,8 +5,9 @@ repository's root.
 import io
 from pathlib import Path
 
+import ddetumble as dd
 from ddetumble import discover, find_data
-from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, render_png
+from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, draw_signatures, render_png
 from ddetumble.figures.labels import name_steps
 from ddetumble.figures.plan import draw_motion
 from ddetumble.planning.chain import plan_together
@@ -22,7 +23,8 @@ GAP = 30  # between figures [pixels]
 
 
 def main() -> None:
-    """Discover, plan, draw, and write `discovery.png`, `ranking.png` and `plan.png`."""
+    """Discover, compare, plan, draw, and write `discovery.png`, `ranking.png`, `signatures.png` and `plan.png`."""
+    compare_by_hand()
     found = discover(find_data() / CAMPAIGN)
     models = {"reference model": found.steps[0].traces}
     if found.effects:
@@ -38,6 +40,16 @@ def main() -> None:
     planned = plan_together(problem, goal.share, goal.impacts, aim=goal.least, starts=scenario.starts)
     write_picture([draw_motion(*follow_plan(problem, planned), planned.instants)], FOLDER / "plan.png")
     print(describe_plan(problem, planned, goal.share))
+
+
+def compare_by_hand() -> None:
+    """README's loop by hand: what each step changes of the paper's model, beside what that one leaves."""
+    campaign, model = dd.read_campaign(find_data() / "impact-h"), dd.Ball()
+    wall = model + dd.effects.WallStiffness()
+    steps = dd.compare(campaign, model, wall, wall + dd.effects.ArmServo())
+    print(steps.text())
+    traces = {name: one.traces for name, one in zip(steps.names, steps, strict=True)}
+    write_picture([draw_signatures(traces, "normal_force", count=2)], FOLDER / "signatures.png")
 
 
 def write_picture(figures, path: Path) -> None:

@@ -313,7 +313,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         _say(name, campaign, traces, channels, records, where, lack, shifts, held, floor), lack,
         float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
         _by_condition(campaign, traces, bench.groups), residuals,
-        public_estimates(bench, chosen.solution if own is not None else solution) if names else {}, where, describe_noise(bench), traces,
+        public_estimates(bench, chosen.solution if own is not None else solution) if names else {}, where,
+        describe_noise(bench), traces,
         shifts, held, (*bench.warnings, *filter(None, [thinned])), fitted.effects, error, predicted.nrmse,
         predicted.coverage, squares, bench.groups, chosen.solution.converged or own is not None,
         len(chosen.solution.names))

@@ -55,6 +55,8 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
               first: float | None = None) -> Signature | None:
     """Size of an amplitude at which its signature has the wanted length; None where none was found.
 
+    Where the signature grows by a jump (a patch that begins to grip), the smallest size tried that shows enough.
+
     Args:
         problem, solution: the model without the effect.
         origin: coordinates with the shapes of the effect put in, shape (parameters,).
@@ -67,6 +69,7 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
     most = reach_limit(p)
     size = min(0.1 * p.typical if first is None else first, most)
     before: tuple[float, float] | None = None
+    short, enough = 0.0, None  # largest size known to show too little, smallest known to show enough
     for _ in range(TRIALS):
         found = _show(problem, solution, origin, name, null + side * size)
         if found is None or found[0] <= 0.0:
@@ -78,11 +81,17 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
         if before is not None and before[0] != size and length != before[1]:
             power = float(np.clip(np.log(length / before[1]) / np.log(size / before[0]), 0.3, 3.0))
         before = (size, length)
+        if length > goal and (enough is None or size < abs(enough.size - null)):
+            enough = Signature(name, null + side * size, visible, column)
+        elif length < goal:
+            short = max(short, size)
         new = size * (goal / length) ** (1.0 / power)
+        if enough is not None and not short < new < abs(enough.size - null):  # a jump lies between them
+            new = math.sqrt(max(short, 1e-3 * abs(enough.size - null)) * abs(enough.size - null))
         if new >= most and size >= 0.99 * most:
             return Signature(name, math.nan, visible, column)
         last, size = size, float(np.clip(new, 1e-9 * p.typical, most))
-    return Signature(name, null + side * last, visible, column) if abs(length / goal - 1.0) < NEAR else None
+    return Signature(name, null + side * last, visible, column) if abs(length / goal - 1.0) < NEAR else enough
 
 
 def reach_limit(p: Parameter) -> float:
