@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from .._errors import InputError
 from ..contact.effect import read_validity
+from ..dynamics.spinning import ATTITUDES
 from ..inference.archive import SavedModel
-from ..inference.families import ATTITUDES
 from ..measurement.headings import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
 

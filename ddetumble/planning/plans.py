@@ -13,8 +13,9 @@ import pandas as pd
 
 from .._errors import ComputationError, InputError
 from ..dynamics.impact import RTOL
+from ..dynamics.spinning import ATTITUDES, RATES
 from ..inference.assembly import adapt_reference
-from ..inference.families import ATTITUDES, RATES, find_family
+from ..inference.families import find_family
 from ..inference.models import ResolvedModel
 from ..inference.starts import lay_mesh
 from ..measurement.campaign import Campaign, Column, Uncertainty

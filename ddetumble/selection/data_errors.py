@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ComputationError
-from ..inference.families import RATES
+from ..dynamics.spinning import RATES
 from ..inference.stack import DRIFT, Stack
 from ..inference.starts import fill_gaps, integrate_couple
 from ..measurement.campaign import Campaign
