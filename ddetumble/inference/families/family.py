@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from ..._errors import InputError
 from ...contact.effect import AbstractEffect, AbstractModel
+from ...effects.free import Ground
 from ...measurement.campaign import Campaign
 
 
@@ -178,6 +179,7 @@ class Family:
             end of the contact.
         view: how records are drawn and spoken of; `view_reversed` where strokes go both ways.
         plan: what tests are like that nobody has made yet.
+        ground: what a missing force may depend on; None where it cannot be drawn yet.
         remedies: what else to measure, in words.
         model_hint: how to make a model of the family of one of another, in words that end a sentence.
         has_contact: whether a record holds one contact, from first touch at t = 0 to separation: before and after it
@@ -213,6 +215,7 @@ class Family:
     view: View
     plan: PlannedTests
     remedies: str
+    ground: Ground | None = None
     view_reversed: View | None = None
     model_hint: str = ""
     has_contact: bool = False

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from ...dynamics.impact import simulate
 from ...effects import IMPACT as EFFECTS
+from ...effects.free import IMPACT_GROUND
 from ...effects.probes import PROBES
 from ..pulses import list_guesses
 from .family import SPLINES, Family, Observation, PlannedTests, Span, View
@@ -65,6 +66,7 @@ IMPACT = Family(
     lay_spans=lay_contact,
     view=VIEW,
     plan=PLAN,
+    ground=IMPACT_GROUND,
     remedies="measure at other pressures and speeds, or add the depression and pressure channels",
     has_contact=True,
     guess_starts=list_guesses,

@@ -55,6 +55,7 @@ OBLIQUE = dc.replace(
         added={"slip": "0.02 mm", **IMPACT.plan.added},
         noise={**IMPACT.plan.noise, "tangential_force": "0.25 N"},
     ),
+    ground=None,
     remedies="measure at other pressures, speeds and angles, or add the slip and depression channels",
     model_hint=": make one of it by `Striker(model, CoulombFriction())`",
     check=check_directions,

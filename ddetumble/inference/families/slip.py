@@ -11,6 +11,7 @@ from jaxtyping import Array
 from ..._errors import InputError
 from ...dynamics.slide import slide
 from ...effects import SLIP as EFFECTS
+from ...effects.free import SLIP_GROUND
 from ...effects.slip_probes import SLIP_PROBES
 from ...measurement.campaign import Campaign
 from ..strokes import split_strokes
@@ -89,6 +90,7 @@ SLIP = Family(
     view=VIEW,
     view_reversed=VIEW_REVERSED,
     plan=PLAN,
+    ground=SLIP_GROUND,
     remedies="measure at other loads, pressures and slip speeds",
     follow=follow_slip,
 )

@@ -9,6 +9,7 @@ from jaxtyping import Array
 
 from ...dynamics.spinning import ATTITUDES, RATES, START, spin
 from ...effects import TUMBLE as EFFECTS
+from ...effects.free import TUMBLE_GROUND
 from ...effects.tumble_probes import TUMBLE_PROBES
 from ...measurement.campaign import Campaign
 from ..starts import guess_body, lay_mesh, stack_starts
@@ -85,6 +86,7 @@ TUMBLE = Family(
     lay_spans=lay_record,
     view=VIEW,
     plan=PLAN,
+    ground=TUMBLE_GROUND,
     remedies="measure longer, from other initial rates, or add the attitude",
     guess_starts=guess_ratio,
     begin=begin_records,
