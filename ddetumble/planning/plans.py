@@ -20,6 +20,7 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, Column, Uncertainty
 from ..measurement.checks import check_known, check_values
 from ..measurement.headings import expand_role, read_pairs
+from ..measurement.kinds import KINDS
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
@@ -84,7 +85,8 @@ def read_plan(path: Path | str, resolve, *, channels: Sequence[str] | None = Non
     if not step > 0 or (last is not None and not last > 3 * step):
         raise InputError("the interval has to be positive and the length longer than a few of them")
     plan = Campaign(
-        Path(path).stem, "planned", family.kind, None, {**dict.fromkeys(family.plan.unknown), **_held(known)}, records,
+        Path(path).stem, "planned", family.kind.name, None, {**dict.fromkeys(family.kind.unknown), **_held(known)},
+        records,
         {n: Column(n, si_unit(n), stated.get(n)) for n in records.columns},
         Column(abscissa, unit, stated.get("time")),
         {c: Column(c, si_unit(c), Uncertainty(sd)) for c, sd in noise.items()})
@@ -118,7 +120,7 @@ def _read_values(values: Sequence[str] | None) -> dict[str, float]:
 
 def _held(known: Mapping[str, float]) -> dict[str, float]:
     """What a fit of the planned campaign would not free: geometry and material, not the unknown ones."""
-    unknown = {n for one in FAMILIES.values() for n in one.plan.unknown}
+    unknown = {n for kind in KINDS.values() for n in kind.unknown}
     return {n: v for n, v in known.items() if n not in unknown}
 
 

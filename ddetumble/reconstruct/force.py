@@ -145,7 +145,7 @@ def identify(campaign: Campaign | str | Path, model: str = "paper") -> Identific
 
 def _check(campaign: Campaign, resolved: ResolvedModel):
     if not find_family(name_family(campaign)).has_contact:
-        kinds = " and ".join(dict.fromkeys(repr(f.kind) for f in FAMILIES.values() if f.has_contact))
+        kinds = " and ".join(dict.fromkeys(repr(f.kind.name) for f in FAMILIES.values() if f.has_contact))
         raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; identify reads {kinds}")
     if campaign.samples is None:
         raise InputError(f"campaign {campaign.name!r} holds peaks only; identify needs the depression over time")

@@ -15,7 +15,7 @@ FAMILIES: dict[str, Family] = {family.name: family for family in (IMPACT, SLIP, 
 def name_family(campaign: Campaign) -> str:
     """Family of a campaign's records: impacts that measure a tangential force at a tangential speed are `oblique`."""
     oblique = "tangential_speed" in campaign.records and "tangential_force" in campaign.channels
-    return OBLIQUE.name if campaign.family == OBLIQUE.kind and oblique else campaign.family
+    return OBLIQUE.name if campaign.family == OBLIQUE.kind.name and oblique else campaign.family
 
 
 def find_family(name: str, verb: str = "this") -> Family:

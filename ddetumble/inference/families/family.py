@@ -14,6 +14,7 @@ from ..._errors import InputError
 from ...contact.effect import AbstractEffect, AbstractModel
 from ...effects.free import Ground
 from ...measurement.campaign import Campaign
+from ...measurement.kinds import RecordKind
 
 
 SPLINES = 20  # over a contact or a stroke: what a missing force leaves is smooth between them
@@ -129,7 +130,6 @@ class PlannedTests:
         uncertainties: with which conditions are set, and of the time origin.
         interval: between samples.
         length: of a record; None where it lasts as long as its contact.
-        unknown: parameters of the reference model that a campaign leaves to the fit.
     """
 
     chosen: tuple[str, ...]
@@ -138,7 +138,6 @@ class PlannedTests:
     uncertainties: Mapping[str, str]
     interval: str
     length: str | None
-    unknown: tuple[str, ...]
 
 
 def accept_all(campaign: Campaign) -> None:
@@ -164,7 +163,7 @@ class Family:
 
     Attributes:
         name: of the family; `oblique` for impacts with a tangential speed and force.
-        kind: as campaigns name it; that of several families may be one.
+        kind: of its records, as campaigns hold them; that of several families may be one.
         independent: what the model's records are a function of: `time` [s] or `slip` [m].
         channels: that the models predict, the main one first.
         needs: conditions without which nothing can be computed.
@@ -182,8 +181,6 @@ class Family:
         ground: what a missing force may depend on; None where it cannot be drawn yet.
         remedies: what else to measure, in words.
         model_hint: how to make a model of the family of one of another, in words that end a sentence.
-        has_contact: whether a record holds one contact, from first touch at t = 0 to separation: before and after it
-            nothing acts.
         follow: path of a record, from its campaign, its key and its table of samples over time; None where the records
             have no strokes.
         check: refuses a campaign whose records contradict the models.
@@ -199,7 +196,7 @@ class Family:
     """
 
     name: str
-    kind: str
+    kind: RecordKind
     independent: str
     channels: tuple[str, ...]
     needs: tuple[str, ...]
@@ -218,7 +215,6 @@ class Family:
     ground: Ground | None = None
     view_reversed: View | None = None
     model_hint: str = ""
-    has_contact: bool = False
     defaults: Mapping[str, float] = dc.field(default_factory=dict)
     follow: Callable[[Campaign, str, Any], Path] | None = None
     check: Callable[[Campaign], None] = accept_all
@@ -238,6 +234,12 @@ class Family:
     def free_running(self) -> bool:
         """Whether a record runs on from where it starts, so that a wrong model falls out of step with it."""
         return bool(self.starts)
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether a record holds one contact, from first touch at t = 0 to separation: before and after nothing acts.
+        """
+        return self.kind.has_contact
 
     @property
     def has_strokes(self) -> bool:

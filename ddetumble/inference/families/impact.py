@@ -13,6 +13,7 @@ from ...dynamics.impact import simulate
 from ...effects import IMPACT as EFFECTS
 from ...effects.free import IMPACT_GROUND
 from ...effects.probes import PROBES
+from ...measurement import kinds
 from ..pulses import list_guesses
 from .family import SPLINES, Family, Observation, PlannedTests, Span, View
 
@@ -46,11 +47,10 @@ PLAN = PlannedTests(
     uncertainties={"initial_pressure": "0.5 %", "approach_speed": "0.3 %", "time": "0.05 ms"},
     interval="0.25 ms",
     length=None,
-    unknown=("effective_mass", "restitution"),
 )
 IMPACT = Family(
     name="impact",
-    kind="impact",
+    kind=kinds.IMPACT,
     independent="time",
     channels=("normal_force", "depression", "pressure"),
     needs=("approach_speed",),
@@ -68,6 +68,5 @@ IMPACT = Family(
     plan=PLAN,
     ground=IMPACT_GROUND,
     remedies="measure at other pressures and speeds, or add the depression and pressure channels",
-    has_contact=True,
     guess_starts=list_guesses,
 )

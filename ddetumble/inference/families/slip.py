@@ -13,6 +13,7 @@ from ...dynamics.slide import slide
 from ...effects import SLIP as EFFECTS
 from ...effects.free import SLIP_GROUND
 from ...effects.slip_probes import SLIP_PROBES
+from ...measurement import kinds
 from ...measurement.campaign import Campaign
 from ..strokes import split_strokes
 from .family import SPLINES, Family, Observation, Path, PlannedTests, Span, View
@@ -70,11 +71,10 @@ PLAN = PlannedTests(
     uncertainties={"normal_load": "0.3 %", "internal_pressure": "0.5 %"},
     interval="0.1 mm",
     length="12 mm",
-    unknown=("adhesion_constant", "loss_factor", "slip_scale"),
 )
 SLIP = Family(
     name="slip",
-    kind="slip",
+    kind=kinds.SLIP,
     independent="slip",
     channels=("tangential_force",),
     needs=("normal_load",),

@@ -11,6 +11,7 @@ from ...dynamics.spinning import ATTITUDES, RATES, START, spin
 from ...effects import TUMBLE as EFFECTS
 from ...effects.free import TUMBLE_GROUND
 from ...effects.tumble_probes import TUMBLE_PROBES
+from ...measurement import kinds
 from ...measurement.campaign import Campaign
 from ..starts import guess_body, lay_mesh, stack_starts
 from .family import SPLINES, Family, Observation, PlannedTests, Span, Starts, View
@@ -67,11 +68,10 @@ PLAN = PlannedTests(
     uncertainties={},
     interval="2 s",
     length="600 s",
-    unknown=("inertia_ratio",),
 )
 TUMBLE = Family(
     name="tumble",
-    kind="tumble",
+    kind=kinds.TUMBLE,
     independent="time",
     channels=(*RATES, *ATTITUDES),
     needs=(),
