@@ -17,9 +17,10 @@ from ddetumble.contact.sliding import AdhesionHysteresis
 from ddetumble.dynamics.slide import slide
 from ddetumble.effects.free import (
     COUNT,
-    FREE,
-    GROUNDS,
+    IMPACT_GROUND,
     PLAN,
+    SLIP_GROUND,
+    TUMBLE_GROUND,
     blank_plan,
     blend_splines,
     evaluate_form,
@@ -80,9 +81,9 @@ def test_prior_is_next_to_free_for_lines_and_punishes_bends():
 # Derivatives
 
 
-def plan_of(family, slots):
+def plan_of(ground, slots):
     """A plan of one record in which the first splines stand over the first variable in the first direction."""
-    plan = {name: array[0] for name, array in blank_plan(family, 1).items()}
+    plan = {name: array[0] for name, array in blank_plan(ground, 1).items()}
     for k, (centre, width) in enumerate(slots):
         plan[f"{PLAN}-variable"][k, 0] = 1.0
         plan[f"{PLAN}-centre"][k], plan[f"{PLAN}-width"][k] = centre, width
@@ -117,9 +118,9 @@ def test_blend_has_the_derivatives_of_its_sum():
 @pytest.mark.slow
 def test_derivatives_through_the_solve():
     """Force of an impact by the coefficients: forward, reverse and differences agree; at their null they are absent."""
-    free = FREE["impact"][0]
+    free = IMPACT_GROUND.splines
     conditions = {name: jnp.asarray(x) for name, x in CONDITIONS.items()}
-    conditions |= plan_of("impact", [(2e-3, 2e-3), (4e-3, 2e-3), (6e-3, 2e-3)])
+    conditions |= plan_of(IMPACT_GROUND, [(2e-3, 2e-3), (4e-3, 2e-3), (6e-3, 2e-3)])
     times = jnp.linspace(2e-3, 0.02, 9)
 
     def f(c):
@@ -140,9 +141,9 @@ def test_derivatives_through_the_solve():
 @pytest.mark.slow
 def test_slip_force_adds_what_its_splines_say():
     """Friction with a free force less friction without is the sum of splines, in closed form."""
-    free = FREE["slip"][0]
+    free = SLIP_GROUND.splines
     conditions = {"normal_load": jnp.asarray(12.0), "internal_pressure": jnp.asarray(1e6),
-                  "slip_speed": jnp.asarray(0.1), **plan_of("slip", [(3e-3, 1e-3), (5e-3, 1e-3)])}
+                  "slip_speed": jnp.asarray(0.1), **plan_of(SLIP_GROUND, [(3e-3, 1e-3), (5e-3, 1e-3)])}
     s = jnp.linspace(0.0, 8e-3, 81)
     bare = slide(AdhesionHysteresis().extend(()), conditions, s).tangential_force
     law = AdhesionHysteresis().extend((free(c_0=0.4, c_1=-0.2),))
@@ -175,11 +176,11 @@ def test_forms_are_one_law_in_both_places(form):
         np.testing.assert_allclose(second, wanted[1], atol=1e-12)
 
 
-@pytest.mark.parametrize("family", GROUNDS)
+@pytest.mark.parametrize("ground", (IMPACT_GROUND, SLIP_GROUND, TUMBLE_GROUND), ids=("impact", "slip", "tumble"))
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.name)
-def test_units_of_a_law_make_a_force(family, form):
+def test_units_of_a_law_make_a_force(ground, form):
     """Amplitude times what its form does to the variable has the dimension of the force."""
-    units, ground = pint.UnitRegistry(), GROUNDS[family]
+    units = pint.UnitRegistry()
     for variable in ground.variables.values():
         x = units.Quantity(2.0, variable)
         power = 1.5 if "n" in form.shapes else form.power

@@ -32,7 +32,7 @@ def show_models(
 
     if family is not None and family not in BUILTIN:
         raise InputError(f"there is no family {family!r}; there are {', '.join(BUILTIN)}", option="--family")
-    families = {key: models for key, models in BUILTIN.items() if family in (None, key)}
+    families = BUILTIN if family is None else {family: BUILTIN[family]}
     if name is None:
         width = max(len(one) for models in families.values() for one in models)
         for key, models in families.items():

@@ -14,6 +14,8 @@ from ..contact.torque import Spin, TumbleLaw
 
 
 STEP = 0.8  # rad, by which a body turns at most in one step of the mesh
+RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
+ATTITUDES = ("attitude_w", "attitude_x", "attitude_y", "attitude_z", *(f"attitude_{k}" for k in range(4)))
 START = ("angular_velocity_x0", "angular_velocity_y0", "angular_velocity_z0")
 START_ATTITUDE = ("attitude_x0", "attitude_y0", "attitude_z0")
 _TABLEAU = dfx.Dopri8.tableau

@@ -47,6 +47,11 @@ class Ground:
         directions: in which a term may act, each with the SI unit of its coefficient where it is given as itself.
         shares: of these directions, those given as a share of another force.
         gates: pairs of directions that are one direction in two phases, by the direction that both make up.
+        splines, laws: the effects that hold flexible terms, and simple laws.
+        base: what such a share is one of: a force, in words, or the name of the rate of the state.
+        conditional: of the gates, the directions in which a term may depend on a condition of the records.
+        reach: by which factor terms reach beyond the largest state that the model visits.
+        note: on how the force acts; empty where there is nothing to say.
     """
 
     variables: Mapping[str, str]
@@ -54,24 +59,12 @@ class Ground:
     unit: str
     shares: tuple[str, ...]
     gates: Mapping[str, tuple[str, ...]]
-
-
-GROUNDS: dict[str, Ground] = {
-    "impact": Ground(
-        {"depression": "m", "depression_rate": "m/s", "time": "s"},
-        ("force loading", "force unloading", "share loading", "share unloading"), "N",
-        ("share loading", "share unloading"),
-        {"force": ("force loading", "force unloading"), "share": ("share loading", "share unloading")}),
-    "slip": Ground(
-        {"slip": "m", "time": "s"},
-        ("force forward", "force backward", "share forward", "share backward"), "N",
-        ("share forward", "share backward"),
-        {"force": ("force forward", "force backward"), "share": ("share forward", "share backward")}),
-    "tumble": Ground(
-        {"time": "s", "angular_speed": "rad/s", "angular_velocity_z": "rad/s", "phase": "rad"},
-        ("x", "y", "z", "drag across", "drag axial"), "1/s**2", ("drag across", "drag axial"),
-        {"torque": ("x", "y", "z"), "drag": ("drag across", "drag axial")}),
-}  # fmt: skip
+    splines: type[AbstractEffect]
+    laws: type[AbstractEffect]
+    base: str
+    conditional: tuple[str, ...] = ()
+    reach: float = 1.0
+    note: str = ""
 
 
 def evaluate_spline(z: Array) -> Array:
@@ -266,14 +259,30 @@ FreeFriction, SimpleFriction = _make(
     (AbstractFrictionForce, AbstractLoadEffect), "Friction", "slip", "N", 0.1,
     force=_act(partial(see_slide, share=False)), factor=_act(partial(see_slide, share=True), 1.0))
 FreeTorque, SimpleTorque = _make((AbstractTorque,), "Torque", "tumble", "1/s**2", 1e-6, torque=_act(see_spin))
-FREE: dict[str, tuple[type[AbstractEffect], type[AbstractEffect]]] = {
-    "impact": (FreeForce, SimpleForce), "slip": (FreeFriction, SimpleFriction), "tumble": (FreeTorque, SimpleTorque),
-}
+IMPACT_GROUND = Ground(
+    {"depression": "m", "depression_rate": "m/s", "time": "s"},
+    ("force loading", "force unloading", "share loading", "share unloading"), "N",
+    ("share loading", "share unloading"),
+    {"force": ("force loading", "force unloading"), "share": ("share loading", "share unloading")},
+    FreeForce, SimpleForce, "elastic force", ("share",), 1.02,
+    "The force adds to the elastic force, and the damping multiplies it too.",
+)  # fmt: skip
+SLIP_GROUND = Ground(
+    {"slip": "m", "time": "s"},
+    ("force forward", "force backward", "share forward", "share backward"), "N", ("share forward", "share backward"),
+    {"force": ("force forward", "force backward"), "share": ("share forward", "share backward")},
+    FreeFriction, SimpleFriction, "friction", ("force", "share"), 1.001,
+)  # fmt: skip
+TUMBLE_GROUND = Ground(
+    {"time": "s", "angular_speed": "rad/s", "angular_velocity_z": "rad/s", "phase": "rad"},
+    ("x", "y", "z", "drag across", "drag axial"), "1/s**2", ("drag across", "drag axial"),
+    {"torque": ("x", "y", "z"), "drag": ("drag across", "drag axial")},
+    FreeTorque, SimpleTorque, "angular_speed",
+)  # fmt: skip
 
 
-def blank_plan(family: str, records: int) -> dict[str, np.ndarray]:
+def blank_plan(ground: Ground, records: int) -> dict[str, np.ndarray]:
     """A plan without terms: the arrays that `add_splines` and `add_laws` read, one row a record."""
-    ground = GROUNDS[family]
     many, ways = len(ground.variables), len(ground.directions)
     shapes = {"variable": (COUNT, many), "centre": (COUNT,), "width": (COUNT,), "direction": (COUNT, ways),
               "turn": (COUNT, COUNT),

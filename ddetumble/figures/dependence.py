@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..inference.families import View
 from ..selection.result import Place, Trace
 from .binning import bin_residuals, group_values, list_levels, pick_channel, standardise
 from .labels import Quantity, clean, describe_quantity, format_number, format_share, vary
@@ -23,7 +24,7 @@ from .style import (
     styled,
     wrap_text,
 )
-from .views import View, choose_view, find_phase, find_strokes, find_values
+from .views import choose_view, find_phase, find_strokes, find_values
 
 
 @styled

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..inference.families import find_family
 from ..planning.proposals import Design
 from ..planning.visibility import Visibility
 from ..planning.wording import describe_test
@@ -28,7 +29,7 @@ def draw_next_test(found: Design):
     channels = [c for c, name in enumerate(best.channels) if not name.startswith("attitude_")]
     figure = new_figure(4.6 if len(found.rivals) > 1 else 2.8, WIDTH)
     grid = figure.subplots(2 if len(found.rivals) > 1 else 1, len(channels), squeeze=False, sharex=True)
-    across = describe_quantity("slip" if found.family == "slip" else "time", best.time)
+    across = describe_quantity(find_family(found.family).independent, best.time)
     for column, c in enumerate(channels):
         name = best.channels[c]
         shown = describe_quantity(name, np.stack([curve[c] for curve in best.curves.values()]))
@@ -36,7 +37,7 @@ def draw_next_test(found: Design):
         for colour, (rival, curve) in zip(COLOURS, best.curves.items(), strict=False):
             top.plot(best.time * across.scale, curve[c] * shown.scale, color=colour, lw=1.6, label=clean(rival, 40))
         top.set_ylabel(shown.label)
-        if found.family in ("impact", "oblique"):  # what follows the contact says nothing
+        if find_family(found.family).has_contact:  # what follows the contact says nothing
             forces = [np.abs(curve[0]) for curve in best.curves.values()]
             touched = np.any([force > 1e-6 * force.max() for force in forces], axis=0)
             last = 1.15 * best.time[touched].max(initial=best.time[0])

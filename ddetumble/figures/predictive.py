@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..inference.families import find_family
 from ..posterior.loo import Scores
 from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
 from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
@@ -92,7 +93,7 @@ def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
         measured, values = own.measured[g, 0], own.values[:, g, 0]
         good = np.isfinite(measured)
         measured, values = measured[good], values[:, good]
-        along = describe_quantity("slip" if family == "slip" else "time", own.time[g])
+        along = describe_quantity(find_family(family).independent, own.time[g])
         x = own.time[g][good] * along.scale
         shown = describe_quantity(channel, unit="")
         middle = values.mean(axis=0)

@@ -1,7 +1,4 @@
-"""How the records of a family are looked at: what lies along them, what a misfit is located in, and the words for it.
-
-Everything in figures and reports that differs between impacts, slip records and tumbling records is here.
-"""
+"""How records are looked at, by the view of their family: what lies along them, and what a misfit is located in."""
 
 import dataclasses as dc
 import math
@@ -9,75 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..inference.families import View, find_family
 from ..selection.result import Trace
 
 
 MOST, SHOWN = 120, 40  # turning points of a curve that fill its panel with colour, and those drawn in their stead
-
-
-@dc.dataclass(frozen=True)
-class View:
-    """How records are drawn and spoken of.
-
-    Attributes:
-        force: channel whose residual is the missing force; empty where none is.
-        along: quantity along a record, the independent variable.
-        state: quantity that a misfit is located in, `Trace.state`.
-        rate: its rate or direction, `Trace.state_rate`; empty where it says nothing.
-        phases: names of the two halves that are drawn apart; empty where there is but one.
-        variables: against which residuals are drawn before the conditions; `time` is the share of the record.
-        share: label of the share of the record.
-        ends: names of its beginning and end.
-        reach: shares between which the map of residuals is drawn.
-        bins: in which residuals over the state are averaged.
-        conditions: how many of the conditions make up a cell of the grid of errors.
-        strongest: whether lines are drawn by the condition that the misfit depends on most, not by the first one.
-        series: what `sequence` counts.
-        apart: words for how phases are told apart, empty without phases.
-        free: parameters of the reference model, as a sentence names them.
-        longest: last value along the records, which decides on the unit of their time.
-    """
-
-    force: str
-    along: str
-    state: str
-    rate: str
-    phases: tuple[str, ...]
-    variables: tuple[str, ...]
-    share: str
-    ends: tuple[str, str]
-    reach: tuple[float, float]
-    bins: int
-    conditions: int
-    strongest: bool
-    series: str
-    apart: str
-    free: str
-    longest: float = 0.0
-
-    @property
-    def wide(self) -> bool:
-        """Whether the bins over the state need the room of two panels."""
-        return self.bins > 20
-
-
-_IMPACT = View(
-    "normal_force", "time", "depression", "depression_rate", ("loading", "unloading"),
-    ("depression", "depression_rate", "time"), "share of the contact time", ("touch", "separation"), (-0.06, 1.12), 15,
-    2, False, "impact of the series", "loading and unloading", "mass, restitution",
-)  # fmt: skip
-_SLIP = View(
-    "tangential_force", "slip", "slip", "", (), ("slip",), "share of the record", ("start", "end"), (0.0, 1.0), 30, 3,
-    True, "test of the series", "", "adhesion constant, loss factor, slip term",
-)  # fmt: skip
-_STROKES = dc.replace(
-    _SLIP, along="time", rate="direction", phases=("forward", "backward"), variables=("slip", "direction", "time"),
-    apart="strokes forward and backward",
-)  # fmt: skip
-_TUMBLE = View(
-    "", "time", "time", "angular_speed", (), ("time", "angular_speed"), "share of the record", ("start", "end"),
-    (0.0, 1.0), 20, 2, True, "record of the series", "", "inertia ratio",
-)  # fmt: skip
 
 
 def choose_view(traces: Sequence[Trace] = (), family: str = "impact") -> View:
@@ -88,19 +21,17 @@ def choose_view(traces: Sequence[Trace] = (), family: str = "impact") -> View:
 
 
 def _choose(traces: Sequence[Trace], family: str) -> View:
-    family = traces[0].family if traces else family
-    if family != "slip":
-        return _TUMBLE if family == "tumble" else _IMPACT
-    if any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
-        return _STROKES
-    return dc.replace(_SLIP, along="time") if traces and traces[0].independent == "time" else _SLIP
+    found = find_family(traces[0].family if traces else family)
+    if found.view_reversed and any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
+        return found.view_reversed
+    return dc.replace(found.view, along=traces[0].independent) if traces else found.view
 
 
 def find_span(trace: Trace) -> tuple[float, float]:
     """First and last value of the independent variable that counts: of the contact, elsewhere of the whole record."""
     time = np.asarray(trace.time, float)
     touching = np.flatnonzero(np.nan_to_num(trace.state) > 0)
-    if trace.family in ("slip", "tumble") or touching.size < 2:
+    if not find_family(trace.family).has_contact or touching.size < 2:
         return float(time[0]), float(time[-1])
     return float(time[max(touching[0] - 1, 0)]), float(time[min(touching[-1] + 1, time.size - 1)])
 
@@ -136,7 +67,7 @@ def find_phase(trace: Trace, phase: str = "") -> np.ndarray:
 
 def find_strokes(trace: Trace) -> list[slice]:
     """The parts of a trace between which the force may jump: strokes; an impact is one part."""
-    if trace.family != "slip":
+    if not find_family(trace.family).has_strokes:
         return [slice(None)]
     turns = np.flatnonzero((np.diff(np.sign(trace.state_rate)) != 0) | (np.diff(trace.state) < 0)) + 1
     edges = [0, *(int(turn) for turn in turns), np.size(trace.time)]

@@ -21,9 +21,7 @@ from ..measurement.units import ROLES
 from .builtin import BUILTIN
 from .families import find_family, name_family
 from .parameters import ParameterSpace, to_coordinate
-from .pulses import list_guesses
 from .stack import list_commons
-from .starts import guess_body
 
 
 @dc.dataclass(frozen=True)
@@ -60,18 +58,14 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     """
     family = find_family(name_family(campaign))
     require_samples(campaign)
-    if type(reference).family != family.name:
-        how = (": make one of it by `Striker(model, CoulombFriction())`" if family.name == "oblique" else "")
-        raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign.name!r} of "
-                         f"{family.name!r}; take a model of that family{how}")
+    family.require_model(reference, campaign.name)
     for effect in extra:
         if family_of(effect) not in family.accepts:
             raise InputError(f"effect {effect.id!r} acts on {family_of(effect)} records, and campaign "
                              f"{campaign.name!r} is of family {family.name!r}; there are: "
                              + ", ".join(e.id for e in family.catalogue))
     reference = adapt_reference(campaign, reference)
-    if family.name == "oblique":
-        check_directions(campaign)
+    family.check(campaign)
     offered = (*family.catalogue, *extra)
     catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
     probes = tuple(e for e in family.probes if fits_campaign(e, reference, campaign))
@@ -122,31 +116,6 @@ def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
         return ()
     listed, is_are = ", ".join(map(repr, unknown)), "is" if len(unknown) == 1 else "are"
     return (f"Known, and of no use here: {listed} {is_are} no parameter of the model.",)
-
-
-def check_directions(campaign: Campaign) -> None:
-    """Refuse oblique records whose friction pushes the ball on: speed and force are given along axes that differ.
-
-    Raises:
-        InputError: A tangential speed is negative, or the impulse of a tangential force is, beyond its noise.
-    """
-    file = None if campaign.path is None else campaign.path / "records.csv"
-    speeds = campaign.records["tangential_speed"].to_numpy(dtype=float)
-    for key, speed in zip(campaign.record_keys, speeds, strict=True):
-        if speed < 0:
-            raise InputError(f"the tangential speed of record {key!r} is {speed:g} m/s, and it cannot be negative; "
-                             "turn the axis along the plate, and the sign of the tangential force with it", file=file,
-                             column="tangential_speed")
-        force = campaign.trace(key)["tangential_force"].to_numpy(dtype=float)
-        force = force[np.isfinite(force)]
-        uncertainty = campaign.channels["tangential_force"].uncertainty
-        largest = np.abs(force).max(initial=0.0, keepdims=True)
-        noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(largest)))
-        if force.sum() < -10.0 * noise * np.sqrt(len(force)) - 0.02 * np.abs(force).sum():
-            raise InputError(f"the tangential force of record {key!r} points against its tangential speed on the "
-                             "whole, and friction on the plate acts in the direction of motion; turn the sign of one",
-                             file=None if campaign.path is None else campaign.path / "samples.csv",
-                             column="tangential_force")
 
 
 def warn_of_range(campaign: Campaign, reference: AbstractModel) -> tuple[str, ...]:
@@ -238,14 +207,7 @@ def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, fr
 
 def list_origins(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]
                  ) -> list[np.ndarray]:
-    """Coordinates to start from, guessed from the records, the likeliest first.
-
-    Impacts are guessed from their pulses (`pulses.list_guesses`), the ratio of the moments of a tumbling body from its
-    rates (`starts.guess_ratio`).
-    """
-    if campaign.samples is not None and campaign.family == "impact":
-        return list_guesses(campaign, space, start, free)
-    start = start.copy()
-    if campaign.samples is not None and campaign.family == "tumble" and "inertia_ratio" in free:
-        start[space.index["inertia_ratio"]] = np.log(guess_body(campaign))
-    return [start]
+    """Coordinates to start from, guessed from the records as their family has it, the likeliest first."""
+    if campaign.samples is None:
+        return [start.copy()]
+    return find_family(name_family(campaign)).guess_starts(campaign, space, start, free)

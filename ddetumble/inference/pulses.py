@@ -1,7 +1,9 @@
 """Where fits of impacts begin: mass, restitution and stiffness read off the pulses that were measured."""
 
 import dataclasses as dc
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,7 +14,6 @@ from scipy.optimize import least_squares
 from ..contact.effect import parameters_of
 from ..contact.law import ContactLaw
 from ..measurement.campaign import Campaign
-from .parameters import ParameterSpace, to_coordinate
 
 
 MOST = 64  # records that are read
@@ -77,7 +78,7 @@ def read_pulses(campaign: Campaign) -> list[Pulse]:
     return found
 
 
-def list_guesses(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]
+def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]
                  ) -> list[np.ndarray]:
     r"""Coordinates from which fits of impacts begin, the likeliest first.
 
@@ -89,7 +90,7 @@ def list_guesses(campaign: Campaign, space: ParameterSpace, start: np.ndarray, f
 
     Args:
         campaign: with samples of the normal force.
-        space: of all parameters.
+        space: `ParameterSpace` of all parameters.
         start: coordinates, known and given parameters put in.
         free: parameters that are guessed.
     """
@@ -113,7 +114,7 @@ def list_guesses(campaign: Campaign, space: ParameterSpace, start: np.ndarray, f
     for restitution in (read, *OTHERS):
         u = start.copy()
         if "restitution" in free:
-            u[space.index["restitution"]] = to_coordinate("logit", restitution)
+            u[space.index["restitution"]] = math.log(restitution / (1.0 - restitution))
         elif "restitution" in space.index:
             restitution = float(1.0 / (1.0 + np.exp(-u[space.index["restitution"]])))
         mass = ratio / (1.0 + restitution) if held is None else held
@@ -132,7 +133,7 @@ def _integrate(campaign: Campaign, key: str) -> float:
     return float(np.trapezoid(force * (time > 0), time))
 
 
-def _put_mass(space: ParameterSpace, u: np.ndarray, free: Sequence[str], mass: float) -> None:
+def _put_mass(space: Any, u: np.ndarray, free: Sequence[str], mass: float) -> None:
     """Mass felt along the normal, and as large a one along the plate, where they are free."""
     if np.isfinite(mass) and mass > 0 and "effective_mass" in free:
         for name in ("effective_mass", "tangential_mass"):
@@ -160,7 +161,7 @@ def _log_forces(space, names, values, u, conditions, time, depression, rate):
     return forces(values), jax.jacfwd(forces)(values)
 
 
-def _match_force(space: ParameterSpace, u: np.ndarray, names: Sequence[str], pulses: Sequence[Pulse], mass: float
+def _match_force(space: Any, u: np.ndarray, names: Sequence[str], pulses: Sequence[Pulse], mass: float
                  ) -> np.ndarray | None:
     """Coordinates whose elastic law gives the measured forces at the depressions that these forces lead to.
 

@@ -14,8 +14,7 @@ from ..measurement.campaign import Campaign
 from .families import Family, find_family, name_family
 from .noise import TAPS, Noise, whitening
 from .parameters import Common
-from .starts import list_starts, stack_starts, straighten
-from .strokes import split_strokes
+from .starts import straighten
 
 
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
@@ -192,12 +191,9 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     time = np.zeros((rows, size))
     values = np.zeros((rows, len(channels), size))
     weights, taps = np.zeros_like(values), np.zeros((*values.shape, TAPS))
-    moving = campaign.family == "slip" and abscissa != "slip"
-    if moving and "slip" not in campaign.channels:
-        raise InputError(f"campaign {campaign.name!r} is a time series without the channel 'slip'; the model needs "
-                         "to know how far the rubber has slid")
+    moving = family.follow is not None and abscissa != family.independent
     path, direction, strokes = np.zeros_like(time), np.ones_like(time), []
-    begun = stack_starts(campaign, [groups[str(k)] for k in keys]) if family.starts else None
+    begun = family.begin(campaign, [groups[str(k)] for k in keys]) if family.begin is not None else None
     cache: dict = {}
     for r, key in enumerate(keys):
         group, n = groups[str(key)], lengths[r]
@@ -205,16 +201,16 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
         time[r, :n] = t
         time[r, n:] = t[-1]
         turning = np.zeros(n, dtype=bool)
-        if campaign.family == "slip":
+        if family.follow is not None:
             number = np.zeros(n, dtype=int)
             if moving:
-                path[r, :n], direction[r, :n], number = _follow(campaign, group["slip"].to_numpy(dtype=float), str(key))
+                path[r, :n], direction[r, :n], number = family.follow(campaign, str(key), group)
                 path[r, n:], direction[r, n:] = path[r, n - 1], direction[r, n - 1]
                 turning[1:] = np.diff(number) > 0
                 turning[:-1] |= turning[1:]
             strokes.append(number)
         last = float("inf")
-        if campaign.family == "impact":
+        if family.has_contact:
             last = _last_contact(t, group[main].to_numpy(dtype=float), default_noise(campaign, main, t))
         attitude = [channel for channel in channels if channel.startswith("attitude_")]
         straight = straighten(group[attitude].to_numpy(dtype=float)) if attitude else None
@@ -240,7 +236,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
             weights[r, c, :n], taps[r, c, :n] = cache[code]
     time[len(keys):] = time[0]
     nuisances = list_nuisances(campaign)
-    starts = list_starts(campaign) if family.starts else ()
+    starts = () if begun is None else tuple(begun.guesses)
     moved = tuple(f"{kind}:{channel}" for channel in zeros or () for kind in (ZERO, DRIFT))
     deviations = np.zeros((rows, len(starts) + len(nuisances) + len(moved)))
     stated = slice(len(starts), len(starts) + len(nuisances))
@@ -250,18 +246,18 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     for name in campaign.records.columns:
         column = campaign.records[name].to_numpy(dtype=float)
         conditions[str(name)] = np.concatenate([column, np.full(rows - len(keys), column[0])])
-    if campaign.family == "impact":
-        conditions.setdefault("initial_pressure", np.zeros(rows))
+    for name, value in family.defaults.items():
+        conditions.setdefault(name, np.full(rows, value))
     conditions.setdefault("sequence", np.ones(rows))
     if begun is not None:
-        guesses, wide, mesh = begun
-        deviations[: len(keys), : len(starts)] = wide
+        deviations[: len(keys), : len(starts)] = begun.deviations
         more = rows - len(keys)
-        conditions |= {name: np.concatenate([x, np.full(more, x[0])]) for name, x in guesses.items()}
-        inputs = {"mesh": jnp.asarray(np.concatenate([mesh, np.repeat(mesh[:1], more, axis=0)]))}
+        conditions |= {name: np.concatenate([x, np.full(more, x[0])]) for name, x in begun.guesses.items()}
+        inputs = {name: jnp.asarray(np.concatenate([x, np.repeat(x[:1], more, axis=0)]))
+                  for name, x in begun.inputs.items()}
     if moving:
         path[len(keys):], direction[len(keys):] = path[0], direction[0]
-        inputs = {"slip": jnp.asarray(path), "direction": jnp.asarray(direction)}
+        inputs = {family.state: jnp.asarray(path), family.rate: jnp.asarray(direction)}
     commons = list_commons(campaign)
     if commons:
         inputs["common"] = jnp.asarray(np.stack([conditions[c.column] if c.relative and c.column in conditions
@@ -285,17 +281,6 @@ def trim_records(records: Records) -> Records:
                   old.taps[:rows, :, :size], {k: v[:rows] for k, v in old.conditions.items()},
                   old.condition_sd[:rows], old.present[:rows], inputs, old.rtol)
     return dc.replace(records, stack=stack)
-
-
-def _follow(campaign: Campaign, slip: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distance, direction and number of the strokes of one record; gaps in the slip are filled along a line."""
-    known = np.flatnonzero(np.isfinite(slip))
-    if len(known) < 2:
-        raise InputError(f"campaign {campaign.name!r}: record {key!r} has fewer than two values of 'slip'")
-    slip = np.interp(np.arange(len(slip)), known, slip[known])
-    uncertainty = campaign.channels["slip"].uncertainty
-    noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(slip)))
-    return split_strokes(slip, max(6.0 * noise, 0.01 * float(np.ptp(slip))))
 
 
 def _last_contact(time: np.ndarray, force: np.ndarray, noise: Noise) -> float:

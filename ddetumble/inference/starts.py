@@ -11,19 +11,13 @@ import numpy as np
 
 from .._errors import InputError
 from .._rotation import from_rotation_vector, multiply, to_rotation_vector
-from ..dynamics.spinning import START, START_ATTITUDE, count_steps
+from ..dynamics.spinning import ATTITUDES, RATES, START, START_ATTITUDE, count_steps
 from ..measurement.campaign import Campaign
-from .families import ATTITUDES, RATES
 
 
 WINDOW = 1.0  # rad, over which Euler's equations are integrated to guess the ratio of the moments
 FREE = 1e3  # standard deviation of a start over the largest rate: far more than any fit moves it
 MESHES = (64, 96, 128, 160, 192, 256, 320, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
-
-
-def list_starts(campaign: Campaign) -> tuple[str, ...]:
-    """Names of what every record starts from."""
-    return (*START, *START_ATTITUDE) if _list_attitudes(campaign) else START
 
 
 def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:

@@ -8,37 +8,25 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 
 from ..measurement.campaign import Campaign
+from .families import Span, find_family
 from .noise import Noise, estimate_from_pairs, estimate_noise
 from .problem import Solution
 from .stack import Records, default_noise
 
 
-SPLINES = 20
-TURN = 5.0  # splines a revolution of a tumbling record: what a torque leaves repeats with the nutation
 LARGE = 1_000_000  # numbers of a spline basis beyond which its zeros are left out
 SHORTEST = 24  # samples without a gap that tell something about the noise
 
 
-def list_spans(records: Records, row: int, end: float) -> list[tuple[float, float, int]]:
-    """Stretches of a record over which a missing force is smooth: (after, up to, number of splines).
-
-    Of an impact the contact and what follows; of a slip record each stroke; of a tumbling record all of it.
-    """
+def list_spans(records: Records, row: int, end: float) -> list[Span]:
+    """Stretches of a record over which a missing force is smooth."""
     n = records.lengths[row]
-    time = np.asarray(records.stack.time)[row, :n]
-    if records.family == "tumble":
-        fastest = float(np.sqrt(np.sum(np.asarray(records.stack.values)[row, :3] ** 2, axis=0)).max())
-        number = max(SPLINES, int(np.ceil(TURN * fastest * float(np.ptp(time)) / (2.0 * np.pi))))
-        return [(float(time[0]) - 1e-9 * float(np.ptp(time)), float(time[-1]), number)]
-    if records.family != "slip":
-        return [(0.0, end, SPLINES), (end, float(time[-1]), max(SPLINES // 4, 4))]
-    number = records.strokes[row]
-    ends = [*np.flatnonzero(np.diff(number) > 0), n - 1]
-    starts = [time[0] - 1e-9 * max(np.ptp(time), 1e-300), *time[ends[:-1]]]
-    return [(float(a), float(time[b]), SPLINES) for a, b in zip(starts, ends, strict=True)]
+    strokes = records.strokes[row] if records.strokes else np.zeros(n, dtype=int)
+    return find_family(records.family).lay_spans(np.asarray(records.stack.time)[row, :n],
+                                                 np.asarray(records.stack.values)[row, :, :n], strokes, end)
 
 
-def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> sparse.csr_matrix:
+def spline_columns(time: np.ndarray, spans: list[Span]) -> sparse.csr_matrix:
     """Cubic B-splines over each span, shape (samples, columns); four of a span are not zero at a time."""
     found = [sparse.csr_matrix((len(time), 0))]
     for low, high, number in spans:
@@ -54,7 +42,8 @@ def spline_columns(time: np.ndarray, spans: list[tuple[float, float, int]]) -> s
 
 def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
-    found, impact = {}, records.family not in ("slip", "tumble")
+    found, family = {}, find_family(records.family)
+    contact = family.has_contact
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     for c, channel in enumerate(records.channels):
         traces, steps, pairs = [], [], []
@@ -62,8 +51,8 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
             difference = np.diff(time[r, :n])
             # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
             # the parts of a tumbling record between its gaps.
-            used = np.ones(n, dtype=bool) if impact else np.asarray(records.stack.weights)[r, c, :n] > 0
-            if impact and not records.complete[r, c]:
+            used = np.ones(n, dtype=bool) if contact else np.asarray(records.stack.weights)[r, c, :n] > 0
+            if contact and not records.complete[r, c]:
                 used = np.asarray(records.stack.weights)[r, c, :n] > 0
             if used.sum() < SHORTEST:
                 continue
@@ -88,13 +77,13 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
                                         text="too few samples: taken as white, of the stated size")
             continue
         # Strokes at two speeds have two sampling intervals: one of them, not the mean.
-        interval = float(np.median(steps) if impact else np.sort(steps)[len(steps) // 2])
+        interval = float(np.median(steps) if contact else np.sort(steps)[len(steps) // 2])
         same = [r for r in range(records.count)
-                if impact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
+                if contact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
         lengths = [high - low for r in same
-                   for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if impact else None]]
+                   for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if contact else None]]
         lowest = 10.0 / float(np.median(lengths))
-        if records.family == "tumble":
+        if family.free_running:
             spans = [list_spans(records, r, 0.0)[0] for r in same]
             numbers = [min(number, records.lengths[r] // 4) / (b - a) for r, (a, b, number) in zip(same, spans,
                                                                                                   strict=True)]
@@ -118,7 +107,7 @@ def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] |
     """Standard deviation of the samples before first touch, each record about its own mean; how many there are of all
     records, and of one; None where there are none.
     """
-    if records.family in ("slip", "tumble"):
+    if not find_family(records.family).has_contact:
         return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
     squares, count, lengths = 0.0, 0, []

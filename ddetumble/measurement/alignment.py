@@ -161,7 +161,7 @@ def check_increase(test: "RawTest", name: str = "time") -> None:
     if back.size:
         problem = f"the {name} of record {test.key!r} does not increase here; sort the rows, keep each once, "
         problem += "or tell the tests in the file apart with --record-column"
-        problem += "; for strokes back and forth, export the time too" if name == "slip" else ""
+        problem += "; for strokes back and forth, export the time too" if name != "time" else ""
         raise InputError(problem, file=test.file, column=name, row=int(test.lines[back[0] + 1]))
     if len(test.lines) < FEWEST_SAMPLES:
         raise InputError(f"record {test.key!r} has fewer than {FEWEST_SAMPLES} samples", file=test.file)

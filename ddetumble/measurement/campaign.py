@@ -7,10 +7,8 @@ import numpy as np
 import pandas as pd
 
 from .._errors import InputError
+from .kinds import KINDS
 from .units import Uncertainty
-
-
-FAMILIES = ("impact", "slip", "tumble")
 
 
 @dataclass(frozen=True)
@@ -81,8 +79,8 @@ class Campaign:
     def __post_init__(self):
         object.__setattr__(self, "channels", dict(self.channels))
         object.__setattr__(self, "peak_columns", dict(self.peak_columns))
-        if self.family not in FAMILIES:
-            raise InputError(f"a campaign's family is one of {', '.join(FAMILIES)}, not {self.family!r}")
+        if self.family not in KINDS:
+            raise InputError(f"a campaign's family is one of {', '.join(KINDS)}, not {self.family!r}")
 
     def __repr__(self) -> str:
         parts = [f"{len(self.records)} records"]

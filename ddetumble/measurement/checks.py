@@ -3,15 +3,11 @@
 import numpy as np
 
 from .._errors import InputError
+from .kinds import RecordKind
 from .tables import Table
 from .units import role_of, si_unit
 
 
-CHANNELS = {
-    "impact": ("normal_force", "tangential_force", "depression", "pressure", "slip"),
-    "slip": ("tangential_force", "normal_force", "pressure", "depression", "slip"),
-    "tumble": ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
-}
 PEAKS = ("peak_normal_force", "peak_friction_force")
 FEWEST_SAMPLES = 5
 OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
@@ -77,23 +73,23 @@ def check_values(name: str, values: np.ndarray, table: Table, resource: str, unc
         _refuse(values < -slack, table, name, lambda i: f"{kind} negative; it is {values[i]:g} {shown} in SI{hint}")
 
 
-def check_samples(samples, keys: list[str], family: str, descriptor: str) -> str:
+def check_samples(samples, keys: list[str], kind: RecordKind, descriptor: str) -> str:
     """Check the samples of all records and return the name of the independent variable.
 
     Args:
         samples: The table as numbers: `table`, `keys`, `columns`, `values`.
         keys: Keys of the records.
-        family: The campaign's family.
+        kind: Of the campaign's records.
         descriptor: File to name where a column is absent.
 
     Raises:
         InputError: No independent variable or channel, an unknown record, unsorted or repeated abscissae, a channel
             or record without values, fewer than five samples a record, or friction that counts against the slip in all.
     """
-    independent = _pick_independent(samples, family, descriptor)
+    independent = _pick_independent(samples, kind, descriptor)
     channels = [name for name in samples.columns if name != independent]
-    if not set(CHANNELS[family]) & set(channels):
-        problem = f"resource samples of the family {family} needs at least one of {', '.join(CHANNELS[family])}"
+    if not set(kind.channels) & set(channels):
+        problem = f"resource samples of the family {kind.name} needs at least one of {', '.join(kind.channels)}"
         raise InputError(problem, file=descriptor)
     codes = _link(samples, keys)
     x = samples.values[independent]
@@ -111,12 +107,12 @@ def check_samples(samples, keys: list[str], family: str, descriptor: str) -> str
         key, before, now = samples.keys[order[i + 1]], x[order[i]], x[order[i + 1]]
         what = "is there twice" if before == now else f"goes back from {before:g} to {now:g} {si_unit(independent)}"
         remedy = "sort the samples of each record and keep each abscissa once"
-        if independent == "slip":
-            remedy = "for reversed strokes give a time column, with slip as a channel"
+        if independent != "time":
+            remedy = f"for reversed strokes give a time column, with {independent} as a channel"
         problem = f"within record {key!r} the {independent} {what}; {remedy}"
         raise InputError(problem, file=samples.table.file, column=independent, row=lines[i + 1])
-    if family == "slip" and "slip" in samples.columns and "tangential_force" in channels:
-        _check_sign(samples, keys, codes)
+    if kind.path in samples.columns and kind.main in channels:
+        _check_sign(samples, keys, codes, kind)
     counts = np.bincount(codes[present], minlength=len(keys))
     used = np.bincount(codes, minlength=len(keys)) > 0
     for i in np.flatnonzero(used & (counts < FEWEST_SAMPLES)):
@@ -167,24 +163,21 @@ def check_coverage(records, samples, peaks) -> None:
             raise InputError(problem, file=records.table.file, column="record", row=line)
 
 
-def _check_sign(samples, keys: list[str], codes: np.ndarray) -> None:
+def _check_sign(samples, keys: list[str], codes: np.ndarray, kind: RecordKind) -> None:
     """Refuse friction that counts negative along the slip in all records: any model would have it drive the motion.
 
     Where only some do, the force may hold more than friction, such as a pressure on the rod of a seal.
     """
-    slip, force = samples.values["slip"], samples.values["tangential_force"]
+    slip, force = samples.values[kind.path], samples.values[kind.main]
     if all(share_work(slip[codes == i], force[codes == i]) < OPPOSED for i in range(len(keys))):
         problem = "the friction is negative where the slip grows; it counts positive along the slip: turn the sign of "
-        raise InputError(f"{problem}the column", file=samples.table.file, column="tangential_force")
+        raise InputError(f"{problem}the column", file=samples.table.file, column=kind.main)
 
 
-def _pick_independent(samples, family: str, descriptor: str) -> str:
-    if "time" in samples.columns:
-        name = "time"
-    elif "slip" in samples.columns and family == "slip":
-        name = "slip"
-    else:
-        wanted = "time or slip" if family == "slip" else "time"
+def _pick_independent(samples, kind: RecordKind, descriptor: str) -> str:
+    name = next((name for name in kind.independents if name in samples.columns), None)
+    if name is None:
+        wanted = " or ".join(kind.independents)
         raise InputError(f"resource samples needs the column {wanted}; add it with its unit", file=descriptor)
     missing = np.isnan(samples.values[name])
     _refuse(missing, samples.table, name, lambda i: "the cell is empty; every sample needs its abscissa")

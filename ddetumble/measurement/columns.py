@@ -1,19 +1,16 @@
 """Which column of a laboratory's file holds which quantity: as told, by its heading, or by its unit."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from .._errors import InputError
 from .conditions import name_condition, read_unit
-from .headings import MAIN, expand_role, guess_role, read_pairs
+from .headings import expand_role, guess_role, read_pairs
+from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
 from .units import Unit, check_unit, parse_unit, si_unit
 
 
-CHANNELS = {
-    "impact": ("normal_force", "tangential_force", "depression", "pressure", "slip"),
-    "slip": ("tangential_force", "slip", "pressure", "depression"),
-    "tumble": ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
-}
 ACCELERATION = (0.0, 1.0, -2.0, 0.0)
 FRICTION_TEST = "if it is a friction test, give --family slip"
 
@@ -23,7 +20,7 @@ class Plan:
     """The options of an import and the running account of decisions.
 
     Args:
-        family: The campaign's family.
+        kind: Of the records.
         choices: Quantity to the column that was named for it.
         units: Unit by quantity or column, from --unit.
         keep: Further columns to the names that they get.
@@ -33,7 +30,7 @@ class Plan:
         mass: Effective mass [kg] that makes a force of an acceleration, or None.
     """
 
-    family: str
+    kind: RecordKind
     choices: dict[str, str]
     units: dict[str, str]
     keep: dict[str, str]
@@ -43,11 +40,11 @@ class Plan:
     mass: float | None = None
 
 
-def make_plan(family: str, force, time, slip, record_column, units, keep, mass: float | None = None) -> Plan:
-    """The options about columns, checked against the family.
+def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, mass: float | None = None) -> Plan:
+    """The options about columns, checked against the kind of records.
 
     Raises:
-        InputError: An option that the family has no use for.
+        InputError: An option that such records have no use for.
     """
     choices, extra = {}, {}
     keep = [keep] if isinstance(keep, str) else keep or []
@@ -57,20 +54,19 @@ def make_plan(family: str, force, time, slip, record_column, units, keep, mass: 
             name, sign, rest = str(column).rpartition("=")
             name, column = (name.strip(), rest.strip()) if sign else (None, column)
         if name is not None:
-            choices[expand_role(name, family)] = column
+            choices[expand_role(name, kind)] = column
         else:
             extra[column] = name_condition(split_heading(column)[0])
-    main = MAIN[family]
     if force is not None:
-        if main is None:
-            raise InputError(f"--force does not apply to the family {family}")
-        choices[main] = force
-    if slip is not None and family != "slip":
-        raise InputError(f"--slip does not apply to the family {family}; {FRICTION_TEST}")
+        if not kind.main:
+            raise InputError(f"--force does not apply to the family {kind.name}")
+        choices[kind.main] = force
+    if slip is not None and not kind.path:
+        raise InputError(f"--slip does not apply to the family {kind.name}; {FRICTION_TEST}")
     for role, column in (("time", time), ("slip", slip), ("record", record_column)):
         if column is not None:
             choices[role] = column
-    return Plan(family, choices, read_pairs("unit", units), extra, {}, {}, [], mass)
+    return Plan(kind, choices, read_pairs("unit", units), extra, {}, {}, [], mass)
 
 
 def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
@@ -79,33 +75,31 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     Raises:
         InputError: A column that is not there, or more than one that may be meant; the option is named.
     """
-    columns, family = raw.table.columns, plan.family
+    columns, kind = raw.table.columns, plan.kind
     roles = {role: find_column(raw, column) for role, column in plan.choices.items()}
     guesses = {}
     for column in columns:
-        role = guess_role(column, family)
+        role = guess_role(column, kind)
         if role and role not in roles and column not in roles.values():
             guesses.setdefault(role, []).append(column)
-    options = {"time": "--time COLUMN", "slip": "--slip COLUMN", MAIN[family]: "--force COLUMN",
+    options = {"time": "--time COLUMN", kind.path: "--slip COLUMN", kind.main: "--force COLUMN",
                "record": "--record-column COLUMN"}  # fmt: skip
     for role, found in guesses.items():
         if len(found) > 1:
-            option = options.get(role) if role != "slip" or family == "slip" else None
-            problem = f"{role} can be any of {', '.join(found)}; say which with {option or f'--keep {role}=COLUMN'}"
+            option = options.get(role, f"--keep {role}=COLUMN")
+            problem = f"{role} can be any of {', '.join(found)}; say which with {option}"
             raise InputError(problem, file=raw.table.file)
         roles[role] = found[0]
-    if family == "slip" and not {"time", "slip"} & set(roles):
-        option = "--slip COLUMN, or --time COLUMN for a time series"
-        roles["slip"] = _choose_by_unit(raw, "slip", roles, option)
-    elif family != "slip" and "time" not in roles:
-        roles["time"] = _choose_by_unit(raw, "time", roles, "--time COLUMN")
-    main = MAIN[family]
-    if main and main not in roles:
-        roles[main] = _choose_by_unit(raw, main, roles, "--force COLUMN", plan.mass is not None)
-    if family == "slip" and "slip" not in roles:
+    if not set(kind.independents) & set(roles):
+        option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"
+        independent = kind.path or "time"
+        roles[independent] = _choose_by_unit(raw, independent, roles, option)
+    if kind.main and kind.main not in roles:
+        roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan.mass is not None)
+    if kind.path and kind.path not in roles:
         problem = f"there is a time and no slip: the file has {', '.join(columns)}; give --slip COLUMN, or export how "
         raise InputError(problem + "far the rubber has slid", file=raw.table.file)
-    if family == "tumble" and not any(name in roles for name in CHANNELS["tumble"]):
+    if kind.rates and not any(name in roles for name in kind.rates):
         problem = "no column is an angular velocity; choose with --keep angular_velocity_x=COLUMN and so on"
         raise InputError(problem, file=raw.table.file)
     for heading, name in plan.keep.items():
@@ -158,10 +152,15 @@ def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str,
         elif (role == "normal_force" and not accelerations
               and any(map(_is_acceleration, filter(None, raw.units.values())))):
             problem += "; --known 'effective_mass=1.2 kg' makes a force of an acceleration"
-        elif role in ("time", "normal_force") and any(guess_role(c, "slip") == "slip" for c in raw.table.columns):
+        elif role in ("time", "normal_force") and _has_path(raw.table.columns):
             problem += f", or, {FRICTION_TEST}"
         raise InputError(problem, file=raw.table.file)
     return fits[0]
+
+
+def _has_path(columns: Iterable[str]) -> bool:
+    """Whether a heading names a path, as records of some kind have it."""
+    return any(kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in columns)
 
 
 def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
@@ -170,11 +169,11 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     Raises:
         InputError: None is stated, or one that does not measure the quantity.
     """
-    given = {expand_role(split_heading(name)[0], plan.family): unit for name, unit in plan.units.items()}
+    given = {expand_role(split_heading(name)[0], plan.kind): unit for name, unit in plan.units.items()}
     text = plan.units.get(column) or given.get(role) or given.get(column) or raw.units.get(column)
     if text is None and role == "sequence":
         text = "1"
-    name = "force" if role == MAIN[plan.family] else role
+    name = "force" if role == plan.kind.main else role
     if text is None:
         problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
         raise InputError(problem, file=raw.table.file, column=column)

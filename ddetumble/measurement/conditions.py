@@ -7,7 +7,8 @@ import numpy as np
 
 from .._errors import InputError
 from .checks import check_values
-from .headings import CONDITIONS, LOAD, PRESSURE, SPEED, guess_role, is_counter
+from .headings import guess_role, is_counter
+from .kinds import RecordKind
 from .layout import read_layout
 from .tables import Table, convert_column
 from .units import ROLES, Unit, check_unit, parse_quantity, si_unit
@@ -17,11 +18,11 @@ class Conditions:
     """Conditions as they come in, each from one source only; all values SI.
 
     Args:
-        family: The campaign's family.
+        kind: Of the records.
     """
 
-    def __init__(self, family: str):
-        self.family = family
+    def __init__(self, kind: RecordKind):
+        self.kind = kind
         self.values: dict[str, dict[str, float]] = {}
         self.units: dict[str, str] = {}
         self.sources: dict[str, str] = {}
@@ -65,13 +66,13 @@ def point_to_gauge(problem: str) -> str:
 def read_options(conditions: Conditions, keys: list[str], pressure, speed, load=None) -> list[str]:
     """Add what --pressure, --speed and --load say for all records; returns what was decided."""
     notes = []
-    names = (("pressure", pressure, PRESSURE), ("speed", speed, SPEED), ("load", load, LOAD))
-    for option, given, table in names:
+    kind = conditions.kind
+    names = (("pressure", pressure, kind.pressure), ("speed", speed, kind.speed), ("load", load, kind.load))
+    for option, given, name in names:
         if given is None:
             continue
-        name = table.get(conditions.family)
-        if name is None:
-            raise InputError(f"--{option} does not apply to the family {conditions.family}")
+        if not name:
+            raise InputError(f"--{option} does not apply to the family {kind.name}")
         value = _option(option, given, name)
         conditions.add(name, dict.fromkeys(keys, value), check_unit(si_unit(name), name).si, f"--{option}")
         notes.append(f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
@@ -95,7 +96,7 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
     table = raw.table
     links = {name.casefold(): name for name in table.columns if name.casefold() in ("file", "record")}
     for name in table.columns:
-        if not links and guess_role(name, conditions.family) == "record":
+        if not links and guess_role(name, conditions.kind) == "record":
             links["record"] = name
     if not links:
         raise InputError("the table needs a column file or record that says which test a row is for", file=path)
@@ -111,9 +112,9 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
         if is_counter(column):
             notes.append(f"The column {column} only counts repeats: it is no condition and was left out.")
             continue
-        role = guess_role(column, conditions.family)
-        role = PRESSURE[conditions.family] if role == "pressure" else role
-        name = role if role is not None and role in CONDITIONS[conditions.family] else name_condition(column)
+        role = guess_role(column, conditions.kind)
+        role = (conditions.kind.pressure or None) if role == "pressure" else role
+        name = role if role is not None and role in conditions.kind.conditions else name_condition(column)
         unit = units.get(column) or units.get(name) or raw.units[column] or ("1" if name == "sequence" else None)
         if unit is None:
             near = si_unit(role) if role is not None else "mm"

@@ -12,6 +12,7 @@ import numpy as np
 
 from .campaign import Campaign
 from .grouping import group_conditions
+from .kinds import KINDS
 from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
 from .units import choose_time_unit
 
@@ -101,7 +102,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
         for key, part in rows.items():
             values[part] = parts[key]
         samples[channel] = values
-    found += _report_uneven(abscissa, campaign.independent.unit, time, campaign.family, turns)
+    found += _report_uneven(abscissa, campaign.independent.unit, time)
     found += find_truncated(campaign)
     cleaned = dc.replace(campaign, samples=samples)
     copied = find_copies(campaign)
@@ -113,8 +114,8 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
 
 def list_screened(campaign: Campaign) -> list[str]:
     """Channels whose readings carry noise of their own: all but the path of slip records and attitudes."""
-    return [c for c in campaign.channels if not c.startswith("attitude_") and not (
-        campaign.family == "slip" and c == "slip")]
+    path = KINDS[campaign.family].path
+    return [c for c in campaign.channels if not c.startswith("attitude_") and c != path]
 
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float
@@ -170,7 +171,7 @@ def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
     """
     assert campaign.samples is not None
     found, out = [], set()
-    for channel in (c for c in campaign.channels if campaign.family == "tumble" and c.startswith("angular_velocity_")):
+    for channel in (c for c in campaign.channels if c in KINDS[campaign.family].rates):
         there = {str(key) for key in campaign.samples.loc[campaign.samples[channel].notna(), "record"]}
         keys = tuple(key for key in campaign.record_keys if key not in there and key not in out)
         if keys:
@@ -243,11 +244,12 @@ def find_truncated(campaign: Campaign) -> tuple[Fault, ...]:
 
 def _list_turns(campaign: Campaign, samples, rows) -> dict[str, np.ndarray]:
     """Samples at which a slip record turns round, where its force is not known and may well be empty."""
-    if campaign.family != "slip" or "slip" not in campaign.channels:
+    path = KINDS[campaign.family].path
+    if path not in campaign.channels:
         return {}
     found = {}
     for key, part in rows.items():
-        step = np.sign(np.diff(samples["slip"].to_numpy(dtype=float)[part]))
+        step = np.sign(np.diff(samples[path].to_numpy(dtype=float)[part]))
         turn = np.zeros(len(part), dtype=bool)
         turn[1:-1] = step[1:] * step[:-1] <= 0
         found[key] = turn
@@ -370,7 +372,7 @@ def _report_samples(channel: str, unit: str, masks, limits) -> list[Fault]:
     return found
 
 
-def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray], family: str, turns) -> list[Fault]:
+def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray]) -> list[Fault]:
     keys, low, high = [], np.inf, 0.0
     for key, t in time.items():
         steps = np.diff(t)

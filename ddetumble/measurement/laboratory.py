@@ -9,27 +9,21 @@ import pandas as pd
 
 from .._errors import InputError
 from .alignment import RawTest, align_tests, check_increase
-from .campaign import FAMILIES, Campaign, Column
+from .campaign import Campaign, Column
 from .checks import FEWEST_SAMPLES, check_finite, check_known, check_values
-from .columns import CHANNELS, Plan, choose_columns, find_unit, make_plan
+from .columns import Plan, choose_columns, find_unit, make_plan
 from .conditions import Conditions, point_to_gauge, read_conditions, read_names, read_options
 from .faults import find_truncated
 from .friction import take_means, turn_friction
-from .headings import CONDITIONS, MAIN, PRESSURE, SPEED, expand_role, read_pairs
+from .headings import expand_role, read_pairs
+from .kinds import ELSEWHERE, KINDS, RecordKind
 from .layout import RawFile, read_layout
-from .package import REQUIRED
 from .plausibility import check_plausibility
 from .tables import Table, convert_column, pick_column
 from .tumbling import start_clocks, turn_axes
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
 
 
-_UNKNOWN = {
-    "impact": ("effective_mass", "restitution"),
-    "slip": ("adhesion_constant", "loss_factor", "slip_scale"),
-    "tumble": ("inertia_ratio",),
-}
-_RUBBER = ("tensile_strength", "real_contact_pressure", "elastic_modulus", "poisson_ratio")
 _ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc")
 
 
@@ -95,12 +89,14 @@ def import_tests(
     Raises:
         InputError: Anything malformed or undecidable; the option to give is named.
     """
-    if family not in FAMILIES:
-        hint = ("; oblique impacts are of the family impact, with a tangential speed among the conditions and "
-                "--keep tangential_force=COLUMN" if family == "oblique" else "")
-        raise InputError(f"--family is impact, slip or tumble, not {family!r}{hint}")
-    parameters = _read_known(known, family)
-    plan = make_plan(family, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
+    if family not in KINDS:
+        *first, last = KINDS
+        elsewhere = ELSEWHERE.get(family)
+        hint = f"; {elsewhere}" if elsewhere else ""
+        raise InputError(f"--family is {', '.join(first)} or {last}, not {family!r}{hint}")
+    kind = KINDS[family]
+    parameters = _read_known(known, kind)
+    plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
     tests = []
     for file in _list_files(paths, conditions):
         tests += _read_tests(file, read_layout(file, delimiter=delimiter, decimal=decimal), plan)
@@ -109,7 +105,7 @@ def import_tests(
         if keys.count(test.key) > 1:
             problem = f"the record {test.key!r} is there twice; rename the file or the record in its column"
             raise InputError(problem, file=test.file)
-    sources = Conditions(family)
+    sources = Conditions(kind)
     means = _collect_constants(tests, sources, plan)
     files = {test.key: test.file for test in tests}
     if conditions is not None:
@@ -123,40 +119,37 @@ def import_tests(
             plan.notes.append(f"{name} is the mean of its column over each test.")
         else:
             plan.notes.append(f"{name} is that of {sources.sources[name]}; its column along the tests was left out.")
-    given = {expand_role(k, family): v for k, v in read_pairs("uncertainty", uncertainty).items()}
-    if "angular_velocity" in given:  # of all three axes
-        rate = given.pop("angular_velocity")
-        given = {f"angular_velocity_{axis}": rate for axis in "xyz"} | given
-    shared = {expand_role(k, family): v for k, v in read_pairs("common-uncertainty", common_uncertainty).items()}
+    given = {expand_role(k, kind): v for k, v in read_pairs("uncertainty", uncertainty).items()}
+    if kind.rates and "angular_velocity" in given:  # of all three axes
+        given = dict.fromkeys(kind.rates, given.pop("angular_velocity")) | given
+    shared = {expand_role(k, kind): v for k, v in read_pairs("common-uncertainty", common_uncertainty).items()}
     spreads, clock, commons = {}, None, {}
-    if family == "impact":
+    if kind.has_contact:
         spreads, clock, commons = align_tests(tests, sources, onset, plan.notes)
     elif onset is not None:
         raise InputError(f"--onset does not apply to the family {family}: there is no contact to begin with")
-    if family == "slip":
+    if kind.path:
         turn_friction(tests, plan.notes)
-    if family == "tumble":
+    if kind.rates:
         turn_axes(tests, symmetry_axis, plan.notes)
         start_clocks(tests, plan.notes)
     elif symmetry_axis is not None:
         raise InputError(f"--symmetry-axis does not apply to the family {family}")
     _make_absolute(tests, sources, gauge, ambient, parameters, plan)
-    for name in REQUIRED[family]:
+    for name in kind.needs:
         if name not in sources.values:
             _ask_condition(name, sources, conditions)
     sources.check(bool(gauge))
-    if family == "impact" and "outer_diameter" not in parameters:
-        plan.notes.append("The ball's outer diameter is not stated; --known 'outer_diameter=60 mm' states it.")
-    if family == "impact" and "tangential_speed" in sources.values:
+    descriptive, undescribed = kind.described
+    if descriptive and not set(descriptive) & set(parameters):
+        plan.notes.append(undescribed)
+    if "tangential_speed" in kind.conditions and "tangential_speed" in sources.values:
         if not any("tangential_force" in test.values for test in tests):
             plan.notes.append("The tests have a tangential speed and no tangential force was taken, so the friction "
                               "stays unused; --keep tangential_force=COLUMN takes it.")
         elif "rolling_mass" not in parameters:
             plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
                               "the ball cannot turn): 0.5 kg is taken; --known 'rolling_mass=0.4 kg' states it.")
-    if family == "slip" and not set(_RUBBER) & set(parameters):
-        shown = ", ".join(_RUBBER)
-        plan.notes.append(f"The rubber is not described ({shown}): the paper's is taken; --known states another.")
     plan.notes[:] = _condense(plan.notes, [Path(file).name for file in files.values()])
     campaign = _assemble(tests, sources, parameters, given, spreads, clock, (shared, commons), title, plan)
     doubts = (*find_truncated(campaign), *check_plausibility(campaign))
@@ -165,10 +158,7 @@ def import_tests(
 
 def _ask_condition(name: str, sources: Conditions, table) -> None:
     """Refuse a campaign without a condition that its family needs; says where it may stand."""
-    family = sources.family
-    speed, heading = ("20 mm/s", "v [mm/s]") if family == "slip" else ("0.4 m/s", "v [m/s]")
-    option, heading = {PRESSURE[family]: ("--pressure '1.0 MPa'", "p [MPa]"), SPEED[family]: (f"--speed '{speed}'",
-                       heading), "normal_load": ("--load '20 N'", "Load [N]")}[name]  # fmt: skip
+    option, heading = sources.kind.options[name]
     if table is None:
         raise InputError(f"{name} is not known; give {option}, --conditions FILE.csv or --name-pattern")
     problem = f"{name} is not known: none of the columns {', '.join(sources.headings)} holds it; add one, like "
@@ -214,7 +204,7 @@ def _read_tests(file: str, raw: RawFile, plan: Plan) -> list[RawTest]:
         if role == "record":
             continue
         unit = find_unit(raw, role, column, plan)
-        needed = role in ("time", "sequence") or role == "slip" and "time" not in roles and plan.family == "slip"
+        needed = role in ("time", "sequence") or role == plan.kind.path and "time" not in roles
         numbers = convert_column(table, column, decimal=raw.decimal, allow_missing=not needed)
         values[role] = unit.convert(numbers)
         if plan.si.setdefault(role, unit.si) != unit.si:
@@ -241,18 +231,18 @@ def _collect_constants(tests, sources: Conditions, plan: Plan) -> dict[str, dict
     Returns:
         Means of loads and pressures that were measured along slip tests, for where nothing else gives them.
     """
-    family, means = plan.family, {}
+    kind, means = plan.kind, {}
     for name in list(dict.fromkeys(name for test in tests for name in test.values)):
-        condition = PRESSURE[family] if name == "pressure" else name
-        wanted = name in CONDITIONS[family]
-        if name == "time" or name in CHANNELS[family] and name != "pressure":
+        condition = kind.pressure or name if name == "pressure" else name
+        wanted = name in kind.conditions
+        if name == "time" or name in kind.series and name != "pressure":
             continue
         absent = next((test for test in tests if name not in test.values), None)
         if absent is not None:
             problem = f"{name} is missing here and present in other files; leave it out or add it"
             raise InputError(problem, file=absent.file)
         varying = next((test for test in tests if not _is_constant(test.values[name])), None)
-        if varying is not None and family == "slip" and name in ("normal_load", "pressure"):
+        if varying is not None and name in kind.averaged:
             means[condition] = take_means(tests, name, plan.headings)
         elif varying is not None and wanted:
             if name in plan.choices:
@@ -274,8 +264,8 @@ def _is_constant(values: np.ndarray) -> bool:
     return bool(values.size) and bool(np.all(values == values[0]))
 
 
-def _read_known(known, family) -> dict[str, float | None]:
-    parameters = dict.fromkeys(_UNKNOWN[family])
+def _read_known(known, kind: RecordKind) -> dict[str, float | None]:
+    parameters = dict.fromkeys(kind.unknown)
     pairs = known if isinstance(known, dict) else read_pairs("known", known)
     for name, value in pairs.items():
         near = difflib.get_close_matches(str(name), [*ROLES, *parameters], n=1, cutoff=0.8)
@@ -296,8 +286,8 @@ def _make_absolute(tests, sources, gauge, ambient, parameters, plan) -> None:
             parameters["ambient_pressure"] = parse_quantity(ambient, "ambient_pressure")
         except InputError as error:
             raise InputError(f"--ambient: {error.problem}") from None
-    name = PRESSURE[plan.family]
-    if name is None:
+    name = plan.kind.pressure
+    if not name:
         return
     if not gauge:
         asked = "; if they are gauge pressures, give --gauge and --ambient"
@@ -341,10 +331,10 @@ def _check_samples(test: RawTest, names: list[str], uncertainties, plan: Plan) -
 
 def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, plan) -> Campaign:
     """Put records, samples and uncertainties together; `shared` are the common ones, as stated and as measured."""
-    family = plan.family
+    kind = plan.kind
     independent = "time" if "time" in tests[0].values else "slip"
     present = dict.fromkeys(name for test in tests for name in test.values if name != independent)
-    names = [name for name in CHANNELS[family] if name in present]
+    names = [name for name in kind.series if name in present]
     names += [name for name in present if name not in names]
     uncertainties, commons, (stated, found) = {}, {}, shared
     for name in (independent, *names, *sources.values):
@@ -355,12 +345,12 @@ def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, 
             commons[name] = Uncertainty(float(f"{found[name]:.4g}"))
         if name in given:
             uncertainties[name] = _read_uncertainty("uncertainty", given.pop(name), unit, name)
-        elif name in names and not (family == "slip" and name != MAIN[family]):
+        elif name in names and (not kind.path or name == kind.main):
             spread = spreads.get(name, 0.0)
             if not spread > 0:
                 short = "angular_velocity" if name.startswith("angular_velocity_") else name
                 example = f"--uncertainty {short}='{'0.005' if unit == 'rad/s' else '0.25'} {unit}'"
-                how = "cannot be measured before contact" if plan.family == "impact" else "is not known"
+                how = "cannot be measured before contact" if kind.has_contact else "is not known"
                 raise InputError(f"the uncertainty of {name} {how}; give {example}")
             uncertainties[name] = Uncertainty(float(f"{spread:.4g}"))
             plan.notes.append(f"The uncertainty of {name} is {spread:.4g} {unit}, measured before contact.")
@@ -383,15 +373,15 @@ def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, 
                              index=range(len(test.lines)))  # fmt: skip
         frames.append(frame)
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)
-    order = [name for name in CONDITIONS[family] if name in sources.values]
+    order = [name for name in kind.conditions if name in sources.values]
     order += [name for name in sources.values if name not in order]
     records = pd.DataFrame({n: [sources.values[n][key] for key in keys] for n in order}, index=keys)
     columns = {name: Column(name, plan.si.get(name) or "1", uncertainties.get(name), common=commons.get(name))
                for name in (independent, *names)}  # fmt: skip
     return Campaign(
         name="",
-        title=title or f"Imported {family} tests",
-        family=family,
+        title=title or f"Imported {kind.name} tests",
+        family=kind.name,
         path=None,
         known=parameters,
         records=records,

@@ -17,15 +17,11 @@ from .._errors import InputError
 from . import checks
 from .campaign import Campaign, Column, arrange_samples
 from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, read_descriptor
+from .kinds import KINDS
 from .tables import Table, convert_column, decode, parse_table, pick_column, read_bytes
 from .units import Uncertainty, Unit, check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
 
 
-REQUIRED = {
-    "impact": ("initial_pressure", "approach_speed"),
-    "slip": ("normal_load", "internal_pressure", "slip_speed"),
-    "tumble": (),
-}
 UNITLESS = ("sequence", "repeats")
 
 
@@ -81,7 +77,7 @@ def read_campaign(path) -> Campaign:
         context.refuse("there is no resource named samples or peaks; add the table with the measurements")
 
     described = [field.name for field in resources["records"].table.fields]
-    for name in REQUIRED[model.family]:
+    for name in KINDS[model.family].needs:
         if name not in described:
             context.refuse(f"records of the family {model.family} need this condition; add its column and field", name)
     records = _read_resource(resources["records"], context)
@@ -89,7 +85,7 @@ def read_campaign(path) -> Campaign:
     samples = peaks = None
     if "samples" in resources:
         samples = _read_resource(resources["samples"], context)
-        independent = checks.check_samples(samples, records.keys, model.family, str(descriptor))
+        independent = checks.check_samples(samples, records.keys, KINDS[model.family], str(descriptor))
     if "peaks" in resources:
         peaks = _read_resource(resources["peaks"], context)
         checks.check_peaks(peaks, records.keys)

@@ -116,17 +116,14 @@ def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:
         A `PeakJudgement`, or for friction forces a `FrictionJudgement`; both have `verdict`, `sentence`, `rows`,
         `table()` and `to_dict()`.
     """
-    from .._errors import InputError
     from ..inference.archive import resolve_model
+    from ..inference.families import find_family
 
     extra = ()
     if options.get("reference") is None:
         resolved = resolve_model(options.get("model", "paper"), campaign.family)
         options["reference"], extra = resolved.reference, resolved.effects
-    family = type(options["reference"]).family
-    if family != campaign.family:
-        raise InputError(f"the model is of the family {family!r}, and campaign {campaign.name!r} of "
-                         f"{campaign.family!r}; take a model of that family")
+    find_family(campaign.family).require_model(options["reference"], campaign.name)
     judged = _judge(campaign, options)
     if not extra:
         return judged

@@ -7,26 +7,15 @@ from collections.abc import Mapping, Sequence
 
 from .._errors import InputError
 from ..contact.effect import read_validity
+from ..dynamics.spinning import ATTITUDES
 from ..inference.archive import SavedModel
-from ..inference.families import ATTITUDES
+from ..inference.families import find_family
 from ..measurement.headings import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
 
 
-CHOSEN = {
-    "impact": ("initial_pressure", "approach_speed"),
-    "oblique": ("initial_pressure", "approach_speed", "tangential_speed"),
-    "slip": ("normal_load", "internal_pressure", "slip_speed"),
-    "tumble": ("angular_velocity_x0", "angular_velocity_y0", "angular_velocity_z0"),
-}  # fmt: skip
 NARROW, WIDE = 2.0, 1.25  # by which limits reach beyond a condition that was held still, and beyond one that was not
 STILL = 1.2  # ratio of highest to lowest below which a condition counts as held still
-EXTRA = {
-    "impact": {"depression": "0.02 mm", "pressure": "2 kPa"},
-    "oblique": {"slip": "0.02 mm", "depression": "0.02 mm", "pressure": "2 kPa"},
-    "slip": {},
-    "tumble": {"attitude": "0.001"},
-}  # fmt: skip
 
 
 @dc.dataclass(frozen=True)
@@ -76,14 +65,14 @@ def set_limits(saved: SavedModel, entries: Mapping[str, str] | Sequence[str] | N
     Raises:
         InputError: no such condition, a wrong unit, limits that are none.
     """
-    known, chosen = dict(saved.ranges), CHOSEN[saved.family]
-    if saved.family == "tumble":
+    family = find_family(saved.family)
+    known, chosen = dict(saved.ranges), family.plan.chosen
+    if family.free_running:
         sampling = saved.sampling
         assert sampling is not None
-        fastest = max(x for name, x in sampling.largest.items() if name.startswith("angular_velocity"))
-        known |= dict.fromkeys(chosen, (-fastest, fastest))
-    given = {expand_role(k, "impact" if saved.family == "oblique" else saved.family): v
-             for k, v in read_pairs("limit", entries).items()}
+        fastest = max(x for name, x in sampling.largest.items() if name in family.main)
+        known |= dict.fromkeys(family.starts, (-fastest, fastest))
+    given = {expand_role(k, family.kind): v for k, v in read_pairs("limit", entries).items()}
     strange = [name for name in given if name not in known]
     if strange:
         raise InputError(f"--limit: there is no condition {strange[0]!r}; this campaign has "
@@ -96,7 +85,7 @@ def set_limits(saved: SavedModel, entries: Mapping[str, str] | Sequence[str] | N
         elif name == "sequence":
             low = high = high + 1.0
         elif name in chosen:
-            low, high = _extend(saved, name, low, high)
+            low, high = (low, high) if name in family.starts else _extend(saved, name, low, high)
         else:
             low = high = math.sqrt(low * high) if low > 0 else 0.5 * (low + high)
         found.append(Limit(name, unit, low, high))
@@ -105,8 +94,6 @@ def set_limits(saved: SavedModel, entries: Mapping[str, str] | Sequence[str] | N
 
 def _extend(saved: SavedModel, name: str, low: float, high: float) -> tuple[float, float]:
     """A campaign's range with what a next test can reach beyond it."""
-    if saved.family == "tumble":
-        return low, high
     if low <= 0:
         return max(low, 0.0), WIDE * high
     factor = NARROW if high < STILL * low else WIDE
@@ -142,7 +129,7 @@ def list_extras(saved: SavedModel, entries: Sequence[str] | Mapping[str, str] | 
         InputError: the family has no such channel, the campaign measures it already, its noise makes no sense.
     """
     measured = saved.channels
-    offered = EXTRA[saved.family]
+    offered = find_family(saved.family).plan.added
     if entries is None:
         return tuple(_make_extra(saved, name, noise, True) for name, noise in offered.items()
                      if not any(channel.startswith(name) for channel in measured))
@@ -160,9 +147,10 @@ def list_extras(saved: SavedModel, entries: Sequence[str] | Mapping[str, str] | 
 
 def _make_extra(saved: SavedModel, name: str, noise: str, assumed: bool) -> Extra:
     """One channel with its noise."""
+    usual = find_family(saved.family).plan.added[name]
     unit = check_unit(si_unit(name), name)
     uncertainty = parse_uncertainty(noise, unit, name)
     if uncertainty.absolute is None:
-        raise InputError(f"--channel {name}: the noise has to be absolute, such as {EXTRA[saved.family][name]!r}")
+        raise InputError(f"--channel {name}: the noise has to be absolute, such as {usual!r}")
     channels = ATTITUDES[:4] if name == "attitude" else (name,)
     return Extra(name, channels, uncertainty.absolute, unit.si, assumed)

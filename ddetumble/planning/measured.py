@@ -71,7 +71,7 @@ def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange,
     found: dict[tuple[str, str], MeasuredRange] = {}
     for name in filter(None, (scenario.ball.model, scenario.ball.friction_model, fit)):
         saved = max(find_models(here / name)[0], key=lambda one: one[2])[1]
-        for one in _list_slips(saved, name) if saved.family == "slip" else _list_impacts(saved, name):
+        for one in _list_impacts(saved, name) if saved.space.family.has_contact else _list_slips(saved, name):
             found.setdefault((one.quantity, saved.sha256), one)
     return tuple(found.values())
 

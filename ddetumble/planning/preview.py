@@ -19,7 +19,7 @@ from ..inference.noise import TAPS, Noise, whitening
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import observe_record
 from ..inference.stack import Stack
-from ..inference.starts import FREE, lay_mesh
+from ..inference.starts import FREE
 from .limits import Extra, Limit
 
 
@@ -60,7 +60,7 @@ class Test(eqx.Module):
         bounds: of the coordinates.
         span: longest time to integrate at `slowest` (pressure and speed), shape ().
         slowest: shape (2,).
-        mesh: of tumbling records, shape (steps + 1,).
+        inputs: further arrays that the family's model reads, by name.
     """
 
     __test__ = False  # no test case of pytest's
@@ -78,7 +78,7 @@ class Test(eqx.Module):
     bounds: tuple[Array, Array]
     span: Array
     slowest: Array
-    mesh: Array
+    inputs: dict[str, Array]
 
 
 class Columns(NamedTuple):
@@ -116,21 +116,21 @@ def _fill_stack(layout: Layout, test: Test, x: Array) -> Stack:
     values = place_conditions(test, x, layout.free)
     conditions = {name: values[k] for k, name in enumerate(layout.names)}
     conditions.setdefault("sequence", jnp.ones(()))
-    tumble = layout.space.family.free_running
-    if tumble:
+    family = layout.space.family
+    if family.free_running:
         conditions |= {name: jnp.zeros(()) for name in START_ATTITUDE}
-    elif layout.space.family.name != "slip":
-        conditions.setdefault("initial_pressure", jnp.zeros(()))
+    for name, value in family.defaults.items():
+        conditions.setdefault(name, jnp.asarray(value, dtype=float))
     at = jnp.stack([conditions.get(name, jnp.zeros(())) for name in layout.nuisances])
     deviation = jnp.sqrt(test.absolute**2 + (test.relative * at) ** 2 + 1e-300)
     span = test.span
-    if not tumble and layout.space.family.name != "slip":
+    if family.has_contact:
         # A contact lasts as pressure^(-1/3) speed^(-1/3); where the span is far longer, steps get coarse.
         now = jnp.stack([conditions["initial_pressure"], conditions["approach_speed"]])
         ratio = jnp.where((test.slowest > 0) & (now > 0), test.slowest / jnp.where(now > 0, now, 1.0), 1.0)
         span = span * jax.lax.stop_gradient(jnp.prod(jnp.clip(ratio, 1e-6, 1.0) ** (1.0 / 3.0)))
     shape = (len(layout.channels), test.time.shape[0])
-    inputs = {"mesh": test.mesh} if tumble else {}
+    inputs = dict(test.inputs)
     if layout.space.commons:  # the next test shares them
         inputs["common"] = jnp.stack([conditions[c.column] if c.relative and c.column in conditions else jnp.ones(())
                                       for c in layout.space.commons])
@@ -255,20 +255,18 @@ def prepare(models: Sequence[SavedModel], limits: Sequence[Limit], extras: Seque
         level = noise.get(channel) or first.noise[channel]
         weights[c], taps[c] = whitening(level, time, valid)
         weights[c] *= np.sqrt(thin if level.correlation <= 0 else thinning_factor(level, thin))
-    mesh = np.zeros(2)
-    if family.free_running:
-        speeds = np.sqrt(sum(max(abs(x.low), abs(x.high)) ** 2 for x in limits if x.name in family.starts))
-        mesh = lay_mesh([time], [float(speeds)])[0]
+    farthest = {x.name: np.array([max(abs(x.low), abs(x.high))]) for x in limits}
+    inputs = {name: jnp.asarray(x[0]) for name, x in family.lay_inputs([time], farthest).items()}
     layout = Layout(space, channels, names, nuisances, tuple(k for k, x in enumerate(limits) if x.free))
     logarithmic = np.array([x.logarithmic for x in limits], dtype=bool)
     low, high = space.bounds()
     begin, end = (np.array(values, dtype=float) for values in ([x.low for x in limits], [x.high for x in limits]))
-    arrays = (time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, span, slowest, mesh)
-    (time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, span, slowest,
-     mesh) = (jnp.asarray(a) for a in arrays)
+    arrays = (time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, span, slowest)
+    (time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, span,
+     slowest) = (jnp.asarray(a) for a in arrays)
     bounds = jnp.asarray(low), jnp.asarray(high)
     return layout, Test(time, weights, taps, begin, end, logarithmic, absolute, relative, base, directions, bounds,
-                        span, slowest, mesh)
+                        span, slowest, inputs)
 
 
 def thinning_factor(noise: Noise, thin: float) -> float:
@@ -288,14 +286,15 @@ def _lay_samples(saved: SavedModel, limits: Sequence[Limit], length: float | Non
     first, last = sampling.first, sampling.last
     interval = (last - first) / max(sampling.samples - 1, 1)
     slowest = np.zeros(2)
-    if saved.family in ("impact", "oblique"):
+    family = saved.space.family
+    if family.has_contact:
         lows = {x.name: x.low for x in limits}
         slowest = np.array([lows.get("initial_pressure", 0.0), lows.get("approach_speed", 0.0)])
         for name, low in zip(("initial_pressure", "approach_speed"), slowest, strict=True):
             if low > 0 and saved.ranges.get(name, (0.0, 0.0))[0] > 0:
                 last *= max(saved.ranges[name][0] / low, 1.0) ** (1.0 / 3.0)
-    elif saved.family == "slip" and "slip" in sampling.largest:  # a time series: the next test is a single stroke
-        first, last = 0.0, sampling.largest["slip"]
+    elif family.independent in sampling.largest:  # a time series: the next test is a single stroke
+        first, last = 0.0, sampling.largest[family.independent]
         interval = last / max(sampling.samples - 1, 1)
     last = last if length is None else first + length
     count = int(round((last - first) / interval)) + 1

@@ -191,10 +191,10 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     if not is_fitted(str(folder)):
         raise InputError(f"{name} is no folder that fit, sample, discover or weigh wrote", key="uncertainty.fit")
     models, note = find_models(folder)
-    family = models[0][1].family
-    if family not in ("impact", "oblique", "slip"):
+    family = models[0][1].space.family
+    if not (family.has_contact or family.has_strokes):
         raise InputError("the fit has to be one of impacts or of slip records", key="uncertainty.fit")
-    slips = family == "slip"
+    slips = family.has_strokes
     taken = ball.friction_model if slips else ball.model
     if taken and (here / taken).resolve() != folder.resolve():
         raise InputError(f"the ball's model is {taken} and the fit {name}; name one of them", key="uncertainty.fit")

@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 
 from ..inference.archive import SavedModel
+from ..inference.families import FAMILIES, find_family
 from ..selection.sentences import NAMES, UNITS, format_plain
-from .limits import CHOSEN, Extra, Limit
+from .limits import Extra, Limit
 from .proposals import Design, Narrowing, Proposal
 
 
@@ -22,7 +23,8 @@ def explain_design(found: Design, saved: SavedModel) -> tuple[str, tuple[str, ..
         sentence = (f"Nothing within these limits tells {rivals} apart: at the best test they stay "
                     f"{_worst(best):.2g} standard deviations apart once either is refitted, and {MOST_TEXT} are not "
                     "enough. ")
-        sentence += ("Widen the limits, or name another channel." if found.family != "slip" else "Widen the limits.")
+        more = find_family(found.family).plan.added
+        sentence += "Widen the limits, or name another channel." if more else "Widen the limits."
         return sentence, _notes(found, saved)
     again = "one such test" if best.repeats == 1 else f"{best.repeats} such tests"
     sentence = (f"To tell {rivals} apart, measure {describe_test(best, found.limits)}: {again} "
@@ -98,7 +100,8 @@ def _worst(proposal: Proposal) -> float:
 def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:
     """`at pressure 0.6 MPa and approach speed 0.9 m/s, with the channel pressure added`."""
     named = {limit.name: limit for limit in limits}
-    shown = [n for n in proposal.conditions if n != "sequence" and (named[n].free or n in sum(CHOSEN.values(), ()))]
+    chosen = {name for one in FAMILIES.values() for name in one.plan.chosen}
+    shown = [n for n in proposal.conditions if n != "sequence" and (named[n].free or n in chosen)]
     at = join_words([f"{NAMES.get(n, n.replace('_', ' '))} {say_value(n, proposal.conditions[n], named[n].unit)}"
                      for n in shown])
     text = f"at {at}" if shown else "once more"

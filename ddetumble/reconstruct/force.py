@@ -14,6 +14,7 @@ import pandas as pd
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
 from ..inference.archive import Model, SavedModel, resolve_model, take_fitted
+from ..inference.families import FAMILIES, find_family, name_family
 from ..inference.files import make_plain
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise, estimate_noise
@@ -144,8 +145,9 @@ def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identif
 
 
 def _check(campaign: Campaign, resolved: ResolvedModel):
-    if campaign.family != "impact":
-        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; identify reads 'impact'")
+    if not find_family(name_family(campaign)).has_contact:
+        kinds = " and ".join(dict.fromkeys(repr(f.kind.name) for f in FAMILIES.values() if f.has_contact))
+        raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; identify reads {kinds}")
     if campaign.samples is None:
         raise InputError(f"campaign {campaign.name!r} holds peaks only; identify needs the depression over time")
     if "depression" not in campaign.channels:

@@ -20,7 +20,8 @@ from ..figures.labels import (
     name_steps,
     say_p,
 )
-from ..figures.views import View, choose_view, find_span, find_stretch
+from ..figures.views import choose_view, find_span, find_stretch
+from ..inference.families import View, find_family
 from ..selection.result import Discovery, Place, SettingShift, Step, Trace
 from ..selection.settings import DEFAULT
 from .missing import show_missing
@@ -80,7 +81,7 @@ def list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
     facts = [("error of the fit", compare(first.nrmse, last.nrmse), floor)]
     if math.isfinite(first.heldout_nrmse):
         held = compare(first.heldout_nrmse, last.heldout_nrmse)
-        what = "records" if discovery.family == "tumble" else "conditions"
+        what = find_family(discovery.family).folds
         facts.append((f"error on held-out {what}", held, f"whole {what} left out"))
     chi2 = format_number(first.chi2_reduced) + (f" → {format_number(last.chi2_reduced)}" if grown else "")
     facts.append(("χ² per degree of freedom", chi2, "1 is noise alone"))

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, format_share, format_value
-from ..figures.views import View
+from ..inference.families import View
 from ..measurement.units import format_time
 from ..selection.result import Discovery, Estimate, Place
 

@@ -49,12 +49,12 @@ def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bo
             an effect may look like another zero at every condition.
     """
     records, best = selection.records, None
-    if records.count < selection.settings.baseline.fewest or (selection.campaign.family != "impact" and not final):
+    if records.count < selection.settings.baseline.fewest or (not selection.family.has_contact and not final):
         return None
     for c, channel in enumerate(records.channels):
         if f"{DRIFT}:{channel}" in records.nuisances or channel.startswith("attitude_"):
             continue
-        if selection.campaign.family == "impact" and not _moves_before_touch(selection, c):
+        if selection.family.has_contact and not _moves_before_touch(selection, c):
             continue
         found = _free_zeros(selection, solution, c, channel)
         if found is not None and (best is None or found.share > best.share):
@@ -95,7 +95,7 @@ def _free_zeros(selection: SelectionProblem, solution: Solution, c: int, channel
     used = float((np.asarray(records.stack.weights) > 0).sum()) - solution.shared.shape[2]
     before = float(np.sum(right**2))
     gain, excess = before - float(np.sum(side**2)), before - used
-    seen = selection.campaign.family == "impact"
+    seen = selection.family.has_contact
     if excess <= 0 or stats.chi2.sf(gain, 2 * count) > limits.p_value or gain < (
             limits.removed if seen else limits.removed_unseen) * excess:
         return None

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._errors import ComputationError
-from ..inference.families import RATES
+from ..dynamics.spinning import RATES
+from ..inference.families import find_family, name_family
 from ..inference.stack import DRIFT, Stack
 from ..inference.starts import fill_gaps, integrate_couple
 from ..measurement.campaign import Campaign
@@ -259,9 +260,9 @@ def _try_conditions(selection: SelectionProblem, aside: Aside) -> Diagnosis | No
     _, name, change = min(found)
     if name == "time":
         independent = selection.campaign.independent
-        shown = "slip" if independent is not None and independent.name == "slip" else "clock"
+        shown = "clock" if independent is None or independent.name == "time" else independent.name
         last = float(np.max(np.asarray(stack.time)[r, : records.lengths[r]]))
-        off = f"{1e3 * change:.3g} mm" if shown == "slip" else format_time(change, last)
+        off = format_time(change, last) if shown == "clock" else f"{1e3 * change:.3g} mm"
         return Diagnosis("clock", name, f"It fits if its {shown} is off by {off}.",
                          "Look at the trigger, or find the onset of that record again.")
     value = float(selection.campaign.records[name].iloc[r])
@@ -277,7 +278,8 @@ SHORTEST = 16  # samples
 
 def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outliers) -> tuple[Fault, ...]:
     """Records whose rates are plainly in another unit than those of all others."""
-    if campaign.family != "tumble" or campaign.samples is None or any(r not in campaign.channels for r in RATES):
+    family = find_family(name_family(campaign))
+    if not family.free_running or campaign.samples is None or any(r not in campaign.channels for r in RATES):
         return ()
     slopes = {}
     for key, part in campaign.samples.groupby("record", sort=False):

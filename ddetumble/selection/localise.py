@@ -101,7 +101,7 @@ def scan_line(selection: SelectionProblem, fitted: Fitted, probe: type[AbstractE
 def _abscissa(selection: SelectionProblem, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
     """Variable in which something may repeat, its largest value and the sign of the force, by record."""
     records, solution = selection.records, fitted.solution
-    if selection.family.name != "slip":
+    if not selection.family.has_strokes:
         time = np.asarray(records.stack.time)
         return ([time[r, :n] for r, n in enumerate(records.lengths)], solution.end,
                 [np.ones(n) for n in records.lengths])

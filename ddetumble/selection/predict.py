@@ -15,7 +15,6 @@ from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fit
 from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
-from ..inference.starts import lay_mesh
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_unit, si_unit
@@ -74,7 +73,7 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: SavedModel, names
     """
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
     place, lines = table.file, table.lines
-    abscissa = "slip" if saved.family == "slip" else "time"
+    abscissa = name_abscissa(saved)
     headings = _name_columns(table, (*names, "record", abscissa))
     timed = abscissa in headings
     if timed and "record" not in headings:
@@ -97,9 +96,9 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: SavedModel, names
                              + ", ".join(table.columns), file=place)
         values[name] = _convert(table, headings[name], name, unit)
         _check_sign(name, values[name], place, headings[name][0], lines)
-    if timed and abscissa == "slip":
-        _refuse_reversal(keys, values["slip"], place, lines)
-    if timed and saved.family == "tumble" and np.any(values["time"] < 0):
+    if timed and saved.space.family.has_strokes:
+        _refuse_reversal(keys, values[abscissa], place, lines)
+    if timed and saved.space.family.free_running and np.any(values["time"] < 0):
         raise InputError("a tumbling record begins at t = 0, with the rates given for it; times cannot be negative",
                          file=place, column="time", row=lines[int(np.argmax(values["time"] < 0))])
     extra = [name for name in headings if name not in (*names, "record", abscissa)]
@@ -239,7 +238,7 @@ def predict_model(model: str | Path | SavedModel | AbstractFitted,
         rows = [groups[g][1][np.argsort(values[abscissa][groups[g][1]], kind="stable")] for g in part]
         times = [values[abscissa][r] for r in rows]
         places = [np.arange(len(t)) for t in times]
-        if saved.family == "slip":  # friction work is integrated from the start of the stroke on
+        if saved.space.family.has_strokes:  # friction work is integrated from the start of the stroke on
             paths = [np.union1d(t, np.linspace(0.0, max(float(t[-1]), 0.0), PATH)) for t in times]
             places = [np.searchsorted(path, t) for path, t in zip(paths, times, strict=True)]
             times = paths
@@ -275,7 +274,7 @@ def name_conditions(saved: SavedModel) -> tuple[str, ...]:
 
 def name_abscissa(saved: SavedModel) -> str:
     """Name of the independent variable."""
-    return "slip" if saved.family == "slip" else "time"
+    return find_family(saved.family, "predict").independent
 
 
 def list_channels(saved: SavedModel) -> tuple[str, ...]:
@@ -296,7 +295,7 @@ def lay_times(saved: SavedModel, request: Request) -> Request:
     if saved.sampling is None:
         raise InputError(f"there is no column {name!r}, and the model does not say how long its records are: give it, "
                          "or fit the model again")
-    if saved.family in ("slip", "tumble"):
+    if not saved.space.family.has_contact:
         # Of slip records that are time series the slip is a channel, and the independent variable the time.
         last = saved.sampling.largest.get("slip", saved.sampling.last)
         step = _round_step(last / SAMPLES)
@@ -379,8 +378,9 @@ def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
         time[i, :len(t)], time[i, len(t):] = t, t[-1]
     time[count:] = time[0]
     padded = {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
-    if saved.family not in ("slip", "tumble"):
-        padded.setdefault("initial_pressure", np.zeros(rows))
+    family = saved.space.family
+    for name, value in family.defaults.items():
+        padded.setdefault(name, np.full(rows, value))
     padded.setdefault("sequence", np.ones(rows))
     nuisances = name_scatter(saved, settings)
     deviations = np.stack([np.full(rows, saved.time_sd) if n == "time" else saved.uncertainties[n].sd(padded[n])
@@ -397,17 +397,14 @@ def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     base = jnp.asarray(np.concatenate([places, np.broadcast_to(places[:1], (rows - count, len(saved.u)))]))
     limits = [jnp.asarray(b) for b in saved.space.bounds()]
     conditions = {n: jnp.asarray(v) for n, v in padded.items()}
-    inputs = {}
-    if saved.family == "tumble":
-        rates = np.stack([padded[name] for name in saved.space.family.starts], axis=1)
-        inputs["mesh"] = jnp.asarray(lay_mesh(list(time), np.sqrt(np.sum(rates**2, axis=1))))
+    inputs = {name: jnp.asarray(x) for name, x in family.lay_inputs(list(time), padded).items()}
     # A time after separation that is long against the contact would leave the integrator coarse steps there.
     for _ in range(3):
         stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.zeros(shape), jnp.ones(shape), jnp.zeros((*shape, 1)),
                       conditions, jnp.asarray(deviations), jnp.ones(rows), inputs)
         found = _linearise(saved.space, nuisances, channels, stack, base, jnp.asarray(directions), *limits)
         mean, shared, own, end, failed = (np.asarray(x) for x in found)
-        long = ~failed & (end < 0.3 * span) & (saved.family not in ("slip", "tumble"))
+        long = ~failed & (end < 0.3 * span) & family.has_contact
         if not long.any():
             break
         span = np.where(long, 2.0 * end, span)

@@ -24,7 +24,6 @@ from .predict import (
 )
 
 
-FAMILIES = ("impact", "oblique")
 FORCES = {"normal_force": ("peak_normal_force", "normal_impulse"),
           "tangential_force": ("peak_tangential_force", "tangential_impulse")}
 DURATION = "contact_duration"
@@ -63,7 +62,7 @@ def predict_pulses(model: str | Path | SavedModel | AbstractFitted,
         result.attrs["notes"] = tuple(dict.fromkeys(note for table in tables for note in table.attrs["notes"]))
         return result
     saved, request = ask_model(model, conditions)
-    if saved.family not in FAMILIES:
+    if not saved.space.family.has_contact:
         raise InputError(f"the model is of {saved.family} records; peaks, durations and impulses are those of impacts")
     if saved.sampling is None:
         raise InputError("the model does not say how long its records are; fit it again")
@@ -86,7 +85,7 @@ def has_pulses(model: str | Path) -> bool:
     """Whether the model in a folder is of impacts that `predict_pulses` reads."""
     folder = Path(model)
     models = read_rivals(folder)[1] if (folder / WEIGHTS).is_file() else [load_model(folder)]
-    return all(one.family in FAMILIES and one.sampling is not None for one in models)
+    return all(one.space.family.has_contact and one.sampling is not None for one in models)
 
 
 def _follow_pulses(saved: SavedModel, settings: Mapping[str, np.ndarray], keys: list[str]

@@ -14,7 +14,8 @@ from scipy.linalg import block_diag
 
 from ..._errors import ComputationError, InputError
 from ..._numerics import map_threads
-from ...effects.free import COUNT, FREE, GROUNDS
+from ...effects.free import COUNT, Ground
+from ...inference.families import FAMILIES, Family
 from ...inference.parameters import ParameterSpace, to_coordinate
 from ...inference.problem import Problem, Solution
 from ..cross_validation import compare_losses
@@ -76,10 +77,16 @@ class Screened:
     start: np.ndarray
 
 
-def check_family(family: str) -> None:
-    """Refuse a family of records for which there are no flexible terms."""
-    if family not in FREE:
-        raise InputError(f"the missing force is drawn for {', '.join(FREE)} records so far, not for {family} ones")
+def find_ground(family: Family) -> Ground:
+    """What a missing force of a family may depend on.
+
+    Raises:
+        InputError: the family has no flexible terms.
+    """
+    if family.ground is None:
+        there = ", ".join(other.name for other in FAMILIES.values() if other.ground is not None)
+        raise InputError(f"the missing force is drawn for {there} records so far, not for {family.name} ones")
+    return family.ground
 
 
 class FreeBench:
@@ -94,10 +101,9 @@ class FreeBench:
     """
 
     def __init__(self, selection: SelectionProblem, model: Fitted):
-        family = selection.family.name
-        check_family(family)
-        self.selection, self.model, self.family, self.ground = selection, model, family, GROUNDS[family]
-        self.free, self.simple = FREE[family]
+        family = selection.family
+        self.selection, self.model, self.family, self.ground = selection, model, family, find_ground(family)
+        self.free, self.simple = self.ground.splines, self.ground.laws
         names = list(model.solution.names)
         owners = dict.fromkeys(name.split(".")[0] for name in names if "." in name)
         self.classes = tuple(selection.find_effect(e) for e in owners)
@@ -125,27 +131,24 @@ class FreeBench:
         valid = (np.asarray(records.stack.weights)[: records.count] > 0).any(axis=1)
         state, rate = solution.state[valid], solution.state_rate[valid]
         time = np.asarray(records.stack.time)[: records.count][valid]
-        ranges = {"time": (0.0, float(max(np.max(solution.end), 0.0) if self.family == "impact" else time.max()))}
-        backward = self.family == "impact" or bool((rate < 0).any())
-        if self.family == "impact":
-            ranges |= {"depression": (0.0, 1.02 * float(state.max())),
-                       "depression_rate": (float(rate.min()), float(rate.max()))}
-        elif self.family == "slip":
-            ranges["slip"] = (0.0, 1.001 * float(state.max()))
-        else:
-            axial = solution.channels[:, records.channels.index("angular_velocity_z")][valid]
-            ranges |= {"angular_speed": (float(rate.min()), float(rate.max())), "phase": (-np.pi, np.pi),
-                       "angular_velocity_z": (float(axial.min()), float(axial.max()))}
-        known = set(self.selection.family.starts)
+        family, ground = self.family, self.ground
+        ranges = {family.state: (0.0, ground.reach * float(state.max())),
+                  family.rate: (float(rate.min()), float(rate.max())), "phase": (-np.pi, np.pi),
+                  "time": (0.0, float(max(np.max(solution.end), 0.0) if family.has_contact else time.max()))}
+        for name in (n for n in ground.variables if n not in ranges):
+            own = solution.channels[:, records.channels.index(name)][valid]
+            ranges[name] = float(own.min()), float(own.max())
+        backward = family.has_contact or bool((rate < 0).any())
+        known = set(family.starts)
         conditions = {name: np.asarray(x)[: records.count] for name, x in records.stack.conditions.items()
                       if name not in known and name in self.selection.campaign.records}
-        share = float(rate.max() if self.family == "tumble" else np.max(np.abs(solution.channels[:, 0])))
-        return list_terms(self.family, conditions, ranges, backward, share)
+        share = float(rate.max() if ground.base == family.rate else np.max(np.abs(solution.channels[:, 0])))
+        return list_terms(ground, conditions, ranges, backward, share)
 
     def problem(self, wanted: Sequence[tuple[Term, int]], priors: dict[str, tuple[float, float]] | None = None
                 ) -> Problem:
         """The compiled model with these terms."""
-        return Problem(self.space, with_plan(self.records, place_terms(self.family, self.records, wanted)), priors)
+        return Problem(self.space, with_plan(self.records, place_terms(self.ground, self.records, wanted)), priors)
 
     def look(self, wanted: Sequence[tuple[Term, int]], count: int, u: np.ndarray | None = None,
              z: np.ndarray | None = None) -> Solution:

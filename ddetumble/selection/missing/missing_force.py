@@ -20,7 +20,7 @@ from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
 from ..sentences import NAMES, UNITS, format_plain, name_value
 from ..settings import DEFAULT
-from .free_form import Drawn, FreeBench, check_family, draw_forces, measure_visible, spread_drawn
+from .free_form import Drawn, FreeBench, draw_forces, find_ground, measure_visible, spread_drawn
 from .splines import Term, evaluate_basis
 from .symbolic import find_laws, find_rivals
 
@@ -57,9 +57,10 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
     report = progress or (lambda text, share: None)
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    check_family(name_family(campaign))
-    known = find_family(name_family(campaign), "missing").catalogue
-    resolved = resolve_model(model, name_family(campaign))
+    family = find_family(name_family(campaign), "missing")
+    find_ground(family)
+    known = family.catalogue
+    resolved = resolve_model(model, family.name)
     report("fitting the reference model", 0.02)
     own = tuple(e for e in dict.fromkeys(effects) if e not in known)
     require_samples(campaign)
@@ -140,8 +141,8 @@ def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fit
     if ceiling is not None:
         # A simple law is a force too: where it predicts better than splines, the ceiling is no lower.
         top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min(losses)
-    found = MissingForce(bench.family, beside.effects, reference.score, beside.score, best, top, bench.rows, shapes,
-                         alike, tuple(laws), lone=lone)
+    found = MissingForce(bench.family.name, beside.effects, reference.score, beside.score, best, top, bench.rows,
+                         shapes, alike, tuple(laws), lone=lone)
     sentence, notes = explain_missing(found, bench)
     return dc.replace(found, sentence=sentence, notes=notes)
 
@@ -219,7 +220,7 @@ def _visit(bench: FreeBench, drawn: Drawn, term: Term, x: np.ndarray) -> np.ndar
     if term.condition:
         values = np.broadcast_to(np.asarray(records.stack.conditions[term.variable])[: records.count, None], time.shape)
     elif term.variable in ("depression", "slip"):
-        values, valid = solution.state, valid & ((solution.state > 0) | (bench.family == "slip"))
+        values, valid = solution.state, valid & ((solution.state > 0) | (not bench.family.has_contact))
     elif term.variable in ("depression_rate", "angular_speed"):
         values, valid = solution.state_rate, valid & (solution.state > 0)
     elif term.variable == "time":
@@ -261,7 +262,7 @@ def _measure_spectrum(x: np.ndarray, f: np.ndarray, covariance: np.ndarray, inte
 def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[str, ...]]:
     """The sentence of a missing force, and notes on what it does not say."""
     noise = f"{np.sqrt(found.reference / found.floor):.2f}"
-    where = "records" if bench.selection.family.free_running else "conditions"
+    where = bench.family.folds
     time = np.asarray(bench.records.stack.time)
     longest = max(float(time[r, :n].max()) for r, n in enumerate(bench.records.lengths))
     start = f"On left-out {where} the reference model leaves {noise} times the noise"
@@ -319,8 +320,8 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[s
     if share < 0.9:
         notes.append(f"{_share(1.0 - share)} of the misfit is left that no force of these variables removes: its "
                      "cause is elsewhere (a sensor, a state of its own, a variable that is not measured).")
-    if found.family == "impact":
-        notes.append("The force adds to the elastic force, and the damping multiplies it too.")
+    if bench.ground.note:
+        notes.append(bench.ground.note)
     notes.append("Bands are two posterior standard deviations; they hold what the model's own parameters and the "
                  "settings can make up for.")
     return sentence, tuple(notes)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ...effects.free import COUNT, FORMS, GROUNDS, PLAN, Ground, blank_plan
+from ...effects.free import COUNT, FORMS, PLAN, Ground, blank_plan
 from ...inference.arrow import profile_own
 from ...inference.problem import Solution
 from ...inference.stack import Records
@@ -66,18 +66,18 @@ class Term:
         return len(self.parts) * (intervals + DEGREE)
 
 
-def list_terms(family: str, conditions: Mapping[str, np.ndarray], ranges: Mapping[str, tuple[float, float]],
+def list_terms(ground: Ground, conditions: Mapping[str, np.ndarray], ranges: Mapping[str, tuple[float, float]],
                backward: bool, reference: float) -> list[Term]:
     """Terms that a campaign could show.
 
     Args:
-        family: of the records.
+        ground: of their family.
         conditions: of the records, by name, shape (records,).
         ranges: of the variables of the state.
         backward: whether both phases were visited (strokes of slip records).
         reference: of the forces of which a direction is a share: at it a share's coefficient is in units of the force.
     """
-    ground, found = GROUNDS[family], []
+    found = []
     ways = _list_ways(ground, backward, reference)
     for variable in ground.variables:
         low, high = ranges[variable]
@@ -94,7 +94,7 @@ def list_terms(family: str, conditions: Mapping[str, np.ndarray], ranges: Mappin
         if high - low <= APART * max(abs(high), abs(low)):
             continue
         for way, parts, directions in ways:
-            if len(parts) == 1 and (way == "share" or family == "slip"):
+            if len(parts) == 1 and way in ground.conditional:
                 found.append(Term(name, way, parts, directions, low, high, FEW, True))
     return found
 
@@ -152,18 +152,19 @@ def smooth(intervals: int) -> np.ndarray:
     return vectors / np.sqrt(np.maximum(sizes, 0.0) + FLAT)
 
 
-def place_terms(family: str, records: Records, wanted: Sequence[tuple[Term, int]]) -> dict[str, np.ndarray]:
+def place_terms(ground: Ground, records: Records, wanted: Sequence[tuple[Term, int]]) -> dict[str, np.ndarray]:
     """The arrays that tell `add_splines` which splines there are.
 
     Args:
-        family, records: of the campaign.
+        ground: of the family.
+        records: of the campaign.
         wanted: terms with their numbers of intervals; their parts follow one another.
 
     Raises:
         ValueError: they are more splines than one program holds.
     """
     rows = records.stack.time.shape[0]
-    plan, ground, first = blank_plan(family, rows), GROUNDS[family], 0
+    plan, first = blank_plan(ground, rows), 0
     names = list(ground.variables)
     for term, intervals in wanted:
         centres, step = place_centres(term, intervals)
@@ -184,10 +185,10 @@ def place_terms(family: str, records: Records, wanted: Sequence[tuple[Term, int]
     return plan
 
 
-def place_law(plan: dict[str, np.ndarray], family: str, slot: int, variable: str, form: str, direction: np.ndarray,
+def place_law(plan: dict[str, np.ndarray], ground: Ground, slot: int, variable: str, form: str, direction: np.ndarray,
               scale: float) -> None:
     """Put a simple law into a slot of a plan."""
-    plan[f"{PLAN}-law-variable"][:, slot, list(GROUNDS[family].variables).index(variable)] = 1.0
+    plan[f"{PLAN}-law-variable"][:, slot, list(ground.variables).index(variable)] = 1.0
     plan[f"{PLAN}-law-form"][:, slot, FORMS.index(form)] = 1.0
     plan[f"{PLAN}-law-scale"][:, slot] = scale
     plan[f"{PLAN}-law-direction"][:, slot] = direction

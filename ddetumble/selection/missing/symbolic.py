@@ -226,10 +226,10 @@ def evaluate(form: Form, x: np.ndarray, shape: dict[str, float], scale: float) -
 
 def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     """Fit laws together inside the equation of motion; None where that failed."""
-    plan = blank_plan(bench.family, bench.records.stack.time.shape[0])
+    plan = blank_plan(bench.ground, bench.records.stack.time.shape[0])
     u, names, amount = bench.start.copy(), [], len(guesses)
     for slot, g in enumerate(guesses):
-        place_law(plan, bench.family, slot, g.term.variable, g.form.kind, g.direction, g.term.scale)
+        place_law(plan, bench.ground, slot, g.term.variable, g.form.kind, g.direction, g.term.scale)
         own = {"a": g.sizes[0] / (1.0 if amount == 1 or slot == 0 else 4.0)}
         if g.form.kind == "sine":
             own["b"] = g.sizes[1]
@@ -266,18 +266,18 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     if any(turns_force(g, parameters, "" if amount == 1 else f" {slot + 1}") for slot, g in enumerate(guesses)):
         return None
     terms = [g.term for g in guesses]
-    return Law(" + ".join(_write(g, bench.family) for g in guesses), tuple(t.variable for t in terms),
+    return Law(" + ".join(_write(g, bench.ground.base) for g in guesses), tuple(t.variable for t in terms),
                tuple(t.way for t in terms), tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses),
                parameters, float(losses.sum()), losses, float(solution.chi2), len(names), bool(solution.converged),
                0.0, 0.0)
 
 
-def _write(guess: _Guess, family: str) -> str:
-    """A law in one line."""
+def _write(guess: _Guess, base: str) -> str:
+    """A law in one line; `base` is what its share is one of."""
     text = guess.form.text.replace("x", guess.term.variable) if "exp" not in guess.form.text else (
         guess.form.text.replace("-x", f"-{guess.term.variable}"))
     if guess.term.way == "share":
-        text = f"({text}) times the {'friction' if family == 'slip' else 'elastic force'}"
+        text = f"({text}) times the {base}"
     if guess.term.way.startswith(("torque", "drag")):
         return f"{guess.term.way} {text}" + (f" about {guess.phase}" if guess.phase else "")
     return text + (f" while {guess.phase}" if guess.phase else "")

@@ -1,0 +1,262 @@
+"""What a family of tests is: everything that differs between kinds of records, gathered on one object.
+
+A kind of test is one `Family`, written in one file and listed in `FAMILIES`; no other file asks for its name.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Array
+
+from ..._errors import InputError
+from ...contact.effect import AbstractEffect, AbstractModel
+from ...effects.free import Ground
+from ...measurement.campaign import Campaign
+from ...measurement.kinds import RecordKind
+
+
+SPLINES = 20  # over a contact or a stroke: what a missing force leaves is smooth between them
+
+
+class Observation(NamedTuple):
+    """One record as the model has it.
+
+    Attributes:
+        channels: shape (channels, samples), SI.
+        state, state_rate: what a misfit is located in, shape (samples,).
+        end: of the contact or record, in the independent variable.
+        failed: whether it could not be computed.
+    """
+
+    channels: Array
+    state: Array
+    state_rate: Array
+    end: Array
+    failed: Array
+
+
+class Path(NamedTuple):
+    """How a record with strokes moved, by sample, each shape (samples,).
+
+    Attributes:
+        distance: since its stroke began, SI.
+        direction: 1 or -1.
+        number: of the stroke, from 0 on.
+    """
+
+    distance: np.ndarray
+    direction: np.ndarray
+    number: np.ndarray
+
+
+class Starts(NamedTuple):
+    """What free-running records start from.
+
+    Attributes:
+        guesses: by name, each shape (records,), SI.
+        deviations: so wide that they are no prior, shape (records, starts).
+        inputs: of `Family.lay_inputs` for these records.
+    """
+
+    guesses: dict[str, np.ndarray]
+    deviations: np.ndarray
+    inputs: dict[str, np.ndarray]
+
+
+class Span(NamedTuple):
+    """A stretch of a record, after `low` up to `high`, over which a missing force is smooth: `splines` of them do."""
+
+    low: float
+    high: float
+    splines: int
+
+
+@dc.dataclass(frozen=True)
+class View:
+    """How records are drawn and spoken of.
+
+    Attributes:
+        force: channel whose residual is the missing force; empty where none is.
+        along: quantity along a record, the independent variable.
+        state: quantity that a misfit is located in, `Trace.state`.
+        rate: its rate or direction, `Trace.state_rate`; empty where it says nothing.
+        phases: names of the two halves that are drawn apart; empty where there is but one.
+        variables: against which residuals are drawn before the conditions; `time` is the share of the record.
+        share: label of the share of the record.
+        ends: names of its beginning and end.
+        reach: shares between which the map of residuals is drawn.
+        bins: in which residuals over the state are averaged.
+        conditions: how many of the conditions make up a cell of the grid of errors.
+        strongest: whether lines are drawn by the condition that the misfit depends on most, not by the first one.
+        series: what `sequence` counts.
+        apart: words for how phases are told apart, empty without phases.
+        free: parameters of the reference model, as a sentence names them.
+        longest: last value along the records, which decides on the unit of their time.
+    """
+
+    force: str
+    along: str
+    state: str
+    rate: str
+    phases: tuple[str, ...]
+    variables: tuple[str, ...]
+    share: str
+    ends: tuple[str, str]
+    reach: tuple[float, float]
+    bins: int
+    conditions: int
+    strongest: bool
+    series: str
+    apart: str
+    free: str
+    longest: float = 0.0
+
+    @property
+    def wide(self) -> bool:
+        """Whether the bins over the state need the room of two panels."""
+        return self.bins > 20
+
+
+@dc.dataclass(frozen=True)
+class PlannedTests:
+    """What tests of a family that nobody has made yet are like, where nothing else is said.
+
+    Attributes:
+        chosen: conditions that the next test may choose.
+        added: further channels that it could measure, with their noise.
+        noise: of the channels that are measured in any case.
+        uncertainties: with which conditions are set, and of the time origin.
+        interval: between samples.
+        length: of a record; None where it lasts as long as its contact.
+    """
+
+    chosen: tuple[str, ...]
+    added: Mapping[str, str]
+    noise: Mapping[str, str]
+    uncertainties: Mapping[str, str]
+    interval: str
+    length: str | None
+
+
+def accept_all(campaign: Campaign) -> None:
+    """Nothing about a campaign's records could be against the model."""
+
+
+def keep_start(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]) -> list[np.ndarray]:
+    """The only start is the given one: the records are not asked."""
+    return [start.copy()]
+
+
+def need_nothing(times: Sequence[np.ndarray], conditions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Beside its sample times and conditions a record needs no input."""
+    return {}
+
+
+@dc.dataclass(frozen=True, kw_only=True)
+class Family:
+    """A family of records.
+
+    What a family is like is asked by three properties: its records hold one contact (`has_contact`), or strokes that
+    may turn round (`has_strokes`), or run on by themselves from where they start (`free_running`).
+
+    Attributes:
+        name: of the family; `oblique` for impacts with a tangential speed and force.
+        kind: of its records, as campaigns hold them; that of several families may be one.
+        independent: what the model's records are a function of: `time` [s] or `slip` [m].
+        channels: that the models predict, the main one first.
+        needs: conditions without which nothing can be computed.
+        defaults: values of conditions that a campaign does not have, SI.
+        sizes: to which the number of samples is padded, so that compiled programs are shared.
+        accepts: families of the effects that may act on its records.
+        catalogue, probes: effects.
+        state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
+        observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
+        lay_spans: stretches of a record over which a missing force is smooth, from the times of its samples, shape
+            (samples,), its values, shape (channels, samples), the numbers of their strokes, shape (samples,), and the
+            end of the contact.
+        view: how records are drawn and spoken of; `view_reversed` where strokes go both ways.
+        plan: what tests are like that nobody has made yet.
+        ground: what a missing force may depend on; None where it cannot be drawn yet.
+        remedies: what else to measure, in words.
+        model_hint: how to make a model of the family of one of another, in words that end a sentence.
+        follow: path of a record, from its campaign, its key and its table of samples over time; None where the records
+            have no strokes.
+        check: refuses a campaign whose records contradict the models.
+        guess_starts: coordinates from which fits begin, the likeliest first, from a campaign, a `ParameterSpace`, the
+            given coordinates and the names of the free parameters.
+        begin: what the records of a campaign start from, given the tables of their samples; None where each starts
+            from its conditions.
+        lay_inputs: further arrays that `observe` reads from its row of the stack (`inputs`), one row a record, from the
+            times and conditions of records that are to be computed.
+        rows: to which the number of records is padded.
+        starts: what a record starts from: nuisances without a prior, free in every record.
+        slots: to which the number of free parameters is padded.
+    """
+
+    name: str
+    kind: RecordKind
+    independent: str
+    channels: tuple[str, ...]
+    needs: tuple[str, ...]
+    sizes: tuple[int, ...]
+    accepts: tuple[str, ...]
+    catalogue: tuple[type[AbstractEffect], ...]
+    probes: tuple[type[AbstractEffect], ...]
+    state: str
+    rate: str
+    phases: tuple[str, str]
+    observe: Callable[[Any, Mapping[str, Array], Array, Any, tuple[str, ...]], Observation]
+    lay_spans: Callable[[np.ndarray, np.ndarray, np.ndarray, float], list[Span]]
+    view: View
+    plan: PlannedTests
+    remedies: str
+    ground: Ground | None = None
+    view_reversed: View | None = None
+    model_hint: str = ""
+    defaults: Mapping[str, float] = dc.field(default_factory=dict)
+    follow: Callable[[Campaign, str, Any], Path] | None = None
+    check: Callable[[Campaign], None] = accept_all
+    guess_starts: Callable[[Campaign, Any, np.ndarray, Sequence[str]], list[np.ndarray]] = keep_start
+    begin: Callable[[Campaign, Sequence[Any]], Starts] | None = None
+    lay_inputs: Callable[[Sequence[np.ndarray], Mapping[str, np.ndarray]], dict[str, np.ndarray]] = need_nothing
+    rows: tuple[int, ...] = (24, 48, 96, 192, 384, 768)
+    starts: tuple[str, ...] = ()
+    slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)
+
+    @property
+    def main(self) -> tuple[str, ...]:
+        """Channels without which nothing can be fitted: the first, or as many as a record has starts."""
+        return self.channels[: max(len(self.starts), 1)]
+
+    @property
+    def free_running(self) -> bool:
+        """Whether a record runs on from where it starts, so that a wrong model falls out of step with it."""
+        return bool(self.starts)
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether a record holds one contact, from first touch at t = 0 to separation: before and after nothing acts.
+        """
+        return self.kind.has_contact
+
+    @property
+    def has_strokes(self) -> bool:
+        """Whether a record is one or several strokes, between which the force jumps and within which work adds up."""
+        return self.follow is not None
+
+    @property
+    def folds(self) -> str:
+        """What cross-validation leaves out as a whole: `records`, or all those of the same `conditions`."""
+        return "records" if self.free_running else "conditions"
+
+    def require_model(self, reference: AbstractModel, campaign: str) -> None:
+        """Refuse a reference model of another family than that of the named campaign.
+
+        Raises:
+            InputError: It is of another one.
+        """
+        if type(reference).family != self.name:
+            raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign!r} of "
+                             f"{self.name!r}; take a model of that family{self.model_hint}")

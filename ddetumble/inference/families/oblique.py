@@ -1,0 +1,62 @@
+"""Oblique impacts: impacts with a speed along the plate, whose tangential force is measured too."""
+
+import dataclasses as dc
+from functools import partial
+
+import numpy as np
+
+from ..._errors import InputError
+from ...dynamics.strike import strike
+from ...effects import OBLIQUE as OBLIQUE_EFFECTS
+from ...effects import SLIP as SLIP_EFFECTS
+from ...effects.oblique_probes import OBLIQUE_PROBES
+from ...measurement.campaign import Campaign
+from .impact import IMPACT, SIZES, observe_contact
+
+
+def check_directions(campaign: Campaign) -> None:
+    """Refuse oblique records whose friction pushes the ball on: speed and force are given along axes that differ.
+
+    Raises:
+        InputError: A tangential speed is negative, or the impulse of a tangential force is, beyond its noise.
+    """
+    file = None if campaign.path is None else campaign.path / "records.csv"
+    speeds = campaign.records["tangential_speed"].to_numpy(dtype=float)
+    for key, speed in zip(campaign.record_keys, speeds, strict=True):
+        if speed < 0:
+            raise InputError(f"the tangential speed of record {key!r} is {speed:g} m/s, and it cannot be negative; "
+                             "turn the axis along the plate, and the sign of the tangential force with it", file=file,
+                             column="tangential_speed")
+        force = campaign.trace(key)["tangential_force"].to_numpy(dtype=float)
+        force = force[np.isfinite(force)]
+        uncertainty = campaign.channels["tangential_force"].uncertainty
+        largest = np.abs(force).max(initial=0.0, keepdims=True)
+        noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(largest)))
+        if force.sum() < -10.0 * noise * np.sqrt(len(force)) - 0.02 * np.abs(force).sum():
+            raise InputError(f"the tangential force of record {key!r} points against its tangential speed on the "
+                             "whole, and friction on the plate acts in the direction of motion; turn the sign of one",
+                             file=None if campaign.path is None else campaign.path / "samples.csv",
+                             column="tangential_force")
+
+
+OBLIQUE = dc.replace(
+    IMPACT,
+    name="oblique",
+    channels=("normal_force", "tangential_force", "slip", "depression", "pressure"),
+    needs=("approach_speed", "tangential_speed"),
+    sizes=(384, *SIZES),
+    accepts=("impact", "slip", "oblique"),
+    catalogue=(*IMPACT.catalogue, *SLIP_EFFECTS, *OBLIQUE_EFFECTS),
+    probes=(*IMPACT.probes, *OBLIQUE_PROBES),
+    observe=partial(observe_contact, strike),
+    plan=dc.replace(
+        IMPACT.plan,
+        chosen=(*IMPACT.plan.chosen, "tangential_speed"),
+        added={"slip": "0.02 mm", **IMPACT.plan.added},
+        noise={**IMPACT.plan.noise, "tangential_force": "0.25 N"},
+    ),
+    ground=None,
+    remedies="measure at other pressures, speeds and angles, or add the slip and depression channels",
+    model_hint=": make one of it by `Striker(model, CoulombFriction())`",
+    check=check_directions,
+)

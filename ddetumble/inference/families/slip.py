@@ -1,0 +1,96 @@
+"""Slip records: rubber slides on a plate under a load, in one stroke or back and forth; its friction is measured."""
+
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..._errors import InputError
+from ...dynamics.slide import slide
+from ...effects import SLIP as EFFECTS
+from ...effects.free import SLIP_GROUND
+from ...effects.slip_probes import SLIP_PROBES
+from ...measurement import kinds
+from ...measurement.campaign import Campaign
+from ..strokes import split_strokes
+from .family import SPLINES, Family, Observation, Path, PlannedTests, Span, View
+
+
+def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
+                 ) -> Observation:
+    """A slip record over its own slip; `time` is the slip itself where the record has no other path."""
+    path, way = row.inputs.get("slip", time), row.inputs.get("direction", jnp.ones_like(time))
+    clock = time if "slip" in row.inputs else None
+    found = slide(law, conditions, path, way, clock)
+    speed = conditions.get("slip_speed", jnp.ones(()))
+    return Observation(jnp.stack([found.tangential_force for _ in channels]), path, way * speed, time[-1],
+                       found.failed)
+
+
+def follow_slip(campaign: Campaign, key: str, samples: Any) -> Path:
+    """Distance, direction and number of the strokes of one record; gaps in the slip are filled along a line.
+
+    Raises:
+        InputError: the slip is not measured, or only once.
+    """
+    if "slip" not in campaign.channels:
+        raise InputError(f"campaign {campaign.name!r} is a time series without the channel 'slip'; the model needs "
+                         "to know how far the rubber has slid")
+    slip = samples["slip"].to_numpy(dtype=float)
+    known = np.flatnonzero(np.isfinite(slip))
+    if len(known) < 2:
+        raise InputError(f"campaign {campaign.name!r}: record {key!r} has fewer than two values of 'slip'")
+    slip = np.interp(np.arange(len(slip)), known, slip[known])
+    uncertainty = campaign.channels["slip"].uncertainty
+    noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(slip)))
+    return Path(*split_strokes(slip, max(6.0 * noise, 0.01 * float(np.ptp(slip)))))
+
+
+def lay_strokes(time: np.ndarray, values: np.ndarray, strokes: np.ndarray, end: float) -> list[Span]:
+    """Each stroke."""
+    ends = [*np.flatnonzero(np.diff(strokes) > 0), len(time) - 1]
+    starts = [time[0] - 1e-9 * max(np.ptp(time), 1e-300), *time[ends[:-1]]]
+    return [Span(float(a), float(time[b]), SPLINES) for a, b in zip(starts, ends, strict=True)]
+
+
+VIEW = View(
+    "tangential_force", "slip", "slip", "", (), ("slip",), "share of the record", ("start", "end"), (0.0, 1.0), 30, 3,
+    True, "test of the series", "", "adhesion constant, loss factor, slip term",
+)  # fmt: skip
+VIEW_REVERSED = dc.replace(
+    VIEW, along="time", rate="direction", phases=("forward", "backward"), variables=("slip", "direction", "time"),
+    apart="strokes forward and backward",
+)  # fmt: skip
+PLAN = PlannedTests(
+    chosen=("normal_load", "internal_pressure", "slip_speed"),
+    added={},
+    noise={"tangential_force": "0.04 N"},
+    uncertainties={"normal_load": "0.3 %", "internal_pressure": "0.5 %"},
+    interval="0.1 mm",
+    length="12 mm",
+)
+SLIP = Family(
+    name="slip",
+    kind=kinds.SLIP,
+    independent="slip",
+    channels=("tangential_force",),
+    needs=("normal_load",),
+    sizes=(256, 1024, 4096, 8192, 16384, 32768),
+    accepts=("slip",),
+    catalogue=EFFECTS,
+    probes=SLIP_PROBES,
+    state="slip",
+    rate="direction",
+    phases=("forward", "backward"),
+    observe=observe_slip,
+    lay_spans=lay_strokes,
+    view=VIEW,
+    view_reversed=VIEW_REVERSED,
+    plan=PLAN,
+    ground=SLIP_GROUND,
+    remedies="measure at other loads, pressures and slip speeds",
+    follow=follow_slip,
+)
