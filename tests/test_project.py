@@ -39,7 +39,7 @@ NAMED_FAMILY = re.compile(
     r"""family(\.name)? (==|!=|in |not in [(\[{])|(==|!=) "(impact|oblique|tumble)"|== "slip\""""
 )
 # Files that still ask for a family by name; the list may only shrink.
-NAMING_FAMILIES = {"cli/estimation.py", "contact/contract.py", "contact/gripping.py"}
+NAMING_FAMILIES = {"contact/contract.py", "contact/gripping.py"}
 HEAVY = {"jax", "jaxlib", "equinox", "diffrax", "numpy", "scipy", "pandas", "pint", "pydantic", "matplotlib", "rich"}
 
 

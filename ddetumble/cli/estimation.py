@@ -140,6 +140,7 @@ def show_effects(
                    f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
         return
     from ..effects import CATALOGUES, catalogue, parameters_of, stage_of
+    from ..inference.families import FAMILIES
     from ..inference.models import list_effects
 
     try:
@@ -155,8 +156,9 @@ def show_effects(
             typer.echo(f"{name}:" if name.endswith(".py") else f"{name} records:")
             for entry in found:
                 typer.echo(f"  {entry.id:{width}}  {entry.law}")
-            if name == "oblique":
-                typer.echo("  (the effects on impact and slip records act on oblique impacts too)")
+            others = [one for one in FAMILIES[name].accepts if one != name] if name in FAMILIES else []
+            if others:
+                typer.echo(f"  (the effects on {' and '.join(others)} records act on these too)")
         return
     if effect not in effects:
         raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")

@@ -29,6 +29,7 @@ def write_comparison(
     where: Sequence[Place] | None = None,
     status: Sequence[str] = (),
     facts: Sequence[tuple[str, str, str]] = (),
+    first: Sequence[Section] = (),
     sections: Sequence[Section] = (),
     name: str = "comparison.html",
 ) -> Path:
@@ -43,7 +44,7 @@ def write_comparison(
         where: places of the misfit; None where nobody looked for them.
         status: short facts for the line below the sentence, such as the campaign's name.
         facts: boxes of (what, value, remark).
-        sections: further parts, after the figures.
+        first, sections: further parts, before and after the figures.
         name: of the page's file.
 
     Returns:
@@ -53,7 +54,7 @@ def write_comparison(
         InputError: The folder cannot be written.
     """
     models = {clean(label, 60): traces for label, traces in models.items()}
-    parts = [show_fits(models), show_failures(models, noise, where), *sections]
+    parts = [*first, show_fits(models), show_failures(models, noise, where), *sections]
     return write_page(title, sentence, parts, folder, name, status=[clean(one, 120) for one in status], facts=facts)
 
 
@@ -74,7 +75,7 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
     return write_comparison(
         found.sentence, shown, folder, title=f"{one.campaign} and {len(found)} models", noise=one.noise,
         where=found[0].where, status=(one.campaign, f"{len(one.records)} records"),
-        sections=[_show_models(found), _show_signatures(found), tabulate_errors(one)])
+        first=[_show_models(found), _show_signatures(found)], sections=[tabulate_errors(one)])
 
 
 def _show_models(found: Comparisons) -> Section:
