@@ -193,10 +193,10 @@ def test_weights_of_weigh_are_taken(tmp_path):
     for name, text in (("a", first), ("b", other)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "model.json").write_text(text, encoding="utf-8")
-    rivals = [{"name": name, "folder": name, "weight": weight, "told_apart": False}
+    rivals = [{"name": name, "folder": name, "weight": weight, "outcome": "indistinguishable"}
               for name, weight in (("a", 0.75), ("b", 0.25))]
     (tmp_path / "weights.json").write_text(json.dumps({
-        "schema": "ddetumble.weights/1", "campaign": "x", "sentence": "", "rivals": rivals}), encoding="utf-8")
+        "schema": "ddetumble.weights/2", "campaign": "x", "sentence": "", "rivals": rivals}), encoding="utf-8")
     laws = draw_laws(tmp_path, lambda law: Striker(law.reference, CoulombFriction(0.2)).extend(law.effects), draws=4)
     assert laws.weights == (0.75, 0.25) and "weigh gave" in laws.note
     np.testing.assert_allclose(laws.shares(), [0.1875] * 4 + [0.0625] * 4)
