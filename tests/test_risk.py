@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import shutil
 from pathlib import Path
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from scipy.stats import norm
 
 from ddetumble import Ball, CoulombFriction, Cylinder, Striker, find_data
 from ddetumble.cli import main
+from ddetumble.cli.places import locate_fit
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load_model
 from ddetumble.planning.ambiguity import assess_plan, summarise_draws
@@ -301,6 +303,19 @@ def test_faulty_tables_are_refused(tmp_path, capsys, table, says):
     told = capsys.readouterr().err
     assert says in told and len(told.strip().splitlines()) == 1
     assert not (tmp_path / "out" / "plan.json").exists()
+
+
+@pytest.mark.parametrize("here", [".", "scenarios", "elsewhere"])
+def test_folder_of_the_fit_is_named_as_a_command_takes_it(here, tmp_path, monkeypatch):
+    """From the working folder on where the fit lies below it, from the shipped data on elsewhere; never absolute."""
+    shutil.copytree(SCENARIOS, tmp_path / "data" / "scenarios")
+    (tmp_path / "elsewhere").mkdir()
+    places = {".": "data/scenarios/close-settings", "scenarios": "close-settings"}
+    monkeypatch.chdir(tmp_path / {"scenarios": "data/scenarios"}.get(here, here))
+    scenarios = SCENARIOS.resolve() if here == "elsewhere" else tmp_path / "data" / "scenarios"
+    laws = pose_laws(read_scenario(scenarios / "uncertain-ball.toml"), scenarios)
+    assert laws is not None and laws.folder == places.get(here, "scenarios/close-settings")
+    assert (locate_fit(Path(laws.folder)) / "model.json").is_file()
 
 
 def test_effects_ask_for_their_conditions(tmp_path, capsys):

@@ -37,7 +37,7 @@ class Laws(eqx.Module):
         names: of the models.
         weights: of the models, with sum 1.
         note: where draws and weights come from, in words.
-        folder: of the fit; '' where there is none.
+        folder: of the fit, as `ddetumble design` takes it; '' where there is none.
     """
 
     draws: StrikeLaw
