@@ -163,17 +163,25 @@ def begin_sentence(text: str) -> str:
     return text[:1].upper() + text[1:] if re.match(r"[a-z]+(-[a-z]+)*[ ,;:]+(?!=)", text) else text
 
 
+# A capital with an index of one letter, such as `F_n`. Lower case, as in `k_e`, is left: these are names of parameters.
+_SYMBOL = re.compile(r"(?<![\w.\-])([A-Z])_([A-Za-z])(?![\w-]|\.\w)")
+
+
 def format_prose(text) -> Any:
-    """Text as HTML: escaped, numbers and units as in print, what stands between backticks as code; HTML as it is."""
+    """Text as HTML: escaped, numbers, units and symbols as in print, what stands between backticks as code.
+
+    HTML stays as it is.
+    """
     import markupsafe
 
     if isinstance(text, markupsafe.Markup):
         return text
     parts = str(text).split("`")
     if len(parts) % 2 == 0:  # a backtick without another is but a character
-        return markupsafe.escape(typeset(str(text)))
+        parts = [str(text)]
     return markupsafe.Markup("").join(
-        markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else markupsafe.escape(typeset(part))
+        markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else
+        markupsafe.Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", str(markupsafe.escape(typeset(part)))))
         for i, part in enumerate(parts))
 
 
