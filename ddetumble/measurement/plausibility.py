@@ -118,8 +118,8 @@ def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "_Size"], strictl
                    ) -> list[tuple[str, str, str]]:
     """Wrong units of one column that would explain all sizes; those named in `strictly` have to be explained well.
 
-    Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns nearest
-    to their typical values.
+    Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns
+    nearest to their typical values.
     """
     found, good, misses = [], [], {}
     for actual, stated in MISTAKES[kind]:

@@ -95,7 +95,8 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
             f"With the printed e friction without any slip is a(1 − e) times the normal force: {sign(still[0.0], 2)} "
             f"times at no load, negative below {rest:.1f} N and again above {CHANGES_SIGN_AT:.1f} N "
             f"({sign(still[loads.max()], 2)} times at {loads.max():.1f} N). With e = 1 the same a, b, c and d give a "
-            f"curve that rises from 0 by {min(steep.values()):.3f} to {max(steep.values()):.3f} per mm below {rest:.0f} N.",
+            f"curve that rises from 0 by {min(steep.values()):.3f} to {max(steep.values()):.3f} per mm below "
+            f"{rest:.0f} N.",
             {"rest_load": rest, "no_load": still[0.0], "largest_load": still[loads.max()],
              "sign_load": CHANGES_SIGN_AT, "slope_low": min(steep.values()), "slope_high": max(steep.values())}),
         Contradiction(
