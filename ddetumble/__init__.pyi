@@ -71,6 +71,7 @@ from .effects import catalogue as catalogue
 from .exam.drawing import Exam as Exam
 from .exam.examination import examine as examine
 from .exam.scorecard import write_scorecard as write_scorecard
+from .inference.archive import FittedModel as FittedModel
 from .inference.archive import load_model as load_model
 from .inference.archive import resolve_model as resolve_model
 from .inference.curve_fit import fit_curve as fit_curve

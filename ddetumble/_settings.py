@@ -85,6 +85,14 @@ def find_data() -> Path:
     return installed if installed.is_dir() else package.parent / "data"
 
 
+def name_folder(folder: Path) -> str:
+    """A folder as commands take it: from the working folder on, or from the shipped data on; else as it was given."""
+    for start in (Path.cwd(), find_data()):
+        if folder.resolve().is_relative_to(start.resolve()):
+            return folder.resolve().relative_to(start.resolve()).as_posix()
+    return str(folder)
+
+
 def find_memory() -> float:
     """Memory that one computation may take [bytes]: DDETUMBLE_MEMORY, such as `4 GB`, or half of the machine's."""
     chosen = os.environ.get("DDETUMBLE_MEMORY", "").strip()

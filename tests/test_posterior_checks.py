@@ -141,8 +141,7 @@ def test_stacking_finds_the_right_model():
     good = rng.normal(-10, 2, 12)
     elpd = np.stack([good, good - 5 - rng.random(12), good - 30], axis=1)
     assert np.allclose(stack_weights(elpd), [1, 0, 0], atol=1e-6)
-    compared = compare_rivals(elpd, 0)
-    assert not compared[0][2] and compared[1][2] and compared[2][2]
+    compared = compare_rivals(elpd, np.array([1.0, 0.0, 0.0]))
     assert compared[2][0] == pytest.approx(-360) and compared[2][1] == pytest.approx(0, abs=1e-9)
 
 
@@ -165,8 +164,34 @@ def test_stacking_mixes_models():
 def test_equal_models_share_the_weight():
     elpd = np.repeat(np.random.default_rng(1).normal(0, 2, (12, 1)), 2, axis=1)
     assert np.allclose(stack_weights(elpd), 0.5)
-    assert not compare_rivals(elpd, 0)[1][2]
     assert stack_weights(elpd[:, :1]) == [1.0]
+
+
+@pytest.mark.parametrize(
+    "gains, weight, outcome",
+    [
+        # What the best gains over the other at every condition; its weight; what is said of it.
+        (np.full(12, 2.0), 1.0, "preferred"),
+        (np.full(12, 0.2), 1.0, "favoured"),  # always ahead, by 2.4 in all: certain, and small
+        (np.array([0.3] * 11 + [9.0]), 1.0, "favoured"),  # 12.3 in all, most of it from one condition
+        (np.array([9.0, -8.0] * 6), 0.5, "indistinguishable"),
+        (np.zeros(12), 0.5, "indistinguishable"),
+    ],
+)
+def test_outcome_of_a_comparison(gains, weight, outcome):
+    """A model with all the weight is never called indistinguishable, and preferred only by a large, sure difference."""
+    elpd = np.stack([gains, np.zeros(len(gains))], axis=1)
+    weights = stack_weights(elpd)
+    assert weights[0] == pytest.approx(weight, abs=0.01)
+    assert [one[2] for one in compare_rivals(elpd, weights)] == ["best", outcome]
+
+
+def test_outcomes_of_three_rivals():
+    """Every rival is judged against the best, wherever the best stands."""
+    elpd = np.stack([np.zeros(4), np.full(4, -9.0), np.array([0.4, 0.6, 0.5, 0.5])], axis=1)
+    weights = stack_weights(elpd)
+    assert weights[2] > 0.99
+    assert [one[2] for one in compare_rivals(elpd, weights)] == ["favoured", "preferred", "best"]
 
 
 def test_average_by_hand():
@@ -183,9 +208,9 @@ def test_average_by_hand():
 
 
 def write_weights(folder, **changes):
-    content = {"schema": "ddetumble.weights/1", "campaign": "c", "sentence": "s", "rivals": [
-        {"name": "a", "folder": "a", "weight": 0.5, "told_apart": False},
-        {"name": "b", "folder": "b", "weight": 0.5, "told_apart": False}], **changes}
+    content = {"schema": "ddetumble.weights/2", "campaign": "c", "sentence": "s", "rivals": [
+        {"name": "a", "folder": "a", "weight": 0.5, "outcome": "indistinguishable"},
+        {"name": "b", "folder": "b", "weight": 0.5, "outcome": "indistinguishable"}], **changes}
     folder.mkdir(exist_ok=True)
     (folder / "weights.json").write_text(json.dumps(content), encoding="utf-8")
     return folder
@@ -196,10 +221,10 @@ def write_weights(folder, **changes):
     [
         ({"schema": "other"}, "schema"),
         ({"rivals": []}, "damaged"),
-        ({"rivals": [{"name": "a", "folder": "a", "weight": 0.4, "told_apart": False}]}, "sum to 1"),
-        ({"rivals": [{"name": "a", "folder": "../x", "weight": 1.0, "told_apart": False}]}, "damaged"),
-        ({"rivals": [{"name": "a", "folder": "..", "weight": 1.0, "told_apart": False}]}, "below this one"),
-        ({"rivals": [{"name": "a", "folder": "a", "weight": -1.0, "told_apart": False}]}, "damaged"),
+        ({"rivals": [{"name": "a", "folder": "a", "weight": 0.4, "outcome": "indistinguishable"}]}, "sum to 1"),
+        ({"rivals": [{"name": "a", "folder": "../x", "weight": 1.0, "outcome": "indistinguishable"}]}, "damaged"),
+        ({"rivals": [{"name": "a", "folder": "..", "weight": 1.0, "outcome": "indistinguishable"}]}, "below this one"),
+        ({"rivals": [{"name": "a", "folder": "a", "weight": -1.0, "outcome": "indistinguishable"}]}, "damaged"),
         ({}, "the fit of a is not there"),
     ],
 )
@@ -306,10 +331,10 @@ def test_weigh_and_predict(tmp_path, capsys):
     folder = tmp_path / "weights"
     words = ["weigh", "data/slip-a", "--effect", "adhesive-offset", "--effect", "none", "-o", str(folder)]
     assert main(words) == 0
-    assert "predicts better than reference" in capsys.readouterr().out
+    assert "adhesive-offset" in capsys.readouterr().out
     content = json.loads((folder / "weights.json").read_text(encoding="utf-8"))
     assert [one["name"] for one in content["rivals"]] == ["adhesive-offset", "reference"]
-    assert content["rivals"][0]["weight"] > 0.99 and content["rivals"][1]["told_apart"]
+    assert content["rivals"][0]["weight"] > 0.99 and content["rivals"][1]["outcome"] == "preferred"
     content["rivals"][0]["weight"], content["rivals"][1]["weight"] = 0.7, 0.3
     (folder / "weights.json").write_text(json.dumps(content), encoding="utf-8")
     conditions = pd.DataFrame({"record": "a", "normal_load": 20.0, "internal_pressure": 1e6, "slip_speed": 0.02,

@@ -291,11 +291,13 @@ def test_commands_are_code_and_html_passes(tmp_path):
     import markupsafe
 
     texts = ["`ddetumble fit -o <DIR>` fits -1.5 N; k_e is the name of a parameter.", "k_e = 2",
-             markupsafe.Markup("<i>x</i>"), "one ` alone <b>", "each of 3 samples"]
+             markupsafe.Markup("<i>x</i>"), "one ` alone <b>", "each of 3 samples",
+             "F_n = F_k over I_t, file F_n.csv, A_b_c and `F_n`"]
     html = write_page("t", "s", [Section("x", texts)], tmp_path).read_text(encoding="utf-8")
-    shown = [html.partition("<section")[2].split("<p>")[i].partition("</p>")[0] for i in range(1, 6)]
+    shown = [html.partition("<section")[2].split("<p>")[i].partition("</p>")[0] for i in range(1, 7)]
     assert shown[0].startswith("<code>ddetumble fit -o &lt;DIR&gt;</code> fits −1.5\u00a0N")
-    assert shown[1:] == ["k_e = 2", "<i>x</i>", "One ` alone &lt;b&gt;", "Each of 3 samples"]
+    assert shown[1:] == ["k_e = 2", "<i>x</i>", "One ` alone &lt;b&gt;", "Each of 3 samples",
+                         "F<sub>n</sub> = F<sub>k</sub> over I<sub>t</sub>, file F_n.csv, A_b_c and <code>F_n</code>"]
 
 
 def test_columns_have_the_width_of_their_words(tmp_path):

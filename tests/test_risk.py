@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import shutil
 from pathlib import Path
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from scipy.stats import norm
 
 from ddetumble import Ball, CoulombFriction, Cylinder, Striker, find_data
 from ddetumble.cli import main
+from ddetumble.cli.places import locate_fit
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load_model
 from ddetumble.planning.ambiguity import assess_plan, summarise_draws
@@ -193,10 +195,10 @@ def test_weights_of_weigh_are_taken(tmp_path):
     for name, text in (("a", first), ("b", other)):
         (tmp_path / name).mkdir()
         (tmp_path / name / "model.json").write_text(text, encoding="utf-8")
-    rivals = [{"name": name, "folder": name, "weight": weight, "told_apart": False}
+    rivals = [{"name": name, "folder": name, "weight": weight, "outcome": "indistinguishable"}
               for name, weight in (("a", 0.75), ("b", 0.25))]
     (tmp_path / "weights.json").write_text(json.dumps({
-        "schema": "ddetumble.weights/1", "campaign": "x", "sentence": "", "rivals": rivals}), encoding="utf-8")
+        "schema": "ddetumble.weights/2", "campaign": "x", "sentence": "", "rivals": rivals}), encoding="utf-8")
     laws = draw_laws(tmp_path, lambda law: Striker(law.reference, CoulombFriction(0.2)).extend(law.effects), draws=4)
     assert laws.weights == (0.75, 0.25) and "weigh gave" in laws.note
     np.testing.assert_allclose(laws.shares(), [0.1875] * 4 + [0.0625] * 4)
@@ -301,6 +303,19 @@ def test_faulty_tables_are_refused(tmp_path, capsys, table, says):
     told = capsys.readouterr().err
     assert says in told and len(told.strip().splitlines()) == 1
     assert not (tmp_path / "out" / "plan.json").exists()
+
+
+@pytest.mark.parametrize("here", [".", "scenarios", "elsewhere"])
+def test_folder_of_the_fit_is_named_as_a_command_takes_it(here, tmp_path, monkeypatch):
+    """From the working folder on where the fit lies below it, from the shipped data on elsewhere; never absolute."""
+    shutil.copytree(SCENARIOS, tmp_path / "data" / "scenarios")
+    (tmp_path / "elsewhere").mkdir()
+    places = {".": "data/scenarios/close-settings", "scenarios": "close-settings"}
+    monkeypatch.chdir(tmp_path / {"scenarios": "data/scenarios"}.get(here, here))
+    scenarios = SCENARIOS.resolve() if here == "elsewhere" else tmp_path / "data" / "scenarios"
+    laws = pose_laws(read_scenario(scenarios / "uncertain-ball.toml"), scenarios)
+    assert laws is not None and laws.folder == places.get(here, "scenarios/close-settings")
+    assert (locate_fit(Path(laws.folder)) / "model.json").is_file()
 
 
 def test_effects_ask_for_their_conditions(tmp_path, capsys):

@@ -47,6 +47,12 @@ def locate_campaign(text: str) -> Path:
     return shipped
 
 
+def locate_fit(path: Path) -> Path:
+    """Folder of a fit: as given, or, where there is nothing, of the shipped fit of that name."""
+    shipped = find_data() / path
+    return shipped if not path.exists() and (shipped / "model.json").is_file() else path
+
+
 def list_shipped() -> list[str]:
     """Names of the campaigns that come with the toolkit."""
     data = find_data()

@@ -7,7 +7,7 @@ import typer
 
 from .._errors import InputError
 from .options import MODEL, OVERWRITE
-from .places import locate_campaign, open_optional
+from .places import locate_campaign, locate_fit, open_optional
 from .progress import show_progress
 
 
@@ -53,7 +53,7 @@ def design_test(
         from ..planning.nexttest import design
 
         with show_progress(f"designing the next test for {folder}") as report:
-            found = design(folder, limits=limit, channels=channel, length=length, progress=report)
+            found = design(locate_fit(folder), limits=limit, channels=channel, length=length, progress=report)
         if out is not None:
             from ..figures import draw_next_test, render_png
 

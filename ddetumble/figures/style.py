@@ -7,7 +7,11 @@ import textwrap
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Pixels
 
 
 INK = "#1b2733"
@@ -173,24 +177,38 @@ def name_ticks(axes, labels: Sequence[str], width: float, size: float = 8.5):
     axes.set_xticks(range(0, len(labels), every), labels[::every], rotation=90 if upright else 0, fontsize=size)
 
 
-def render_png(figure, dpi: int = 160) -> bytes:
-    """A figure as the bytes of a PNG file, the same bytes for the same figure."""
+def render_image(figure, dpi: int = 160) -> "Pixels":
+    """A figure as pixels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    buffer, before = io.BytesIO(), figure.dpi
-    canvas = FigureCanvasAgg(figure)
-    with apply_style():
-        figure.dpi = dpi
-        canvas.print_png(buffer, metadata={"Software": None})  # `savefig` lays the figure out, and draws it, twice
-        figure.dpi = before
-    return buffer.getvalue()
-
-
-def reduce_colours(image: bytes) -> bytes:
-    """The same PNG file with 256 colours, which is a third of its size and cannot be told from it in a figure."""
     from PIL import Image
 
+    before, canvas = figure.dpi, FigureCanvasAgg(figure)
+    with apply_style():
+        figure.dpi = dpi
+        canvas.draw()  # `savefig` lays the figure out, and draws it, twice
+        image = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba()).convert("RGB")
+        figure.dpi = before
+    return image
+
+
+def write_png(image: "Pixels") -> bytes:
+    """An image as the bytes of a PNG file, the same bytes for the same image."""
     buffer = io.BytesIO()
-    with Image.open(io.BytesIO(image)) as whole:
-        whole.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(buffer, "PNG")
+    image.save(buffer, "PNG")
     return buffer.getvalue()
+
+
+def render_png(figure, dpi: int = 160) -> bytes:
+    """A figure as the bytes of a PNG file, the same bytes for the same figure."""
+    return write_png(render_image(figure, dpi))
+
+
+def reduce_colours(image: "Pixels") -> "Pixels":
+    """The same image with 256 colours, whose file is half as large and cannot be told from it in a figure.
+
+    Pillow's maximum coverage takes half of the time of its median cut, with a smaller largest error; its octree is
+    faster still, and makes white grey.
+    """
+    from PIL import Image
+
+    return image.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)

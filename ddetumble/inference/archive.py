@@ -114,7 +114,7 @@ class ModelFile(_Strict):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class SavedModel:
+class FittedModel:
     """A fitted model: what `predict`, `design`, `draw_laws`, another fit or a comparison goes on from.
 
     Attributes:
@@ -200,16 +200,16 @@ class AbstractFitted(abc.ABC):
     """A result that holds a fitted model: a fit, a discovery."""
 
     @abc.abstractmethod
-    def fitted_model(self) -> SavedModel:
+    def fitted_model(self) -> FittedModel:
         """The fitted model by itself."""
 
 
-Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | SavedModel | AbstractFitted
+Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | FittedModel | AbstractFitted
 
 
 def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                 noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
-                names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> SavedModel:
+                names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> FittedModel:
     """A fitted model from a solution.
 
     Args:
@@ -230,7 +230,7 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
               for x in [campaign.records[n].to_numpy(dtype=float)]}
     sampling = _describe_sampling(campaign)
     stated = {n: column.uncertainty for n, column in campaign.conditions.items() if column.uncertainty is not None}
-    return SavedModel(
+    return FittedModel(
         None, campaign.name, campaign.sha256, name_family(campaign), model_name, tuple(e.id for e in inside), own,
         np.array([solution.u[space.index[name]] for name in own.index]),
         tuple(solution.names if names is None else names),
@@ -241,7 +241,7 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
         sampling=None if sampling is None else SamplingEntry(**sampling))
 
 
-def save_model(folder, fitted: SavedModel) -> Path:
+def save_model(folder, fitted: FittedModel) -> Path:
     """Write a fitted model into a folder, as `model.json`.
 
     Args:
@@ -277,7 +277,7 @@ def save_model(folder, fitted: SavedModel) -> Path:
     return path
 
 
-def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel:
+def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     """Read a fitted model.
 
     Args:
@@ -307,7 +307,7 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
     if wrong:
         raise InputError(f"the parameters are not those of the model ({', '.join(sorted(wrong))}); fit it again",
                          file=path, key="coordinates")
-    return SavedModel(
+    return FittedModel(
         path.parent, content.campaign, content.sha256, content.family, model, tuple(e.id for e in classes), space,
         np.array([content.coordinates[name] for name in space.index]), tuple(content.free),
         np.array(content.covariance).reshape(len(content.free), len(content.free)),
@@ -319,7 +319,7 @@ def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> SavedModel
         content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)), content.sampling)
 
 
-def take_fitted(model: str | Path | SavedModel | AbstractFitted) -> SavedModel:
+def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel:
     """The fitted model that a result holds, or that a folder has.
 
     Raises:
@@ -327,7 +327,7 @@ def take_fitted(model: str | Path | SavedModel | AbstractFitted) -> SavedModel:
     """
     if isinstance(model, AbstractFitted):
         return model.fitted_model()
-    if isinstance(model, SavedModel):
+    if isinstance(model, FittedModel):
         return model
     if not isinstance(model, (str, Path)):
         raise InputError(f"{type(model).__name__} is no fitted model: give what fit or discover returned, or a folder "
@@ -351,7 +351,7 @@ def resolve_model(model: Model, family: str = "impact") -> ResolvedModel:
     if isinstance(model, (AbstractModel, AbstractLaw)) or (
             isinstance(model, type) and issubclass(model, AbstractModel)):
         return wrap_model(model)
-    if not isinstance(model, (str, Path, SavedModel, AbstractFitted)):
+    if not isinstance(model, (str, Path, FittedModel, AbstractFitted)):
         raise InputError(f"{model!r} is no model: give a name, a folder, a model such as Ball(), or a fit", key="model")
     if isinstance(model, (str, Path)) and not is_fitted(str(model)):
         return find_model(str(model), family)
@@ -391,7 +391,7 @@ def _freeze(value: Any) -> Any:
     return tuple(_freeze(v) for v in value) if isinstance(value, list) else value
 
 
-def _describe_condition(fitted: SavedModel, name: str) -> dict[str, Any]:
+def _describe_condition(fitted: FittedModel, name: str) -> dict[str, Any]:
     (low, high), spread = fitted.ranges[name], fitted.uncertainties.get(name, Uncertainty())
     return {"unit": fitted.units[name], "low": low, "high": high, "absolute": spread.absolute,
             "relative": spread.relative}

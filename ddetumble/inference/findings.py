@@ -10,7 +10,7 @@ import numpy as np
 
 from .._errors import InputError
 from ..measurement.campaign import Campaign
-from .archive import AbstractFitted, SavedModel, make_fitted, save_model
+from .archive import AbstractFitted, FittedModel, make_fitted, save_model
 from .bounded import NEAR, Bounded, linearise_all, truncate_normal
 from .files import list_versions, make_plain, write_json
 from .goodness import GoodnessOfFit, judge_goodness
@@ -120,7 +120,7 @@ class Fit(AbstractFitted):
         """Model and effects in words."""
         return self.model + (f" with {', '.join(self.effects)}" if self.effects else "")
 
-    def fitted_model(self) -> SavedModel:
+    def fitted_model(self) -> FittedModel:
         """The fitted model by itself: what predictions and designs go on from."""
         return make_fitted(
             campaign=self.source, model_name=self.model, space=self.space, solution=self.solution, noise=self.noise,

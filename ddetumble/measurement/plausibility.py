@@ -30,7 +30,10 @@ RANGES = {
 # Stiffness of a ball over that of its gas: m/(P₀ v T³), T the time above half of the peak, is 0.65 for the reference
 # model, and 0.52 to 0.79 on two dozen simulated campaigns with any effects of the catalogue. A thick wall can do more.
 GAS_STIFFNESS = 0.65
-CORRECTED = (0.6, 1.7)  # what that ratio has to be once a mistaken unit is corrected
+# What that ratio has to be once a mistaken unit is corrected. Its spread (a standard deviation of about 14 %) does not
+# tell factors of 6.9 (psi as kPa) and 10 (MPa as bar) from each other for sure: both may agree.
+CORRECTED = (0.6, 1.7)
+TYPICAL = {"stiffness over that of the gas": 1.0, "path over speed and time": 1.0}  # of ratios, in the right units
 NUMBERS = ("elastic_modulus",)  # that a campaign says are known, with which no record differs from another
 MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values are in, and the one that was stated
     "pressure": (("bar", "MPa"), ("kPa", "MPa"), ("bar", "Pa"), ("MPa", "Pa"), ("kPa", "Pa"), ("psi", "bar"),
@@ -56,7 +59,8 @@ class Implausibility:
         low, high: What is expected of it [SI].
         unit: SI unit of these, "1" for a ratio.
         mistakes: Wrong units each of which alone would explain all that is out of the ordinary: the column, the unit
-            that its values would be in, and the one that was stated; none where no single one does.
+            that its values would be in, and the one that was stated. Columns come in the order in which they are likely
+            to be wrong, and each one's units by how well they agree; none where no single one explains all.
         sentence: The question, in words.
     """
 
@@ -85,8 +89,8 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     """Find what no bench has, and which wrong unit would explain it.
 
     Every size in `RANGES` that the campaign tells is compared with its range. One column in another unit than stated is
-    the explanation where it brings all of them into their ranges; where none does, each is named on its own. Of several
-    units in which a column may be, those that bring the stiffness of the gas nearly right are named, if there are any.
+    the explanation where it brings all of them into their ranges; where none does, each is named on its own. Every unit
+    that does so is named, or, if there are any, every one that brings the stiffness of the gas nearly right.
 
     Args:
         campaign: As read or imported, SI.
@@ -114,17 +118,19 @@ def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "_Size"], strictl
                    ) -> list[tuple[str, str, str]]:
     """Wrong units of one column that would explain all sizes; those named in `strictly` have to be explained well.
 
-    Several where the ranges leave it open which, as of kPa, bar and psi; all for the stated unit of the likeliest.
+    Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns
+    nearest to their typical values.
     """
-    found, good = [], []
+    found, good, misses = [], [], {}
     for actual, stated in MISTAKES[kind]:
         factor = check_unit(actual, "").scale / check_unit(stated, "").scale
         corrected = {name: size.value * factor ** size.powers.get(column, 0) for name, size in sizes.items()}
         if all(_is_within(name, value, name in strictly) for name, value in corrected.items()):
             found.append((column, actual, stated))
+            misses[found[-1]] = sum(abs(np.log(corrected[name] / typical)) for name, typical in TYPICAL.items()
+                                    if name in corrected)
             good += [found[-1]] * all(_is_within(name, value, True) for name, value in corrected.items())
-    likely = good or found
-    return [one for one in likely if one[2] == likely[0][2]]
+    return sorted(good or found, key=misses.__getitem__)
 
 
 def _is_within(name: str, value: float, strictly: bool = False) -> bool:
@@ -246,7 +252,10 @@ def _ask(name: str, size: _Size, mistakes: tuple[tuple[str, str, str], ...]) -> 
     units: dict[tuple[str, str], list[str]] = {}
     for column, actual, stated in mistakes:
         units.setdefault((column, stated), []).append(actual)
-    guesses = [f"{column} in {' or '.join(actual)} and not in {stated}" for (column, stated), actual in units.items()]
-    remedy = f"are the values of {', or of '.join(guesses)}?" if guesses else (
+    guesses: dict[str, list[str]] = {}
+    for (column, stated), actual in units.items():
+        guesses.setdefault(column, []).append(f"in {' or '.join(actual)} where {stated} is stated")
+    listed = [f"{column} {', or '.join(ways)}" for column, ways in guesses.items()]
+    remedy = f"are the values of {', or of '.join(listed)}?" if listed else (
         "are the units of all columns right, and the scales of the gauges?")
     return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")

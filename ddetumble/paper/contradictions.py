@@ -197,8 +197,8 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
              "quarter_shortest": min(quarter[0], times["area"][0]),
              "quarter_longest": max(quarter[1], times["area"][1])}),
         Contradiction(
-            12, "the sign of Eq. 5", f"F_c = −c_n F_k δ̇: {1 - kappa:.2f} F_k at first touch (e = 0.7)",
-            f"Hunt and Crossley: {1 + kappa:.2f} F_k", "F_n = F_k (1 + c_n w), w > 0 while loading",
+            12, "the sign of Eq. 5", f"F_c = −cₙ F_k δ̇: {1 - kappa:.2f} F_k at first touch (e = 0.7)",
+            f"Hunt and Crossley: {1 + kappa:.2f} F_k", "F_n = F_k (1 + cₙ w), w > 0 while loading",
             f"Taken at face value Eq. 5 lowers the force while the ball is loaded ({1 - kappa:.2f} of F_k at first "
             f"touch for "
             f"e = 0.7, where Hunt and Crossley's has {1 + kappa:.2f}) and feeds energy in: the ball would leave with "

@@ -23,7 +23,7 @@ def draw_rest(loads: np.ndarray):
     axes = dress(figure.subplots())
     load = np.linspace(0.0, 75.0, 301)
     _shade_loads(axes, loads)
-    axes.plot(load, slip_term(np.zeros_like(load), load, True), color=BEFORE, lw=1.8, label="e(F_n) as printed")
+    axes.plot(load, slip_term(np.zeros_like(load), load, True), color=BEFORE, lw=1.8, label="e(Fₙ) as printed")
     axes.axhline(0, color=AFTER, lw=1.8, label="e = 1")
     for at, shift in ((find_rest(), -4), (CHANGES_SIGN_AT, 4)):
         axes.plot([at], [0], "o", color=BEFORE, ms=5)
@@ -45,7 +45,7 @@ def draw_range(loads: np.ndarray):
     figure = new_figure(6.4)
     upper, lower = figure.subplots(2, 2, height_ratios=(1.25, 1))
     slip = np.linspace(0.0, 8.0, 401)
-    for axes, printed, title in ((upper[0], True, "e(F_n) as printed"), (upper[1], False, "e = 1")):
+    for axes, printed, title in ((upper[0], True, "e(Fₙ) as printed"), (upper[1], False, "e = 1")):
         for load, colour in (*INSIDE, *BEYOND):
             value = slip_term(1e-3 * slip, np.array(load), printed)
             axes.plot(slip, np.where(np.abs(value) < 4, value, np.nan), "-" if load < DIVERGES_ABOVE else "--",
@@ -251,7 +251,7 @@ def draw_scales(judged: FrictionJudgement, stated: float, at: float):
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_ylim(0, 105)
     axes.set_xlim(0.02, 50)
-    axes.set_xlabel("K σ0/p_r of Eq. 8, not printed")
+    axes.set_xlabel("K σ₀/pᵣ of Eq. 8, not printed")
     axes.set_ylabel("largest error with\none scale fitted [%]")
     return figure
 

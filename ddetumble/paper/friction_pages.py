@@ -92,7 +92,7 @@ def describe_claim(judged: FrictionJudgement, at: float) -> list[str]:
     return [
         f"The column of the uncorrected theory (Eq. 8, stated error {UNCORRECTED:g} %) is not printed, nor are the "
         f"constants behind it, so that the claim cannot be checked. Eq. 8 with one fitted scale is off by "
-        f"{most(scaled):.0f} % at worst with the toolkit's K σ₀/p_r = 0.4, by {UNCORRECTED:g} % at {at:.2f} and by "
+        f"{most(scaled):.0f} % at worst with the toolkit's K σ₀/pᵣ = 0.4, by {UNCORRECTED:g} % at {at:.2f} and by "
         f"{most(worst):.1f} % where adhesion is all of it: the size of that error is a matter of constants that the "
         f"paper does not give.",
         f"In that limit Eq. 8 is a constant coefficient. With one fitted number its worst row is {most(worst):.1f} % "

@@ -89,12 +89,14 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
     stated = table["printed_error"]
     return [
         Contradiction(
-            5, "friction without slip (Eqs. 9 and 10)", f"e(F_n) = 2.69 …: {sign(still[0.0], 2)} F_n at no load",
+            5, "friction without slip (Eqs. 9 and 10)",
+            f"e at no load is 2.69: friction is {sign(still[0.0], 2)} times the normal force",
             f"negative below {rest:.1f} N and above {CHANGES_SIGN_AT:.1f} N, not 0", "e = 1: the curve starts at 0",
-            f"With the printed e(F_n) friction without any slip is a(1 − e)F_n: {sign(still[0.0], 2)} F_n at no load, "
-            f"negative below {rest:.1f} N and again above {CHANGES_SIGN_AT:.1f} N ({sign(still[loads.max()], 2)} F_n "
-            f"at {loads.max():.1f} N). With e = 1 the same a, b, c and d give a curve that rises from 0 by "
-            f"{min(steep.values()):.3f} to {max(steep.values()):.3f} per mm below {rest:.0f} N.",
+            f"With the printed e friction without any slip is a(1 − e) times the normal force: {sign(still[0.0], 2)} "
+            f"times at no load, negative below {rest:.1f} N and again above {CHANGES_SIGN_AT:.1f} N "
+            f"({sign(still[loads.max()], 2)} times at {loads.max():.1f} N). With e = 1 the same a, b, c and d give a "
+            f"curve that rises from 0 by {min(steep.values()):.3f} to {max(steep.values()):.3f} per mm below "
+            f"{rest:.0f} N.",
             {"rest_load": rest, "no_load": still[0.0], "largest_load": still[loads.max()],
              "sign_load": CHANGES_SIGN_AT, "slope_low": min(steep.values()), "slope_high": max(steep.values())}),
         Contradiction(
@@ -102,7 +104,7 @@ def list_friction_points(table: Mapping[str, np.ndarray]) -> list[Contradiction]
             f"diverges with slip from {DIVERGES_ABOVE:.2f} N on, a < 0 from {CHANGES_SIGN_AT:.1f} N on",
             "loads above about 30 N are flagged as outside the fit's range",
             f"From {DIVERGES_ABOVE:.2f} N on the curve of Eqs. 9 and 10 grows without limit (b + |d| > 0), and from "
-            f"{CHANGES_SIGN_AT:.1f} N on a(F_n) is negative. The loads of Table 3 are {loads.min():.1f} to "
+            f"{CHANGES_SIGN_AT:.1f} N on a is negative. The loads of Table 3 are {loads.min():.1f} to "
             f"{loads.max():.1f} N: {outside} of {len(loads)} diverge, {negative} have a negative a, and at 1 mm of "
             f"slip the slip term would be {sign(term.max(), 2)} to {sign(term.min(), 2)}. If all rows share a slip, "
             f"Eq. 11 comes closest to Table 4's corrected column at {1e3 * SLIPS[best]:.3f} mm, so at none "

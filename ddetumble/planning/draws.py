@@ -19,7 +19,7 @@ from .._errors import InputError
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import FILE as MODEL
-from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fitted
+from ..inference.archive import AbstractFitted, FittedModel, load_model, take_fitted
 from ..inference.parameters import ParameterSpace, from_public
 from ..posterior.result import FILE as POSTERIOR
 from ..posterior.stacking import FILE as WEIGHTS
@@ -37,7 +37,7 @@ class Laws(eqx.Module):
         names: of the models.
         weights: of the models, with sum 1.
         note: where draws and weights come from, in words.
-        folder: of the fit; '' where there is none.
+        folder: of the fit, as `ddetumble design` takes it; '' where there is none.
     """
 
     draws: StrikeLaw
@@ -93,7 +93,7 @@ def draw_coordinates(space: ParameterSpace, u: np.ndarray, spread: np.ndarray, c
     return np.clip(found, *space.bounds())
 
 
-def draw_posterior(saved: SavedModel, count: int, seed: int) -> np.ndarray:
+def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
     """Draws of all coordinates from the posterior that `sample` wrote beside a fit, shape (count, parameters).
 
     Raises:
@@ -122,7 +122,7 @@ def draw_posterior(saved: SavedModel, count: int, seed: int) -> np.ndarray:
     return np.clip(found, *saved.space.bounds())
 
 
-def find_models(folder: Path) -> tuple[list[tuple[str, SavedModel, float]], str]:
+def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str]:
     """Name, model and weight of every model in a folder that `fit`, `sample`, `discover` or `weigh` wrote, and a note.
 
     Args:
@@ -145,11 +145,11 @@ def find_models(folder: Path) -> tuple[list[tuple[str, SavedModel, float]], str]
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 
 
-def _has_posterior(saved: SavedModel) -> bool:
+def _has_posterior(saved: FittedModel) -> bool:
     return saved.folder is not None and (saved.folder / POSTERIOR).is_file()
 
 
-def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, SavedModel, float]],
+def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedModel, float]],
               make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0, note: str = "") -> Laws:
     """Draw contact laws from a posterior's samples where there are some, from a fit's covariance elsewhere.
 
@@ -178,7 +178,7 @@ def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, SavedMod
     effects = dict.fromkeys(e for _, one, _ in models for e in one.space.effects)
     space = ParameterSpace(first.reference, tuple(effects), first.commons)
 
-    def place(saved: SavedModel, own: np.ndarray) -> np.ndarray:
+    def place(saved: FittedModel, own: np.ndarray) -> np.ndarray:
         whole = np.tile(space.coordinates(), (len(own), 1))
         whole[:, [space.index[name] for name in saved.space.index]] = own
         return whole

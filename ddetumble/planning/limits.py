@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from .._errors import InputError
 from ..contact.effect import read_validity
 from ..dynamics.spinning import ATTITUDES
-from ..inference.archive import SavedModel
+from ..inference.archive import FittedModel
 from ..inference.families import find_family
 from ..measurement.headings import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
@@ -55,7 +55,7 @@ class Extra:
     assumed: bool
 
 
-def set_limits(saved: SavedModel, entries: Mapping[str, str] | Sequence[str] | None = None) -> tuple[Limit, ...]:
+def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | None = None) -> tuple[Limit, ...]:
     """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say.
 
     Args:
@@ -92,7 +92,7 @@ def set_limits(saved: SavedModel, entries: Mapping[str, str] | Sequence[str] | N
     return tuple(found)
 
 
-def _extend(saved: SavedModel, name: str, low: float, high: float) -> tuple[float, float]:
+def _extend(saved: FittedModel, name: str, low: float, high: float) -> tuple[float, float]:
     """A campaign's range with what a next test can reach beyond it."""
     if low <= 0:
         return max(low, 0.0), WIDE * high
@@ -122,7 +122,7 @@ def _read_range(name: str, text: str) -> tuple[float, float]:
     return low, high
 
 
-def list_extras(saved: SavedModel, entries: Sequence[str] | Mapping[str, str] | None = None) -> tuple[Extra, ...]:
+def list_extras(saved: FittedModel, entries: Sequence[str] | Mapping[str, str] | None = None) -> tuple[Extra, ...]:
     """Channels that could be added: those of the options (`NAME: NOISE UNIT`), or with none the usual ones.
 
     Raises:
@@ -145,7 +145,7 @@ def list_extras(saved: SavedModel, entries: Sequence[str] | Mapping[str, str] | 
     return tuple(found)
 
 
-def _make_extra(saved: SavedModel, name: str, noise: str, assumed: bool) -> Extra:
+def _make_extra(saved: FittedModel, name: str, noise: str, assumed: bool) -> Extra:
     """One channel with its noise."""
     usual = find_family(saved.family).plan.added[name]
     unit = check_unit(si_unit(name), name)

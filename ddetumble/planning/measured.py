@@ -11,7 +11,7 @@ import numpy as np
 
 from ..contact.gripping import StrikeLaw
 from ..dynamics.impact import simulate
-from ..inference.archive import SavedModel
+from ..inference.archive import FittedModel
 from ..selection.sentences import NAMES
 from .draws import find_models
 from .strike_plan import StrikePlan
@@ -76,7 +76,7 @@ def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange,
     return tuple(found.values())
 
 
-def _list_impacts(saved: SavedModel, name: str) -> list[MeasuredRange]:
+def _list_impacts(saved: FittedModel, name: str) -> list[MeasuredRange]:
     # An impact passes through all smaller slip speeds than its first.
     found = [MeasuredRange(n, 0.0 if n == "tangential_speed" else low, high, saved.units[n], name)
              for n, (low, high) in saved.ranges.items() if n != "sequence"]
@@ -90,14 +90,14 @@ def _list_impacts(saved: SavedModel, name: str) -> list[MeasuredRange]:
     return found
 
 
-def _list_slips(saved: SavedModel, name: str) -> list[MeasuredRange]:
+def _list_slips(saved: FittedModel, name: str) -> list[MeasuredRange]:
     among = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
              "slip_speed": "tangential_speed"}
     return [MeasuredRange(among.get(n, n), low if n == "internal_pressure" or n not in among else 0.0, high,
                           saved.units[n], name) for n, (low, high) in saved.ranges.items() if n != "sequence"]
 
 
-def _reach(saved: SavedModel) -> tuple[float, float]:
+def _reach(saved: FittedModel) -> tuple[float, float]:
     """Largest depression [m] and normal force [N] of the fitted model at the fastest approach of its campaign."""
     law = saved.law()
     law = law.normal if isinstance(law, StrikeLaw) else law

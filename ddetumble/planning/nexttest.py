@@ -10,7 +10,7 @@ import numpy as np
 
 from .._errors import ComputationError, InputError
 from ..inference.archive import FILE as MODEL
-from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fitted
+from ..inference.archive import AbstractFitted, FittedModel, load_model, take_fitted
 from ..selection.result import RESULT, RIVALS, Discovery
 from ..selection.settings import DEFAULT
 from .limits import Extra, list_extras, set_limits
@@ -27,7 +27,7 @@ STEPS = 15  # of the refit that checks a separation
 EDGE = 5e-3  # share of its range within which a condition stands at a limit
 
 Progress = Callable[[str, float], None]
-Fitted = AbstractFitted | SavedModel
+Fitted = AbstractFitted | FittedModel
 
 
 def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, str] | Sequence[str] | None = None,
@@ -77,7 +77,7 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
     return dc.replace(found, sentence=sentence, notes=notes)
 
 
-def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[SavedModel], str]:
+def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[FittedModel], str]:
     """The best model and its rivals, and the verdict (`fit` where no discovery gives one).
 
     Raises:
@@ -87,13 +87,13 @@ def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[
         return read_confused(Path(models))
     if isinstance(models, Discovery):
         return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
-    found = [take_fitted(one) for one in ([models] if isinstance(models, (SavedModel, AbstractFitted)) else models)]
+    found = [take_fitted(one) for one in ([models] if isinstance(models, (FittedModel, AbstractFitted)) else models)]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
         raise InputError("the models have to be fits of one campaign that extend one reference model")
     return found, "fit" if len(found) == 1 else "undecided"
 
 
-def read_confused(folder: Path) -> tuple[list[SavedModel], str]:
+def read_confused(folder: Path) -> tuple[list[FittedModel], str]:
     """The best model of a folder and its rivals, and the verdict (`fit` where no discovery stands there).
 
     Raises:
@@ -118,7 +118,7 @@ def read_confused(folder: Path) -> tuple[list[SavedModel], str]:
     return [best, *rivals], verdict
 
 
-def name_model(saved: SavedModel) -> str:
+def name_model(saved: FittedModel) -> str:
     """A model by its effects."""
     return " + ".join(saved.effects) or saved.model
 
@@ -129,7 +129,7 @@ def _rank(proposal: Proposal) -> tuple:
 
 
 def _propose(layout: Layout, test: Test, mask: np.ndarray, x: np.ndarray, extra: Extra | None, names: tuple[str, ...],
-             saved: SavedModel) -> Proposal:
+             saved: FittedModel) -> Proposal:
     """One proposal at shares `x` of the free limits, conditions rounded to what one would set."""
     x = round_shares(test, x, layout.free)
     values = np.asarray(place_conditions(test, jnp.asarray(x), layout.free))
@@ -179,7 +179,7 @@ def _compare(found: Distances, i: int, j: int, names: tuple[str, ...]) -> Pair:
                 max(known) if len(known) == len(repeats) else None)
 
 
-def _narrow(saved: SavedModel, found: Distances) -> tuple[Narrowing, ...]:
+def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
     """What one test makes of the standard deviations of a single model's parameters."""
     keep = found.rows[0][:, None]
     moved = np.asarray(profile_nuisances(found.at.shared[0] * keep, found.at.own[0] * keep))

@@ -14,7 +14,7 @@ from jaxtyping import Array
 from .._errors import InputError
 from ..dynamics.impact import RTOL
 from ..dynamics.spinning import START_ATTITUDE
-from ..inference.archive import SavedModel
+from ..inference.archive import FittedModel
 from ..inference.noise import TAPS, Noise, whitening
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import observe_record
@@ -207,7 +207,7 @@ def count_rows(layout: Layout, test: Test, end: np.ndarray, mask: np.ndarray) ->
                            for c, channel in enumerate(layout.channels)], axis=1)
 
 
-def prepare(models: Sequence[SavedModel], limits: Sequence[Limit], extras: Sequence[Extra], *,
+def prepare(models: Sequence[FittedModel], limits: Sequence[Limit], extras: Sequence[Extra], *,
             length: float | None = None) -> tuple[Layout, Test]:
     """Everything that the program needs.
 
@@ -278,7 +278,7 @@ def thinning_factor(noise: Noise, thin: float) -> float:
     return level(noise.correlation**thin, thin) / level(noise.correlation, 1.0)
 
 
-def _lay_samples(saved: SavedModel, limits: Sequence[Limit], length: float | None
+def _lay_samples(saved: FittedModel, limits: Sequence[Limit], length: float | None
                  ) -> tuple[np.ndarray, float, float, np.ndarray]:
     """Sample times, how many samples of the campaign's one stands for, the span, and what it belongs to."""
     sampling = saved.sampling

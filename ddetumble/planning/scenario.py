@@ -16,6 +16,7 @@ import pydantic
 from .._errors import InputError
 from .._numerics import scalar
 from .._rotation import rotate_back
+from .._settings import name_folder
 from ..contact.effect import parameters_of
 from ..contact.friction import DIVERGES_ABOVE
 from ..contact.gripping import StrikeLaw, Striker
@@ -205,7 +206,7 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
         return mount_law(scenario, *((beside, law) if slips else (law, beside)))
 
     laws = draw_laws(models, make, draws=table.draws, seed=scenario.seed, note=note)
-    return dc.replace(laws, folder=str(folder))
+    return dc.replace(laws, folder=name_folder(folder))
 
 
 def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> Problem:

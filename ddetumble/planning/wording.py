@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from ..inference.archive import SavedModel
+from ..inference.archive import FittedModel
 from ..inference.families import FAMILIES, find_family
 from ..selection.sentences import NAMES, UNITS, format_plain
 from .limits import Extra, Limit
@@ -13,7 +13,7 @@ TOLD = "more than 50 noise variances behind, from where discover drops it"
 MOST_TEXT = "30 repeats"
 
 
-def explain_design(found: Design, saved: SavedModel) -> tuple[str, tuple[str, ...]]:
+def explain_design(found: Design, saved: FittedModel) -> tuple[str, tuple[str, ...]]:
     """The sentence of a design, and notes."""
     if len(found.rivals) == 1:
         return _explain_narrowing(found), _notes(found, saved)
@@ -52,7 +52,7 @@ def _say_narrowing(n: Narrowing) -> str:
     return f"{n.name} from ± {n.before:.2g} to ± {n.after:.2g} {n.unit}".rstrip()
 
 
-def _notes(found: Design, saved: SavedModel) -> tuple[str, ...]:
+def _notes(found: Design, saved: FittedModel) -> tuple[str, ...]:
     """What was assumed, what else there is."""
     notes = []
     for pair in found.proposals[0].pairs if found.proposals[0].split else ():

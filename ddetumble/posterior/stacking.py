@@ -11,7 +11,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import numpy as np
@@ -37,15 +37,19 @@ from .target import CampaignTarget, pose_fit
 
 
 FILE = "weights.json"
-SCHEMA = "ddetumble.weights/1"
-LEAST = 4.0  # difference of summed logarithms of densities below which models are not told apart
+SCHEMA = "ddetumble.weights/2"
+# Vehtari's advice on elpd_diff (loo, cross-validation FAQ): below 4 models predict alike whatever the standard error,
+# which is itself too small there; above, the difference has to be large beside it.
+LEAST = 4.0
 ERRORS = 2.0  # standard errors that it has to exceed, too
+NEARLY_ALL = 0.95  # weight from which on a mixture is the one model
 FEW = 8  # conditions below which a standard error from their scatter is itself a guess
 NOTHING = 1e-4  # weights below are none
 RESULT = "result.json"
 DRAWS = 480  # about each fit
 ROUNDS = 3  # in which the draws follow the posterior, at most
 Progress = Callable[[str, float], None]
+Outcome = Literal["best", "preferred", "favoured", "indistinguishable"]
 Rivals = Sequence[str | Sequence[str | type[AbstractEffect]]]
 
 
@@ -58,9 +62,9 @@ class Rival:
         fit: its fit, all rivals under the same noise.
         scores: left-out conditions.
         weight: by stacking.
-        difference: of its summed score from that of the best; negative or 0.
-        standard_error: of the difference, over conditions.
-        apart: whether the conditions tell it from the best.
+        difference: of its elpd from that of the best; negative or 0.
+        standard_error: of the difference, from its scatter over conditions.
+        outcome: the comparison with the best, as `judge_difference` names it; `best` of the best itself.
     """
 
     name: str
@@ -70,7 +74,7 @@ class Rival:
     weight: float
     difference: float
     standard_error: float
-    apart: bool
+    outcome: Outcome
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
@@ -119,7 +123,7 @@ class ModelWeights:
             "rivals": [{
                 "name": one.name, "folder": one.folder, "effects": one.fit.effects, "weight": one.weight,
                 "elpd": one.scores.elpd, "elpd_standard_error": one.scores.standard_error,
-                "difference": one.difference, "standard_error": one.standard_error, "told_apart": one.apart,
+                "difference": one.difference, "standard_error": one.standard_error, "outcome": one.outcome,
                 "chi2_reduced": one.fit.chi2_reduced, "text": one.scores.text,
                 "left_out": [{"elpd": s.elpd, "pareto_k": s.pareto_k, "way": s.way, "trusted": s.trusted}
                              for s in one.scores.scores],
@@ -299,18 +303,37 @@ def stack_weights(elpd: np.ndarray) -> np.ndarray:
     return w / w.sum()
 
 
-def compare_rivals(elpd: np.ndarray, best: int) -> list[tuple[float, float, bool]]:
-    """Difference of every model's summed score from the best's, its standard error, and whether it is told apart.
+def compare_rivals(elpd: np.ndarray, weights: np.ndarray) -> list[tuple[float, float, Outcome]]:
+    """Paired difference of every model's elpd from that of the best, its standard error, and the outcome.
 
     Args:
         elpd: shape (conditions, models).
-        best: number of the best model.
+        weights: of the models, by stacking, shape (models,).
     """
-    found = []
+    best = int(np.argmax(elpd.sum(axis=0)))
+    found: list[tuple[float, float, Outcome]] = []
     for k in range(elpd.shape[1]):
         difference, error = add_up(elpd[:, k] - elpd[:, best])
-        found.append((difference, error, bool(k != best and -difference > LEAST and -difference > ERRORS * error)))
+        outcome = "best" if k == best else judge_difference(difference, error, float(weights[best]))
+        found.append((difference, error, outcome))
     return found
+
+
+def judge_difference(difference: float, error: float, weight: float) -> Outcome:
+    """What left-out conditions say of the best model against another.
+
+    Args:
+        difference: elpd of the other less that of the best; negative or 0.
+        error: its standard error.
+        weight: of the best, by stacking.
+
+    Returns:
+        `preferred`, where the best leads by more than `LEAST` and by more than `ERRORS` standard errors; else
+        `favoured`, where stacking gives it (nearly) all the weight, and `indistinguishable`, where it does not.
+    """
+    if -difference > LEAST and -difference > ERRORS * error:
+        return "preferred"
+    return "favoured" if weight >= NEARLY_ALL else "indistinguishable"
 
 
 def conclude(campaign: str, model: str, fits: Sequence[Fit], scores: Sequence[Scores], notes: Sequence[str] = ()
@@ -319,7 +342,7 @@ def conclude(campaign: str, model: str, fits: Sequence[Fit], scores: Sequence[Sc
     elpd = np.stack([one.values for one in scores], axis=1)
     weights, best = stack_weights(elpd), int(np.argmax(elpd.sum(axis=0)))
     order = sorted(range(len(fits)), key=lambda k: (k != best, -float(elpd[:, k].sum())))
-    compared = compare_rivals(elpd, best)
+    compared = compare_rivals(elpd, weights)
     names = [name_rival(one.effects) for one in fits]
     rivals = tuple(Rival(names[k], _name_folder(names[k]), fits[k], scores[k], float(weights[k]), *compared[k])
                    for k in order)
@@ -337,21 +360,31 @@ def conclude(campaign: str, model: str, fits: Sequence[Fit], scores: Sequence[Sc
 
 
 def _say(rivals: Sequence[Rival], conditions: int) -> str:
+    best, others = rivals[0], rivals[1:]
+    if not others:
+        return f"{best.name} has no rival, so that its weight is 1 and says nothing."
     shares = ", ".join(f"{one.name} {one.weight:.2f}" for one in sorted(rivals, key=lambda r: -r.weight))
-    head = f"To predict conditions of {rivals[0].fit.campaign} that were left out, the models mix best as {shares}"
-    if len(rivals) == 1:
-        return f"{rivals[0].name} has no rival, so that its weight is 1 and says nothing."
-    near = [one for one in rivals[1:] if not one.apart]
-    far = [one for one in rivals[1:] if one.apart]
+    head = (f"Stacking over {conditions} left-out conditions of {best.fit.campaign} gives the weights {shares} "
+            "(elpd: log predictive density of left-out conditions)")
     parts = []
-    if far:
-        told = ", ".join(f"{one.name} ({-one.difference:.1f} ± {one.standard_error:.1f} behind)" for one in far)
-        parts.append(f"{rivals[0].name} predicts better than {told}, in logarithms of the density over {conditions} "
-                     "conditions")
-    if near:
-        told = ", ".join(f"{one.name} ({-one.difference:.1f} ± {one.standard_error:.1f} behind)" for one in near)
-        parts.append(f"these data do not tell {rivals[0].name} from {told}")
-    return f"{head}; {', and '.join(parts)}."
+    if found := [one for one in others if one.outcome == "preferred"]:
+        parts.append(f"{best.name} is preferred to {_list_behind(found)}")
+    if found := [one for one in others if one.outcome == "favoured"]:
+        within = [one for one in found if -one.difference <= ERRORS * one.standard_error]
+        small = [one for one in found if one not in within]
+        if within:
+            parts.append(f"the weights favour {best.name} over {_list_behind(within)}, but the difference is within "
+                         f"{ERRORS:g} standard errors")
+        if small:
+            parts.append(f"the weights favour {best.name} over {_list_behind(small)}, but a difference of less than "
+                         f"{LEAST:g} does not settle the choice")
+    if found := [one for one in others if one.outcome == "indistinguishable"]:
+        parts.append(f"{best.name} is not distinguishable from {_list_behind(found)}")
+    return f"{head}; {'; '.join(parts)}."
+
+
+def _list_behind(rivals: Sequence[Rival]) -> str:
+    return ", ".join(f"{one.name} (elpd lower by {-one.difference:.1f} ± {one.standard_error:.1f})" for one in rivals)
 
 
 def name_rival(effects: Sequence[str]) -> str:
@@ -412,7 +445,7 @@ class _Entry(pydantic.BaseModel):
     name: str
     folder: str = pydantic.Field(pattern=r"^[^/\\]+$")
     weight: float = pydantic.Field(ge=0, le=1, allow_inf_nan=False)
-    told_apart: bool
+    outcome: Outcome
 
 
 class _Weights(pydantic.BaseModel):

@@ -13,7 +13,7 @@ import pandas as pd
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
-from ..inference.archive import Model, SavedModel, resolve_model, take_fitted
+from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.families import FAMILIES, find_family, name_family
 from ..inference.files import make_plain
 from ..inference.models import ResolvedModel
@@ -229,7 +229,7 @@ def _smooth_all(campaign: Campaign, contacts: Sequence[_Contact], channels: Sequ
     return found
 
 
-def _find_parameters(campaign: Campaign, saved: SavedModel | None, space: ParameterSpace, u: np.ndarray,
+def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: ParameterSpace, u: np.ndarray,
                      contacts: Sequence[_Contact], noise: Mapping[str, Noise], measured: bool):
     """Restitution and whatever else is unknown: names, covariance, coordinates, source, notes."""
     if saved is not None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from .._errors import InputError
 from ..figures.labels import clean, typeset
-from ..figures.style import reduce_colours, render_png
+from ..figures.style import reduce_colours, render_image, write_png
 
 
 BUDGET = 2_700_000  # characters of all figures in a page
@@ -107,9 +107,10 @@ def write_page(
     for picture in pictures:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", picture.name):
             raise ValueError(f"{picture.name!r} is no name for a file: use letters, digits, dots, hyphens")
-    images = [render_png(picture.figure) for picture in pictures]
-    narrow = [_encode(render_png(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
-    shown = _fit_budget(pictures, images, BUDGET - sum(map(len, narrow)))
+    # Images are packed one by one: all of a long page as pixels would be hundreds of megabytes.
+    packed = [(write_png(image), _encode(image)) for image in (render_image(one.figure) for one in pictures)]
+    narrow = [_encode(render_image(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
+    shown = _fit_budget(pictures, [one for _, one in packed], BUDGET - sum(map(len, narrow)))
     blocks, start = [], 0
     for section in sections:
         count = len(section.figures)
@@ -130,7 +131,7 @@ def write_page(
     )  # fmt: skip
     try:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
-        for picture, image in zip(pictures, images, strict=True):
+        for picture, (image, _) in zip(pictures, packed, strict=True):
             write_whole(folder / "figures" / f"{picture.name}.png", image)
         write_whole(folder / name, html.encode("utf-8", "replace"))
     except OSError as error:
@@ -163,17 +164,25 @@ def begin_sentence(text: str) -> str:
     return text[:1].upper() + text[1:] if re.match(r"[a-z]+(-[a-z]+)*[ ,;:]+(?!=)", text) else text
 
 
+# A capital with an index of one letter, such as `F_n`. Lower case, as in `k_e`, is left: these are names of parameters.
+_SYMBOL = re.compile(r"(?<![\w.\-])([A-Z])_([A-Za-z])(?![\w-]|\.\w)")
+
+
 def format_prose(text) -> Any:
-    """Text as HTML: escaped, numbers and units as in print, what stands between backticks as code; HTML as it is."""
+    """Text as HTML: escaped, numbers, units and symbols as in print, what stands between backticks as code.
+
+    HTML stays as it is.
+    """
     import markupsafe
 
     if isinstance(text, markupsafe.Markup):
         return text
     parts = str(text).split("`")
     if len(parts) % 2 == 0:  # a backtick without another is but a character
-        return markupsafe.escape(typeset(str(text)))
+        parts = [str(text)]
     return markupsafe.Markup("").join(
-        markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else markupsafe.escape(typeset(part))
+        markupsafe.Markup("<code>{}</code>").format(part) if i % 2 else
+        markupsafe.Markup(_SYMBOL.sub(r"\1<sub>\2</sub>", str(markupsafe.escape(typeset(part)))))
         for i, part in enumerate(parts))
 
 
@@ -197,18 +206,18 @@ def _begin(text):
     return text if hasattr(text, "__html__") else begin_sentence(str(text))
 
 
-def _encode(image: bytes) -> str:
-    return base64.b64encode(reduce_colours(image)).decode("ascii")
+def _encode(image) -> str:
+    return base64.b64encode(write_png(reduce_colours(image))).decode("ascii")
 
 
-def _fit_budget(pictures: Sequence[Picture], images: Sequence[bytes], budget: int) -> list[str]:
+def _fit_budget(pictures: Sequence[Picture], shown: list[str], budget: int) -> list[str]:
     """Images as base64; the largest are drawn again with fewer pixels while the page would be too large."""
-    shown = [_encode(image) for image in images]
+    shown = list(shown)
     for dpi in (115, 85, 60):
         for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
             if sum(map(len, shown)) <= budget:
                 return shown
-            shown[i] = _encode(render_png(pictures[i].figure, dpi))
+            shown[i] = _encode(render_image(pictures[i].figure, dpi))
     return shown
 
 

@@ -10,7 +10,7 @@ from ..contact.friction import describe_range
 from ..contact.law import ContactLaw
 from ..contact.sliding import RubberFriction
 from ..dynamics.impact import bound_depression
-from ..inference.archive import SavedModel
+from ..inference.archive import FittedModel
 
 
 SLACK = 0.02  # of a condition's value, by which it may lie outside
@@ -38,7 +38,7 @@ class Squeeze:
                 f"the ball would be pressed together by up to {1e3 * self.depression:.3g} of {size}")
 
 
-def find_squeezes(saved: SavedModel, keys: Sequence[str], settings: Mapping[str, np.ndarray]) -> tuple[Squeeze, ...]:
+def find_squeezes(saved: FittedModel, keys: Sequence[str], settings: Mapping[str, np.ndarray]) -> tuple[Squeeze, ...]:
     """Records whose impact would press the ball together by more than `SQUEEZED` of its diameter.
 
     Args:
@@ -60,7 +60,7 @@ def find_squeezes(saved: SavedModel, keys: Sequence[str], settings: Mapping[str,
     return tuple(found)
 
 
-def describe_extrapolation(saved: SavedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
+def describe_extrapolation(saved: FittedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
     """Sentences on conditions beyond those of the campaign."""
     found: dict[str, list[str]] = {}
     for i, key in enumerate(keys):
@@ -88,7 +88,7 @@ def describe_extrapolation(saved: SavedModel, keys: list[str], settings: dict[st
     return notes
 
 
-def describe_failure(saved: SavedModel, key: str, settings: Mapping[str, np.ndarray], place: int) -> str:
+def describe_failure(saved: FittedModel, key: str, settings: Mapping[str, np.ndarray], place: int) -> str:
     """Why the model can hardly be integrated for a record, and what to do, in a sentence.
 
     Args:

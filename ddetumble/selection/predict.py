@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from .._errors import ComputationError, InputError
-from ..inference.archive import AbstractFitted, SavedModel, load_model, take_fitted
+from ..inference.archive import AbstractFitted, FittedModel, load_model, take_fitted
 from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
@@ -59,7 +59,7 @@ class Request:
         return Request(self.keys[rows], values, True, self.notes)
 
 
-def read_request(conditions: str | Path | pd.DataFrame, saved: SavedModel, names: tuple[str, ...]) -> Request:
+def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, names: tuple[str, ...]) -> Request:
     """Read what is wanted of a fitted model.
 
     Args:
@@ -187,7 +187,7 @@ BEYOND = 1.25  # contact times that such an impact record lasts
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
 
 
-def predict(model: str | Path | SavedModel | AbstractFitted, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+def predict(model: str | Path | FittedModel | AbstractFitted, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
     """Predict records at new conditions.
 
     Args:
@@ -216,7 +216,7 @@ def predict(model: str | Path | SavedModel | AbstractFitted, conditions: str | P
     return predict_model(model, conditions)
 
 
-def predict_model(model: str | Path | SavedModel | AbstractFitted,
+def predict_model(model: str | Path | FittedModel | AbstractFitted,
                   conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     """As `predict`, for a single model."""
     saved, request = ask_model(model, conditions)
@@ -258,8 +258,8 @@ def predict_model(model: str | Path | SavedModel | AbstractFitted,
     return result
 
 
-def ask_model(model: str | Path | SavedModel | AbstractFitted, conditions: str | Path | pd.DataFrame | Request
-              ) -> tuple[SavedModel, Request]:
+def ask_model(model: str | Path | FittedModel | AbstractFitted, conditions: str | Path | pd.DataFrame | Request
+              ) -> tuple[FittedModel, Request]:
     """A fitted model, and what is wanted of it."""
     saved = take_fitted(model)
     if isinstance(conditions, Request):
@@ -267,22 +267,22 @@ def ask_model(model: str | Path | SavedModel | AbstractFitted, conditions: str |
     return saved, read_request(conditions, saved, name_conditions(saved))
 
 
-def name_conditions(saved: SavedModel) -> tuple[str, ...]:
+def name_conditions(saved: FittedModel) -> tuple[str, ...]:
     """Names of what a record needs."""
     return (*saved.ranges, *find_family(saved.family, "predict").starts)
 
 
-def name_abscissa(saved: SavedModel) -> str:
+def name_abscissa(saved: FittedModel) -> str:
     """Name of the independent variable."""
     return find_family(saved.family, "predict").independent
 
 
-def list_channels(saved: SavedModel) -> tuple[str, ...]:
+def list_channels(saved: FittedModel) -> tuple[str, ...]:
     """Channels of the campaign that the model predicts."""
     return tuple(c for c in find_family(saved.family, "predict").channels if c in saved.channels)
 
 
-def lay_times(saved: SavedModel, request: Request) -> Request:
+def lay_times(saved: FittedModel, request: Request) -> Request:
     """What is wanted, with times of its own for every record where none are given.
 
     Raises:
@@ -312,7 +312,7 @@ def _round_step(step: float) -> float:
     return float(power * min((x for x in (1.0, 2.0, 5.0, 10.0) if x * power >= step * (1 - 1e-9)), default=10.0))
 
 
-def find_ends(saved: SavedModel, settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def find_ends(saved: FittedModel, settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Contact times of impacts, shape (records,) [s], and whether each separates at all.
 
     Where one does not within `LONGEST` doublings of the campaign's records, the time is that of the last look.
@@ -341,7 +341,7 @@ def _linearise(space, names, channels, stack, base, directions, low, high):
     return at.channels, at.shared, at.own, at.end, at.failed
 
 
-def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.ndarray],
+def _predict_some(saved: FittedModel, channels: tuple[str, ...], times: list[np.ndarray],
                   settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
     mean, shared, own, _ = evaluate_rows(saved, channels, times, settings, keys)
@@ -351,7 +351,7 @@ def _predict_some(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     return mean, np.sqrt(variance), np.sqrt(variance + scatter + noise)
 
 
-def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.ndarray],
+def evaluate_rows(saved: FittedModel, channels: tuple[str, ...], times: list[np.ndarray],
                   settings: dict[str, np.ndarray], keys: list[str], u: np.ndarray | None = None
                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A fitted model at a few records.
@@ -414,7 +414,7 @@ def evaluate_rows(saved: SavedModel, channels: tuple[str, ...], times: list[np.n
     return mean[:count], shared[:count], own[:count], end[:count]
 
 
-def name_scatter(saved: SavedModel, settings: dict[str, np.ndarray]) -> tuple[str, ...]:
+def name_scatter(saved: FittedModel, settings: dict[str, np.ndarray]) -> tuple[str, ...]:
     """Conditions that scatter from test to test, and the time origin."""
     return (*(n for n in settings if n in saved.uncertainties and n != "sequence"), "time")
 
@@ -466,7 +466,7 @@ def predict_average(folder: Path, conditions: str | Path | pd.DataFrame) -> pd.D
     return result
 
 
-def read_rivals(folder: Path) -> tuple[list[str], list[SavedModel], list[float]]:
+def read_rivals(folder: Path) -> tuple[list[str], list[FittedModel], list[float]]:
     """Names, models and weights, with sum 1, of the rivals in a folder that `weigh` wrote."""
     from ..posterior.stacking import read_weights
 

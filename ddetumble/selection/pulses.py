@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from .._errors import InputError
-from ..inference.archive import AbstractFitted, SavedModel, load_model
+from ..inference.archive import AbstractFitted, FittedModel, load_model
 from ..measurement.units import format_time
 from ..posterior.stacking import FILE as WEIGHTS
 from .predict import (
@@ -33,7 +33,7 @@ FINE = 700  # samples of a pulse: its peak is met to 1e-5, and the model pads re
 AFTER = 1.1  # contact times that the samples reach, so that pulses that last longer by a few deviations end too
 
 
-def predict_pulses(model: str | Path | SavedModel | AbstractFitted,
+def predict_pulses(model: str | Path | FittedModel | AbstractFitted,
                    conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
 
@@ -88,7 +88,7 @@ def has_pulses(model: str | Path) -> bool:
     return all(one.space.family.has_contact and one.sampling is not None for one in models)
 
 
-def _follow_pulses(saved: SavedModel, settings: Mapping[str, np.ndarray], keys: list[str]
+def _follow_pulses(saved: FittedModel, settings: Mapping[str, np.ndarray], keys: list[str]
                    ) -> tuple[dict[str, np.ndarray], dict[str, tuple[np.ndarray, np.ndarray]]]:
     """Values by name, shape (records,), and their deviations: of the mean, and of a new test."""
     settings = dict(settings)
@@ -118,7 +118,7 @@ def _follow_pulses(saved: SavedModel, settings: Mapping[str, np.ndarray], keys: 
     return values, deviations
 
 
-def _measure_rows(saved: SavedModel, rows: list[tuple[int, np.ndarray, dict[str, float]]], lasts: np.ndarray,
+def _measure_rows(saved: FittedModel, rows: list[tuple[int, np.ndarray, dict[str, float]]], lasts: np.ndarray,
                   keys: list[str]) -> dict[str, np.ndarray]:
     """Peak, duration and impulse of many records at parameters of their own, shape (rows,)."""
     channels = list_channels(saved)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import InputError
-from ..inference.archive import FILE, AbstractFitted, SavedModel, save_model
+from ..inference.archive import FILE, AbstractFitted, FittedModel, save_model
 from ..inference.files import list_versions, make_plain, write_json
 from ..inference.findings import Fit
 from ..measurement.faults import Fault
@@ -388,7 +388,7 @@ class Discovery(AbstractFitted):
             raise InputError("this discovery does not hold its fitted models")
         return self.fits[-1]
 
-    def fitted_model(self) -> SavedModel:
+    def fitted_model(self) -> FittedModel:
         """The model of the last step by itself: what predictions and designs go on from."""
         found = self.best.fitted_model()
         return dc.replace(found, extra={**found.extra, "verdict": self.verdict})
