@@ -179,6 +179,7 @@ def name_ticks(axes, labels: Sequence[str], width: float, size: float = 8.5):
 
 def render_image(figure, dpi: int = 160) -> "Pixels":
     """A figure as pixels."""
+    import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
@@ -186,7 +187,7 @@ def render_image(figure, dpi: int = 160) -> "Pixels":
     with apply_style():
         figure.dpi = dpi
         canvas.draw()  # `savefig` lays the figure out, and draws it, twice
-        image = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba()).convert("RGB")
+        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         figure.dpi = before
     return image
 
