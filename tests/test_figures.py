@@ -16,10 +16,9 @@ from ddetumble.measurement.quantities import describe_quantity, name_steps, shor
 from ddetumble.measurement.units import format_time
 from ddetumble.reports import Picture, Section, Table, write_page
 from ddetumble.reports.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
-from ddetumble.reports.words import say_place
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.sentences import describe_place, find_longest
-from ddetumble.selection.text import choose_view
+from ddetumble.selection.text import choose_view, say_place
 from tests.helpers_report import make_candidates, make_slip_discovery
 
 
