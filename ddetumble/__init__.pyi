@@ -27,12 +27,10 @@ from .measurement.laboratory import import_tests as import_tests
 from .measurement.package import read_campaign as read_campaign
 from .measurement.package import write_campaign as write_campaign
 from .measurement.plausibility import check_plausibility as check_plausibility
-from .planning.chain import plan_together as plan_together
 from .planning.nexttest import design as design
-from .planning.risk import plan_robust_strike as plan_robust_strike
-from .planning.scenario import read_scenario as read_scenario
-from .planning.sequence import plan_sequence as plan_sequence
-from .planning.strike_plan import plan_strike as plan_strike
+from .planning.plan import Plan as Plan
+from .planning.plan import plan as plan
+from .planning.strike_problem import StrikeProblem as StrikeProblem
 from .planning.visibility import map_effects as map_effects
 from .posterior.result import Posterior as Posterior
 from .posterior.sampling import sample as sample

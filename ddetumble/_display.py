@@ -1,7 +1,12 @@
-"""How results print: `str` gives the whole text, a notebook shows the same as prose and aligned tables."""
+"""How results print (`str` gives the whole text, a notebook the same as prose and aligned tables) and work reports."""
 
 import abc
 import html
+from collections.abc import Callable
+
+
+# What long work calls: a sentence, and the fraction done (0 to 1), nan where that is not known.
+Progress = Callable[[str, float], object]
 
 
 class AbstractPrinted(abc.ABC):

@@ -63,29 +63,22 @@ def plan_one(folder: Path, number: int) -> list[str]:
         folder: of the story; the model is in `discovery`, the plan goes to `plan`.
         number: of the impact on this ball, for effects that know how often it was used.
     """
-    from .planning.ambiguity import assess_plan
-    from .planning.measured import find_measured_ranges, list_extrapolations, warn_of_extrapolation
-    from .planning.scenario import pose_laws, pose_problem, read_scenario
-    from .planning.sequence import plan_sequence
+    from .planning.measured import list_extrapolations, warn_of_extrapolation
+    from .planning.plan import plan_scenario
+    from .planning.scenario import read_scenario
     from .planning.tables import BallTable, UncertaintyTable
-    from .reports.plan import describe_plan, write_plan
+    from .reports.plan import write_plan
 
     place = (folder / "discovery").resolve()
     ball = BallTable(model=str(place), conditions={"sequence": float(number)})
     scenario = read_scenario(find_data() / "scenarios" / f"{SCENARIO}.toml").model_copy(
         update={"ball": ball, "uncertainty": UncertaintyTable()})
-    laws = pose_laws(scenario, place)
-    assert laws is not None
-    problem, ranges = pose_problem(scenario, place, laws), find_measured_ranges(scenario, place)
-    share = scenario.goal.share
-    found = plan_sequence(problem, share, 1, starts=2)
-    if not found.impacts:
-        return [describe_plan(problem, found, share, ranges)]
-    sure = assess_plan(problem, found.impacts[0], laws)
-    page = write_plan(problem, found, folder / "plan", title=scenario.title, share=share, assessment=sure,
-                      ranges=ranges)
-    left = sure.whole.momentum
+    found = plan_scenario(scenario, place, impacts=1, starts=2)
+    if found.assessment is None:
+        return [found.sentence]
+    page = write_plan(found, folder / "plan")
+    left = found.assessment.whole.momentum
     told = (f"It takes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum out (90 % of the "
             f"draws: {100 * (1 - left.q95):.2f} to {100 * (1 - left.q05):.2f} %).")
-    beyond = warn_of_extrapolation(list_extrapolations(ranges, found.impacts, problem.conditions))
-    return [told, *sure.sentences[1:], *filter(None, [beyond]), f"Where, how fast and when: {page}"]
+    beyond = warn_of_extrapolation(list_extrapolations(found.ranges, found.impacts, found.problem.conditions))
+    return [told, *found.assessment.sentences[1:], *filter(None, [beyond]), f"Where, how fast and when: {page}"]

@@ -10,9 +10,7 @@ from ddetumble import discover, find_data
 from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, draw_signatures, render_png
 from ddetumble.figures.plan import draw_motion
 from ddetumble.measurement.quantities import name_steps
-from ddetumble.planning.chain import plan_together
-from ddetumble.planning.scenario import pose_problem, read_scenario
-from ddetumble.reports.plan import describe_plan, follow_plan
+from ddetumble.reports.plan import follow_plan
 
 
 CAMPAIGN = "impact-b"
@@ -34,12 +32,10 @@ def main() -> None:
     steps = draw_error_by_step(name_steps(found), found.steps, found.noise_nrmse)
     write_picture([draw_ranking(found.candidates, found.effects), steps], FOLDER / "ranking.png")
     print(found.sentence)
-    path = find_data() / "scenarios" / f"{SCENARIO}.toml"
-    scenario = read_scenario(path)
-    problem, goal = pose_problem(scenario, path.parent), scenario.goal
-    planned = plan_together(problem, goal.share, goal.impacts, aim=goal.least, starts=scenario.starts)
-    write_picture([draw_motion(*follow_plan(problem, planned), planned.instants)], FOLDER / "plan.png")
-    print(describe_plan(problem, planned, goal.share))
+    planned = dd.plan(find_data() / "scenarios" / f"{SCENARIO}.toml")
+    write_picture([draw_motion(*follow_plan(planned.problem, planned.sequence), planned.sequence.instants)],
+                  FOLDER / "plan.png")
+    print(planned)
 
 
 def compare_by_hand() -> None:

@@ -26,7 +26,7 @@ from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.planning.guesses import find_bounds, find_starts
 from ddetumble.planning.strike_plan import StrikePlan, plan_strike
-from ddetumble.planning.strike_problem import Goal, Limits, Problem, evaluate, evaluate_slopes, make_problem
+from ddetumble.planning.strike_problem import Goal, Limits, StrikeProblem, evaluate, evaluate_slopes
 
 
 PENALTY = 3.0
@@ -34,7 +34,7 @@ GENERATIONS, POPULATION, LOCAL, ROUNDS, CONVERGED = 150, 10, 256, 14, 2e-4
 TIMES = 20  # of every measured cost, of which the least counts
 
 
-def pose(number: int) -> Problem:
+def pose(number: int) -> StrikeProblem:
     """The stage in a random attitude and spin, 36 to 109 N m s, a chaser somewhere, within 60° of it."""
     draw = np.random.default_rng(1000 + number)
     debris = make_debris(Cylinder())
@@ -44,14 +44,14 @@ def pose(number: int) -> Problem:
     limits = Limits(chaser=chaser / np.linalg.norm(chaser), cone=np.radians(60.0), force=draw.uniform(200.0, 1500.0))
     law = Striker(Ball(effective_mass=draw.uniform(4.0, 15.0)), CoulombFriction(draw.uniform(0.05, 0.4)),
                   tangential_mass=8.0, rolling_mass=1e9).extend(())
-    return make_problem(law, debris, draw.normal(size=4), momentum / np.diag(np.asarray(debris.inertia)), limits,
+    return StrikeProblem(law, debris, draw.normal(size=4), momentum / np.diag(np.asarray(debris.inertia)), limits,
                         Goal(), {})
 
 
 class Worth:
     """Score of a design with its violations as an exact penalty, shape (8,): seven variables and the face; counted."""
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: StrikeProblem):
         self.problem, self.count = problem, 0
         self.names = problem.debris.surface.face_names()
 
@@ -66,7 +66,7 @@ class Worth:
         return min(int(z[7]), len(self.names) - 1)
 
 
-def find_reference(problem: Problem) -> dict:
+def find_reference(problem: StrikeProblem) -> dict:
     """Best score by differential evolution and local rounds, with its count of impacts and its last improvement."""
     worth = Worth(problem)
     bounds = [(-1.0, 1.0), *find_bounds(problem, 0)[1:], (0.0, len(worth.names) - 1e-9)]
@@ -92,7 +92,7 @@ def search_near(worth: Worth, centre: np.ndarray, best: float) -> tuple[float, f
     return best, gain
 
 
-def search_from_plan(problem: Problem, plan: StrikePlan) -> float:
+def search_from_plan(problem: StrikeProblem, plan: StrikePlan) -> float:
     """By how much local rounds from the plan itself better it, over its score [-]."""
     worth = Worth(problem)
     centre = np.append(plan.x, worth.names.index(plan.face) + 0.5)
@@ -100,7 +100,7 @@ def search_from_plan(problem: Problem, plan: StrikePlan) -> float:
     return 1.0 - search_near(worth, centre, start)[0] / start
 
 
-def measure_costs(problem: Problem) -> dict[str, float]:
+def measure_costs(problem: StrikeProblem) -> dict[str, float]:
     """Time of a gradient and of the closed forms over that of an impact [-], each the least of several."""
     face, x = (jnp.asarray(one) for one in find_starts(problem, 1).places[0])
     actions = {"impact": lambda: np.asarray(evaluate(problem, face, x)),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+import ddetumble as dd
 from ddetumble import Ball, CoulombFriction, InputError, PowerLaw, RubberFriction, find_data
 from ddetumble._rotation import rotate
 from ddetumble.cli import main
@@ -23,6 +24,7 @@ from ddetumble.inference.archive import load
 from ddetumble.planning.chain import follow_chain, follow_slopes, plan_together, read_chain, refine_sequence
 from ddetumble.planning.guesses import find_starts
 from ddetumble.planning.measured import find_measured_ranges
+from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.scenario import mount_law, pose_laws, pose_problem, read_scenario
 from ddetumble.planning.screening import screen
 from ddetumble.planning.sequence import Sequence, bound_impacts, find_floor, find_lever, plan_sequence
@@ -31,15 +33,14 @@ from ddetumble.planning.strike_problem import (
     CONSTRAINTS,
     Goal,
     Limits,
+    StrikeProblem,
     drift,
     evaluate,
     evaluate_slopes,
     is_symmetric,
-    make_problem,
     read_design,
     span_plane,
 )
-from ddetumble.reports.plan import write_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -52,7 +53,7 @@ STAGE = make_debris(Cylinder())
 def pose(rates, friction=0.0, mass=8.0, goal=None, **limits):
     """The paper's stage."""
     law = Striker(Ball(effective_mass=mass), CoulombFriction(friction), tangential_mass=mass, rolling_mass=1e9)
-    return make_problem(law.extend(()), STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(rates, float),
+    return StrikeProblem(law.extend(()), STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(rates, float),
                         Limits(**{"force": 1000.0} | limits), goal or Goal(), {})
 
 
@@ -275,7 +276,7 @@ def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):
     for one, possible in ((dc.replace(plan, allowed=False), None), (dc.replace(plan, score=0.995), None),
                           (dc.replace(plan, allowed=False, estimate=1.0), False)):
         assert one.missed == (possible is None)
-        write_plan(problem, Sequence((), (), (), 0.0, False, 1, 0.0, one), tmp_path)
+        dd.report(Plan(problem, PlanSettings(), Sequence((), (), (), 0.0, False, 1, 0.0, one)), tmp_path)
         result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
         assert result["possible"] is possible and result["refused"]["missed"] == one.missed
 
@@ -285,15 +286,16 @@ def test_a_search_that_failed_is_told_from_what_cannot_be_done(flat, tmp_path):
 def test_the_limit_that_stands_in_the_way_is_named_with_what_would_do(limits, key, tmp_path):
     """At the limit that is named the search finds an impact that is worth its while, and well short of it none."""
     problem = pose([0.05, 0.02, 0.03], 0.2, **limits)
-    found = plan_sequence(problem, 0.01, 1, starts=2)
-    assert not found.impacts and found.refused is not None and not found.refused.missed
+    plan = dd.plan(problem, settings=PlanSettings(starts=2))
+    found = plan.sequence
+    assert not plan.impacts and found.refused is not None and not found.refused.missed
     told = {one.key: one for one in found.relaxations}
     one, field = told[key], key.partition(".")[2]
     assert one.given == limits.get(field, 1000.0) and one.constraint in found.refused.values
     for factor, worth in ((1.05, True), (0.7, False)):
         changed = limits | {field: factor * one.needed}
         assert plan_strike(pose([0.05, 0.02, 0.03], 0.2, **changed), starts=4).worth == worth
-    write_plan(problem, found, tmp_path)
+    dd.report(plan, tmp_path)
     result = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
     assert result["relaxations"] == [dc.asdict(one) for one in found.relaxations] and result["possible"] is False
 
@@ -640,3 +642,35 @@ def test_the_papers_stage_is_brought_below_one_per_cent(tmp_path):
         np.testing.assert_allclose(one["angular_momentum"], guess, atol=0.1 * np.linalg.norm(one["impulse"]))
         momentum = np.asarray(one["angular_momentum"])
     assert np.linalg.norm(momentum) <= 0.01 * 72.84 * (1 + 1e-3)
+
+
+@pytest.mark.slow
+def test_a_problem_in_hand_is_planned_as_its_scenario_is(tmp_path):
+    """One verb: a scenario file, and the problem that it poses with the settings that it states, give one plan."""
+    path = find_data() / "scenarios" / "flat-spin.toml"
+    read = dd.planning.read_scenario(path)
+    by_file = dd.plan(path)
+    settings = PlanSettings(read.goal.impacts, read.goal.share, read.goal.least, starts=read.starts, seed=read.seed)
+    told = []
+    by_hand = dd.plan(pose_problem(read, path.parent), settings=settings,
+                      progress=lambda text, share: told.append(share))
+    assert by_file.settings == settings and told
+    assert [one.score for one in by_hand.impacts] == [one.score for one in by_file.impacts]
+    assert dd.report(by_hand, tmp_path).is_file() and by_hand.sentence in " ".join(str(by_hand).split("\n"))
+    with pytest.raises(InputError):
+        dd.plan(path, settings=settings)
+
+
+@pytest.mark.slow
+def test_a_fit_in_hand_is_what_strikes():
+    """The fitted ball takes the place of the problem's own, its covariance is drawn, its range is told."""
+    fitted = dd.fit(find_data() / "impact-b", dd.Ball() + dd.effects.Adhesion())
+    problem = pose([0.05, 0.02, 0.03], 0.2)
+    found = dd.plan(problem, fitted, settings=PlanSettings(starts=2, draws=4))
+    law = found.problem.law
+    assert np.isclose(float(law.reference.ball.restitution), fitted.parameters["restitution"].estimate)
+    assert [e.id for e in law.effects] == ["adhesion"] and law.reference.friction == problem.law.reference.friction
+    assert found.laws is not None and len(found.laws.shares()) == 4 and found.assessment is not None
+    assert {"approach_speed", "peak_normal_force"} <= {one.quantity for one in found.ranges}
+    with pytest.raises(InputError):
+        dd.plan(problem, dd.fit(find_data() / "slip-a"))

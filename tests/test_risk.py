@@ -39,9 +39,9 @@ from ddetumble.planning.strike_problem import (
     CONSTRAINTS,
     Goal,
     Limits,
+    StrikeProblem,
     evaluate,
     judge,
-    make_problem,
     read_design,
     strike_debris,
 )
@@ -68,7 +68,7 @@ def join(*sets):
 @pytest.fixture(scope="module")
 def planned():
     """A problem whose force limit binds, and its plan for the best estimate."""
-    problem = make_problem(LAW, STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.03, 0.06, 0.02]),
+    problem = StrikeProblem(LAW, STAGE, np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.03, 0.06, 0.02]),
                            Limits(force=300.0), Goal(), {})
     return problem, plan_strike(problem, starts=1)
 

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import ddetumble as dd
+from ddetumble._display import AbstractPrinted, format_html
 from ddetumble.contact.effect import is_absent, list_choices, parameters_of, read_field
 from ddetumble.inference.archive import Uncertainty
 from ddetumble.inference.builtin import BUILTIN
@@ -125,3 +126,21 @@ def test_a_model_of_another_campaign_is_held_out_as_a_whole(campaign, tmp_path):
     other = make(tmp_path, 5, WALL)
     one = dd.compare(other, dd.fit(campaign, dd.Ball() + dd.effects.WallStiffness))
     assert one.heldout_nrmse == one.nrmse and not np.isfinite(one.prediction_nrmse)
+
+
+def test_what_a_verb_returns_prints_in_words():
+    """A command prints `str` of a result: every annotated result of a public verb has a text of its own."""
+    verbs = (dd.fit, dd.discover, dd.identify, dd.sample, dd.average, dd.design, dd.map_effects, dd.plan,
+             dd.draw_missing_force, dd.inference.fit_curve, dd.inference.fit_rubber)
+    kinds = {verb.__name__: verb.__annotations__["return"] for verb in verbs} | {
+        "compare": dd.Comparison, "compare several": dd.Comparisons}
+    silent = [name for name, kind in kinds.items() if not issubclass(kind, AbstractPrinted) or "__str__" not in {
+        part for cls in kind.__mro__[:-1] if cls is not AbstractPrinted for part in vars(cls)}]
+    assert not silent
+    html = dd.compare(dd.find_data() / "slip-a")._repr_html_()
+    assert html.startswith("<div>") and "<strong>" in html
+
+
+def test_a_text_of_a_file_is_escaped_in_a_notebook():
+    """What stands in a result may come from somebody's file."""
+    assert "<script>" not in format_html("<script>alert(1)</script>\n\n<b>x</b>")

@@ -1,5 +1,6 @@
 """Progress of long work: a bar on a terminal, nothing in a pipe."""
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -33,6 +34,8 @@ def show_progress(title: str) -> Iterator[Report]:
         task = progress.add_task(title, total=None)
 
         def report(message: str, fraction: float | None = None) -> None:
-            progress.update(task, description=message, total=None if fraction is None else 1.0, completed=fraction)
+            known = fraction is not None and math.isfinite(fraction)
+            progress.update(task, description=message, total=1.0 if known else None,
+                            completed=fraction if known else None)
 
         yield report

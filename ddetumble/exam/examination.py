@@ -6,15 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from .._display import Progress
 from .._errors import InputError
 from .drawing import Exam
 from .ledger import Ledger
 from .running import run_all
 from .scoring import describe_failure
 from .sitting import sit
-
-
-Progress = Callable[[str, float], None]
 
 
 def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: int | None = None,

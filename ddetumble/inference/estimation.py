@@ -2,12 +2,13 @@
 
 import dataclasses as dc
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
+from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, is_absent, parameters_of
 from ..measurement.campaign import Campaign
@@ -29,7 +30,6 @@ from .whiteness import differs_from_stated, measure_noise
 
 
 STARTS = 12  # tried at most
-Progress = Callable[[str, float], None]
 
 
 def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequence[str | type[AbstractEffect]] = (), *,

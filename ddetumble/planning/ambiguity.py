@@ -11,7 +11,7 @@ from ..posterior.stacking import name_rival
 from .draws import Laws, split_laws
 from .risk import evaluate_draws, find_tail, pose_draws
 from .strike_plan import ALLOWED, LOST, StrikePlan, Tally, refine
-from .strike_problem import CONSTRAINTS, Goal, Problem
+from .strike_problem import CONSTRAINTS, Goal, StrikeProblem
 
 
 REFERENCE = name_rival(())
@@ -113,7 +113,7 @@ def summarise_draws(values: np.ndarray, weights: np.ndarray, tail: float) -> Spr
                   find_tail(values, shares, tail))
 
 
-def _look(problem: Problem, values: np.ndarray, weights: np.ndarray, tail: float, weight: float, nominal: float,
+def _look(problem: StrikeProblem, values: np.ndarray, weights: np.ndarray, tail: float, weight: float, nominal: float,
           regret: Regret) -> Outlook:
     """Values: momentum left and all constraints, shape (draws, 1 + constraints)."""
     shares = weights / weights.sum()
@@ -125,7 +125,7 @@ def _look(problem: Problem, values: np.ndarray, weights: np.ndarray, tail: float
         {name: float(shares @ (column < -ALLOWED)) for name, column in scaled.items()}, values[:, 0], nominal, regret)
 
 
-def find_regrets(problem: Problem, plan: StrikePlan, laws: Laws) -> list[Regret]:
+def find_regrets(problem: StrikeProblem, plan: StrikePlan, laws: Laws) -> list[Regret]:
     """What a plan for another model costs where a model is true, one regret a model.
 
     The plan is changed for the best estimate of every model, and each of these plans is tried on all models.
@@ -148,7 +148,7 @@ def find_regrets(problem: Problem, plan: StrikePlan, laws: Laws) -> list[Regret]
     return found
 
 
-def assess_plan(problem: Problem, plan: StrikePlan, laws: Laws, *, tail: float = 0.1) -> Assessment:
+def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: float = 0.1) -> Assessment:
     """What a plan leaves under every drawn law, model by model, and whether it matters which model is true.
 
     It matters where two models' means differ, a plan for the wrong model costs, or such a plan passes a limit, by more

@@ -1,6 +1,7 @@
 """A whole sequence as one problem: all impacts and waits change together, with the gradient through all of them."""
 
 import dataclasses as dc
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy.optimize import minimize
 
+from .._display import Progress
 from .guesses import find_bounds
 from .sequence import Joint, Sequence, measure_share, move_on, plan_sequence
 from .strike_plan import ALLOWED, STARTS, Certificate, StrikePlan, Tally, weigh_constraints
@@ -19,7 +21,7 @@ from .strike_problem import (
     CONSTRAINTS,
     MISSED,
     VARIABLES,
-    Problem,
+    StrikeProblem,
     judge,
     read_design,
     score,
@@ -58,7 +60,7 @@ class Chain:
     tally: Tally
 
 
-def _strike(problem: Problem, start: Array, state: Array, face: Array, x: Array,
+def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array,
             adjoint: dfx.AbstractAdjoint | None) -> Array:
     """Attitude and rates after one impact from those before it, and the impact's row, shape (7 + 3 + constraints,)."""
     now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, (state[:4], state[4:]))
@@ -73,18 +75,18 @@ def _strike(problem: Problem, start: Array, state: Array, face: Array, x: Array,
 
 
 @eqx.filter_jit
-def _follow(problem: Problem, start: Array, state: Array, face: Array, x: Array) -> Array:
+def _follow(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> Array:
     return _strike(problem, start, state, face, x, None)
 
 
 @eqx.filter_jit
-def _follow_slopes(problem: Problem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
+def _follow_slopes(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
     """One impact, and its derivatives by the state before and by its variables, the second shape (values, 7 + 7)."""
     return with_slopes(lambda z: _strike(problem, start, z[:STATE], face, z[STATE:], dfx.ForwardMode()),
                        jnp.concatenate([state, x]))
 
 
-def _begin(problem: Problem) -> tuple[Array, Array]:
+def _begin(problem: StrikeProblem) -> tuple[Array, Array]:
     """Square of the momentum, and state, at the start."""
     return (jnp.sum((problem.debris.inertia @ problem.angular_velocity) ** 2),
             jnp.concatenate([problem.attitude, problem.angular_velocity]))
@@ -94,7 +96,7 @@ def _add_up(rows: np.ndarray) -> np.ndarray:
     return np.concatenate([rows[:, :SHARE].sum(axis=0), rows[-1, SHARE : SHARE + 1], rows[:, SHARE + 1 :].ravel()])
 
 
-def follow_impacts(problem: Problem, faces: Array, x: Array) -> np.ndarray:
+def follow_impacts(problem: StrikeProblem, faces: Array, x: Array) -> np.ndarray:
     """Every impact of a sequence, each from the motion that the one before left.
 
     Args:
@@ -117,14 +119,14 @@ def follow_impacts(problem: Problem, faces: Array, x: Array) -> np.ndarray:
     return np.stack(rows + [np.full_like(rows[-1], np.nan)] * (len(x) - len(rows)))
 
 
-def follow_chain(problem: Problem, faces: Array, x: Array) -> np.ndarray:
+def follow_chain(problem: StrikeProblem, faces: Array, x: Array) -> np.ndarray:
     """Sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints of all impacts:
     `follow_impacts` added up, shape (3 + impacts * constraints,).
     """
     return _add_up(follow_impacts(problem, faces, x))
 
 
-def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[np.ndarray, np.ndarray]:
+def follow_slopes(problem: StrikeProblem, faces: Array, x: Array) -> tuple[np.ndarray, np.ndarray]:
     """The same with derivatives by all variables of all impacts, the second shape (values, impacts, 7).
 
     By the chain rule over the state between two impacts: an impact is differentiated by fourteen numbers, however many
@@ -150,7 +152,7 @@ def follow_slopes(problem: Problem, faces: Array, x: Array) -> tuple[np.ndarray,
 class _Search:
     """The chain as SciPy asks for it: values and slopes of one point, kept until the next."""
 
-    def __init__(self, problem: Problem, faces: np.ndarray, shape: tuple[int, ...]):
+    def __init__(self, problem: StrikeProblem, faces: np.ndarray, shape: tuple[int, ...]):
         self.problem, self.faces, self.shape, self.tally = problem, jnp.asarray(faces), shape, Tally()
         self.at: tuple[bytes, Any] = (b"", None)
         self.passed: list[tuple[np.ndarray, np.ndarray]] = []
@@ -172,7 +174,7 @@ class _Search:
         return follow_chain(self.problem, self.faces, jnp.asarray(z.reshape(self.shape)))
 
 
-def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str = "impulse",
+def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, aim: str = "impulse",
                     steps: int = 80) -> Chain:
     """Change all impacts of a sequence together for the least of something, no more than a share of |L| being left.
 
@@ -226,7 +228,7 @@ def refine_sequence(problem: Problem, sequence: Sequence, share: float, aim: str
                  is_allowed(value), proof, Tally(0, search.tally.slopes))
 
 
-def read_chain(problem: Problem, sequence: Sequence, chain: Chain, share: float) -> Sequence:
+def read_chain(problem: StrikeProblem, sequence: Sequence, chain: Chain, share: float) -> Sequence:
     """A chain as a sequence of plans, each with the chain's certificate as far as it is about that impact."""
     names, now, time = problem.debris.surface.face_names(), problem, 0.0
     plans, instants, shares = [], [], []
@@ -258,8 +260,8 @@ def _pick(binding: dict[str, float], number: int) -> dict[str, float]:
     return {mark.sub("", name): size for name, size in binding.items() if mark.search(name) or ": " not in name}
 
 
-def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impacts", starts: int = STARTS,
-                  seed: int = 0, progress: Callable[[str], object] | None = None) -> Sequence:
+def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: str = "impacts", starts: int = STARTS,
+                  seed: int = 0, progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, and change them all together.
 
     Args:
@@ -271,7 +273,10 @@ def plan_together(problem: Problem, share: float, most: int, *, aim: str = "impa
         The best sequence; that of `plan_sequence` where nothing better was found. Where it does not reach the share in
         `most` impacts, that many are changed together for the least momentum left.
     """
-    tell = progress or (lambda text: None)
+    def tell(text: str) -> None:
+        if progress is not None:
+            progress(text, math.nan)
+
     found = plan_sequence(problem, share, most, starts=starts, seed=seed, progress=progress)
     if not found.reached:
         return _press_on(problem, found, share, most, tell)
@@ -320,7 +325,8 @@ def _widen(sequence: Sequence, part: float) -> Sequence:
     return dc.replace(sequence, impacts=tuple(dc.replace(plan, x=widen(plan.x)) for plan in sequence.impacts))
 
 
-def _press_on(problem: Problem, sequence: Sequence, share: float, most: int, tell: Callable[[str], object]) -> Sequence:
+def _press_on(problem: StrikeProblem, sequence: Sequence, share: float, most: int, tell: Callable[[str], object]
+              ) -> Sequence:
     """As many impacts as are allowed, which one after the other leave too much, changed together for the least left."""
     if len(sequence.impacts) < max(most, 2) or len(sequence.impacts) < sequence.bound:
         return sequence
@@ -332,7 +338,7 @@ def _press_on(problem: Problem, sequence: Sequence, share: float, most: int, tel
     return dc.replace(again, joint=_compare("share", sequence, again))
 
 
-def _shorten(problem: Problem, sequence: Sequence, share: float, tell: Callable[[str], object]) -> Sequence:
+def _shorten(problem: StrikeProblem, sequence: Sequence, share: float, tell: Callable[[str], object]) -> Sequence:
     """Leave the last impact out and bring the momentum down with the others, as long as that works."""
     alone, tried = sequence, None
     while len(sequence.impacts) > max(sequence.bound, 1):

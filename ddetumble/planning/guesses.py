@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from .screening import screen
-from .strike_problem import SLIPS, SPEED, VARIABLES, Problem, reach_speed, score
+from .strike_problem import SLIPS, SPEED, VARIABLES, StrikeProblem, reach_speed, score
 
 
 DRAWS = 2048  # designs of a generation, on all faces together; a power of 2, as a Sobol sample is even there
@@ -23,7 +23,7 @@ PENALTY = 3.0  # of a scaled violation, in units of the score
 FAST = 2.0  # of the speed that limits allow by the closed form, up to which it may be wrong
 
 
-def find_bounds(problem: Problem, face: int) -> np.ndarray:
+def find_bounds(problem: StrikeProblem, face: int) -> np.ndarray:
     """Lowest and highest value of the seven variables, shape (7, 2).
 
     An angle may go beyond half a turn. Half of the least approach speed is the slowest, so that every design strikes:
@@ -81,7 +81,7 @@ def rank_scores(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return worth, np.where(over == 0.0, worth, np.inf)
 
 
-def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0,
+def find_starts(problem: StrikeProblem, starts: int, draws: int = DRAWS, seed: int = 0,
                 near: Sequence[tuple[int, np.ndarray]] = ()) -> Starts:
     """The most promising designs that are apart from each other.
 
@@ -97,8 +97,8 @@ def find_starts(problem: Problem, starts: int, draws: int = DRAWS, seed: int = 0
                   min(last.least, float(score(problem, problem.angular_velocity))))
 
 
-def evolve_designs(problem: Problem, draws: int = DRAWS, seed: int = 0, near: Sequence[tuple[int, np.ndarray]] = (),
-                   rank: Rank = rank_scores) -> Evolved:
+def evolve_designs(problem: StrikeProblem, draws: int = DRAWS, seed: int = 0,
+                   near: Sequence[tuple[int, np.ndarray]] = (), rank: Rank = rank_scores) -> Evolved:
     """Designs evolved towards what closed forms find best.
 
     A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
@@ -129,7 +129,7 @@ def _put_first(some: Sequence[int], every: np.ndarray) -> np.ndarray:
     return np.array(list(dict.fromkeys([*some, *every.tolist()])))
 
 
-def _evolve(problem: Problem, chosen: np.ndarray, draws: int, seed: int, near: Sequence[tuple[int, np.ndarray]],
+def _evolve(problem: StrikeProblem, chosen: np.ndarray, draws: int, seed: int, near: Sequence[tuple[int, np.ndarray]],
             generations: int, rank: Rank) -> Evolved:
     """On the chosen faces alike."""
     group = np.arange(draws) % len(chosen)
@@ -151,7 +151,7 @@ def _evolve(problem: Problem, chosen: np.ndarray, draws: int, seed: int, near: S
     return Evolved(faces, x, worth, least)
 
 
-def _spread(problem: Problem, draws: int, seed: int) -> np.ndarray:
+def _spread(problem: StrikeProblem, draws: int, seed: int) -> np.ndarray:
     """Variables of a Sobol sample, at speeds that may be allowed, shape (draws, 7)."""
     x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
     low, high = find_bounds(problem, 0)[SPEED]
@@ -163,13 +163,14 @@ def _spread(problem: Problem, draws: int, seed: int) -> np.ndarray:
     return x
 
 
-def estimate_score(problem: Problem, face: int, x: np.ndarray, draws: int = DRAWS) -> float:
+def estimate_score(problem: StrikeProblem, face: int, x: np.ndarray, draws: int = DRAWS) -> float:
     """Score of one design by closed forms [-]."""
     # As many of it as designs in a round, so that the same compiled program serves.
     return float(screen(problem, jnp.full(draws, face), jnp.tile(jnp.asarray(x), (draws, 1)))[1][0, 0])
 
 
-def _judge(problem: Problem, faces: np.ndarray, x: np.ndarray, rank: Rank) -> tuple[np.ndarray, np.ndarray, float]:
+def _judge(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray, rank: Rank
+           ) -> tuple[np.ndarray, np.ndarray, float]:
     """Designs as the arm can make them; their worth, shape (designs,); the least of what counts."""
     settled, found = (np.array(one) for one in screen(problem, jnp.asarray(faces), jnp.asarray(x)))
     worth, counts = rank(found)

@@ -71,9 +71,14 @@ def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange,
     found: dict[tuple[str, str], MeasuredRange] = {}
     for name in filter(None, (scenario.ball.model, scenario.ball.friction_model, fit)):
         saved = max(find_models(here / name)[0], key=lambda one: one[2])[1]
-        for one in _list_impacts(saved, name) if saved.space.family.has_contact else _list_slips(saved, name):
+        for one in list_ranges(saved, name):
             found.setdefault((one.quantity, saved.sha256), one)
     return tuple(found.values())
+
+
+def list_ranges(saved: FittedModel, name: str) -> list[MeasuredRange]:
+    """What the campaign of one fitted model covered; `name` is what the plan calls it."""
+    return _list_impacts(saved, name) if saved.space.family.has_contact else _list_slips(saved, name)
 
 
 def _list_impacts(saved: FittedModel, name: str) -> list[MeasuredRange]:

@@ -2,12 +2,13 @@
 
 import dataclasses as dc
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 
+from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
@@ -27,7 +28,6 @@ MOST = 30  # repeats beyond which a test is no proposal
 STEPS = 15  # of the refit that checks a separation
 EDGE = 5e-3  # share of its range within which a condition stands at a limit
 
-Progress = Callable[[str, float], None]
 Fitted = AbstractFitted | FittedModel
 
 

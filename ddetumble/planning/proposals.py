@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._display import AbstractPrinted
 from ..inference.files import list_versions, make_plain, write_json
 from .limits import Extra, Limit
 
@@ -75,7 +76,7 @@ class Proposal:
 
 
 @dc.dataclass(frozen=True)
-class Design:
+class Design(AbstractPrinted):
     """What to measure next; `to_dict()` is `design.json`.
 
     Attributes:
@@ -99,9 +100,6 @@ class Design:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return self.sentence
-
-    def text(self) -> str:
         """The outcome for a terminal."""
         return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
 

@@ -17,7 +17,7 @@ from .draws import Laws
 from .risk import pose_draws
 from .sequence import Sequence
 from .strike_plan import ALLOWED
-from .strike_problem import CONSTRAINTS, MISSED, Problem
+from .strike_problem import CONSTRAINTS, MISSED, StrikeProblem
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Prospect:
     sentence: str
 
 
-def assess_sequence(problem: Problem, sequence: Sequence, laws: Laws, share: float, *, tail: float = 0.1
+def assess_sequence(problem: StrikeProblem, sequence: Sequence, laws: Laws, share: float, *, tail: float = 0.1
                     ) -> Prospect | None:
     """Strike a planned sequence under every drawn law.
 

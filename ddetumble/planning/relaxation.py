@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from .guesses import DRAWS, evolve_designs, find_bounds, pick_apart
 from .strike_plan import ALLOWED, LOST, DesignSearch, Tally
-from .strike_problem import CONSTRAINTS, Problem, allow_speed, score
+from .strike_problem import CONSTRAINTS, StrikeProblem, allow_speed, score
 
 
 STARTS, STEPS = 2, 80  # designs that are refined on the integrated impact, and steps of that at most
@@ -60,7 +60,7 @@ class _Limit:
     unit: str
     field: str
     columns: tuple[str, ...]
-    loosen: Callable[[Problem], float]
+    loosen: Callable[[StrikeProblem], float]
     read: Callable[[float, np.ndarray], np.ndarray]
     upper: bool = True
     scale: float = 1.0
@@ -70,7 +70,7 @@ class _Limit:
         return value > than if self.upper else value < than
 
 
-def _halve_ball(problem: Problem) -> float:
+def _halve_ball(problem: StrikeProblem) -> float:
     """Half of the ball's diameter, up to where the contact geometry holds; of a pad, ten times its limit [m]."""
     diameter, given = float(problem.law.reference.ball.diameter()), float(problem.limits.depression)
     return max(0.5 * diameter, given) if diameter else 10.0 * given
@@ -90,8 +90,8 @@ LIMITS = (
 )
 
 
-def find_relaxations(problem: Problem, constraints: Sequence[str], gain: float, *, draws: int = DRAWS, seed: int = 0
-                     ) -> tuple[Relaxation, ...]:
+def find_relaxations(problem: StrikeProblem, constraints: Sequence[str], gain: float, *, draws: int = DRAWS,
+                     seed: int = 0) -> tuple[Relaxation, ...]:
     """Limits each of which would have to be looser, alone, for an impact that is worth its while.
 
     Args:
@@ -118,13 +118,13 @@ def find_relaxations(problem: Problem, constraints: Sequence[str], gain: float, 
     return tuple(found)
 
 
-def _loosen(problem: Problem, limit: _Limit, value: float) -> Problem:
+def _loosen(problem: StrikeProblem, limit: _Limit, value: float) -> StrikeProblem:
     """The problem with another value of one limit, its velocities in the unit that belongs to that."""
     loose = eqx.tree_at(lambda p: getattr(p.limits, limit.field), problem, jnp.asarray(value))
     return eqx.tree_at(lambda p: p.unit, loose, allow_speed(loose))
 
 
-def _find_tightest(problem: Problem, limit: _Limit, loosest: float, gain: float, draws: int, seed: int
+def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, gain: float, draws: int, seed: int
                    ) -> float | None:
     """The tightest value of a limit at which everything else is kept; None where there is none."""
     untouched = float(score(problem, problem.angular_velocity))
@@ -157,8 +157,8 @@ def _find_tightest(problem: Problem, limit: _Limit, loosest: float, gain: float,
     return sign * min(sign * value for value in found) if found else None
 
 
-def _refine(loose: Problem, limit: _Limit, loosened: float, gain: float, untouched: float, face: int, x: np.ndarray
-            ) -> float | None:
+def _refine(loose: StrikeProblem, limit: _Limit, loosened: float, gain: float, untouched: float, face: int,
+            x: np.ndarray) -> float | None:
     """The tightest limit that a design keeps and is allowed under, on a descent (SLSQP) of the integrated impact; None
     where no design on the way is allowed.
     """

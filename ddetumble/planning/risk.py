@@ -8,7 +8,8 @@ $\mathrm{CVaR}_\alpha = \max_q \sum q_i s_i$ over $0 \le q_i \le w_i/\alpha$, $\
 The draws stay the same throughout, so that plans differ by what they do and not by chance.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from typing import Literal
 
 import equinox as eqx
@@ -16,10 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 
+from .._display import Progress
 from .draws import Laws, split_laws
 from .guesses import find_bounds
 from .strike_plan import LOST, StrikePlan, Tally, weigh_constraints
-from .strike_problem import CONSTRAINTS, Problem, evaluate, evaluate_slopes, read_design, score, strike_debris
+from .strike_problem import CONSTRAINTS, StrikeProblem, evaluate, evaluate_slopes, read_design, score, strike_debris
 
 
 Aim = Literal["mean", "tail"]
@@ -70,12 +72,12 @@ def smooth_tail(values: np.ndarray, weights: np.ndarray, tail: float, width: flo
     return np.sum(found * values, axis=0) - 0.5 * width * penalty, found
 
 
-def pose_draws(problem: Problem, laws: Laws) -> list[Problem]:
+def pose_draws(problem: StrikeProblem, laws: Laws) -> list[StrikeProblem]:
     """The problem with every drawn law."""
     return [eqx.tree_at(lambda p: p.law, problem, law) for law in split_laws(laws.draws)]
 
 
-def evaluate_draws(problems: Sequence[Problem], face: int, x: np.ndarray) -> np.ndarray:
+def evaluate_draws(problems: Sequence[StrikeProblem], face: int, x: np.ndarray) -> np.ndarray:
     """What is wanted small and all constraints under every law, shape (draws, 1 + constraints).
 
     The laws share the program of a single impact, called once a draw: on two cores 32 draws with derivatives take
@@ -89,7 +91,7 @@ def evaluate_draws(problems: Sequence[Problem], face: int, x: np.ndarray) -> np.
     return found
 
 
-def evaluate_draw_slopes(problems: Sequence[Problem], face: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def evaluate_draw_slopes(problems: Sequence[StrikeProblem], face: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same with derivatives by the seven variables, shape (draws, 1 + constraints, 7)."""
     number, point = jnp.asarray(face), jnp.asarray(x)
     both = [evaluate_slopes(one, number, point) for one in problems]
@@ -127,7 +129,7 @@ class RobustSearch:
         aim, tail: see `judge_draws`.
     """
 
-    def __init__(self, problem: Problem, laws: Laws, face: int, aim: Aim, tail: float):
+    def __init__(self, problem: StrikeProblem, laws: Laws, face: int, aim: Aim, tail: float):
         self.problems, self.weights = pose_draws(problem, laws), laws.shares()
         self.face, self.tail = face, tail
         self.aim: Aim = aim
@@ -153,8 +155,8 @@ class RobustSearch:
         return self.slopes_at[2]
 
 
-def plan_robust_strike(problem: Problem, laws: Laws, plan: StrikePlan, *, aim: Aim = "tail", tail: float = 0.1,
-                       steps: int = 30, progress: Callable[[str], object] | None = None) -> StrikePlan:
+def plan_robust_strike(problem: StrikeProblem, laws: Laws, plan: StrikePlan, *, aim: Aim = "tail", tail: float = 0.1,
+                       steps: int = 30, progress: Progress | None = None) -> StrikePlan:
     """Change a plan for the best estimate into one for all draws of the contact law.
 
     Args:
@@ -164,7 +166,7 @@ def plan_robust_strike(problem: Problem, laws: Laws, plan: StrikePlan, *, aim: A
         aim: whether the mean over the draws or that of their worst share is made small.
         tail: that share; every constraint has to hold in the mean of its own worst share of the draws.
         steps: of sequential quadratic programming (SLSQP) at most.
-        progress: told one line at a time.
+        progress: called with a sentence and nan: how much is done is not known.
 
     Returns:
         A plan whose `score` is what was made small, whose `values` are the tail means of the constraints and whose
@@ -174,7 +176,7 @@ def plan_robust_strike(problem: Problem, laws: Laws, plan: StrikePlan, *, aim: A
     search = RobustSearch(problem, laws, face, aim, tail)
     bounds = find_bounds(problem, face)
     if progress is not None:
-        progress(f"planning for the {aim} over {len(search.problems)} draws")
+        progress(f"planning for the {aim} over {len(search.problems)} draws", math.nan)
     found = minimize(
         lambda z: search.values(z)[0], plan.x, jac=lambda z: search.slopes(z)[0], method="SLSQP", bounds=bounds,
         constraints={"type": "ineq", "fun": lambda z: search.values(z)[1:], "jac": lambda z: search.slopes(z)[1:]},

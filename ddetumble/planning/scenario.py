@@ -27,7 +27,7 @@ from ..dynamics.surfaces import Debris, make_debris
 from ..inference.archive import load
 from ..inference.models import is_fitted
 from .draws import Laws, draw_laws, find_models, vary_law
-from .strike_problem import Goal, Limits, Problem, make_problem
+from .strike_problem import Goal, Limits, StrikeProblem
 from .tables import SCHEMA, DebrisTable, Scenario
 
 
@@ -209,7 +209,7 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     return dc.replace(laws, folder=name_folder(folder))
 
 
-def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> Problem:
+def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> StrikeProblem:
     """The problem of a scenario's first impact.
 
     Args:
@@ -235,5 +235,5 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> Pr
         chaser=chaser / np.linalg.norm(chaser), cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
     law = make_law(scenario, here) if laws is None else laws.main
     conditions = {name: scalar(value) for name, value in scenario.ball.conditions.items()}
-    return make_problem(law, debris, attitude, rates, allowed, Goal(goal.momentum, goal.energy, goal.nutation),
+    return StrikeProblem(law, debris, attitude, rates, allowed, Goal(goal.momentum, goal.energy, goal.nutation),
                         conditions)

@@ -9,7 +9,17 @@ from jaxtyping import Array
 from .._rotation import rotate, rotate_back
 from ..contact.damping import damped_work
 from ..contact.gripping import Patch, find_height
-from .strike_problem import SLIPS, SPEED, Parting, Problem, judge_margins, keep_clear, read_design, score, span_plane
+from .strike_problem import (
+    SLIPS,
+    SPEED,
+    Parting,
+    StrikeProblem,
+    judge_margins,
+    keep_clear,
+    read_design,
+    score,
+    span_plane,
+)
 
 
 SETTLED = 0.999  # of the arm's speed, to which designs that are looked at are brought: just inside
@@ -19,7 +29,7 @@ RATES = np.linspace(0.0, 1.0, 9)  # over the approach speed, at which the larges
 
 
 @eqx.filter_jit
-def screen(problem: Problem, faces: Array, designs: Array) -> tuple[Array, Array]:
+def screen(problem: StrikeProblem, faces: Array, designs: Array) -> tuple[Array, Array]:
     r"""What is wanted small and all constraints of many designs.
 
     Normal impulse $m (1 + e) v_1$, $1/m = n^T M^{-1} (n - \mu t)$ with $M^{-1}$ what an impulse at the point moves ball
@@ -36,7 +46,7 @@ def screen(problem: Problem, faces: Array, designs: Array) -> tuple[Array, Array
     return jax.vmap(one)(faces, designs)
 
 
-def _settle(problem: Problem, face: Array, x: Array) -> Array:
+def _settle(problem: StrikeProblem, face: Array, x: Array) -> Array:
     """A design whose arm is no faster than it can: its velocity cut along the normal first, then across."""
     design, most = read_design(problem, face, x), SETTLED * problem.limits.speed
     local = rotate_back(design.attitude, design.velocity)
@@ -51,7 +61,7 @@ def _settle(problem: Problem, face: Array, x: Array) -> Array:
     return x.at[SPEED].set(approach).at[SLIPS].add(cut * across / problem.unit)
 
 
-def _estimate(problem: Problem, face: Array, x: Array) -> Array:
+def _estimate(problem: StrikeProblem, face: Array, x: Array) -> Array:
     limits, debris, reference, law = problem.limits, problem.debris, problem.law.reference, problem.law.normal
     design = read_design(problem, face, x)
     foot = debris.surface.find_foot(design.point)

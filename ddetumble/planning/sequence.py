@@ -11,13 +11,14 @@ import numpy as np
 from jaxtyping import Array
 from scipy.stats import qmc
 
+from .._display import Progress
 from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate_impact
 from .relaxation import Relaxation, find_relaxations
 from .strike_plan import LEAST_GAIN, STARTS, StrikePlan, plan_strike
-from .strike_problem import Problem, reach_speed
+from .strike_problem import StrikeProblem, reach_speed
 
 
 SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
@@ -81,13 +82,13 @@ class Sequence:
         return self.instants[-1] + float(self.impacts[-1].collision.separation) if self.impacts else 0.0
 
 
-def measure_share(problem: Problem, rates: np.ndarray) -> float:
+def measure_share(problem: StrikeProblem, rates: np.ndarray) -> float:
     """|L| at these rates over |L| of the problem [-]."""
     inertia = np.asarray(problem.debris.inertia)
     return float(np.linalg.norm(inertia @ rates) / np.linalg.norm(inertia @ np.asarray(problem.angular_velocity)))
 
 
-def find_floor(problem: Problem) -> float:
+def find_floor(problem: StrikeProblem) -> float:
     """Share of the momentum about an axis of revolution of the surface, or a sphere's centre, which a normal force
     cannot take [-]; 0 where free motion moves momentum into that axis and out of it.
     """
@@ -126,7 +127,7 @@ def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: A
     return jax.vmap(jax.vmap(one, (0, None)), (None, 0))(speeds, pressures)
 
 
-def bound_impacts(problem: Problem, share: float) -> int:
+def bound_impacts(problem: StrikeProblem, share: float) -> int:
     r"""Fewest impacts that can leave a share of the momentum: no impact takes more than $J (\ell + \mu R)$.
 
     $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$
@@ -160,7 +161,7 @@ def bound_impacts(problem: Problem, share: float) -> int:
     return max(1, math.ceil(size * (1.0 - share) / most - 1e-9))
 
 
-def find_lever(problem: Problem, draws: int = 4096) -> float:
+def find_lever(problem: StrikeProblem, draws: int = 4096) -> float:
     """Largest lever arm of a normal force on the surface, over many of its places and its corners [m]."""
     surface = problem.debris.surface
     count = len(surface.face_names())
@@ -177,15 +178,15 @@ def find_lever(problem: Problem, draws: int = 4096) -> float:
     return float(jnp.max(jax.vmap(lambda face: jax.vmap(lambda place: lever(face, place))(places))(faces)))
 
 
-def move_on(problem: Problem, plan: StrikePlan) -> Problem:
+def move_on(problem: StrikeProblem, plan: StrikePlan) -> StrikeProblem:
     """The problem of the next impact: the motion that this one left, time counted from its separation."""
     return eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem,
                        (plan.collision.attitude, plan.collision.angular_velocity))
 
 
-def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
-                  revise: Callable[[Problem, StrikePlan], StrikePlan] | None = None,
-                  progress: Callable[[str], object] | None = None) -> Sequence:
+def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
+                  revise: Callable[[StrikeProblem, StrikePlan], StrikePlan] | None = None,
+                  progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
 
     Args:
@@ -194,7 +195,7 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = ST
         most: impacts at most.
         starts, seed: as of `plan_strike`.
         revise: changes each plan, for what is uncertain; the motion goes on as the best estimate has it.
-        progress: told one line at a time.
+        progress: called with a sentence and nan: how much is done is not known.
 
     Raises:
         ComputationError: where not even a first impact could be planned.
@@ -223,13 +224,13 @@ def plan_sequence(problem: Problem, share: float, most: int, *, starts: int = ST
         left = measure_share(problem, np.asarray(plan.collision.angular_velocity))
         shares.append(left)
         if progress is not None:
-            progress(f"impact {len(impacts)}: {100 * left:.2f} % left")
+            progress(f"impact {len(impacts)}: {100 * left:.2f} % left", math.nan)
         now = move_on(now, plan)
     impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in impacts)
     relaxations = ()
     if refused is not None and not impacts and not refused.missed:
         if progress is not None:
-            progress("looking for the limit that stands in the way")
+            progress("looking for the limit that stands in the way", math.nan)
         relaxations = find_relaxations(problem, list_obstacles(refused), LEAST_GAIN, seed=seed)
     return Sequence(tuple(impacts), tuple(instants), tuple(shares), impulse, left <= share,
                     bound_impacts(problem, share), find_floor(problem), refused, None, relaxations)

@@ -3,6 +3,7 @@ how well.
 """
 
 import dataclasses as dc
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize, nnls
 
+from .._display import Progress
 from .._errors import ComputationError
 from ..dynamics.outcome import Collision
 from .guesses import DRAWS, estimate_score, find_bounds, find_starts
@@ -17,7 +19,7 @@ from .strike_problem import (
     CONSTRAINTS,
     VARIABLES,
     Design,
-    Problem,
+    StrikeProblem,
     evaluate,
     evaluate_slopes,
     read_design,
@@ -108,7 +110,7 @@ class StrikePlan:
 class DesignSearch:
     """The problem as SciPy asks for it; each design is integrated once for its values and once for its derivatives."""
 
-    def __init__(self, problem: Problem, face: int, tally: Tally):
+    def __init__(self, problem: StrikeProblem, face: int, tally: Tally):
         self.problem, self.face, self.tally = problem, jnp.asarray(face), tally
         self.at: tuple[bytes, Any] = (b"", None)
         self.slopes_at: tuple[bytes, Any] = (b"", None)
@@ -133,7 +135,8 @@ class DesignSearch:
         return self.slopes_at[1]
 
 
-def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int = 40) -> tuple[np.ndarray, np.ndarray]:
+def refine(problem: StrikeProblem, face: int, x: np.ndarray, tally: Tally, steps: int = 40
+           ) -> tuple[np.ndarray, np.ndarray]:
     """Variables and values where sequential quadratic programming (SLSQP) ends from a start.
 
     Where that is outside what is allowed, it is begun again from there, once, without what it had learnt of curvature.
@@ -152,8 +155,8 @@ def refine(problem: Problem, face: int, x: np.ndarray, tally: Tally, steps: int 
     return best, search.values(best)
 
 
-def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, seed: int = 0,
-                near: Sequence[tuple[int, np.ndarray]] = (), progress: Callable[[str], object] | None = None
+def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, draws: int = DRAWS, seed: int = 0,
+                near: Sequence[tuple[int, np.ndarray]] = (), progress: Progress | None = None
                 ) -> StrikePlan:
     """Plan one impact.
 
@@ -166,7 +169,7 @@ def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, s
         draws: how many designs the closed forms look at in every generation, all at once under `vmap`; a power of 2.
         seed: of their places.
         near: faces and variables that they look at as well, such as those of the impact before.
-        progress: told one line at a time.
+        progress: called with a sentence and nan: how much is done is not known.
 
     Raises:
         ComputationError: where no start leads to an impact that can be integrated.
@@ -180,7 +183,7 @@ def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, s
         estimate = min(estimate, found.score)
         for number, (face, x) in enumerate(found.places, 1):
             if progress is not None:
-                progress(f"start {number} of {count}, {names[face]}")
+                progress(f"start {number} of {count}, {names[face]}", math.nan)
             x, values = refine(problem, face, x, tally)
             if values[0] < LOST:
                 ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
@@ -202,7 +205,7 @@ def plan_strike(problem: Problem, *, starts: int = STARTS, draws: int = DRAWS, s
         tuple((names[end[2]], end[1], end[0]) for end in ends))
 
 
-def certify(problem: Problem, face: int, x: np.ndarray, margin: float) -> Certificate:
+def certify(problem: StrikeProblem, face: int, x: np.ndarray, margin: float) -> Certificate:
     """First-order optimality by the least squares of the multipliers, and the gradient against differences."""
     number = jnp.asarray(face)
     value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, number, jnp.asarray(x)))

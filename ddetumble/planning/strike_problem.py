@@ -19,7 +19,7 @@ from jaxtyping import Array
 
 from .._numerics import safe_divide, scalar
 from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
-from ..contact.gripping import StrikeLaw, find_height
+from ..contact.gripping import StrikeLaw, Striker, find_height
 from ..dynamics.angles import measure_nutation
 from ..dynamics.collision import simulate_collision
 from ..dynamics.free_motion import coast_symmetric, propagate_torque_free
@@ -84,7 +84,7 @@ class Goal(eqx.Module):
 
 
 @final
-class Problem(eqx.Module):
+class StrikeProblem(eqx.Module):
     """Everything that is given.
 
     Attributes:
@@ -101,13 +101,26 @@ class Problem(eqx.Module):
 
     law: StrikeLaw
     debris: Debris
-    attitude: Array = eqx.field(converter=scalar)
-    angular_velocity: Array = eqx.field(converter=scalar)
+    attitude: Array
+    angular_velocity: Array
     limits: Limits
     goal: Goal
     conditions: Mapping[str, Array]
     symmetric: bool = eqx.field(static=True)
-    unit: Array = eqx.field(converter=scalar)
+    unit: Array
+
+    def __init__(self, law: StrikeLaw | Striker, debris: Debris, attitude, angular_velocity, limits: Limits,
+                 goal: Goal | None = None, conditions: Mapping[str, Array] | None = None,
+                 symmetric: bool | None = None, unit: Array | None = None):
+        """Symmetry and unit are taken from the rest where they are not given."""
+        self.law = law if isinstance(law, StrikeLaw) else law.extend(())
+        self.debris, self.limits, self.goal = debris, limits, Goal() if goal is None else goal
+        self.attitude, self.angular_velocity = scalar(attitude), scalar(angular_velocity)
+        self.conditions = {} if conditions is None else conditions
+        self.symmetric = is_symmetric(debris) if symmetric is None else symmetric
+        self.unit = scalar(1.0) if unit is None else scalar(unit)
+        if unit is None:
+            self.unit = allow_speed(self)
 
 
 class Design(eqx.Module):
@@ -149,7 +162,7 @@ def span_plane(normal: Array) -> tuple[Array, Array]:
     return (jnp.stack([1.0 + sign * x**2 * a, sign * b, -sign * x]), jnp.stack([b, sign + y**2 * a, -y]))
 
 
-def drift(problem: Problem, time: Array) -> tuple[Array, Array]:
+def drift(problem: StrikeProblem, time: Array) -> tuple[Array, Array]:
     """Attitude and rates after free motion for a time [s], in closed form."""
     times = time[None]
     if problem.symmetric:
@@ -162,14 +175,7 @@ def drift(problem: Problem, time: Array) -> tuple[Array, Array]:
     return attitude[0], rates[0]
 
 
-def make_problem(law: StrikeLaw, debris: Debris, attitude, angular_velocity, limits: Limits, goal: Goal,
-                 conditions: Mapping[str, Array]) -> Problem:
-    """A `Problem`, its symmetry and its unit of velocities taken from the rest."""
-    problem = Problem(law, debris, attitude, angular_velocity, limits, goal, conditions, is_symmetric(debris), 1.0)
-    return eqx.tree_at(lambda p: p.unit, problem, allow_speed(problem))
-
-
-def reach_speed(problem: Problem) -> Array:
+def reach_speed(problem: StrikeProblem) -> Array:
     """Speed that arm and surface cannot meet faster than [m/s]: the arm's, and the surface's at the fastest that the
     body can turn with its momentum.
     """
@@ -179,7 +185,7 @@ def reach_speed(problem: Problem) -> Array:
 
 
 @eqx.filter_jit
-def allow_speed(problem: Problem) -> Array:
+def allow_speed(problem: StrikeProblem) -> Array:
     r"""Approach speed at which a ball without damping comes to the limit of force or depression, $\sqrt{2 W/m}$ [m/s].
 
     $W$ is the work of the elastic force up to there, at the pressure that allows most; $m$ the reduced mass of an
@@ -206,7 +212,7 @@ def allow_speed(problem: Problem) -> Array:
     return jnp.clip(allowed, jnp.minimum(limits.approach, fastest), fastest)
 
 
-def read_design(problem: Problem, face: Array, x: Array) -> Design:
+def read_design(problem: StrikeProblem, face: Array, x: Array) -> Design:
     """Physical quantities of seven variables."""
     limits = problem.limits
     low, high = limits.pressure
@@ -221,15 +227,15 @@ def read_design(problem: Problem, face: Array, x: Array) -> Design:
                   rates, rotate(attitude, normal))
 
 
-def strike_debris(problem: Problem, design: Design, adjoint: dfx.AbstractAdjoint | None = None, rtol=RTOL, atol=ATOL,
-                  max_steps: int = MAX_STEPS) -> Collision:
+def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractAdjoint | None = None, rtol=RTOL,
+                  atol=ATOL, max_steps: int = MAX_STEPS) -> Collision:
     """The impact of a design, integrated."""
     conditions = {**problem.conditions, "initial_pressure": design.pressure}
     return simulate_collision(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point,
                               design.velocity, conditions, adjoint=adjoint, rtol=rtol, atol=atol, max_steps=max_steps)
 
 
-def score(problem: Problem, rates: Array) -> Array:
+def score(problem: StrikeProblem, rates: Array) -> Array:
     """What is wanted small, of the rates after an impact in body components."""
     goal, inertia = problem.goal, problem.debris.inertia
     before, after = problem.angular_velocity @ inertia, rates @ inertia
@@ -251,7 +257,7 @@ class Parting(eqx.Module):
     arm_velocity: Array
 
 
-def keep_clear(problem: Problem, design: Design, after: Parting | Collision, radius: Array) -> Array:
+def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collision, radius: Array) -> Array:
     """Least distance between ball and body before and after the contact, less what it is at first touch [m].
 
     The ball keeps its velocity on either side, the body its rates; over less than a second that is enough.
@@ -282,7 +288,7 @@ def judge_margins(limits: Limits, margins: Array) -> Array:
     return jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
 
 
-def judge(problem: Problem, design: Design, collision: Collision) -> Array:
+def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Array:
     """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,).
 
     The next edge holds nothing that the edge does not: in a corner, where the lever arm is largest and the nearest edge
@@ -299,13 +305,13 @@ def judge(problem: Problem, design: Design, collision: Collision) -> Array:
 
 
 @eqx.filter_jit
-def evaluate(problem: Problem, face: Array, x: Array) -> Array:
+def evaluate(problem: StrikeProblem, face: Array, x: Array) -> Array:
     """What is wanted small and all constraints of one design, shape (1 + constraints,)."""
     return _evaluate(problem, face, x, None)
 
 
 @eqx.filter_jit
-def evaluate_slopes(problem: Problem, face: Array, x: Array) -> tuple[Array, Array]:
+def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array) -> tuple[Array, Array]:
     """The same with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
     return with_slopes(lambda x: _evaluate(problem, face, x, dfx.ForwardMode()), x)
 
@@ -320,7 +326,7 @@ def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Ar
     return value, slopes
 
 
-def _evaluate(problem: Problem, face: Array, x: Array, adjoint) -> Array:
+def _evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint) -> Array:
     design = read_design(problem, face, x)
     collision = strike_debris(problem, design, adjoint)
     values = jnp.concatenate([score(problem, collision.angular_velocity)[None], judge(problem, design, collision)])

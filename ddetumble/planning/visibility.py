@@ -5,12 +5,13 @@ between what can be seen of them is near one.
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
@@ -30,7 +31,6 @@ from .plans import read_plan
 
 FILE = "map.json"
 SAME = 0.9995  # |cos| from which no size tells two effects apart
-Progress = Callable[[str, float], None]
 
 
 @dc.dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Visible:
 
 
 @dc.dataclass(frozen=True)
-class Visibility:
+class Visibility(AbstractPrinted):
     """The map; `to_dict()` is `map.json`.
 
     Attributes:
@@ -90,9 +90,6 @@ class Visibility:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return self.sentence
-
-    def text(self) -> str:
         """The map for a terminal."""
         width = max(len(e.effect) for e in self.effects)
         rows = [f"{'effect':<{width}}  {'found from':<28}  most like"]

@@ -11,13 +11,14 @@ import json
 import os
 import zipfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, final
 
 import filelock
 import numpy as np
 
+from .._display import Progress
 from .._errors import InputError
 from ..inference.files import make_plain, write_json
 from .diagnostics import Convergence, judge_chains
@@ -27,7 +28,6 @@ from .target import AbstractTarget, digest
 
 SCHEMA = "ddetumble.chain/3"
 PLAN, START = "chain.json", "start.npz"
-Progress = Callable[[str, float], None]
 Block = dict[str, np.ndarray]
 
 

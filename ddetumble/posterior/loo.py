@@ -112,7 +112,7 @@ def limit_shape(draws: int) -> float:
 
 def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndarray, base: np.ndarray | None = None, *,
                      independent: float = 1.0, seed: int = 0,
-                     report: Callable[[str, float], None] = lambda text, share: None) -> Scores:
+                     report: Callable[[str, float], object] = lambda text, share: None) -> Scores:
     """Leave every condition out once.
 
     Args:

@@ -153,7 +153,7 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
 
 
 def check_posterior(target: CampaignTarget, x: np.ndarray, seed: int = 0,
-                    report: Callable[[str, float], None] = lambda text, share: None) -> Checks:
+                    report: Callable[[str, float], object] = lambda text, share: None) -> Checks:
     """Hold every record against replicates of it.
 
     Args:

@@ -128,7 +128,7 @@ class Posterior(AbstractPrinted):
         x = self.scored()
         return self.target.likelihoods(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:2], -1)
 
-    def examine(self, report: Callable[[str, float], None] = lambda text, share: None) -> "Posterior":
+    def examine(self, report: Callable[[str, float], object] = lambda text, share: None) -> "Posterior":
         """The same with posterior predictive checks and scores of left-out conditions, where it has several parts."""
         target = self.target
         if isinstance(target, CurveTarget) and target.labels is None:

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .._display import Progress
 from .._errors import InputError
 from ..contact.effect import AbstractEffect
 from ..inference.archive import Model
 from ..inference.curve_fit import CurveFit
-from ..inference.estimation import Progress, fit
+from ..inference.estimation import fit
 from ..inference.findings import Fit
 from ..inference.specification import read_specification
 from ..measurement.campaign import Campaign

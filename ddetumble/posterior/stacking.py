@@ -9,7 +9,7 @@ model adds to a prediction, not how probable it is: of two that predict alike, a
 import dataclasses as dc
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ import numpy as np
 import pydantic
 from scipy import optimize
 
-from .._display import AbstractPrinted
+from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect
 from ..inference.archive import Model, load
@@ -49,7 +49,6 @@ NOTHING = 1e-4  # weights below are none
 RESULT = "result.json"
 DRAWS = 480  # about each fit
 ROUNDS = 3  # in which the draws follow the posterior, at most
-Progress = Callable[[str, float], None]
 Outcome = Literal["best", "preferred", "favoured", "indistinguishable"]
 Rivals = Sequence[str | Sequence[str | type[AbstractEffect]]]
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from ..inference.findings import Fit
+from ..planning.plan import Plan
 from ..posterior.result import Posterior
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
@@ -11,14 +12,15 @@ from .findings import write_report
 from .fit import report_fit
 from .missing import write_missing
 from .page import Picture, Section, Table, write_page
+from .plan import write_plan
 from .posterior import write_posterior
 
 
-def report(result: Fit | Comparison | Comparisons | Discovery | Posterior, folder) -> Path:
+def report(result: Fit | Comparison | Comparisons | Discovery | Posterior | Plan, folder) -> Path:
     """Write a result as one page that works offline, and its figures as PNG files in `figures/` beside it.
 
     Args:
-        result: what `fit`, `compare`, `discover` or `sample` returned.
+        result: what `fit`, `compare`, `discover`, `sample` or `plan` returned.
         folder: where to write; made where it is not there.
 
     Returns:
@@ -34,10 +36,13 @@ def report(result: Fit | Comparison | Comparisons | Discovery | Posterior, folde
         return report_comparison(result, folder)
     if isinstance(result, Posterior):
         return write_posterior(result, folder)
+    if isinstance(result, Plan):
+        return write_plan(result, folder)
     if isinstance(result, Fit):
         return report_fit(result, folder)
-    raise TypeError(f"there is no page of {type(result).__name__}: give what fit, compare, discover or sample returned")
+    raise TypeError(f"there is no page of {type(result).__name__}: give what fit, compare, "
+                    "discover, sample or plan returned")
 
 
 __all__ = ["Picture", "Section", "Table", "report", "report_comparison", "report_fit", "tabulate_errors",
-           "write_comparison", "write_missing", "write_page", "write_posterior", "write_report"]
+           "write_comparison", "write_missing", "write_page", "write_plan", "write_posterior", "write_report"]

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import json
-import math
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
@@ -17,19 +16,16 @@ from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
-from ..measurement.units import choose_time_unit, format_time
-from ..planning.ambiguity import Assessment
+from ..measurement.units import choose_time_unit
 from ..planning.measured import (
     Extrapolation,
-    MeasuredRange,
     format_extrapolation,
     list_extrapolations,
-    warn_of_extrapolation,
 )
-from ..planning.prospect import Prospect
-from ..planning.sequence import Joint, Sequence, measure_share
-from ..planning.strike_plan import LEAST_GAIN, StrikePlan
-from ..planning.strike_problem import Problem
+from ..planning.plan import Plan, find_end
+from ..planning.sequence import Sequence, measure_share
+from ..planning.strike_plan import StrikePlan
+from ..planning.strike_problem import StrikeProblem
 from .outlook import list_outlook, show_outlook
 from .page import Picture, Section, Table, write_page, write_whole
 
@@ -47,103 +43,7 @@ FOUNDED = {
                "all of them and the motion between. What is left of that gradient after the binding constraints' "
                "share says how nearly the whole is a first-order optimum near where it began; another sequence may be "
                "better still."}
-NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-AFTERWARDS = 30.0  # s, of free motion drawn at either end
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
-
-
-def describe_plan(problem: Problem, sequence: Sequence, share: float,
-                  ranges: tuple[MeasuredRange, ...] = ()) -> str:
-    """What was found, in a few sentences; `ranges` are those of `find_measured_ranges`."""
-    floor, count = sequence.floor, len(sequence.impacts)
-    frictionless = ""
-    if floor > 1e-3:
-        frictionless = (
-            " A normal force has no moment about a sphere's centre: all of this momentum goes by friction alone."
-            if len(problem.debris.surface.find_pivots()) == 3 else
-            " A normal force has no moment about the axis of a body of revolution: "
-            f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone.")
-    if not count:
-        missed = sequence.refused is not None and sequence.refused.missed
-        cannot = "No impact was found" if missed else "This cannot be done"
-        return f"{cannot}: {_say_why(sequence)}.{_format_relaxations(sequence)}{frictionless}"
-    left = 100 * sequence.shares[-1]
-    shown = f"{left:.2f} %" if left >= 0.005 else "less than 0.01 %"
-    start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {shown} of the angular momentum"
-    start += "" if sequence.reached else f", not the wanted {100 * share:g} %"
-    last = format_time(sequence.instants[-1], find_end(sequence))
-    aim = (f" {'It comes' if count == 1 else 'The last of them comes'} at {last}, and the contact force has an impulse "
-           f"of {sequence.impulse:.1f} N s{'' if count == 1 else ' in all'}.")
-    bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound > 1 else ""
-    ended = ""
-    if not sequence.reached and sequence.refused is not None:
-        why = _say_why(sequence)
-        ended = f" {why[:1].upper()}{why[1:]}."
-    together = "" if sequence.joint is None else f" {_format_joint(sequence.joint, share)}"
-    beyond = warn_of_extrapolation(list_extrapolations(ranges, sequence.impacts, problem.conditions))
-    return f"{start}.{aim}{ended}{together}{bound}{frictionless} {beyond}".rstrip()
-
-
-def find_end(sequence: Sequence) -> float:
-    """Up to when the motion is followed [s], which decides on the unit of all times of a plan."""
-    return (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS
-
-
-def _format_joint(joint: Joint, share: float) -> str:
-    """What optimising jointly made of the plan, or would leave with one impact less."""
-    count, (before, left, impulse, duration) = _format_count(joint.impacts), joint.alone
-    if not joint.taken:
-        missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but not within the limits"
-        leave = "leaves" if joint.impacts == 1 else "leave"
-        return f"Optimised jointly, {count} {leave} {100 * joint.share:.2f} % of the angular momentum, {missed}."
-    if joint.aim == "impacts":
-        do = "does" if joint.impacts == 1 else "do"
-        return f"Optimised jointly, {count} {do} what takes {_format_count(before)} when planned one after the other."
-    what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remain, against {100 * left:.2f} %",
-            "impulse": f"impulse: {joint.impulse:.1f} N s, against {impulse:.1f} N s",
-            "time": f"time: {joint.duration:.1f} s, against {duration:.1f} s"}[joint.aim]
-    return f"The impacts were optimised jointly for the least {what} when planned one after the other."
-
-
-def _format_count(impacts: int) -> str:
-    number = NUMBERS[impacts] if impacts < len(NUMBERS) else f"{impacts}"
-    return f"{number} impact{'s' * (impacts != 1)}"
-
-
-def _format_relaxations(sequence: Sequence) -> str:
-    """Which limit would have to be looser, and how much."""
-    if not sequence.relaxations:
-        return ""
-    parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g} {one.unit} in place of {one.given:g} "
-             f"{one.unit}" for one in sequence.relaxations]
-    return (f" An impact worth {100 * LEAST_GAIN:.0f} % of what is wanted would be allowed with {', or '.join(parts)}, "
-            "the other limits as they are.")
-
-
-def _round_loosely(value: float, up: bool) -> float:
-    """Two digits, rounded so that what is allowed at `value` is allowed there too."""
-    if value == 0.0:
-        return 0.0
-    step = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
-    return float(f"{(math.ceil if up else math.floor)(value / step) * step:.3g}")
-
-
-def _say_why(sequence: Sequence) -> str:
-    """Why no further impact was planned."""
-    best = sequence.refused
-    further = "a further" if sequence.impacts else "the best single"
-    if best is None:
-        return "no impact is allowed"
-    if best.missed:
-        return (f"the search found no {'further ' * bool(sequence.impacts)}impact that keeps the limits and is worth "
-                f"{100 * LEAST_GAIN:.0f} % of what is wanted, though closed forms see one worth "
-                f"{100 * (1.0 - best.estimate / best.untouched):.1f} %; another seed or more starts may find it")
-    if best.allowed:
-        gain = max(0.0, 1.0 - best.score / best.untouched)
-        return (f"{further} impact changes what is wanted by {100 * gain:.2f} %, "
-                f"less than {100 * LEAST_GAIN:.0f} %")
-    name = min(best.values, key=lambda one: best.values[one])
-    return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"
 
 
 def list_impact(number: int, instant: float, share: float, plan: StrikePlan, beyond: list[Extrapolation]
@@ -172,7 +72,7 @@ def list_impact(number: int, instant: float, share: float, plan: StrikePlan, bey
     }  # fmt: skip
 
 
-def follow_plan(problem: Problem, sequence: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def follow_plan(problem: StrikeProblem, sequence: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s], angular momentum [N m s] and nutation angle [rad] from before the first to after the last impact."""
     inertia = problem.debris.inertia
     attitude, rates, begin = problem.attitude, problem.angular_velocity, 0.0
@@ -213,7 +113,7 @@ def trace_edges(surface: AbstractSurface) -> list[list[list[float]]]:
     return [np.asarray(line).round(4).tolist() for line in lines]
 
 
-def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
+def make_view(problem: StrikeProblem, sequence: Sequence) -> markupsafe.Markup:
     """The body with points, impulses and angular momentum before and after, in the body frame, to be turned by hand."""
     reach = float(problem.debris.surface.reach())
     arrows = []
@@ -241,32 +141,17 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
         "<script>" + script + "</script>")
 
 
-def write_plan(problem: Problem, sequence: Sequence, folder, *, title: str = "", share: float = 0.01,
-               source: str = "", assessment: Assessment | None = None, plan_for: str = "best",
-               prospect: Prospect | None = None, ranges: tuple[MeasuredRange, ...] = ()) -> Path:
-    """Write `plan.json` and `report.html` into a folder.
-
-    Args:
-        problem: what was asked.
-        sequence: what was planned.
-        folder: where to write; made where it is not there.
-        title: of the scenario.
-        share: of the angular momentum that was wanted.
-        source: name of the scenario's file.
-        assessment: how sure its first impact is.
-        plan_for: what it was planned for: the `best` estimate, the `mean` or the `tail` of the draws.
-        prospect: how sure all impacts together are; only beside `assessment`.
-        ranges: over which the contact model was measured.
-
-    Returns:
-        Path of the page.
-    """
+def write_plan(plan: Plan, folder) -> Path:
+    """Write `plan.json` and `report.html` into a folder, made where it is not there; returns the page's path."""
+    problem, sequence, share, ranges = plan.problem, plan.sequence, plan.settings.share, plan.ranges
+    assessment, prospect, plan_for = plan.assessment, plan.prospect, plan.settings.plan_for
+    title, source = plan.title, plan.source
     folder = Path(folder)
-    sentence = describe_plan(problem, sequence, share, ranges)
+    sentence = plan.sentence
     beyond = list_extrapolations(ranges, sequence.impacts, problem.conditions)
     outside = [[one for one in beyond if one.impact == k] for k in range(1, len(sequence.impacts) + 1)]
-    impacts = [list_impact(k + 1, sequence.instants[k], sequence.shares[k], plan, outside[k])
-               for k, plan in enumerate(sequence.impacts)]
+    impacts = [list_impact(k + 1, sequence.instants[k], sequence.shares[k], one, outside[k])
+               for k, one in enumerate(sequence.impacts)]
     best = sequence.refused
     result = {
         "schema": SCHEMA, "scenario": source, "title": title, "sentence": sentence, 

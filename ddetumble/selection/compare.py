@@ -8,10 +8,10 @@ from typing import Any, overload
 import numpy as np
 import pandas as pd
 
-from .._display import AbstractPrinted
+from .._display import AbstractPrinted, Progress
 from ..contact.effect import is_absent
 from ..inference.archive import Model, resolve_model, take_fitted
-from ..inference.estimation import Progress, fit
+from ..inference.estimation import fit
 from ..inference.families import Family, find_family, name_family
 from ..inference.files import make_plain, write_json
 from ..measurement.campaign import Campaign

@@ -2,13 +2,14 @@
 
 import dataclasses as dc
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
+from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
 from ..inference.archive import Model, resolve_model
@@ -44,9 +45,6 @@ from .sentences import (
 )
 from .series import noise_nrmse
 from .settings import DEFAULT, SelectionSettings
-
-
-Progress = Callable[[str, float], None]
 
 
 def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,

@@ -5,10 +5,11 @@ cross-validate, choose, exchange earlier choices while that predicts better, tak
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from .._display import Progress
 from .._numerics import map_threads
 from ..contact.effect import parameters_of
 from ..inference.assembly import default_starts
@@ -24,7 +25,6 @@ NEAR = 0.25  # share of the best candidate's gain that a screening fit which has
 LOST = 1.0  # noise variances by which a fit from an interior start is worse than none, from where it went astray
 TIE = 1e-6  # noise variances: of two models that predict alike the one with fewer parameters is taken
 
-Progress = Callable[[str, float], None]
 
 
 def _silent(text: str, share: float) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .._display import AbstractPrinted
 from ..inference.files import make_plain
 
 
@@ -263,7 +264,7 @@ class Shape:
 
 
 @dc.dataclass(frozen=True)
-class MissingForce:
+class MissingForce(AbstractPrinted):
     """What a flexible force inside the equation of motion removes of a misfit, and what it looks like.
 
     Losses are held out, over whole conditions, in noise variances: `floor` is what noise alone leaves of them.
@@ -298,7 +299,7 @@ class MissingForce:
         """Share of the reference model's misfit that is removed where this loss is left."""
         return float(np.clip((self.reference - loss) / max(self.reference - self.floor, 1e-300), 0.0, 1.0))
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """The sentence and its notes, one a line."""
         return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
 

@@ -332,7 +332,7 @@ def _choose(normal: Normal, base: int, fixed: np.ndarray) -> tuple[float, np.nda
 
 
 def draw_forces(bench: FreeBench, normals: dict[str, Normal],
-                report: Callable[[str, float], None] = lambda text, share: None) -> tuple[list[Drawn], Drawn | None]:
+                report: Callable[[str, float], object] = lambda text, share: None) -> tuple[list[Drawn], Drawn | None]:
     """The missing force over every variable alone, best first, and the ceiling: the best sum of a few.
 
     `normals` are of `FreeBench.scan`.

@@ -1,11 +1,12 @@
 """The missing force in words: the ceiling, its shape over the variables, its spectrum, and laws that would draw it."""
 
 import dataclasses as dc
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ..._display import Progress
 from ..._errors import InputError
 from ...contact.effect import AbstractEffect
 from ...inference.archive import Model, resolve_model
@@ -31,7 +32,6 @@ ABSORBED = 0.2  # share of its signature below which what the parameters imitate
 LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
 WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
 
-Progress = Callable[[str, float], None]
 
 
 def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
