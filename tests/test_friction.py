@@ -20,8 +20,8 @@ from ddetumble.contact.friction import (
 )
 from ddetumble.dynamics import simulate_sliding
 from ddetumble.effects import catalogue
+from ddetumble.effects.directions import SLIP_DIRECTIONS
 from ddetumble.effects.slip import FrictionalHeating, Presliding
-from ddetumble.effects.slip_probes import SLIP_PROBES
 from ddetumble.exam.simulators.slip import simulate_slip
 from ddetumble.inference.strokes import split_strokes
 
@@ -121,7 +121,7 @@ def test_presliding_has_its_limits():
     np.testing.assert_allclose(found, [0.0, 4.0 * (1 - np.exp(-1)), 4.0], atol=1e-12)
 
 
-@pytest.mark.parametrize("effect", [*SLIP, *SLIP_PROBES], ids=lambda effect: effect.id)
+@pytest.mark.parametrize("effect", [*SLIP, *SLIP_DIRECTIONS], ids=lambda effect: effect.id)
 def test_contract(effect):
     assert check_effect(effect).require().ok
     assert stage_of(effect) in ("rubber", "load", "friction")

@@ -22,8 +22,8 @@ from ddetumble.dynamics import simulate_oblique_impact as run_strike
 from ddetumble.dynamics.impact import follow, read_motion
 from ddetumble.dynamics.strike import _COURSE, grip
 from ddetumble.effects import OBLIQUE
+from ddetumble.effects.directions import OBLIQUE_DIRECTIONS
 from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
-from ddetumble.effects.oblique_probes import LoadProbe, PathProbe, SequenceProbe, SpeedProbe, TimeProbe
 from ddetumble.effects.rig import ArmServo
 from ddetumble.effects.slip import (
     AdhesiveOffset,
@@ -317,13 +317,15 @@ def test_independent_simulator_closes_its_own_books():
     np.testing.assert_allclose(work, end["work"], rtol=1e-3)
 
 
-def test_friction_probes_by_hand():
-    """Each probe's factor at a slide whose variables are known."""
+def test_directions_of_friction_by_hand():
+    """The factor of each test direction at a slide whose variables are known."""
     slide = Slide(*(jnp.asarray(x) for x in (5e-3, 0.1, 20.0, 1e6, 0.0, 8e-3, 1.0)), {"sequence": jnp.asarray(6.0)})
-    shares = {PathProbe: 0.5, LoadProbe: 0.4, SpeedProbe: 0.5, TimeProbe: 0.4, SequenceProbe: 0.5}
-    for probe, share in shares.items():
-        assert probe(h=jnp.asarray(0.2)).factor(slide) == pytest.approx(1.0 + 0.2 * share, rel=1e-14)
-        assert probe().factor(slide) == 1.0 and (probe.reference, probe.channel) == ("probe", "tangential_force")
+    shares = {"slip": 0.5, "load": 0.4, "speed": 0.5, "time": 0.4, "sequence": 0.5}
+    directions = {one.id: one for one in OBLIQUE_DIRECTIONS}
+    for name, share in shares.items():
+        one = directions[f"probe-friction-{name}"]
+        assert one(h=jnp.asarray(0.2)).factor(slide) == pytest.approx(1.0 + 0.2 * share, rel=1e-14)
+        assert one().factor(slide) == 1.0 and (one.reference, one.channel) == ("probe", "tangential_force")
 
 
 GOOD = {"initial_pressure": 1.2e6, "approach_speed": 0.4, "tangential_speed": 0.15}

@@ -12,7 +12,7 @@ from ddetumble._rotation import rotate
 from ddetumble.contact import torque
 from ddetumble.dynamics import propagate_torque_free, simulate_tumbling
 from ddetumble.effects import TUMBLE, catalogue
-from ddetumble.effects.tumble_probes import TUMBLE_PROBES
+from ddetumble.effects.directions import TUMBLE_DIRECTIONS
 from ddetumble.exam.simulators.tumbling import simulate_tumbling as simulate_second
 from ddetumble.inference.archive import resolve_model
 from tests.helpers_tumble import RATES, make_law, move
@@ -44,7 +44,7 @@ def test_catalogue():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [*TUMBLE, *TUMBLE_PROBES], ids=lambda effect: effect.id)
+@pytest.mark.parametrize("effect", [*TUMBLE, *TUMBLE_DIRECTIONS], ids=lambda effect: effect.id)
 def test_contract(effect):
     """Every effect and probe: absent at its null, alive, compiled = eager."""
     report = check_effect(effect)

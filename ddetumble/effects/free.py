@@ -25,7 +25,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_power
-from ..contact.effect import AbstractEffect, AbstractElasticEffect, AbstractStiffnessEffect, Contact, Scalar, parameter
+from ..contact.effect import AbstractEffect, AbstractElasticEffect, AbstractStiffnessEffect, Contact, parameter
+from ..contact.function_effect import declare_effect
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, Slide
 from ..contact.torque import AbstractTorque, Spin
 
@@ -198,16 +199,6 @@ def see_spin(spin: Spin) -> tuple[Array, Array]:
     return jnp.stack([spin.time, speed, z, phase]), jnp.concatenate([jnp.eye(3), drags])
 
 
-def _declare(bases: tuple[type, ...], name: str, family: str, numbers: Mapping[str, Any], text: str,
-             methods: Mapping[str, Any]) -> type[AbstractEffect]:
-    """A class of effects with many parameters of one kind."""
-    space = {"__annotations__": dict.fromkeys(numbers, Scalar), **numbers, "__module__": __name__, "__doc__": text,
-             "__qualname__": name, "id": f"{'free' if 'Free' in name else 'simple'}-{family}", "law": text,
-             "reference": "de Boor 1978, A Practical Guide to Splines", **methods}
-    made: Any = type(bases[0])(name, bases, space)
-    return made
-
-
 def _gather(effect: Any) -> Array:
     return jnp.stack([getattr(effect, f"c_{k}") for k in range(COUNT)])
 
@@ -245,10 +236,14 @@ def _act(see: Any, null: float = 0.0) -> tuple[Any, Any]:
 def _make(bases: tuple[type, ...], name: str, family: str, unit: str, typical: float, **methods: tuple[Any, Any]
           ) -> tuple[type[AbstractEffect], type[AbstractEffect]]:
     """Flexible term and simple laws of a family; `methods` holds the two functions of each method by its name."""
-    splines, laws = ({method: pair[k] for method, pair in methods.items()} for k in range(2))
-    text = f"a {name.lower()} as"
-    return (_declare(bases, f"Free{name}", family, _coefficients(unit, typical), f"{text} a sum of splines", splines),
-            _declare(bases, f"Simple{name}", family, _shapes(unit, typical), f"{text} simple laws", laws))
+    def declare(k: int, kind: str, what: str, numbers: Mapping[str, Any]) -> type[AbstractEffect]:
+        law = f"a {name.lower()} as {what}"
+        return declare_effect(
+            bases, numbers, {method: pair[k] for method, pair in methods.items()}, kind + name, __name__, law,
+            id=f"{kind.lower()}-{family}", law=law, reference="de Boor 1978, A Practical Guide to Splines")
+
+    return (declare(0, "Free", "a sum of splines", _coefficients(unit, typical)),
+            declare(1, "Simple", "simple laws", _shapes(unit, typical)))
 
 
 # In the stage of the elastic force, so that the damping multiplies it, as it does what a wall or a stop would add.

@@ -1,4 +1,4 @@
-"""One parameter space for a campaign: reference model, catalogue and probes, the same for every fit of it.
+"""One parameter space for a campaign: reference model, catalogue and directions, the same for every fit of it.
 
 A fit of two parameters and the search through the whole catalogue share one compiled program this way.
 """
@@ -31,7 +31,7 @@ class Assembly:
     Attributes:
         space: of all parameters.
         catalogue: effects that the campaign's model may have.
-        probes: that it may have.
+        directions: that it may have.
         left_out: ids of effects that need what model or campaign lack.
         start: coordinates, known parameters put in, effects at their null, shape (parameters,).
         base: free parameters of the reference model.
@@ -40,7 +40,7 @@ class Assembly:
 
     space: ParameterSpace
     catalogue: tuple[type[AbstractEffect], ...]
-    probes: tuple[type[AbstractEffect], ...]
+    directions: tuple[type[AbstractEffect], ...]
     left_out: tuple[str, ...]
     start: np.ndarray
     base: tuple[str, ...]
@@ -68,8 +68,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     family.check(campaign)
     offered = (*family.catalogue, *extra)
     catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
-    probes = tuple(e for e in family.probes if fits_campaign(e, reference, campaign))
-    space = ParameterSpace(reference, (*catalogue, *probes), list_commons(campaign))
+    directions = tuple(e for e in family.directions if fits_campaign(e, reference, campaign))
+    space = ParameterSpace(reference, (*catalogue, *directions), list_commons(campaign))
     known = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
     for name, value in known.items():
         low, high = space.slots[space.index[name]].parameter.bounds
@@ -82,7 +82,7 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
                                           for m in parts_of(reference)) else set()
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)
-    return Assembly(space, catalogue, probes, tuple(e.id for e in offered if e not in catalogue), start, base,
+    return Assembly(space, catalogue, directions, tuple(e.id for e in offered if e not in catalogue), start, base,
                     (*map(str, check_plausibility(campaign)), *warn_of_names(campaign, space),
                      *warn_of_range(campaign, reference)))  # fmt: skip
 

@@ -31,7 +31,7 @@ from .forward_selection import (
     keep_physical,
     select_effects,
 )
-from .localise import fit_probes, locate
+from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing, summarise_missing
 from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from .result import MissingForce, Place
@@ -166,23 +166,23 @@ def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: b
     if not reference.lack.rejected:
         return ("nothing-missing" if visible else "undecided"), [], steps, reference.fitted
     if len(steps) == 1:
-        probes = fit_probes(selection, reference.fitted, reference.scores)
-        return "unexplained", locate(selection, reference.fitted, probes), steps, reference.fitted
+        directions = fit_directions(selection, reference.fitted, reference.scores)
+        return "unexplained", locate(selection, reference.fitted, directions), steps, reference.fitted
     plain = not final.lack.rejected and len(final.fitted.effects) == 1
     if plain and reference.lack.smooth_p_value < limits.certain:
         return "explained", locate(selection, reference.fitted, {}), steps, final.fitted
-    probes = fit_probes(selection, reference.fitted, reference.scores)
-    best = min(probes.values(), key=lambda fitted: fitted.merit, default=None)
+    directions = fit_directions(selection, reference.fitted, reference.scores)
+    best = min(directions.values(), key=lambda fitted: fitted.merit, default=None)
     if best is not None and best.merit < final.fitted.merit - limits.significant:
         # One force that no catalogue lists does better than the effects together: they only imitate it.
-        where = locate(selection, reference.fitted, probes)
+        where = locate(selection, reference.fitted, directions)
         gain, possible = (reference.fitted.merit - one.merit for one in (final.fitted, best))
         if gain < limits.imitation * possible:
             return "unexplained", where, steps[:1], reference.fitted
         return "improved", where, steps, reference.fitted
     if not final.lack.rejected:
         return "explained", locate(selection, reference.fitted, {}), steps, final.fitted
-    where = locate(selection, final.fitted, fit_probes(selection, final.fitted, final.scores))
+    where = locate(selection, final.fitted, fit_directions(selection, final.fitted, final.scores))
     return "improved", where, steps, final.fitted
 
 

@@ -3,8 +3,8 @@
 Three statistics share the level. The first looks everywhere: the part of the whitened residuals that is smooth over a
 contact (splines of each record, and what the parameters could still change), with the nuisances' own misfit; under a
 complete model it is chi-square, spread a little further by what is not known about the noise's correlation. The second
-looks where physics would put it: the largest efficient score of any effect or probe that is not in the model. The third
-looks at what the settings of the records had to swallow: how far they were moved from what was written down.
+looks where physics would put it: the largest efficient score of any effect or test direction outside the model. The
+third looks at what the settings of the records had to swallow: how far they were moved from what was written down.
 """
 
 import dataclasses as dc
@@ -109,7 +109,8 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     number = "three" if shifts else "two"
     text = (f"the smallest p-value, counted three times, of {number} statistics: chi-square of the smooth part of "
             f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
-            f"{100 * spread:.1f} %); the largest efficient score of any effect or probe outside the model{how}{moved}")
+            f"{100 * spread:.1f} %); the largest efficient score of any effect or test direction outside the model{how}"
+            f"{moved}")
     return LackOfFit(ratio, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text)
 
 

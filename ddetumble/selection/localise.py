@@ -17,32 +17,34 @@ LINES = 4096  # frequencies that are tried, a quarter of a cycle apart: records 
 AT_ONCE = 2_000_000  # values of them at samples that are computed at once
 
 
-def fit_probes(selection: SelectionProblem, base: Fitted, scores) -> dict[str, Fitted]:
-    """Refit a model with each probe added, best first; ringing at the strongest line of the residuals."""
+def fit_directions(selection: SelectionProblem, base: Fitted, scores) -> dict[str, Fitted]:
+    """Refit a model with each direction added, best first; ringing at the strongest line of the residuals."""
     jobs = []
-    for probe in selection.probes:
-        own = [s for s in scores if s.effect == probe.id]
-        line = getattr(probe, "line", None)
+    for direction in selection.directions:
+        own = [s for s in scores if s.effect == direction.id]
+        line = getattr(direction, "line", None)
         if line is not None:
-            frequency = (scan_line(selection, base, probe) if selection.family.free_running
+            frequency = (scan_line(selection, base, direction) if selection.family.free_running
                          else find_line(selection, base))
             if frequency:
-                sizes = {f"{probe.id}.{p.name}": 0.3 * p.typical for p in parameters_of(probe) if p.kind != "shape"}
-                jobs.append((probe.id, {line: float(np.log(frequency)), **sizes}, ()))
+                sizes = {f"{direction.id}.{p.name}": 0.3 * p.typical
+                         for p in parameters_of(direction) if p.kind != "shape"}
+                jobs.append((direction.id, {line: float(np.log(frequency)), **sizes}, ()))
             continue
         if not own:
             continue
-        for s in sorted(own, key=lambda s: -abs(s.z))[: 3 if hasattr(probe, "onset") else 1]:
-            jobs.append((probe.id, {**s.shapes, s.name: selection.start[selection.space.index[s.name]] + s.step}, ()))
+        for s in sorted(own, key=lambda s: -abs(s.z))[: 3 if hasattr(direction, "onset") else 1]:
+            begin = selection.start[selection.space.index[s.name]] + s.step
+            jobs.append((direction.id, {**s.shapes, s.name: begin}, ()))
 
     def one(job):
-        probe, start, extra = job
-        return probe, selection.fit((*base.effects, probe), [start], base.solution.u, base.solution.z, extra=extra)
+        name, start, extra = job
+        return name, selection.fit((*base.effects, name), [start], base.solution.u, base.solution.z, extra=extra)
 
     best: dict[str, Fitted] = {}
-    for probe, fitted in map_threads(one, jobs):
-        if fitted is not None and (probe not in best or fitted.solution.chi2 < best[probe].solution.chi2):
-            best[probe] = fitted
+    for direction, fitted in map_threads(one, jobs):
+        if fitted is not None and (direction not in best or fitted.solution.chi2 < best[direction].solution.chi2):
+            best[direction] = fitted
     return dict(sorted(best.items(), key=lambda item: item[1].score))
 
 
@@ -73,7 +75,7 @@ def find_line(selection: SelectionProblem, fitted: Fitted) -> float | None:
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
 
 
-def scan_line(selection: SelectionProblem, fitted: Fitted, probe: type[AbstractEffect], most: int = 160
+def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[AbstractEffect], most: int = 160
               ) -> float | None:
     """Frequency at which a torque that repeats in time would take most of the misfit of tumbling records [Hz].
 
@@ -82,12 +84,12 @@ def scan_line(selection: SelectionProblem, fitted: Fitted, probe: type[AbstractE
     """
     problem = selection.problem if selection.thin is None else selection.thin
     time = np.asarray(problem.records.stack.time)[: problem.records.count]
-    line = probe.line  # pyright: ignore[reportAttributeAccessIssue]
-    names = [f"{probe.id}.{p.name}" for p in parameters_of(probe) if p.kind != "shape"]
+    line = direction.line  # pyright: ignore[reportAttributeAccessIssue]
+    names = [f"{direction.id}.{p.name}" for p in parameters_of(direction) if p.kind != "shape"]
     longest, interval = float(np.max(np.ptp(time, axis=1))), float(np.median(np.diff(time[0, : 64])))
     grid = np.arange(1.0, min(2.0 * longest * 0.4 / interval, most)) * 0.5 / longest
     solution = problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, moving=False)
-    wanted = [(probe.id, name, {line: float(np.log(f))}) for f in grid for name in names]
+    wanted = [(direction.id, name, {line: float(np.log(f))}) for f in grid for name in names]
     scores = score_directions(problem, solution, wanted)
     power = np.zeros(len(grid))
     for k in range(len(grid)):
@@ -110,14 +112,14 @@ def _abscissa(selection: SelectionProblem, fitted: Fitted) -> tuple[list[np.ndar
             [np.sign(solution.state_rate[r, :n]) for r, n in enumerate(records.lengths)])
 
 
-def locate(selection: SelectionProblem, base: Fitted, probes: dict[str, Fitted]) -> list[Place]:
-    """Places of a model's misfit: what its best probe says, then where the residuals themselves stand out.
+def locate(selection: SelectionProblem, base: Fitted, directions: dict[str, Fitted]) -> list[Place]:
+    """Places of a model's misfit: what its best direction says, then where the residuals themselves stand out.
 
     `share` is everywhere the share of its channel's misfit that lies in the range, as the residuals have it.
     """
     places, found = [], residual_places(selection, base)
-    if probes:
-        name, best = next(iter(probes.items()))
+    if directions:
+        name, best = next(iter(directions.items()))
         gain, error = compare_losses(base.loss, best.loss, selection.groups)
         excess = max(base.solution.chi2 - _rows(selection, base), 1.0)
         removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
@@ -141,10 +143,10 @@ def _rows(selection: SelectionProblem, fitted: Fitted) -> float:
     return float((np.asarray(selection.records.stack.weights) > 0).sum()) - fitted.solution.shared.shape[2]
 
 
-def _place(selection: SelectionProblem, probe: str, fitted: Fitted, share: float = 1.0) -> Place:
-    """The place that a probe stands for, its share still to be measured."""
-    effect = selection.find_effect(probe)
-    variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every probe has one
+def _place(selection: SelectionProblem, direction: str, fitted: Fitted, share: float = 1.0) -> Place:
+    """The place that a direction stands for, its share still to be measured."""
+    effect = selection.find_effect(direction)
+    variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every direction has one
     solution, index = fitted.solution, selection.space.index
     channel = getattr(effect, "channel", selection.records.channels[0])
     onset, line = (getattr(effect, name, None) for name in ("onset", "line"))

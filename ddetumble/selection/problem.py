@@ -87,7 +87,7 @@ class SelectionProblem:
             far (see `stack_records`).
         space: parameters of everything; `start` their coordinates before any fit, `guess` those of the reference model
             guessed from the records; `base` names of the parameters that every model has free.
-        known: effects that these records can show, `catalogue` those of them that are candidates, `probes` the test
+        known: effects that these records can show, `catalogue` those of them that are candidates, `directions` the test
             directions of the lack of fit, `left_out` ids of effects that lack what they need.
         freed: shapes (a wall's power) that are free in every fit that has their effect.
         warnings: sentences on the records.
@@ -107,7 +107,7 @@ class SelectionProblem:
     base: tuple[str, ...]
     known: tuple[type[AbstractEffect], ...]
     catalogue: tuple[type[AbstractEffect], ...]
-    probes: tuple[type[AbstractEffect], ...]
+    directions: tuple[type[AbstractEffect], ...]
     left_out: tuple[str, ...]
     warnings: tuple[str, ...]
     records: Records
@@ -266,7 +266,7 @@ class SelectionProblem:
         found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust=False)
         return PredictionError(measure_error(problem.records, found.channels, found.used), found.coverage)
 
-    def list_directions(self, exclude: Sequence[str], probes: bool = True, depth: float | None = None,
+    def list_directions(self, exclude: Sequence[str], directions: bool = True, depth: float | None = None,
                         frequency: float | None = None) -> list[tuple[str, str, dict[str, float]]]:
         """Every direction outside a model: catalogue (shapes on their grids), and test directions."""
         wanted = []
@@ -279,8 +279,8 @@ class SelectionProblem:
                 # What has no slope at its null is scored where a fit would start.
                 shapes = {n: v for n, v in start.items() if n not in amplitudes or n in singular}
                 wanted += [(effect.id, a, shapes) for a in amplitudes]
-        if probes:
-            for effect in self.probes:
+        if directions:
+            for effect in self.directions:
                 if effect.id in exclude:
                     continue
                 onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
@@ -308,7 +308,7 @@ class SelectionProblem:
 
     def find_effect(self, effect_id: str) -> type[AbstractEffect]:
         """Class of an effect by its id."""
-        for effect in (*self.known, *self.probes):
+        for effect in (*self.known, *self.directions):
             if effect.id == effect_id:
                 return effect
         raise InputError(f"there is no effect {effect_id!r}; there are: {', '.join(e.id for e in self.catalogue)}")
@@ -356,8 +356,8 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
     catalogue = tuple(e for e in found.catalogue if e not in taken)
     records, problem, thin = _stack(campaign, space, {}, zeros, settings)
     return SelectionProblem(campaign, settings, zeros, space, start, base, tuple(found.catalogue), catalogue,
-                            tuple(found.probes), tuple(found.left_out), tuple(found.warnings), records, problem, thin,
-                            start)
+                            tuple(found.directions), tuple(found.left_out), tuple(found.warnings), records, problem,
+                            thin, start)
 
 
 def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted]:

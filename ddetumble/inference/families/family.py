@@ -170,7 +170,7 @@ class Family:
         defaults: values of conditions that a campaign does not have, SI.
         sizes: to which the number of samples is padded, so that compiled programs are shared.
         accepts: families of the effects that may act on its records.
-        catalogue, probes: effects.
+        catalogue, directions: effects.
         state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
         observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
         lay_spans: stretches of a record over which a missing force is smooth, from the times of its samples, shape
@@ -203,7 +203,7 @@ class Family:
     sizes: tuple[int, ...]
     accepts: tuple[str, ...]
     catalogue: tuple[type[AbstractEffect], ...]
-    probes: tuple[type[AbstractEffect], ...]
+    directions: tuple[type[AbstractEffect], ...]
     state: str
     rate: str
     phases: tuple[str, str]

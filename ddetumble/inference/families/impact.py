@@ -11,8 +11,8 @@ from jaxtyping import Array
 
 from ...dynamics.impact import simulate_impact
 from ...effects import IMPACT as EFFECTS
+from ...effects.directions import IMPACT_DIRECTIONS
 from ...effects.free import IMPACT_GROUND
-from ...effects.probes import PROBES
 from ...measurement import kinds
 from ..pulses import list_guesses
 from .family import SPLINES, Family, Observation, PlannedTests, Span, View
@@ -58,7 +58,7 @@ IMPACT = Family(
     sizes=SIZES,
     accepts=("impact",),
     catalogue=EFFECTS,
-    probes=PROBES,
+    directions=IMPACT_DIRECTIONS,
     state="depression",
     rate="depression_rate",
     phases=("loading", "unloading"),

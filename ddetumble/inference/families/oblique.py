@@ -9,7 +9,7 @@ from ..._errors import InputError
 from ...dynamics.strike import simulate_oblique_impact
 from ...effects import OBLIQUE as OBLIQUE_EFFECTS
 from ...effects import SLIP as SLIP_EFFECTS
-from ...effects.oblique_probes import OBLIQUE_PROBES
+from ...effects.directions import OBLIQUE_DIRECTIONS
 from ...measurement.campaign import Campaign
 from .impact import IMPACT, SIZES, observe_contact
 
@@ -47,7 +47,7 @@ OBLIQUE = dc.replace(
     sizes=(384, *SIZES),
     accepts=("impact", "slip", "oblique"),
     catalogue=(*IMPACT.catalogue, *SLIP_EFFECTS, *OBLIQUE_EFFECTS),
-    probes=(*IMPACT.probes, *OBLIQUE_PROBES),
+    directions=(*IMPACT.directions, *OBLIQUE_DIRECTIONS),
     observe=partial(observe_contact, simulate_oblique_impact),
     plan=dc.replace(
         IMPACT.plan,

@@ -11,8 +11,8 @@ from jaxtyping import Array
 from ..._errors import InputError
 from ...dynamics.slide import simulate_sliding
 from ...effects import SLIP as EFFECTS
+from ...effects.directions import SLIP_DIRECTIONS
 from ...effects.free import SLIP_GROUND
-from ...effects.slip_probes import SLIP_PROBES
 from ...measurement import kinds
 from ...measurement.campaign import Campaign
 from ..strokes import split_strokes
@@ -81,7 +81,7 @@ SLIP = Family(
     sizes=(256, 1024, 4096, 8192, 16384, 32768),
     accepts=("slip",),
     catalogue=EFFECTS,
-    probes=SLIP_PROBES,
+    directions=SLIP_DIRECTIONS,
     state="slip",
     rate="direction",
     phases=("forward", "backward"),

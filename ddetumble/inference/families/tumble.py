@@ -9,8 +9,8 @@ from jaxtyping import Array
 
 from ...dynamics.spinning import ATTITUDES, RATES, START, spin
 from ...effects import TUMBLE as EFFECTS
+from ...effects.directions import TUMBLE_DIRECTIONS
 from ...effects.free import TUMBLE_GROUND
-from ...effects.tumble_probes import TUMBLE_PROBES
 from ...measurement import kinds
 from ...measurement.campaign import Campaign
 from ..starts import guess_body, lay_mesh, stack_starts
@@ -78,7 +78,7 @@ TUMBLE = Family(
     sizes=(320, 640, 1024, 1536, 2560, 5120, 10240, 20480),
     accepts=("tumble",),
     catalogue=EFFECTS,
-    probes=TUMBLE_PROBES,
+    directions=TUMBLE_DIRECTIONS,
     state="time",
     rate="angular_speed",
     phases=("both", "both"),
