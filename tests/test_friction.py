@@ -21,7 +21,7 @@ from ddetumble.effects import catalogue
 from ddetumble.effects.slip import FrictionalHeating, Presliding
 from ddetumble.effects.slip_probes import SLIP_PROBES
 from ddetumble.exam.simulators.slip import simulate_slip
-from ddetumble.inference.strokes import split_strokes
+from ddetumble.families.strokes import split_strokes
 
 
 SLIP = catalogue("slip")

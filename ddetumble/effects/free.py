@@ -25,7 +25,15 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_power
-from ..contact.effect import AbstractEffect, AbstractElasticEffect, AbstractStiffnessEffect, Contact, Scalar, parameter
+from ..contact.effect import (
+    AbstractEffect,
+    AbstractElasticEffect,
+    AbstractStiffnessEffect,
+    Contact,
+    Scalar,
+    family_of,
+    parameter,
+)
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, Slide
 from ..contact.torque import AbstractTorque, Spin
 
@@ -198,12 +206,12 @@ def see_spin(spin: Spin) -> tuple[Array, Array]:
     return jnp.stack([spin.time, speed, z, phase]), jnp.concatenate([jnp.eye(3), drags])
 
 
-def _declare(bases: tuple[type, ...], name: str, family: str, numbers: Mapping[str, Any], text: str,
+def _declare(bases: tuple[type, ...], name: str, numbers: Mapping[str, Any], text: str,
              methods: Mapping[str, Any]) -> type[AbstractEffect]:
     """A class of effects with many parameters of one kind."""
     space = {"__annotations__": dict.fromkeys(numbers, Scalar), **numbers, "__module__": __name__, "__doc__": text,
-             "__qualname__": name, "id": f"{'free' if 'Free' in name else 'simple'}-{family}", "law": text,
-             "reference": "de Boor 1978, A Practical Guide to Splines", **methods}
+             "__qualname__": name, "id": f"{'free' if 'Free' in name else 'simple'}-{family_of(bases[0])}",
+             "law": text, "reference": "de Boor 1978, A Practical Guide to Splines", **methods}
     made: Any = type(bases[0])(name, bases, space)
     return made
 
@@ -229,8 +237,13 @@ def _shapes(unit: str, typical: float) -> dict[str, Any]:
     return found
 
 
-def _act(see: Any, null: float = 0.0) -> tuple[Any, Any]:
-    """The methods of a spline term and of simple laws, which return `null` where they are absent."""
+def act_on(see: Any, null: float = 0.0) -> tuple[Any, Any]:
+    """The methods of a spline term and of simple laws, which return `null` where they are absent.
+
+    Args:
+        see: variables and directions of a state, shapes (variables,) and (directions, ...), in the order of `Ground`.
+        null: what the method returns without any term.
+    """
     def splines(self, state):
         value = add_splines(_gather(self), state.conditions, *see(state))
         return value + null if null else value
@@ -242,23 +255,23 @@ def _act(see: Any, null: float = 0.0) -> tuple[Any, Any]:
     return splines, laws
 
 
-def _make(bases: tuple[type, ...], name: str, family: str, unit: str, typical: float, **methods: tuple[Any, Any]
+def make_terms(bases: tuple[type, ...], name: str, unit: str, typical: float, **methods: tuple[Any, Any]
           ) -> tuple[type[AbstractEffect], type[AbstractEffect]]:
     """Flexible term and simple laws of a family; `methods` holds the two functions of each method by its name."""
     splines, laws = ({method: pair[k] for method, pair in methods.items()} for k in range(2))
     text = f"a {name.lower()} as"
-    return (_declare(bases, f"Free{name}", family, _coefficients(unit, typical), f"{text} a sum of splines", splines),
-            _declare(bases, f"Simple{name}", family, _shapes(unit, typical), f"{text} simple laws", laws))
+    return (_declare(bases, f"Free{name}", _coefficients(unit, typical), f"{text} a sum of splines", splines),
+            _declare(bases, f"Simple{name}", _shapes(unit, typical), f"{text} simple laws", laws))
 
 
 # In the stage of the elastic force, so that the damping multiplies it, as it does what a wall or a stop would add.
-FreeForce, SimpleForce = _make(
-    (AbstractElasticEffect, AbstractStiffnessEffect), "Force", "impact", "N", 1.0,
-    force=_act(partial(see_contact, share=False)), factor=_act(partial(see_contact, share=True), 1.0))
-FreeFriction, SimpleFriction = _make(
-    (AbstractFrictionForce, AbstractLoadEffect), "Friction", "slip", "N", 0.1,
-    force=_act(partial(see_slide, share=False)), factor=_act(partial(see_slide, share=True), 1.0))
-FreeTorque, SimpleTorque = _make((AbstractTorque,), "Torque", "tumble", "1/s**2", 1e-6, torque=_act(see_spin))
+FreeForce, SimpleForce = make_terms(
+    (AbstractElasticEffect, AbstractStiffnessEffect), "Force", "N", 1.0,
+    force=act_on(partial(see_contact, share=False)), factor=act_on(partial(see_contact, share=True), 1.0))
+FreeFriction, SimpleFriction = make_terms(
+    (AbstractFrictionForce, AbstractLoadEffect), "Friction", "N", 0.1,
+    force=act_on(partial(see_slide, share=False)), factor=act_on(partial(see_slide, share=True), 1.0))
+FreeTorque, SimpleTorque = make_terms((AbstractTorque,), "Torque", "1/s**2", 1e-6, torque=act_on(see_spin))
 IMPACT_GROUND = Ground(
     {"depression": "m", "depression_rate": "m/s", "time": "s"},
     ("force loading", "force unloading", "share loading", "share unloading"), "N",

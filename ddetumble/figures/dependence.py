@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..inference.families import View
+from ..families import View
 from ..selection.result import Place, Trace
 from .binning import bin_residuals, group_values, list_levels, pick_channel, standardise
 from .labels import Quantity, clean, describe_quantity, format_number, format_share, vary

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..inference.families import find_family
+from ..families import find_family
 from ..planning.proposals import Design
 from ..planning.visibility import Visibility
 from ..planning.wording import describe_test

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..inference.families import View, find_family
+from ..families import DEFAULT_FAMILY, View, find_family
 from ..selection.result import Trace
 
 
 MOST, SHOWN = 120, 40  # turning points of a curve that fill its panel with colour, and those drawn in their stead
 
 
-def choose_view(traces: Sequence[Trace] = (), family: str = "impact") -> View:
+def choose_view(traces: Sequence[Trace] = (), family: str = DEFAULT_FAMILY) -> View:
     """The view of some traces; of the family alone where there are none."""
     view = _choose(traces, family)
     ends = [float(np.nanmax(trace.time)) for trace in traces if np.size(trace.time)]

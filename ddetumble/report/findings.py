@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..families import View, find_family
 from ..figures.binning import is_peaks, list_channels
 from ..figures.labels import (
     clean,
@@ -21,7 +22,6 @@ from ..figures.labels import (
     say_p,
 )
 from ..figures.views import choose_view, find_span, find_stretch
-from ..inference.families import View, find_family
 from ..selection.result import Discovery, Place, SettingShift, Step, Trace
 from ..selection.settings import DEFAULT
 from .missing import show_missing

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from ..families import View
 from ..figures.labels import VERDICTS, clean, describe_quantity, format_number, format_share, format_value
-from ..inference.families import View
 from ..measurement.units import format_time
 from ..selection.result import Discovery, Estimate, Place
 

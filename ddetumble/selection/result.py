@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import InputError
+from ..families import DEFAULT_FAMILY
 from ..inference.archive import FILE, AbstractFitted, FittedModel, save_model
 from ..inference.files import list_versions, make_plain, write_json
 from ..inference.findings import Fit
@@ -48,7 +49,7 @@ class Trace:
     sd: float
     state: np.ndarray
     state_rate: np.ndarray
-    family: str = "impact"
+    family: str = DEFAULT_FAMILY
     independent: str = "time"
 
 
