@@ -13,12 +13,12 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
-from .._user_files import place_file
+from .._user_files import place_file, split_name
 from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, list_choices
 from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, name_family
 from ..measurement.campaign import Campaign, Uncertainty
-from ..measurement.kinds import KINDS, take_kind, write_kind
+from ..measurement.kinds import take_kind, write_kind
 from .files import hash_file, list_versions, make_plain, refuse_peaks, write_json
 from .models import ResolvedModel, find_model, is_fitted, list_known, resolve_effect, wrap_model
 from .noise import Noise
@@ -263,7 +263,7 @@ def save_model(folder, fitted: FittedModel) -> Path:
     content = ModelFile.model_validate({
         "schema": SCHEMA,
         "campaign": fitted.campaign, "sha256": fitted.sha256, "family": family,
-        "family_sha256": None if own is None else hash_file(folder / own[0]),
+        "family_sha256": None if own is None else hash_file((folder / own[0]).resolve()),
         "model": model, "model_sha256": digest, "choices": make_plain(list_choices(fitted.space.reference)),
         "effects": [_describe_effect(e, folder) for e in fitted.space.effects],
         "coordinates": dict(zip(fitted.space.index, map(float, fitted.u), strict=True)),

@@ -223,8 +223,8 @@ def write_kind(name: str, folder: Path) -> str:
         return name
     own = _TAKEN[name]
     if not own.file:
-        raise InputError(f"the kind of tests {name!r} stands in no file that could be named beside the data; give it as "
-                         "FILE.py:NAME")
+        raise InputError(f"the kind of tests {name!r} stands in no file that could be named beside the data; give it "
+                         "as FILE.py:NAME")
     return f"{place_file(Path(own.file), folder)}:{own.variable}"
 
 
