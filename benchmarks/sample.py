@@ -49,7 +49,8 @@ def main(arguments=None):
 
 def compare(options):
     """Time both."""
-    from ddetumble import fit, pose_fit, read_campaign
+    from ddetumble import fit, read_campaign
+    from ddetumble.posterior import pose_fit
     from ddetumble.posterior.chain import Settings, run_chains
     from ddetumble.posterior.ensemble import Ensembles
 

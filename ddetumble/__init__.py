@@ -9,7 +9,7 @@ The loop in three lines:
 and by hand:
 
     data, model = dd.read_campaign("data/impact-h"), dd.Ball()
-    print(dd.compare(data, model, model + dd.effects.WallStiffness()).text())
+    print(dd.compare(data, model, model + dd.effects.WallStiffness()))
 
 Symbols used throughout, SI units, pressures absolute (`physics.md`'s names):
 
@@ -38,29 +38,8 @@ L                 `angular_momentum`       N m s, inertial components
 Nothing heavy is imported until a name is used; `__init__.pyi` lists them all.
 """
 
-import importlib
-import re
-from pathlib import Path
-from typing import Any
+from ._lazy import attach as _attach
 
 
 __version__ = "0.1.0"
-
-# The stub, which type checkers read, is the one list of public names.
-_HOMES = {name: home for home, name in re.findall(
-    r"^from \.([\w.]*) import \w+ as (\w+)$", Path(__file__).with_suffix(".pyi").read_text("utf-8"), re.MULTILINE)}
-
-__all__ = ["__version__", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its home when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'ddetumble' has no attribute {name!r}")
-    if not _HOMES[name]:
-        return importlib.import_module(f".{name}", __name__)
-    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__, __all__ = _attach(__name__, __file__)

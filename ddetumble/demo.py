@@ -23,7 +23,7 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     """
     from .measurement.package import read_campaign
     from .paper import judge_campaign, write_paper
-    from .report import describe, write_report
+    from .reports import report as write_report
     from .selection.compare import compare
     from .selection.discover import discover
 
@@ -35,13 +35,13 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     campaign = read_campaign(find_data() / CAMPAIGN)
     echo("")
     echo(f"2. A campaign of {len(campaign.record_keys)} impacts ({campaign.name}). The paper's model beside it:")
-    for line in compare(campaign).text().splitlines()[:12]:
+    for line in str(compare(campaign)).splitlines()[:12]:
         echo("   " + line)
     echo("")
     echo("3. Which effect is missing? Every one of the catalogue is added in turn, refitted and tried on left-out "
          "tests:")
     found = discover(campaign)
-    for line in describe(found).splitlines():
+    for line in str(found).splitlines():
         echo("   " + line)
     found.save(folder / "discovery")
     report = write_report(found, folder / "discovery")
@@ -68,7 +68,7 @@ def plan_one(folder: Path, number: int) -> list[str]:
     from .planning.scenario import pose_laws, pose_problem, read_scenario
     from .planning.sequence import plan_sequence
     from .planning.tables import BallTable, UncertaintyTable
-    from .report.plan import describe_plan, write_plan
+    from .reports.plan import describe_plan, write_plan
 
     place = (folder / "discovery").resolve()
     ball = BallTable(model=str(place), conditions={"sequence": float(number)})

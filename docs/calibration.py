@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from ddetumble.contact.effect import parameters_of
+from ddetumble.effects import parameters_of
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures.style import AFTER, BEFORE, GREY, dress, new_figure, render_png, styled

@@ -23,7 +23,7 @@ from ddetumble.figures.fit import draw_fit
 from ddetumble.figures.style import render_png
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.measurement.campaign import Column, Uncertainty
-from ddetumble.selection.result import Discovery
+from ddetumble.selection.discovery import Discovery
 
 from . import pads
 from .reading import read_columns

@@ -4,14 +4,14 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ddetumble import AbstractElasticEffect, parameter
+import ddetumble as dd
 
 
-class EndStop(AbstractElasticEffect):
+class EndStop(dd.effects.AbstractElasticEffect):
     """F_k gains k (delta - depth)^1.5 beyond `depth`."""
 
-    k: float = parameter("N/m^1.5", 0.0, typical=1e5, sign=1, starts=(1e5,), text="stiffness of the rim")
-    depth: float = parameter("m", 5e-3, kind="shape", typical=1e-3, coordinate="log", starts=(4e-3, 6e-3), text="onset")
+    k: float = dd.effects.parameter("N/m^1.5", 0.0, typical=1e5, sign=1, starts=(1e5,), text="stiffness of the rim")
+    depth: float = dd.effects.parameter("m", 5e-3, kind="shape", typical=1e-3, coordinate="log", starts=(4e-3, 6e-3))
     id: ClassVar[str] = "end-stop"
     law: ClassVar[str] = "F_k gains k (delta - depth)^1.5"
     reference: ClassVar[str] = "Hertz, for the power"

@@ -23,7 +23,7 @@ from ddetumble.exam.drawing import Case, Exam
 from ddetumble.exam.running import run_all
 from ddetumble.exam.sitting import sit_case
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.report.page import write_whole
+from ddetumble.reports.page import write_whole
 
 
 MOVED = 0.1  # standard deviations

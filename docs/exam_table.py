@@ -30,7 +30,7 @@ from ddetumble.exam.scoring import (
     is_right,
     pick,
 )
-from ddetumble.report.page import write_whole
+from ddetumble.reports.page import write_whole
 
 
 FAMILIES = ("impact", "slip", "tumble")

@@ -8,11 +8,11 @@ from pathlib import Path
 import ddetumble as dd
 from ddetumble import discover, find_data
 from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, draw_signatures, render_png
-from ddetumble.figures.labels import name_steps
 from ddetumble.figures.plan import draw_motion
+from ddetumble.measurement.quantities import name_steps
 from ddetumble.planning.chain import plan_together
 from ddetumble.planning.scenario import pose_problem, read_scenario
-from ddetumble.report.plan import describe_plan, follow_plan
+from ddetumble.reports.plan import describe_plan, follow_plan
 
 
 CAMPAIGN = "impact-b"
@@ -47,7 +47,7 @@ def compare_by_hand() -> None:
     campaign, model = dd.read_campaign(find_data() / "impact-h"), dd.Ball()
     wall = model + dd.effects.WallStiffness()
     steps = dd.compare(campaign, model, wall, wall + dd.effects.ArmServo())
-    print(steps.text())
+    print(steps)
     traces = {name: one.traces for name, one in zip(steps.names, steps, strict=True)}
     write_picture([draw_signatures(traces, "normal_force", count=2)], FOLDER / "signatures.png")
 

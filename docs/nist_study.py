@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 from jax.numpy import arctan, cos, exp, pi, sin
 
-from ddetumble import find_data, fit_curve
+from ddetumble import find_data
 from ddetumble.cli.failures import run_guarded
 from ddetumble.cli.progress import show_progress
 from ddetumble.figures.style import AFTER, BEFORE, FLOOR, dress, head_figure, new_figure, render_png, styled
-from ddetumble.inference.curve_fit import Regression
+from ddetumble.inference.curve_fit import Regression, fit_curve
 from ddetumble.inference.files import list_versions, write_json
 
 from .seal_study import format_table, wrap_page

@@ -13,7 +13,7 @@ from pathlib import Path
 from ddetumble import find_data
 from ddetumble.cli import main as run_command
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.report.plan import ENDED
+from ddetumble.reports.plan import ENDED
 
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -20,7 +20,9 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from ddetumble import Ball, CoulombFriction, Cylinder, Striker
+from ddetumble import Ball, CoulombFriction
+from ddetumble.contact import Striker
+from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.planning.guesses import find_bounds, find_starts
 from ddetumble.planning.strike_plan import StrikePlan, plan_strike

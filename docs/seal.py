@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ddetumble.contact.effect import parameter
 from ddetumble.contact.sliding import AbstractFriction, AbstractFrictionForce
+from ddetumble.effects import parameter
 
 
 class PressureThrust(AbstractFriction):

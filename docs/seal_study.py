@@ -22,17 +22,18 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from ddetumble import Campaign, InputError, discover, fit, slide, write_campaign
+from ddetumble import Campaign, InputError, discover, fit, write_campaign
 from ddetumble.cli.failures import run_guarded
 from ddetumble.cli.progress import show_progress
-from ddetumble.contact.effect import parameters_of
+from ddetumble.dynamics import simulate_sliding
+from ddetumble.effects import parameters_of
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.families.strokes import find_turns
 from ddetumble.figures.style import AFTER, BEFORE, FLOOR, INK, dress, head_figure, new_figure, render_png, styled
 from ddetumble.inference.files import make_plain, write_json
 from ddetumble.inference.stack import stack_records
 from ddetumble.measurement.campaign import Column, Uncertainty
-from ddetumble.selection.result import Discovery
+from ddetumble.selection.discovery import Discovery
 
 from . import seal
 from .reading import read_columns
@@ -200,7 +201,7 @@ class Bench:
 def run_strokes(law, stack):
     """Force of all records of a stack, shape (records, samples) [N]."""
     def one(conditions, slip, direction, time):
-        return slide(law, conditions, slip, direction, time).tangential_force
+        return simulate_sliding(law, conditions, slip, direction, time).tangential_force
 
     return jax.vmap(one)(stack.conditions, stack.inputs["slip"], stack.inputs["direction"], stack.time)
 

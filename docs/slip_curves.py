@@ -326,7 +326,7 @@ def describe(low, high, singles, far, polynomials, beyond, rubber) -> str:
         "![profiles](profiles.png)", "",
     ]  # fmt: skip
     for label, fit in rubber.items():
-        table = [line for line in fit.text().splitlines() if not line.startswith("- ")]
+        table = [line for line in str(fit).splitlines() if not line.startswith("- ")]
         lines += [f"**{label.capitalize()}**", "", "```", *table, "```", "", *_list_notes(fit), ""]
     return "\n".join(lines).rstrip() + "\n"
 

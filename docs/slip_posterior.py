@@ -13,7 +13,7 @@ import numpy as np
 from ddetumble import sample
 from ddetumble.figures.posterior import draw_corner
 from ddetumble.figures.style import render_png
-from ddetumble.inference.curve_models import fit_slip_curve
+from ddetumble.inference import fit_slip_curve
 from ddetumble.inference.files import write_json
 from docs.slip_curves import make_curve
 

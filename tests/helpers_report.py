@@ -16,7 +16,8 @@ import numpy as np
 
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.slip import follow_strokes, simulate_slip
-from ddetumble.selection.result import Candidate, Discovery, Estimate, LackOfFit, Place, Step, Trace
+from ddetumble.selection.discovery import Discovery
+from ddetumble.selection.result import Candidate, Estimate, LackOfFit, Place, Step, Trace
 from ddetumble.selection.settings import SelectionSettings
 
 

@@ -9,7 +9,7 @@ from ddetumble._errors import InputError
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import load_model, make_fitted, resolve_model, save_model
+from ddetumble.inference.archive import load, make_fitted, resolve_model, save_model
 from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.parameters import ParameterSpace
@@ -69,7 +69,7 @@ def saved(campaign, tmp_path):
 
 def test_what_was_written_comes_back(saved, campaign):
     folder, solution = saved
-    model = load_model(folder)
+    model = load(folder)
     assert model.effects == ("sensor-highpass",) and model.free == solution.names
     assert model.space.reference.doubled_core and len(model.space) == 5
     np.testing.assert_array_equal(model.covariance, solution.covariance())
@@ -101,13 +101,13 @@ def test_effects_of_the_user_come_back_from_their_file(campaign, tmp_path):
     save_model(tmp_path / "m", make_fitted(
         campaign=campaign, model_name="paper", space=space, solution=solution, noise=NOISE, effects=["felt"]))
     assert str(tmp_path) not in (tmp_path / "m" / "model.json").read_text()
-    model = load_model(tmp_path / "m")
+    model = load(tmp_path / "m")
     assert type(model.law().effects[0]) is felt and float(model.law().effects[0].k_f) == 80.0
     file.write_text(USER + "\n# changed\n")
-    assert "mine.py has changed" in load_model(tmp_path / "m").notes[0]
+    assert "mine.py has changed" in load(tmp_path / "m").notes[0]
     file.unlink()
     with pytest.raises(InputError, match="mine.py"):
-        load_model(tmp_path / "m")
+        load(tmp_path / "m")
 
 
 def test_an_effect_without_a_file_is_given_again(campaign, tmp_path):
@@ -119,8 +119,8 @@ def test_an_effect_without_a_file_is_given_again(campaign, tmp_path):
         campaign=campaign, model_name="paper", space=space,
         solution=make_solution(space, ["felt.k_f"], {"felt.k_f": 80.0}), noise=NOISE, effects=["felt"]))
     with pytest.raises(InputError, match="extra"):
-        load_model(tmp_path / "m")
-    assert load_model(tmp_path / "m", extra=[felt]).effects == ("felt",)
+        load(tmp_path / "m")
+    assert load(tmp_path / "m", extra=[felt]).effects == ("felt",)
 
 
 def _cut(text):
@@ -155,13 +155,13 @@ def test_damaged_files_are_refused_in_one_sentence(saved, spoil, part):
     path = saved[0] / "model.json"
     path.write_text(spoil(path.read_text()))
     with pytest.raises(InputError) as caught:
-        load_model(saved[0])
+        load(saved[0])
     assert part in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_folder_without_a_model_is_refused(campaign, tmp_path):
     with pytest.raises(InputError, match="model.json"):
-        load_model(tmp_path)
+        load(tmp_path)
     with pytest.raises(InputError, match="model.json"):
         resolve_model(str(tmp_path))
     (tmp_path / "file").write_text("")

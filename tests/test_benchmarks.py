@@ -18,7 +18,7 @@ from ddetumble import find_data
 )  # fmt: skip
 def test_the_peer_of_friction_has_the_toolkits_law(values):
     from ddetumble.contact.sliding import FrictionLaw, RubberFriction
-    from ddetumble.dynamics.slide import slide
+    from ddetumble.dynamics.slide import simulate_sliding
     from ddetumble.effects.slip import SLIP
 
     c = slip_peer.Campaign(find_data() / "slip-d")
@@ -31,7 +31,7 @@ def test_the_peer_of_friction_has_the_toolkits_law(values):
     law = FrictionLaw(RubberFriction(), effects)
     for r in (0, 5):
         conditions = {"normal_load": c.load[r], "internal_pressure": c.pressure[r], "slip_speed": c.speed[r]}
-        want = np.asarray(slide(law, conditions, c.slip[r], c.way[r]).tangential_force)
+        want = np.asarray(simulate_sliding(law, conditions, c.slip[r], c.way[r]).tangential_force)
         used = c.weight[r] > 0
         np.testing.assert_allclose(found[r][used], want[used], atol=2e-3 if "kappa" in values else 1e-9)
 

@@ -12,9 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from ddetumble import Ball, Box, CoulombFriction, Cylinder, InputError, Mesh, Sphere, Striker, strike
+from ddetumble import Ball, CoulombFriction, InputError
+from ddetumble.contact import Striker
+from ddetumble.dynamics import Box, Cylinder, Mesh, Sphere, simulate_oblique_impact
 from ddetumble.dynamics.bodies import HollowCylinder
-from ddetumble.dynamics.collision import collide, predict_collision, reduce_mass
+from ddetumble.dynamics.collision import predict_collision, reduce_mass, simulate_collision
 from ddetumble.dynamics.outcome import weigh_ledger
 from ddetumble.dynamics.surfaces import CylinderSurface, Debris, make_debris
 from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
@@ -41,8 +43,8 @@ def build(mass=8.0, across=8.0, rolling=1e9, friction=0.2, restitution=0.7, **ef
 
 def run(law, debris, omega, point, velocity, pressure=1.5e6, attitude=LEVEL, **options):
     """One collision; numbers in, arrays out."""
-    return collide(law, debris, np.asarray(attitude, float), np.asarray(omega, float), np.asarray(point, float),
-                   np.asarray(velocity, float), {"initial_pressure": pressure}, **options)
+    state = (np.asarray(x, float) for x in (attitude, omega, point, velocity))
+    return simulate_collision(law, debris, *state, {"initial_pressure": pressure}, **options)
 
 
 @pytest.mark.slow
@@ -52,8 +54,8 @@ def test_a_plate_of_infinite_mass_is_the_bench(effects):
     """All channels and what is left of the speeds, as `strike` has them."""
     law = build(1.3, 1.1, 0.45, 0.25, **effects)
     found = run(law, HEAVY, REST, [1.0, 0.0, 1.2], [-0.4, 0.0, 0.3])
-    bench = strike(law, {"initial_pressure": 1.5e6, "approach_speed": 0.4, "tangential_speed": 0.3}, found.course.time,
-                   span=0.1)
+    conditions = {"initial_pressure": 1.5e6, "approach_speed": 0.4, "tangential_speed": 0.3}
+    bench = simulate_oblique_impact(law, conditions, found.course.time, span=0.1)
     assert bool(found.separated) and not bool(found.failed)
     np.testing.assert_allclose(found.separation, bench.separation, rtol=1e-6)
     np.testing.assert_allclose(found.arm_velocity[0], bench.rebound_speed, rtol=1e-5)
@@ -75,8 +77,8 @@ def test_compliant_patch_tends_to_that_of_the_bench():
     gaps = []
     for relaxation in (8e-5, 2e-5):
         found = run(law, HEAVY, REST, [1.0, 0.0, 1.2], [-0.4, 0.0, 0.15], relaxation=relaxation)
-        bench = strike(law, {"initial_pressure": 1.5e6, "approach_speed": 0.4, "tangential_speed": 0.15},
-                       found.course.time, span=0.1)
+        conditions = {"initial_pressure": 1.5e6, "approach_speed": 0.4, "tangential_speed": 0.15}
+        bench = simulate_oblique_impact(law, conditions, found.course.time, span=0.1)
         gaps.append(np.abs(found.course.friction[:, 2] - bench.tangential_force)[1:-1].max())
     assert float(jnp.min(found.course.friction[:, 2])) < -0.5  # it reverses
     assert gaps[1] < 0.35 * gaps[0] and gaps[1] < 1e-2 * np.abs(bench.tangential_force).max()
@@ -210,7 +212,7 @@ def test_derivatives_agree():
 
     def left(x):
         point = jnp.stack([jnp.cos(x[0]), jnp.sin(x[0]), x[1]])
-        found = collide(law, CYLINDER, jnp.asarray(LEVEL), jnp.array([0.02, 0.07, 0.03]), point, x[2:5],
+        found = simulate_collision(law, CYLINDER, jnp.asarray(LEVEL), jnp.array([0.02, 0.07, 0.03]), point, x[2:5],
                         {"initial_pressure": 1e6 * x[5]}, rtol=1e-11, atol=1e-13, max_steps=512)
         return jnp.sum(found.angular_momentum**2) + found.peak_force
 
@@ -236,8 +238,9 @@ def test_batches_are_loops():
         return found.angular_momentum, found.peak_force
 
     def run_traced(law, speed):
-        return collide(law, CYLINDER, jnp.asarray(LEVEL), jnp.array([0.0, 0.07, 0.0]), jnp.array([1.0, 0.0, 1.0]),
-                       jnp.stack([-speed, 0.1 * speed, 0.0 * speed]), {"initial_pressure": 1.5e6})
+        velocity = jnp.stack([-speed, 0.1 * speed, 0.0 * speed])
+        return simulate_collision(law, CYLINDER, jnp.asarray(LEVEL), jnp.array([0.0, 0.07, 0.0]),
+                                  jnp.array([1.0, 0.0, 1.0]), velocity, {"initial_pressure": 1.5e6})
 
     speeds = jnp.array([0.3, 0.6, 1.2])
     momentum, peak = eqx.filter_jit(jax.vmap(one))(speeds)
@@ -327,4 +330,4 @@ def test_debris_is_refused():
     with pytest.raises(InputError, match="must be convex"):
         make_debris(Mesh(100.0, corners, faces))
     with pytest.raises(InputError, match="needs a Striker"):
-        collide(dc.replace(Ball()), CYLINDER, LEVEL, REST, [1.0, 0, 0], [-1.0, 0, 0], {})  # pyright: ignore
+        simulate_collision(dc.replace(Ball()), CYLINDER, LEVEL, REST, [1.0, 0, 0], [-1.0, 0, 0], {})  # pyright: ignore

@@ -12,7 +12,7 @@ from ddetumble.contact.sliding import RubberFriction
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.figures import draw_map, draw_next_test
-from ddetumble.inference.archive import load_model, make_fitted, save_model
+from ddetumble.inference.archive import load, make_fitted, save_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, observe_record
 from ddetumble.inference.stack import default_noise, stack_records
@@ -105,7 +105,7 @@ def rivals(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def posed(rivals):
-    models = [load_model(rivals), load_model(rivals / "rivals" / "1")]
+    models = [load(rivals), load(rivals / "rivals" / "1")]
     limits = set_limits(models[0])
     return prepare(models, limits, list_extras(models[0]))
 
@@ -322,7 +322,7 @@ def test_another_spin_is_proposed(tmp_path, monkeypatch):
     best = design(tmp_path).proposals[0]
     assert best.repeats == 1
     start = [best.conditions[f"angular_velocity_{axis}0"] for axis in "xyz"]
-    torque = float(load_model(tmp_path / "rivals" / "1").law().effects[0].torque_2)
+    torque = float(load(tmp_path / "rivals" / "1").law().effects[0].torque_2)
     assert torque == pytest.approx(-drag * rate, rel=0.02)
     times = np.arange(0.0, 601.0, 4.0)
     dragged, pushed = (simulate_tumbling({"inertia_ratio": 0.5}, effects, start, times, 0.00106)[0] for effects in (

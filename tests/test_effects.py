@@ -7,7 +7,7 @@ import pytest
 
 from ddetumble.contact.effect import parameters_of
 from ddetumble.contact.law import Ball, ContactLaw
-from ddetumble.dynamics.impact import simulate
+from ddetumble.dynamics.impact import simulate_impact
 from ddetumble.effects import IMPACT, catalogue
 from ddetumble.exam.simulators import impact as independent
 from ddetumble.inference.parameters import ParameterSpace, to_coordinate
@@ -70,7 +70,7 @@ def set_coordinates(effects):
 def run_batch(u, conditions, times):
     """Many records of the whole catalogue in one program."""
     names = ("initial_pressure", "approach_speed", "sequence")
-    one = lambda u, c, t: simulate(SPACE.build(u), dict(zip(names, c, strict=True)), t)
+    one = lambda u, c, t: simulate_impact(SPACE.build(u), dict(zip(names, c, strict=True)), t)
     return jax.vmap(one)(u, conditions, times)
 
 
@@ -112,8 +112,9 @@ def test_null_of_every_effect_changes_nothing():
     given = {"initial_pressure": 1e6, "approach_speed": 0.4, "sequence": 4.0}
     conditions = {name: jnp.asarray(value) for name, value in given.items()}
     times = jnp.asarray(TIMES["dense"])
-    bare = jax.jit(lambda t: simulate(ContactLaw(Ball()), conditions, t))(times)
-    whole = jax.jit(lambda u, t: simulate(SPACE.build(u), conditions, t))(jnp.asarray(SPACE.coordinates()), times)
+    bare = jax.jit(lambda t: simulate_impact(ContactLaw(Ball()), conditions, t))(times)
+    start = jnp.asarray(SPACE.coordinates())
+    whole = jax.jit(lambda u, t: simulate_impact(SPACE.build(u), conditions, t))(start, times)
     assert int(bare.steps) == int(whole.steps)
     for name in (*CHANNELS, "separation", "rebound_speed"):
         largest = np.abs(getattr(bare, name)).max()

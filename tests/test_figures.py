@@ -10,15 +10,15 @@ import pytest
 
 from ddetumble import figures
 from ddetumble.figures import plan
-from ddetumble.figures.labels import describe_quantity, name_steps, shorten_names, typeset
 from ddetumble.figures.style import apply_style
-from ddetumble.figures.views import choose_view, find_stretch
+from ddetumble.figures.views import find_stretch
+from ddetumble.measurement.quantities import describe_quantity, name_steps, shorten_names, typeset
 from ddetumble.measurement.units import format_time
-from ddetumble.report import Picture, Section, Table, write_page
-from ddetumble.report.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
-from ddetumble.report.words import say_place
+from ddetumble.reports import Picture, Section, Table, write_page
+from ddetumble.reports.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.sentences import describe_place, find_longest
+from ddetumble.selection.text import choose_view, say_place
 from tests.helpers_report import make_candidates, make_slip_discovery
 
 

@@ -62,7 +62,7 @@ def test_intervals_hold_the_truth(fitted, tmp_path):
 
 
 def test_report_reads_like_lmfit(fitted):
-    text = fitted.text()
+    text = str(fitted)
     for part in ("[[Fit Statistics]]", "# fitting method     = Levenberg-Marquardt", "reduced chi-square",
                  "[[Variables]]", "+/-", "(init = ", "[[Correlations]] (unreported correlations are < 0.100)",
                  "outer_diameter:"):
@@ -80,7 +80,7 @@ def test_a_model_that_lacks_something_is_said_not_to_fit(campaign, fitted):
     held = fit(campaign, nuisances=False)
     assert held.goodness.misfit and not held.goodness.moved and held.goodness.setting == ""
     for found in (bare, held):
-        assert str(found.goodness) in found.text()
+        assert str(found.goodness) in str(found)
         stored = json.loads(json.dumps(found.to_dict()))["goodness"]
         assert (stored["misfit"], stored["moved"]) == (found.goodness.misfit, found.goodness.moved)
 
@@ -148,7 +148,7 @@ def test_bounds_hold_and_are_said(campaign, fitted):
     p = stopped.parameters["wall-stiffness.k_w"]
     assert p.at_bound == "upper" and p.estimate == pytest.approx(1200.0)
     assert p.q975 <= 1200.0 and p.q025 < p.q975 and p.sd < 100
-    assert "at its upper bound" in stopped.text() and any("upper bound" in note for note in stopped.notes)
+    assert "at its upper bound" in str(stopped) and any("upper bound" in note for note in stopped.notes)
     wide = fit(campaign, effects=["wall-stiffness"], bounds={"wall-stiffness.k_w": (0.0, 5000.0)})
     assert wide.parameters["wall-stiffness.k_w"].at_bound == ""
     assert wide.parameters["wall-stiffness.k_w"].estimate == pytest.approx(
@@ -195,7 +195,7 @@ def test_confounded_parameters_are_said_in_words(campaign):
     sentence = found.cannot_tell_apart[0]
     assert "cannot be told apart" in sentence and "weigh the moving parts" in sentence
     assert all(name in sentence for name in trio)
-    assert "not determined" in found.text()
+    assert "not determined" in str(found)
     plain = found.to_dict()["parameters"]["sensor-gain.g"]
     assert plain["sd"] is None and plain["determined"] is False
 
@@ -203,7 +203,7 @@ def test_confounded_parameters_are_said_in_words(campaign):
 def test_nearly_confounded_parameters_name_a_test(campaign):
     found = fit(campaign, effects=["sensor-gain"], free=["contact_radius_coefficient"])
     assert found.parameters["sensor-gain.g"].determined
-    assert found.cannot_tell_apart, found.text()
+    assert found.cannot_tell_apart, str(found)
     assert "hard to tell apart" in found.cannot_tell_apart[0] and "sensor-gain.g" in found.cannot_tell_apart[0]
     assert any(word in found.cannot_tell_apart[0] for word in ("times as certain", "and fix"))
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ddetumble import CoulombFriction, FrictionLaw, RubberFriction, check_effect, slide
+from ddetumble import CoulombFriction, RubberFriction, check_effect
+from ddetumble.contact import FrictionLaw
 from ddetumble.contact.effect import parameters_of, stage_of
 from ddetumble.contact.friction import (
     CHANGES_SIGN_AT,
@@ -17,6 +18,7 @@ from ddetumble.contact.friction import (
     slip_coefficient,
     slip_coefficients,
 )
+from ddetumble.dynamics import simulate_sliding
 from ddetumble.effects import catalogue
 from ddetumble.effects.slip import FrictionalHeating, Presliding
 from ddetumble.effects.slip_probes import SLIP_PROBES
@@ -42,7 +44,8 @@ def build(effects):
 
 def run(law, slip, conditions=CONDITIONS, direction=None):
     """Friction along a path."""
-    return slide(law, {name: jnp.asarray(value) for name, value in conditions.items()}, jnp.asarray(slip), direction)
+    conditions = {name: jnp.asarray(value) for name, value in conditions.items()}
+    return simulate_sliding(law, conditions, jnp.asarray(slip), direction)
 
 
 def test_eq8_by_hand():
@@ -137,7 +140,7 @@ def test_contract_is_broken_by_a_wrong_effect():
         law: ClassVar[str] = "mu times 1.001"
         reference: ClassVar[str] = "none"
 
-        def factor(self, slide):
+        def factor(self, simulate_sliding):
             return 1.001 + 0.0 * self.k
 
     broken = {check.name for check in check_effect(Wrong).failures}
@@ -151,10 +154,10 @@ def test_contract_says_what_a_model_lacks():
     class Bare(AbstractFriction):
         provides = ()
 
-        def rubber(self, slide):
+        def rubber(self, simulate_sliding):
             return jnp.asarray(0.3)
 
-        def slipping(self, slide):
+        def slipping(self, simulate_sliding):
             return jnp.zeros(())
 
     (effect,) = [effect for effect in SLIP if effect.id == "presliding"]

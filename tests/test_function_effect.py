@@ -6,27 +6,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ddetumble import (
-    Ball,
-    check_effect,
-    compare,
-    effect,
-    find_data,
-    fit,
-    parameter,
-    read_campaign,
-    resolve_model,
-    simulate,
-)
+from ddetumble import Ball, check_effect, compare, effect, find_data, fit, read_campaign
 from ddetumble._numerics import positive_part
 from ddetumble.contact.effect import AbstractElasticEffect, Contact, Scalar, family_of, parameters_of, stage_of
 from ddetumble.contact.function_effect import STAGES
-from ddetumble.effects import CATALOGUE
+from ddetumble.dynamics import simulate_impact
+from ddetumble.effects import CATALOGUE, parameter
+from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.models import list_effects, resolve_effect
 
 
 SOURCE = '''
-from ddetumble import effect, parameter
+from ddetumble import effect
+from ddetumble.effects import parameter
 from ddetumble._numerics import positive_part
 
 
@@ -66,7 +58,8 @@ def test_a_function_is_the_class_that_one_would_write():
         assert getattr(end_stop, name) == getattr(EndStop, name)
     assert parameters_of(end_stop) == parameters_of(EndStop) and stage_of(end_stop) == "elastic"
     conditions = {"initial_pressure": 1.2e6, "approach_speed": 0.5}
-    force = [simulate(Ball().extend((kind(k=8e3, depth=3e-3),)), conditions, jnp.linspace(0.0, 0.04, 50)).normal_force
+    times = jnp.linspace(0.0, 0.04, 50)
+    force = [simulate_impact(Ball().extend((kind(k=8e3, depth=3e-3),)), conditions, times).normal_force
              for kind in (end_stop, EndStop)]
     np.testing.assert_array_equal(*force)
 

@@ -57,7 +57,7 @@ def test_within_uncertainty(case, tmp_path):
     """Where depression and pressure tell everything, the force agrees with gauge and truth as its deviation says."""
     made, campaign = make(tmp_path, 7, **({"interval": 5e-4} | CASES[case]))
     found = identify(campaign)
-    assert 0.9 < found.rms_z < 1.12 and 0.93 < found.coverage < 0.975, found.text()
+    assert 0.9 < found.rms_z < 1.12 and 0.93 < found.coverage < 0.975, str(found)
     z = measure_truth(made, found)
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3 and np.mean(np.abs(z) < 1.96) > 0.9
     assert abs(found.restitution - made["base"]["restitution"]) < 3.5 * found.restitution_sd < 0.02
@@ -83,7 +83,7 @@ def test_gauge_unused(tmp_path, capsys):
     found = identify(blind)
     np.testing.assert_array_equal(found.table["normal_force"], whole.table["normal_force"])
     assert list(found.table.columns) == ["record", "time", "normal_force", "normal_force_sd"]
-    assert "no gauge" in found.text()
+    assert "no gauge" in str(found)
     channels = {k: v for k, v in campaign.channels.items() if k != "pressure"}
     bare = identify(dc.replace(campaign, channels=channels, samples=campaign.samples.drop(columns="pressure")))
     assert 0.88 < bare.rms_z < 1.12 and "no channel `pressure`" in bare.notes[0]

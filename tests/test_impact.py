@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ddetumble import InputError
 from ddetumble.contact.law import Ball, ContactLaw, PowerLaw
 from ddetumble.contact.sliding import CoulombFriction
-from ddetumble.dynamics.impact import simulate
+from ddetumble.dynamics.impact import simulate_impact
 from ddetumble.effects import IMPACT, ArmServo, SensorGain, SensorLag, StressSoftening, ViscoelasticWall, WallStiffness
 from ddetumble.inference.parameters import ParameterSpace
 
@@ -51,7 +51,7 @@ def collect(pressure, speed, sequence=3.0):
 @eqx.filter_jit
 def strike(law, conditions, times=TIMES, **options):
     """One impact, compiled."""
-    return simulate(law, conditions, times, **options)
+    return simulate_impact(law, conditions, times, **options)
 
 
 @eqx.filter_jit
@@ -60,7 +60,7 @@ def rebound(reference, effects, rows):
     def one(row):
         e, mass, pressure, speed = row
         body = eqx.tree_at(lambda r: (r.restitution, r.effective_mass), reference, (e, mass))
-        found = simulate(ContactLaw(body, effects), collect(pressure, speed), jnp.array([0.0, 3.0]))
+        found = simulate_impact(ContactLaw(body, effects), collect(pressure, speed), jnp.array([0.0, 3.0]))
         return found.rebound_speed / speed, found.separated & ~found.failed
 
     return jax.vmap(one)(rows)
@@ -110,7 +110,8 @@ def test_tolerance_is_obeyed():
     """The error falls with the tolerance, four digits for five, and the separation converges with it."""
     rtol = 10.0 ** -np.arange(4.0, 11.0)
     law, conditions = ContactLaw(Ball(), (WallStiffness(1000.0),)), collect(1e6, 0.4)
-    found = jax.jit(jax.vmap(lambda r: simulate(law, conditions, TIMES, rtol=r, atol=r / 100)))(jnp.asarray(rtol))
+    solve = jax.jit(jax.vmap(lambda r: simulate_impact(law, conditions, TIMES, rtol=r, atol=r / 100)))
+    found = solve(jnp.asarray(rtol))
     error = np.abs(np.asarray(found.rebound_speed) / 0.4 - 0.7)
     assert error[5] < 1e-4 * error[0] and error[5] < 1e-8
     assert np.abs(found.separation - found.separation[-1])[3:].max() < 1e-8
@@ -182,7 +183,7 @@ def describe(u, change, adjoint, **options):
     `u`: coordinates of the whole catalogue; `change`: of the logarithms of pressure and speed, then of `u`.
     """
     conditions = collect(1.3e6 * jnp.exp(change[0]), 0.5 * jnp.exp(change[1]))
-    found = simulate(SPACE.build(u + change[2:]), conditions, TIMES, adjoint=adjoint, **options)
+    found = simulate_impact(SPACE.build(u + change[2:]), conditions, TIMES, adjoint=adjoint, **options)
     weights = jnp.sin(1.0 + jnp.arange(TIMES.size) / 9.0)
     return jnp.stack([jnp.sum(weights * found.normal_force), found.rebound_speed, found.separation,
                       jnp.sum(weights * found.depression), jnp.sum(weights * found.pressure)])
@@ -224,7 +225,7 @@ def test_reverse_gradient_is_forward_gradient():
 
     def functional(values, adjoint):
         law = ContactLaw(Ball(values[0], values[1]), (ViscoelasticWall(values[2], values[3]), SensorLag(values[6])))
-        found = simulate(law, collect(values[4], values[5]), TIMES, adjoint=adjoint, rtol=1e-9, atol=1e-11)
+        found = simulate_impact(law, collect(values[4], values[5]), TIMES, adjoint=adjoint, rtol=1e-9, atol=1e-11)
         weights = jnp.sin(1.0 + jnp.arange(TIMES.size) / 9.0)
         return jnp.sum(weights * found.normal_force) + 30 * found.rebound_speed + 200 * found.separation
 
@@ -240,7 +241,7 @@ def test_reverse_gradient_is_forward_gradient():
 def push(u, conditions, direction):
     """One impact of the whole catalogue at coordinates u, and its derivative along a direction."""
     return jax.jvp(lambda v: (lambda f: (f.normal_force, f.separation, f.failed.astype(float)))(
-        simulate(SPACE.build(v), conditions, TIMES)), (u,), (direction,))
+        simulate_impact(SPACE.build(v), conditions, TIMES)), (u,), (direction,))
 
 
 NAMES = ["effective_mass", "restitution", *EVERYTHING]
@@ -292,23 +293,23 @@ def test_simulate_refuses_conditions(change, message):
     """What is missing or no use is named, before anything is compiled."""
     conditions = {k: v for k, v in (GOOD | change).items() if v is not None}
     with pytest.raises(InputError, match=message):
-        simulate(ContactLaw(Ball()), conditions, TIMES)
+        simulate_impact(ContactLaw(Ball()), conditions, TIMES)
 
 
 @pytest.mark.slow
 def test_simulate_takes_plain_numbers_and_refuses_the_rest():
     """Floats, lists and a reference model alone do; times, laws and masses that do not are named."""
     times = list(TIMES[::20])
-    found = simulate(Ball(), GOOD, times)
+    found = simulate_impact(Ball(), GOOD, times)
     wrapped = strike(ContactLaw(Ball()), collect(1.2e6, 0.4), jnp.asarray(times))
     np.testing.assert_allclose(found.normal_force, wrapped.normal_force, rtol=1e-9, atol=1e-9)
     for wrong, message in ((0.01, "one-dimensional"), ([], "one time at least"), ([0.0, np.nan], "time number 2")):
         with pytest.raises(InputError, match=message):
-            simulate(Ball(), GOOD, wrong)
+            simulate_impact(Ball(), GOOD, wrong)
     with pytest.raises(InputError, match="needs a ContactLaw"):
-        simulate(CoulombFriction(), GOOD, times)
+        simulate_impact(CoulombFriction(), GOOD, times)
     with pytest.raises(InputError, match="effective_mass must be positive; it is -1"):
-        simulate(Ball(effective_mass=-1.0), GOOD, times)
+        simulate_impact(Ball(effective_mass=-1.0), GOOD, times)
     free = PowerLaw(exponent=1.5)  # without gas no pressure is needed
     assert "gas" not in free.provides
-    assert is_finite(simulate(free, {"approach_speed": 0.4}, times))
+    assert is_finite(simulate_impact(free, {"approach_speed": 0.4}, times))

@@ -11,8 +11,8 @@ import pytest
 import ddetumble as dd
 from ddetumble.contact.effect import AbstractElasticEffect, parameter
 from ddetumble.figures import draw_missing_shape
-from ddetumble.figures.labels import typeset
 from ddetumble.measurement.campaign import Column, Uncertainty
+from ddetumble.measurement.quantities import typeset
 from ddetumble.selection.result import Estimate, Law, MissingForce, Shape
 
 
@@ -39,7 +39,7 @@ def make_pushed(push):
     for k, speed in enumerate(SPEEDS * 3):
         time = np.arange(-0.01, 0.08, INTERVAL) + 0.0007
         true = {"approach_speed": jnp.asarray(speed * (1 + 0.002 * generator.standard_normal()))}
-        force = np.asarray(dd.simulate(law, true, jnp.asarray(time)).normal_force)
+        force = np.asarray(dd.dynamics.simulate_impact(law, true, jnp.asarray(time)).normal_force)
         frames.append(pd.DataFrame({"record": f"r{k}", "time": time,
                                     "normal_force": force + NOISE * generator.standard_normal(len(time))}))
         rows.append({"record": f"r{k}", "approach_speed": speed})

@@ -55,7 +55,7 @@ def test_what_the_exam_hides_is_physical(family):
 
 def test_known_absurdities_are_beyond():
     """A gas of exponent 2.8, and a ball that grows by three quarters (2.71 P0/E at 2.2 MPa)."""
-    declared = {f"{e.id}.{one.name}": one for e in dd.catalogue("impact") for one in parameters_of(e)}
+    declared = {f"{e.id}.{one.name}": one for e in dd.effects.catalogue("impact") for one in parameters_of(e)}
     assert declared["polytropic-gas.n"].excludes(2.7, 2.9) and not declared["polytropic-gas.n"].excludes(1.3, 2.9)
     assert declared["inflation-growth.beta"].excludes(2.6, 2.8)
     assert not Parameter("k", "k", "", 0.0).excludes(-1e300, 1e300)

@@ -25,7 +25,7 @@ def make_impact(samples: int, records: int = 1, ringing: float = 0.0) -> dd.Camp
     time = np.linspace(-0.002, 0.05, samples)
     ball, frames = dd.Ball(effective_mass=1.2, restitution=0.75), []
     for key, row in campaign.records.iterrows():
-        force = dd.simulate(ball, row.to_dict(), time).normal_force
+        force = dd.dynamics.simulate_impact(ball, row.to_dict(), time).normal_force
         force = force + ringing * (force > 0) * np.sin(2.0 * np.pi * 900.0 * time)
         frames.append(pd.DataFrame({"record": key, "time": time,
                                     "normal_force": force + 0.25 * noise.standard_normal(samples)}))
@@ -42,7 +42,7 @@ def make_strokes() -> dd.Campaign:
         time = np.arange(count) * stroke / TURNS / row["slip_speed"]
         way = 1.0 - 2.0 * (np.arange(count) // TURNS % 2)
         far = np.tile((np.arange(TURNS) + 1) * stroke / TURNS, STROKES)
-        force = dd.slide(law, row.to_dict(), far, way, time).tangential_force
+        force = dd.dynamics.simulate_sliding(law, row.to_dict(), far, way, time).tangential_force
         force = force + way * 0.3 * np.sin(2.0 * np.pi * far / 0.007) + 0.04 * noise.standard_normal(count)
         frames.append(pd.DataFrame({"record": key, "time": time, "tangential_force": force,
                                     "slip": np.where(way > 0, far, stroke - far)}))

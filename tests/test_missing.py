@@ -11,10 +11,11 @@ import pint
 import pytest
 from scipy.interpolate import BSpline
 
-from ddetumble import Ball, InputError, draw_missing_force, find_data, simulate
+from ddetumble import Ball, InputError, draw_missing_force, find_data
 from ddetumble.cli import main
 from ddetumble.contact.sliding import AdhesionHysteresis
-from ddetumble.dynamics.slide import slide
+from ddetumble.dynamics import simulate_impact
+from ddetumble.dynamics.slide import simulate_sliding
 from ddetumble.effects.free import (
     COUNT,
     IMPACT_GROUND,
@@ -31,7 +32,7 @@ from ddetumble.effects.free import FORMS as KINDS
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.figures import draw_missing_shape
-from ddetumble.report import write_missing
+from ddetumble.reports import write_missing
 from ddetumble.selection.cross_validation import compare_losses
 from ddetumble.selection.missing.missing_force import find_lone, summarise_missing
 from ddetumble.selection.missing.splines import (
@@ -125,9 +126,9 @@ def test_derivatives_through_the_solve():
 
     def f(c):
         law = Ball().extend((free(c_0=c[0], c_1=c[1], c_2=c[2]),))
-        return simulate(law, conditions, times).normal_force
+        return simulate_impact(law, conditions, times).normal_force
 
-    bare = simulate(Ball().extend(()), conditions, times).normal_force
+    bare = simulate_impact(Ball().extend(()), conditions, times).normal_force
     np.testing.assert_allclose(f(jnp.zeros(3)), bare, rtol=1e-9)
     start = np.array([1.5, -2.0, 4.0])
     expected = differences(lambda c: np.asarray(jax.jit(f)(jnp.asarray(c))), start, 1e-3)
@@ -145,14 +146,14 @@ def test_slip_force_adds_what_its_splines_say():
     conditions = {"normal_load": jnp.asarray(12.0), "internal_pressure": jnp.asarray(1e6),
                   "slip_speed": jnp.asarray(0.1), **plan_of(SLIP_GROUND, [(3e-3, 1e-3), (5e-3, 1e-3)])}
     s = jnp.linspace(0.0, 8e-3, 81)
-    bare = slide(AdhesionHysteresis().extend(()), conditions, s).tangential_force
+    bare = simulate_sliding(AdhesionHysteresis().extend(()), conditions, s).tangential_force
     law = AdhesionHysteresis().extend((free(c_0=0.4, c_1=-0.2),))
     added = 0.4 * evaluate_spline((s - 3e-3) / 1e-3) - 0.2 * evaluate_spline((s - 5e-3) / 1e-3)
-    np.testing.assert_allclose(slide(law, conditions, s).tangential_force - bare, added, atol=1e-12)
+    np.testing.assert_allclose(simulate_sliding(law, conditions, s).tangential_force - bare, added, atol=1e-12)
     # The same splines as a share of the friction.
     name = f"{PLAN}-direction"
     shared = conditions | {name: conditions[name][:, jnp.array([2, 3, 0, 1])]}
-    np.testing.assert_allclose(slide(law, shared, s).tangential_force, bare * (1.0 + added), rtol=1e-12)
+    np.testing.assert_allclose(simulate_sliding(law, shared, s).tangential_force, bare * (1.0 + added), rtol=1e-12)
 
 
 # Laws

@@ -36,7 +36,7 @@ def test_unknown_names_are_refused(capsys):
         assert capsys.readouterr().err.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", ["fit", "discover", "compare", "missing", "sample", "identify", "map", "weigh"])
+@pytest.mark.parametrize("command", ["fit", "discover", "compare", "missing", "sample", "identify", "map", "average"])
 def test_help_names_all_models(command, capsys):
     """`--model` is explained by the registry; words may be broken over lines."""
     assert main([command, "--help"]) == 0

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble import InputError, fit_curve
-from ddetumble.inference import curve_fit
+from ddetumble import InputError
+from ddetumble.inference import curve_fit, fit_curve
 from docs.nist_study import MODELS, attempt, count_reached, read_problems, tell_story
 
 
@@ -91,7 +91,7 @@ def test_line():
     np.testing.assert_allclose(stated.covariance, inverse * 0.04, rtol=1e-12)
     np.testing.assert_allclose(stated.errors, np.sqrt(np.diag(stated.covariance)))
     assert stated.sum_of_squares == pytest.approx(squares[0] / 0.04) and free.names == ("p1", "p2")
-    assert stated.names == ("a", "b") and "  b " in stated.text() and stated.message in stated.text()
+    assert stated.names == ("a", "b") and "  b " in str(stated) and stated.message in str(stated)
     assert json.loads(json.dumps(stated.to_dict()))["values"] == stated.values.tolist()
 
 

@@ -11,23 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ddetumble import (
-    Ball,
-    InputError,
-    Striker,
-    check_effect,
-    discover,
-    find_data,
-    import_tests,
-    predict,
-    read_campaign,
-    simulate,
-)
-from ddetumble import strike as run_strike
+from ddetumble import Ball, InputError, check_effect, discover, find_data, import_tests, predict, read_campaign
+from ddetumble.contact import Striker
 from ddetumble.contact.effect import parameter, parameters_of
 from ddetumble.contact.gripping import AbstractComplianceEffect, share_friction, solve_slider
 from ddetumble.contact.law import ContactLaw, PowerLaw
 from ddetumble.contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFriction, Slide
+from ddetumble.dynamics import simulate_impact
+from ddetumble.dynamics import simulate_oblique_impact as run_strike
 from ddetumble.dynamics.impact import follow, read_motion
 from ddetumble.dynamics.strike import _COURSE, grip
 from ddetumble.effects import OBLIQUE
@@ -157,7 +148,7 @@ def test_normal_force_is_that_of_a_straight_impact():
     """Friction on the plate does not change the normal motion."""
     conditions, times = set_conditions(), jnp.asarray(TIMES)
     law = build(wall_stiffness={"k_w": 900.0})
-    straight = simulate(ContactLaw(law.reference.ball, law.normal.effects), conditions, times)
+    straight = simulate_impact(ContactLaw(law.reference.ball, law.normal.effects), conditions, times)
     oblique = run(law, conditions, times)
     for channel in ("normal_force", "depression", "pressure", "separation", "rebound_speed"):
         np.testing.assert_allclose(getattr(oblique, channel), getattr(straight, channel), rtol=1e-9, atol=1e-9)

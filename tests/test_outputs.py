@@ -23,7 +23,7 @@ CALLS = {
     "compare": ["impact-a"], "demo": [], "design": ["no-such-folder"], "discover": ["impact-a"],
     "exam": ["--family", "slip", "--cases", "1"], "fit": ["impact-a"], "import": ["no-such-file.csv"],
     "map": ["impact-a"], "missing": ["impact-a"], "paper": [], "plan": ["flat-spin.toml"], "sample": ["impact-a"],
-    "weigh": ["slip-a", "-e", "none", "-e", "viscous-friction"],
+    "average": ["slip-a", "-e", "none", "-e", "viscous-friction"],
 }
 
 
@@ -159,8 +159,8 @@ def test_peaks_are_reported_and_lead_nowhere_else(tmp_path, capsys):
     assert main(["discover", "paper/figure-8", "-o", str(place)]) == 0
     assert str(place / "report.html") in capsys.readouterr().out
     (tmp_path / "conditions.csv").write_text("record,initial_pressure,approach_speed\na,1e6,0.4\n", encoding="utf-8")
-    for words in (["weigh", str(place)], ["weigh", str(place), "--campaign", "paper/figure-8"], ["design", str(place)],
-                  ["predict", str(place), str(tmp_path / "conditions.csv")]):
+    for words in (["average", str(place)], ["average", str(place), "--campaign", "paper/figure-8"],
+                  ["design", str(place)], ["predict", str(place), str(tmp_path / "conditions.csv")]):
         assert main(words) == 2
         told = capsys.readouterr().err.splitlines()[-1]
         assert "peaks" in told and "damaged" not in told, words

@@ -94,7 +94,7 @@ def test_import(raw, folder):
 
 def test_compare(folder, capsys):
     result = dd.compare(folder)
-    assert result.text()
+    assert str(result) and result.lack_of_fit.rejected
     assert main(["compare", str(folder), "--effect", "wall-spring", "--effect", "wall-dashpot"]) == 0
     assert "wall-dashpot" in capsys.readouterr().out
 

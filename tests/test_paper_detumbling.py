@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ddetumble import Cylinder, coast
 from ddetumble._rotation import rotate
+from ddetumble.dynamics import Cylinder, propagate_torque_free
 from ddetumble.paper.detumbling import find_demand, find_mass, follow_impact, place_stage, sample_steps, strike_stage
 from ddetumble.paper.free_tumbling import read_momentum
 
@@ -42,7 +42,8 @@ def test_stage_before_and_after():
     np.testing.assert_allclose(rates[passage.time > 0.4], np.linalg.norm(table.after) / inertia[0], rtol=1e-9)
     last = np.argmax(passage.time)
     start = np.flatnonzero(passage.time == 0.4)[0]
-    again = coast(inertia, passage.attitude[start], passage.rates[start], np.array([passage.time[last] - 0.4]))
+    again = propagate_torque_free(inertia, passage.attitude[start], passage.rates[start],
+                                  np.array([passage.time[last] - 0.4]))
     np.testing.assert_allclose(again.angular_velocity[0], passage.rates[last], atol=1e-12)
     axis = np.asarray(rotate(jnp.asarray(place_stage(table.before)), jnp.array([0.0, 0.0, 1.0])))
     assert abs(axis @ table.before) < 1e-10 and abs(axis[2]) < 1e-12

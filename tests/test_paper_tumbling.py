@@ -11,8 +11,8 @@ from jaxtyping import Array
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ddetumble import coast, measure_nutation, tumble
 from ddetumble._rotation import measure_turn
+from ddetumble.dynamics import measure_nutation, propagate_torque_free, simulate_tumbling
 from ddetumble.paper.free_tumbling import (
     UNTURNED,
     follow_stage,
@@ -116,8 +116,8 @@ def test_torque_along_the_momentum_keeps_the_attitudes(asymmetry):
     """L exp(-t/T) at a time t is the free motion at T (1 - exp(-t/T)): the same attitudes later, and nutations."""
     moments = vary_moments(asymmetry)
     brake, rate = Brake(jnp.asarray(moments), jnp.asarray(600.0)), BEFORE / moments
-    braked = tumble(moments, UNTURNED, rate, TIMES, brake)
-    free = coast(moments, UNTURNED, rate, -600.0 * np.expm1(-TIMES / 600.0))
+    braked = simulate_tumbling(moments, UNTURNED, rate, TIMES, brake)
+    free = propagate_torque_free(moments, UNTURNED, rate, -600.0 * np.expm1(-TIMES / 600.0))
     assert np.max(measure_turn(braked.attitude, free.attitude)) < 1e-9
     first, second = (measure_nutation(brake.moments, motion.angular_velocity) for motion in (braked, free))
     assert np.allclose(first, second, rtol=0.0, atol=1e-9)
@@ -143,7 +143,7 @@ def test_numbers_of_the_page(page):
 
 
 def test_page_says_what_is_open(page, tmp_path):
-    from ddetumble.report.page import write_page
+    from ddetumble.reports.page import write_page
 
     section, found = page
     text = re.sub(r"\s+", " ", write_page("t", found["sentence"], [section], tmp_path).read_text(encoding="utf-8"))

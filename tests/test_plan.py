@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from ddetumble import Ball, CoulombFriction, Cylinder, InputError, PowerLaw, RubberFriction, Striker, find_data
+from ddetumble import Ball, CoulombFriction, InputError, PowerLaw, RubberFriction, find_data
 from ddetumble._rotation import rotate
 from ddetumble.cli import main
+from ddetumble.contact import Striker
+from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
-from ddetumble.inference.archive import load_model
+from ddetumble.inference.archive import load
 from ddetumble.planning.chain import follow_chain, follow_slopes, plan_together, read_chain, refine_sequence
 from ddetumble.planning.guesses import find_starts
 from ddetumble.planning.measured import find_measured_ranges
@@ -37,7 +39,7 @@ from ddetumble.planning.strike_problem import (
     read_design,
     span_plane,
 )
-from ddetumble.report.plan import write_plan
+from ddetumble.reports.plan import write_plan
 
 
 pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
@@ -314,7 +316,7 @@ model = "{fit.as_posix()}"
 """
     within = ("[arm]\nspeed = 0.4\n"
               "[limits]\nforce = 90.0\ndepression = 0.007\npressure = [0.6e6, 2.0e6]\napproach = 0.15\n")
-    saved = load_model(fit)
+    saved = load(fit)
     for limits, beyond in (("[limits]\nforce = 2500.0\ndepression = 0.025\n", True), (within, False)):
         (tmp_path / "case.toml").write_text(text + limits, encoding="utf-8")
         out = tmp_path / f"plan-{beyond}"
@@ -339,7 +341,7 @@ def test_what_a_friction_fit_was_measured_at():
     ball = scenario.ball.model_copy(update={"friction_model": "friction-constants", "model": "impact-b"})
     found = {one.quantity: one for one in find_measured_ranges(scenario.model_copy(update={"ball": ball}), fits)
              if one.fit == "friction-constants"}
-    saved = load_model(fits / "friction-constants")
+    saved = load(fits / "friction-constants")
     assert found["peak_normal_force"].low == 0.0
     assert found["peak_normal_force"].high == saved.ranges["normal_load"][1]
     assert (found["initial_pressure"].low, found["initial_pressure"].high) == saved.ranges["internal_pressure"]
@@ -405,7 +407,7 @@ def test_faulty_scenarios_are_refused(tmp_path, capsys, old, new, says):
 def test_a_fitted_model_is_planned_with(tmp_path):
     """A committed fit to impacts: its restitution and effects, its mass where the arm names none."""
     fits = Path(__file__).resolve().parent.parent / "fits"
-    law = load_model(fits / "impact-b").law()
+    law = load(fits / "impact-b").law()
     text = (find_data() / "scenarios" / "paper-case-2.toml").read_text(encoding="utf-8")
     file = tmp_path / "case.toml"
     file.write_text(text.replace("restitution = 0.7", f'model = "{(fits / "impact-b").as_posix()}"').replace(

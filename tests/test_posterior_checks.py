@@ -18,12 +18,12 @@ from ddetumble.posterior.loo import score_conditions, smooth_weights
 from ddetumble.posterior.predictive_check import check_posterior
 from ddetumble.posterior.sampling import sample
 from ddetumble.posterior.stacking import (
+    average,
     compare_rivals,
     draw_about,
     read_rivals,
     read_weights,
     stack_weights,
-    weigh,
 )
 from ddetumble.posterior.target import draw_inside, pose_curve, pose_fit
 from ddetumble.selection.predict import average_predictions, predict
@@ -250,16 +250,16 @@ def test_damaged_discovery(tmp_path, content):
     (tmp_path / "result.json").write_text(content, encoding="utf-8")
     with pytest.raises(InputError, match="no result of discover"):
         read_rivals(tmp_path, None)
-    assert main(["weigh", str(tmp_path)]) == 2
+    assert main(["average", str(tmp_path)]) == 2
 
 
 def test_weigh_refuses(capsys):
     """What cannot be weighed is said before anything is fitted."""
-    assert main(["weigh", "slip-a", "--effect", "viscous-friction"]) == 2
+    assert main(["average", "slip-a", "--effect", "viscous-friction"]) == 2
     assert "at least two models" in capsys.readouterr().err
     with pytest.raises(InputError, match="names no model"):
-        weigh("data/slip-a", ["viscous-friction,", "none"])
-    assert main(["weigh", "slip-a", "--campaign", "slip-b", "--effect", "a", "--effect", "none"]) == 2
+        average("data/slip-a", ["viscous-friction,", "none"])
+    assert main(["average", "slip-a", "--campaign", "slip-b", "--effect", "a", "--effect", "none"]) == 2
 
 
 @pytest.fixture(scope="module")
@@ -329,7 +329,7 @@ def test_left_out_equals_refits(fits):
 def test_weigh_and_predict(tmp_path, capsys):
     """The effect that is there gets the weight; `predict` on the folder averages over the rivals."""
     folder = tmp_path / "weights"
-    words = ["weigh", "data/slip-a", "--effect", "adhesive-offset", "--effect", "none", "-o", str(folder)]
+    words = ["average", "data/slip-a", "--effect", "adhesive-offset", "--effect", "none", "-o", str(folder)]
     assert main(words) == 0
     assert "adhesive-offset" in capsys.readouterr().out
     content = json.loads((folder / "weights.json").read_text(encoding="utf-8"))
@@ -356,7 +356,7 @@ def test_report_of_a_posterior(fits, tmp_path):
     import arviz_base  # noqa: F401
     import xarray as xr
 
-    from ddetumble.report import write_posterior
+    from ddetumble.reports import write_posterior
 
     found = sample(fits["right"], most=50, burn=50, ensembles=2, effective=200).examine()
     assert found.predictive is not None and not found.predictive.rejected

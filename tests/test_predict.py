@@ -8,14 +8,14 @@ import pandas as pd
 import pytest
 
 from ddetumble import ComputationError, InputError, predict, predict_pulses
-from ddetumble import simulate as simulate_impact
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
+from ddetumble.dynamics import simulate_impact as simulate_impact
 from ddetumble.dynamics.impact import bound_depression
 from ddetumble.effects.wall import StressSoftening, WallStiffness
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.inference.archive import load_model, make_fitted, save_model
+from ddetumble.inference.archive import load, make_fitted, save_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
@@ -66,7 +66,7 @@ def reference(folder):
 def test_exact(reference):
     """At other conditions and on all channels, the truth put into the model gives what the other simulator gives."""
     effects = {"wall-stiffness": {"k_w": 900.0, "q": 1.0}, "stress-softening": {"sigma_m": 0.1, "j_0": 4.0}}
-    plain = load_model(reference)
+    plain = load(reference)
     space = ParameterSpace(Ball(), (WallStiffness, StressSoftening))
     truth = {"wall-stiffness.k_w": 900.0, "stress-softening.sigma_m": 0.1, "stress-softening.j_0": 4.0}
     noise = {channel: plain.noise["normal_force"] for channel in ALL}
@@ -151,7 +151,7 @@ def test_the_bound_of_the_depression_is_that_of_an_undamped_ball(speed):
 
 def test_absurd_conditions_are_told_by_what_they_do_to_the_ball(reference):
     """A record that squeezes the ball out of shape is found, whether or not the model can still be integrated there."""
-    saved = load_model(reference)
+    saved = load(reference)
     settings = {"initial_pressure": np.array([1e6, 1e6, 1e6]), "approach_speed": np.array([0.4, 10.0, 400.0])}
     slow, fast = find_squeezes(saved, ["a", "b", "c"], settings)
     assert (slow.record, fast.record) == ("b", "c")
@@ -162,7 +162,7 @@ def test_absurd_conditions_are_told_by_what_they_do_to_the_ball(reference):
 
 
 def test_what_cannot_be_integrated_says_what_is_out_of_the_ordinary(reference, monkeypatch):
-    saved = load_model(reference)
+    saved = load(reference)
     work = prediction._linearise
 
     def fail(*given):
@@ -234,7 +234,7 @@ def test_units_in_headings_and_times_of_its_own(reference, tmp_path):
 @pytest.mark.slow
 def test_pulses_are_those_of_the_other_simulator(reference):
     """Peak, duration and impulse of the truth, and deviations that are those of predictions at draws of the fit."""
-    plain = load_model(reference)
+    plain = load(reference)
     saved = dc.replace(plain, u=plain.space.coordinates(BASE))
     settings = pd.DataFrame({"record": ["a", "b"], "initial_pressure": [7e5, 1.7e6], "approach_speed": [0.31, 0.42]})
     found = predict_pulses(saved, settings).set_index("record")

@@ -21,7 +21,7 @@ PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md", "docs/scenario.md")
 PACKAGE = ROOT / "ddetumble"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
-    {"_errors", "_settings", "_numerics", "_rotation", "_user_files"},
+    {"_display", "_errors", "_lazy", "_numerics", "_rotation", "_settings", "_user_files"},
     {"contact"},
     {"reference_models"},
     {"effects"},
@@ -32,7 +32,7 @@ LAYERS = (
     {"posterior"},
     {"selection", "reconstruct"},
     {"planning"},
-    {"report", "figures", "paper", "demo"},
+    {"reports", "figures", "paper", "demo"},
     {"exam"},
     {"cli"},
 )

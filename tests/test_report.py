@@ -13,7 +13,8 @@ import pytest
 from ddetumble import figures
 from ddetumble._errors import InputError
 from ddetumble.figures.binning import bin_residuals, choose_records, group_values, is_peaks, sort_traces
-from ddetumble.figures.labels import (
+from ddetumble.figures.views import find_phase, find_strokes, share_span
+from ddetumble.measurement.quantities import (
     describe_conditions,
     describe_quantity,
     format_number,
@@ -21,11 +22,9 @@ from ddetumble.figures.labels import (
     format_value,
     name_steps,
 )
-from ddetumble.figures.views import choose_view, find_phase, find_strokes, share_span
-from ddetumble.report import Picture, Section, Table, describe, write_comparison, write_page, write_report
-from ddetumble.report.text import align
-from ddetumble.report.words import say_place
+from ddetumble.reports import Picture, Section, Table, write_comparison, write_page, write_report
 from ddetumble.selection.result import Place, Trace
+from ddetumble.selection.text import align, choose_view, say_place
 from tests.helpers_report import (
     STROKES,
     make_candidates,
@@ -125,8 +124,8 @@ def test_page_of_every_verdict(verdict, tmp_path):
     for step in discovery.steps:
         for item in step.alternatives:
             assert item["effect"] in text and "Confusion sets" in text
-    lines = describe(discovery).splitlines()
-    assert " ".join(describe(discovery).split()).startswith(discovery.sentence)
+    lines = str(discovery).splitlines()
+    assert " ".join(str(discovery).split()).startswith(discovery.sentence)
     assert max(map(len, lines)) <= 100
     assert any("effective_mass" in line and "+-" in line and line.rstrip().endswith("kg") for line in lines)
 
@@ -134,7 +133,7 @@ def test_page_of_every_verdict(verdict, tmp_path):
 def test_candidates_that_are_not_shown_are_counted():
     """The terminal lists what explains something, and says how many more there are."""
     discovery = make_discovery("explained")
-    lines = describe(discovery).splitlines()
+    lines = str(discovery).splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith("  candidate")) + 2
     shown = [one for i, one in enumerate(discovery.candidates) if i < 5 or one.explains >= 0.05]
     assert [line.split()[line.startswith("* ")] for line in lines[start : start + len(shown)]] == [
@@ -142,11 +141,11 @@ def test_candidates_that_are_not_shown_are_counted():
     rest = len(discovery.candidates) - len(shown)
     assert rest and lines[start + len(shown)].startswith(f"  and {rest} more that explain ")
     few = dc.replace(discovery, candidates=discovery.candidates[:5])
-    assert "more that explain" not in describe(few)
-    one_more = describe(dc.replace(discovery, candidates=discovery.candidates[: len(shown) + 1]))
+    assert "more that explain" not in str(few)
+    one_more = str(dc.replace(discovery, candidates=discovery.candidates[: len(shown) + 1]))
     assert "more that explain" not in one_more and discovery.candidates[len(shown)].effect in one_more
     idle = tuple(dc.replace(one, explains=0.0) for one in discovery.candidates)
-    assert "that explain nothing: " in describe(dc.replace(discovery, candidates=idle))
+    assert "that explain nothing: " in str(dc.replace(discovery, candidates=idle))
 
 
 def test_what_could_have_been_seen_has_a_unit(tmp_path):
@@ -195,7 +194,7 @@ def test_text_from_data_files_is_escaped(tmp_path):
     page = Page(html)
     assert "script" not in page.tags and "b" not in page.tags
     assert "<script" not in html and "&lt;script&gt;" in html
-    assert "\x1b" not in describe(discovery)
+    assert "\x1b" not in str(discovery)
 
 
 @pytest.mark.slow
@@ -215,7 +214,7 @@ def test_figures_without_numbers(tmp_path):
     nothing = dc.replace(empty, steps=())
     page = Page(write_report(nothing, tmp_path / "nothing").read_text(encoding="utf-8"))
     check_sentence(page, discovery.sentence)
-    assert describe(nothing)
+    assert str(nothing)
 
 
 @pytest.mark.slow
@@ -321,7 +320,7 @@ def test_pages_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_budget_shrinks_large_pages(tmp_path, monkeypatch):
-    monkeypatch.setattr("ddetumble.report.page.BUDGET", 20_000)
+    monkeypatch.setattr("ddetumble.reports.page.BUDGET", 20_000)
     path = write_page("t", "s", [Section("x", figures=[(n, "caption", draw_line()) for n in "ab"])], tmp_path)
     whole = sum(item.stat().st_size for item in (tmp_path / "figures").iterdir()) * 4 / 3
     assert len(path.read_text()) < whole + 15_000
@@ -387,7 +386,7 @@ def list_labels(figure):
 def test_page_of_slip_records(strokes, tmp_path):
     discovery = make_slip_discovery(strokes)
     page = check_page(write_report(discovery, tmp_path), discovery.sentence)
-    text = " ".join((*page.text, *(image["alt"] for image in page.images), describe(discovery)))
+    text = " ".join((*page.text, *(image["alt"] for image in page.images), str(discovery)))
     for word in ("depression", "loading", "restitution", "mass", "contact", "touch", "normal force"):
         assert word not in text, word
     assert "left when adhesion constant, loss factor, slip term and the records' settings are free" in text

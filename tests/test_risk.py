@@ -13,11 +13,13 @@ import pytest
 from scipy.optimize import linprog
 from scipy.stats import norm
 
-from ddetumble import Ball, CoulombFriction, Cylinder, Striker, find_data
+from ddetumble import Ball, CoulombFriction, find_data
 from ddetumble.cli import main
 from ddetumble.cli.places import locate_fit
+from ddetumble.contact import Striker
+from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
-from ddetumble.inference.archive import load_model
+from ddetumble.inference.archive import load
 from ddetumble.planning.ambiguity import assess_plan, summarise_draws
 from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_laws, vary_law
 from ddetumble.planning.prospect import assess_sequence
@@ -149,7 +151,7 @@ def test_smooth_tail_keeps_its_bounds():
 
 def test_draws_have_the_fits_covariance():
     """A committed fit: mean and covariance of the draws within their Monte Carlo error, the posterior's too."""
-    saved = load_model(ROOT / "fits" / "impact-b")
+    saved = load(ROOT / "fits" / "impact-b")
     columns = [saved.space.index[name] for name in saved.free]
     sds = np.sqrt(np.diag(saved.covariance))
     for found in (draw_coordinates(saved.space, saved.u, saved.spread(), 2048, 1), draw_posterior(saved, 2048, 1)):

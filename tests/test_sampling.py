@@ -11,13 +11,14 @@ import pytest
 from scipy import stats
 from scipy.special import logsumexp
 
-from ddetumble import fit, pose_curve, pose_fit, sample
+from ddetumble import fit, sample
 from ddetumble._errors import InputError
 from ddetumble.cli import main
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.figures.posterior import _push_ellipses, _push_marginal
 from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
+from ddetumble.posterior import pose_curve, pose_fit
 from ddetumble.posterior.chain import Settings, run_chains
 from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_times
 from ddetumble.posterior.ensemble import Ensembles, mix_moves

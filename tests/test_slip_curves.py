@@ -403,7 +403,7 @@ def test_bad_set():
 def test_text_and_json(noisy):
     """A fit prints as a table with its sentences, and goes into JSON."""
     _, fit = noisy
-    text = fit.text()
+    text = str(fit)
     assert all(f"  {name} " in text for name in "abcd") and all(f"- {note}" in text for note in fit.notes)
     assert json.loads(json.dumps(fit.to_dict()))["coefficients"]["a"]["unit"] == ""
 

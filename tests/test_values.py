@@ -37,7 +37,7 @@ def test_models_are_extended_by_addition():
 def test_a_model_in_hand_has_a_name_that_finds_it_again(family, name):
     """The built-in model, or one that is the same under another name."""
     model = FAMILIES[family].models[name].make()
-    found = dd.resolve_model(wrap_model(model).name, family).reference
+    found = dd.inference.resolve_model(wrap_model(model).name, family).reference
     assert type(found) is type(model) and list_choices(found) == list_choices(model)
     for p in parameters_of(model):
         assert float(read_field(found, p.field)) == float(read_field(model, p.field))
@@ -45,12 +45,12 @@ def test_a_model_in_hand_has_a_name_that_finds_it_again(family, name):
 
 @pytest.mark.parametrize("model", [
     dd.Ball(truncated=True, doubled_core=True), dd.PowerLaw(condition="initial_pressure", condition_reference=1e6),
-    dd.Striker(dd.PowerLaw(), dd.RubberFriction()), dd.Ball(outer_diameter=0.1)])
+    dd.contact.Striker(dd.PowerLaw(), dd.RubberFriction()), dd.Ball(outer_diameter=0.1)])
 def test_other_choices_go_by_the_class(model):
     """No built-in name stands for a model that is another."""
     wrapped = wrap_model(model)
     assert wrapped.name not in FAMILIES[type(model).family].models
-    assert type(dd.resolve_model(wrapped.name, type(model).family).reference) is type(model)
+    assert type(dd.inference.resolve_model(wrapped.name, type(model).family).reference) is type(model)
 
 
 def test_what_is_no_model_is_refused(campaign):
@@ -72,7 +72,7 @@ def test_a_fit_goes_on_by_itself(campaign, tmp_path):
     found = dd.fit(campaign, model)
     assert found.parameters == dd.fit(campaign, "paper", ["wall-stiffness"]).parameters
     found.save(tmp_path / "fit")
-    held, read = found.fitted_model(), dd.load_model(tmp_path / "fit")
+    held, read = found.fitted_model(), dd.load(tmp_path / "fit")
     for field in dc.fields(held):
         a, b = getattr(held, field.name), getattr(read, field.name)
         if field.name == "covariance" or field.name == "u":

@@ -43,7 +43,7 @@ def test_one_record_holds_nothing_out(tmp_path, effects, verdict):
     assert found.missing is None
     result = json.loads(found.save(tmp_path / "found").read_text())
     assert result["steps"][0]["heldout_nrmse"] is None and result["candidates"][0]["heldout_nrmse"] is None
-    dd.write_report(found, tmp_path / "found")
+    dd.report(found, tmp_path / "found")
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_settings_that_swallow_a_misfit(tmp_path):
     result = json.loads(discovery.save(tmp_path / "found").read_text())
     told = result["steps"][0]["nuisances"]["initial_pressure"]
     assert abs(told["largest_shift"]) > 8.0 and told["record"] in discovery.steps[0].traces[0].record + told["record"]
-    dd.write_report(discovery, tmp_path / "found")
+    dd.report(discovery, tmp_path / "found")
     assert (tmp_path / "found" / "figures" / "settings.png").exists()
 
 

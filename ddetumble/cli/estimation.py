@@ -70,12 +70,12 @@ def fit_parameters(
     with read.open("fit", overwrite, (FILE, MODEL_FILE)) as out, show_progress(f"fitting {read.name}") as report:
         result = fit(read.measured, **read.chosen, progress=report)
         result.save(out.draft)
-    typer.echo(result.text())
+    typer.echo(str(result))
     typer.echo(f"Written to {read.folder}")
 
 
 def predict_records(
-    model: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit, discover or weigh wrote.")],
+    model: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit, discover or average wrote.")],
     conditions: Annotated[
         Path,
         typer.Argument(

@@ -81,9 +81,9 @@ def compare_models(
 
             result = compare(measured, *models, *_extend(models[-1], effect or (), effects_from, measured),
                              progress=report)
-            text = result.text()
+            text = str(result)
             if out is not None:
-                from ..report import report_comparison
+                from ..reports import report_comparison
 
                 report("drawing", 0.9)
                 result.save(out.draft)
@@ -132,7 +132,7 @@ def identify_force(
     with show_progress(f"identifying the force of {measured.name}"):
         result = identify(measured, model=model)
     write_table(result.table, file)
-    typer.echo(result.text(), err=file is None)
+    typer.echo(str(result), err=file is None)
     if file is not None:
         typer.echo(f"Written to {file}")
 
@@ -167,7 +167,7 @@ def discover_effects(
             text, page = _judge_peaks(measured, model, out, "result.json", "report.html")
         else:
             from ..inference.models import list_effects, resolve_effect
-            from ..report import describe, write_report
+            from ..reports import write_report
             from ..selection.discover import discover
 
             held = list_effects(effects_from) if effects_from is not None else ()
@@ -178,7 +178,7 @@ def discover_effects(
             report("writing the report", 0.95)
             result.save(out.draft)
             page = out.place(write_report(result, out.draft))
-            text, alike = describe(result), bool(result.steps[-1].alternatives)
+            text, alike = str(result), bool(result.steps[-1].alternatives)
     typer.echo(text)
     typer.echo(f"Report: {page}")
     if alike:
@@ -211,7 +211,7 @@ def draw_force(
     measured = read_campaign(path)
     from ..inference.files import list_versions, write_json
     from ..inference.models import list_effects, resolve_effect
-    from ..report import write_missing
+    from ..reports import write_missing
     from ..selection.missing.missing_force import draw_missing_force
 
     held = list_effects(effects_from) if effects_from is not None else ()
@@ -227,7 +227,7 @@ def draw_force(
         page = out.place(write_missing(
             found, out.draft, title=f"{measured.name}: the missing force",
             status=(measured.name, f"{len(measured.records)} records", f"reference model {model}")))
-    typer.echo(found.text())
+    typer.echo(str(found))
     typer.echo(f"Report: {page}")
 
 

@@ -59,7 +59,7 @@ def design_test(
 
             found.save(out.draft)
             (out.draft / "design.png").write_bytes(render_png(draw_next_test(found)))
-    typer.echo(found.text())
+    typer.echo(str(found))
     if output is not None:
         typer.echo(f"Written to {output}")
 
@@ -115,6 +115,6 @@ def map_campaign(
 
             found.save(out.draft)
             (out.draft / "map.png").write_bytes(render_png(draw_map(found)))
-    typer.echo(found.text())
+    typer.echo(str(found))
     if output is not None:
         typer.echo(f"Written to {output}")

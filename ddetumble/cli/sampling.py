@@ -1,4 +1,4 @@
-"""Commands about posteriors and rival models: `sample` and `weigh`."""
+"""Commands about posteriors and rival models: `sample` and `average`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -34,12 +34,12 @@ def register(app: typer.Typer) -> None:
         "  ddetumble sample data/slip-a --effect adhesive-offset --nuts -o nuts",
     )(sample_posterior)
     app.command(
-        "weigh",
+        "average",
         short_help="Weights of rival models, by conditions left out.",
-        epilog="\b\nExamples:\n  ddetumble weigh data/slip-a --effect adhesive-offset --effect viscous-friction "
-        "--effect none\n  ddetumble weigh data/impact-b --effect adhesion --effect wall-stiffness,sensor-lag -o w\n"
+        epilog="\b\nExamples:\n  ddetumble average data/slip-a --effect adhesive-offset --effect viscous-friction "
+        "--effect none\n  ddetumble average data/impact-b --effect adhesion --effect wall-stiffness,sensor-lag -o w\n"
         "  ddetumble predict slip-a-weights conditions.csv",
-    )(weigh_models)
+    )(average_models)
 
 
 def sample_posterior(
@@ -84,15 +84,15 @@ def sample_posterior(
                        effective=effective, most=steps, seed=seed)
         found = found.examine(lambda text, share: report(text, share))
         report("writing the report", 0.95)
-        from ..report import write_posterior
+        from ..reports import write_posterior
 
         found.save(out.draft)
         page = out.place(write_posterior(found, out.draft))
-    typer.echo(found.text())
+    typer.echo(str(found))
     typer.echo(f"Report: {page}")
 
 
-def weigh_models(
+def average_models(
     source: Annotated[
         str, typer.Argument(metavar="CAMPAIGN|DIR", help="A campaign, or a folder that discover wrote.")
     ],
@@ -123,7 +123,7 @@ def weigh_models(
     if not found and campaign is not None:
         raise InputError("--campaign goes with a folder that discover wrote", file=source)
     if not found and len(effect or ()) < 2:
-        raise InputError("there have to be at least two models to weigh; give --effect for each, `none` for the "
+        raise InputError("there have to be at least two models to average; give --effect for each, `none` for the "
                          "reference model alone", file=source)
     from ..inference.files import refuse_peaks
     from ..measurement.package import read_campaign
@@ -132,17 +132,17 @@ def weigh_models(
         refuse_peaks(path)
     measured = read_campaign(locate_campaign(campaign or _name_campaign(path)) if found else path)
     target = output or Path(f"{path.resolve().name if found else measured.name}-weights")
-    from ..posterior.stacking import weigh
+    from ..posterior.stacking import average
 
-    with (open_folder(target, "weigh", overwrite) as out,
-          show_progress(f"weighing models of {measured.name}") as report):
+    with (open_folder(target, "average", overwrite) as out,
+          show_progress(f"averaging models of {measured.name}") as report):
         if found:
-            result = weigh(path, campaign=measured, progress=report)
+            result = average(path, campaign=measured, progress=report)
         else:
             rivals = [",".join(name_own(one.split(","), effects_from)) for one in effect or ()]
-            result = weigh(measured, rivals, model or "paper", progress=report)
+            result = average(measured, rivals, model or "paper", progress=report)
         result.save(out.draft)
-    typer.echo(result.text())
+    typer.echo(str(result))
     typer.echo(f"Written to {target}")
 
 

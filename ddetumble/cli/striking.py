@@ -51,7 +51,7 @@ def plan_impacts(
     from ..planning.prospect import assess_sequence
     from ..planning.risk import plan_robust_strike
     from ..planning.sequence import plan_sequence
-    from ..report.plan import describe_plan, write_plan
+    from ..reports.plan import describe_plan, write_plan
 
     table, revise, assessment, prospect = wanted.uncertainty, None, None, None
     aim = "best" if table is None else table.plan_for

@@ -213,7 +213,7 @@ def _rates(setup: _Setup, time: Array, state: _State) -> _State:
     return _touch(setup, time, state).change
 
 
-def collide(law: StrikeLaw | Striker, debris: Debris, attitude: Any, angular_velocity: Any, point: Any,
+def simulate_collision(law: StrikeLaw | Striker, debris: Debris, attitude: Any, angular_velocity: Any, point: Any,
             arm_velocity: Any, conditions: Mapping[str, Any], *, span: float | Array = SPAN,
             relaxation: float | Array = RELAXATION, solver: dfx.AbstractSolver | None = None,
             adjoint: dfx.AbstractAdjoint | None = None, rtol: float | Array = RTOL, atol: float | Array = ATOL,

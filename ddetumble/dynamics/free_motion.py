@@ -35,7 +35,7 @@ _EIGHTHS = np.array([[[1, 0, 0], [0, _HALF, -_HALF], [0, _HALF, _HALF]],
 _FIRST, _SECOND = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes that each of these turns mixes
 
 
-def coast(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -> Tumble:
+def propagate_torque_free(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -> Tumble:
     r"""Motion without torque, in closed form for any inertia tensor.
 
     With principal moments $A_1, A_2, A_3$ in order and $s, c, d$ Jacobi's functions of $p t$,

@@ -145,7 +145,7 @@ def measure_error(error: Array) -> Array:
     return 0.5 * optx.two_norm(error)
 
 
-def simulate(
+def simulate_impact(
     law: ContactLaw | AbstractReference, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
     adjoint: dfx.AbstractAdjoint | None = None, rtol: float = RTOL, atol: float = ATOL, max_steps: int = MAX_STEPS,
     from_motion: bool = False,

@@ -29,7 +29,7 @@ class Friction(eqx.Module):
     failed: Bool[Array, ""]
 
 
-def slide(law: FrictionLaw, conditions: Mapping[str, Array], slip: Array, direction: Array | None = None,
+def simulate_sliding(law: FrictionLaw, conditions: Mapping[str, Array], slip: Array, direction: Array | None = None,
           time: Array | None = None) -> Friction:
     r"""Friction force along a path, $f(s, W)$ with $dW/ds = |f|$, $W = 0$ where the record begins.
 

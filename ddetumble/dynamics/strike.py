@@ -179,9 +179,10 @@ def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, cours
     return Grip(force, slip, end[0], end[1], end[2], end[5], end[6])
 
 
-def strike(law: StrikeLaw | Striker, conditions: Mapping[str, Array], times: Array, *, span: Array | None = None,
-           adjoint: dfx.AbstractAdjoint | None = None, rtol: float | Array = RTOL, atol: float | Array = ATOL,
-           max_steps: int = MAX_STEPS, from_motion: bool = False) -> Strike:
+def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, Array], times: Array, *,
+                            span: Array | None = None, adjoint: dfx.AbstractAdjoint | None = None,
+                            rtol: float | Array = RTOL, atol: float | Array = ATOL, max_steps: int = MAX_STEPS,
+                            from_motion: bool = False) -> Strike:
     """Simulate one oblique impact until separation.
 
     Batch records with `jax.vmap`. Differentiable in both modes, through slip and grip.

@@ -20,7 +20,7 @@ MAX_STEPS = 1_000_000
 Torque = Callable[[Array, Array, Array], Array]
 
 
-def tumble(inertia: Any, attitude: Any, angular_velocity: Any, times: Any, torque: Torque | None = None, *,
+def simulate_tumbling(inertia: Any, attitude: Any, angular_velocity: Any, times: Any, torque: Torque | None = None, *,
            start: Any = 0.0, adjoint: dfx.AbstractAdjoint | None = None, rtol: float = RTOL, atol: float = ATOL,
            max_steps: int = MAX_STEPS) -> Tumble:
     r"""Integrate the attitude and Euler's equations, $\dot q = \frac12 q \otimes \omega$,

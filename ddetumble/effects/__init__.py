@@ -1,6 +1,26 @@
 """The catalogue: physics that the reference model leaves out, one class an effect."""
 
-from ..contact.effect import AbstractEffect, family_of, parameters_of, stage_of
+from ..contact.effect import (
+    AbstractContactForce,
+    AbstractDriveEffect,
+    AbstractEffect,
+    AbstractElasticEffect,
+    AbstractGasEffect,
+    AbstractGeometryEffect,
+    AbstractRestitutionEffect,
+    AbstractSensorEffect,
+    AbstractSizeEffect,
+    AbstractStatefulEffect,
+    AbstractStiffnessEffect,
+    AbstractSurfaceForce,
+    family_of,
+    parameter,
+    parameters_of,
+    stage_of,
+)
+from ..contact.gripping import AbstractComplianceEffect, AbstractReactionEffect
+from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, AbstractRubberEffect
+from ..contact.torque import AbstractGyroEffect, AbstractInertiaEffect, AbstractInnerTorque, AbstractTorque
 from .gas import AmbientPressure, GasLeak, PolytropicGas
 from .oblique import OBLIQUE, OffCentreReaction, TangentialCompliance
 from .rig import ArmServo, PressureDependentRestitution, SpeedDependentRestitution
@@ -57,10 +77,16 @@ def catalogue(family: str = AbstractEffect.family) -> tuple[type[AbstractEffect]
 
 
 __all__ = [
-    "CATALOGUE", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "AbstractEffect", "Adhesion", "AdhesiveOffset",
-    "AmbientPressure", "ArmServo", "AxisMisalignment", "ConstantTorque", "EddyCurrent", "FrictionalHeating", "GasLeak",
-    "GravityGradient", "GyroBias", "GyroScale", "InertiaAsymmetry", "InflationGrowth", "InternalDamper", "LoadExponent",
-    "MembraneArea", "OffCentreReaction", "PolytropicGas", "PressureDependentRestitution", "Presliding", "SensorGain",
-    "SensorHighpass", "SensorLag", "SpeedDependentRestitution", "StressSoftening", "Stribeck", "TangentialCompliance",
-    "ViscoelasticWall", "ViscousDashpot", "ViscousFriction", "WallStiffness", "catalogue", "parameters_of", "stage_of",
+    "CATALOGUE", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "AbstractComplianceEffect", "AbstractContactForce",
+    "AbstractDriveEffect", "AbstractEffect", "AbstractElasticEffect", "AbstractFrictionForce", "AbstractGasEffect",
+    "AbstractGeometryEffect", "AbstractGyroEffect", "AbstractInertiaEffect", "AbstractInnerTorque",
+    "AbstractLoadEffect", "AbstractReactionEffect", "AbstractRestitutionEffect", "AbstractRubberEffect",
+    "AbstractSensorEffect", "AbstractSizeEffect", "AbstractStatefulEffect", "AbstractStiffnessEffect",
+    "AbstractSurfaceForce", "AbstractTorque", "Adhesion", "AdhesiveOffset", "AmbientPressure", "ArmServo",
+    "AxisMisalignment", "ConstantTorque", "EddyCurrent", "FrictionalHeating", "GasLeak", "GravityGradient",
+    "GyroBias", "GyroScale", "InertiaAsymmetry", "InflationGrowth", "InternalDamper", "LoadExponent",
+    "MembraneArea", "OffCentreReaction", "PolytropicGas", "Presliding", "PressureDependentRestitution",
+    "SensorGain", "SensorHighpass", "SensorLag", "SpeedDependentRestitution", "StressSoftening", "Stribeck",
+    "TangentialCompliance", "ViscoelasticWall", "ViscousDashpot", "ViscousFriction", "WallStiffness", "catalogue",
+    "parameter", "parameters_of", "stage_of",
 ]

@@ -126,8 +126,7 @@ def _write_effect(name: str, kind: str, at: Stage) -> str:
 
 from typing import ClassVar
 
-from ddetumble.contact.effect import parameter
-from ddetumble.contact.{at.home} import {at.base}
+from ddetumble.effects import {at.base}, parameter
 
 
 class {kind}({at.base}):
@@ -143,8 +142,7 @@ class {kind}({at.base}):
     def {at.method}:
         """{at.does}."""
         return {at.code}
-'''.replace("from ddetumble.contact.effect import parameter\nfrom ddetumble.contact.effect import " + at.base,
-            f"from ddetumble.contact.effect import {at.base}, parameter")
+'''
 
 
 def _write_test(module: str, kind: str) -> str:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..dynamics.impact import simulate
+from ..dynamics.impact import simulate_impact
 from ..effects import IMPACT as EFFECTS
 from ..effects.free import IMPACT_GROUND
 from ..effects.probes import PROBES
@@ -64,7 +64,7 @@ IMPACT = Family(
     state="depression",
     rate="depression_rate",
     phases=("loading", "unloading"),
-    observe=partial(observe_contact, simulate),
+    observe=partial(observe_contact, simulate_impact),
     lay_spans=lay_contact,
     view=VIEW,
     plan=PLAN,

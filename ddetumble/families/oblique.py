@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from .._errors import InputError
-from ..dynamics.strike import strike
+from ..dynamics.strike import simulate_oblique_impact
 from ..effects import OBLIQUE as OBLIQUE_EFFECTS
 from ..effects import SLIP as SLIP_EFFECTS
 from ..effects.oblique_probes import OBLIQUE_PROBES
@@ -50,7 +50,7 @@ OBLIQUE = dc.replace(
     accepts=("impact", "slip", "oblique"),
     catalogue=(*IMPACT.catalogue, *SLIP_EFFECTS, *OBLIQUE_EFFECTS),
     probes=(*IMPACT.probes, *OBLIQUE_PROBES),
-    observe=partial(observe_contact, strike),
+    observe=partial(observe_contact, simulate_oblique_impact),
     plan=dc.replace(
         IMPACT.plan,
         chosen=(*IMPACT.plan.chosen, "tangential_speed"),

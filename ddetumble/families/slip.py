@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
-from ..dynamics.slide import slide
+from ..dynamics.slide import simulate_sliding
 from ..effects import SLIP as EFFECTS
 from ..effects.free import SLIP_GROUND
 from ..effects.slip_probes import SLIP_PROBES
@@ -25,7 +25,7 @@ def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: An
     """A slip record over its own slip; `time` is the slip itself where the record has no other path."""
     path, way = row.inputs.get("slip", time), row.inputs.get("direction", jnp.ones_like(time))
     clock = time if "slip" in row.inputs else None
-    found = slide(law, conditions, path, way, clock)
+    found = simulate_sliding(law, conditions, path, way, clock)
     speed = conditions.get("slip_speed", jnp.ones(()))
     return Observation(jnp.stack([found.tangential_force for _ in channels]), path, way * speed, time[-1],
                        found.failed)

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..measurement.quantities import vary
 from ..selection.result import Trace
-from .labels import vary
 
 
 MISSED = 1.3  # rms of the residual over the noise, above which a record is worth showing

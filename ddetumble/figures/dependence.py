@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..families import View
+from ..measurement.quantities import Quantity, clean, describe_quantity, format_number, format_share, vary
 from ..selection.result import Place, Trace
+from ..selection.text import choose_view
 from .binning import bin_residuals, group_values, list_levels, pick_channel, standardise
-from .labels import Quantity, clean, describe_quantity, format_number, format_share, vary
 from .style import (
     FLOOR,
     GREY,
@@ -24,7 +25,7 @@ from .style import (
     styled,
     wrap_text,
 )
-from .views import choose_view, find_phase, find_strokes, find_values
+from .views import find_phase, find_strokes, find_values
 
 
 @styled

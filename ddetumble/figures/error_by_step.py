@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
+from ..measurement.quantities import format_error, format_number, say_p
 from ..selection.compare import Comparison
 from ..selection.result import Step
-from .labels import format_error, format_number, say_p
 from .style import (
     AFTER,
     BEFORE,

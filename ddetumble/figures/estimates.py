@@ -1,18 +1,42 @@
 """Parameters with their intervals, and which of them the data cannot tell apart."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol
 
-from ..selection.result import Estimate, Step
-from .labels import clean, format_value, typeset
+from ..measurement.quantities import clean, format_value, typeset
 from .style import AFTER, BEFORE, FAINT, GREY, INK, NARROW, OTHER, WIDTH, dress, head_figure, new_figure, styled
+
+
+class _Estimate(Protocol):
+    """A parameter with its interval, in its public unit."""
+
+    @property
+    def estimate(self) -> float: ...
+    @property
+    def sd(self) -> float: ...
+    @property
+    def q025(self) -> float: ...
+    @property
+    def q975(self) -> float: ...
+    @property
+    def unit(self) -> str: ...
+
+
+class _Fitted(Protocol):
+    """A step, a fit: parameters, and pairs of names with their correlation."""
+
+    @property
+    def parameters(self) -> Mapping[str, _Estimate]: ...
+    @property
+    def correlations(self) -> Sequence[tuple[str, str, float]]: ...
 
 
 FEWEST = 4  # bars that there is room for at least, so that one alone is not as high as the figure
 
 
 @styled
-def draw_parameters(steps: Mapping[str, Step], count: int = 8, narrow: bool = False):
+def draw_parameters(steps: Mapping[str, _Fitted], count: int = 8, narrow: bool = False):
     """A line a parameter with its 95 % interval, each on its own scale, and the strongest correlations beside them.
 
     Args:
@@ -86,7 +110,7 @@ def draw_parameters(steps: Mapping[str, Step], count: int = 8, narrow: bool = Fa
     return figure
 
 
-def _find_scale(steps: Iterable[Step], name: str) -> float:
+def _find_scale(steps: Iterable[_Fitted], name: str) -> float:
     """A power of ten by which a parameter is divided where its numbers would be too long for an axis."""
     edges = [abs(edge) for step in steps if name in step.parameters for edge in _interval(step.parameters[name])]
     largest = max((edge for edge in edges if math.isfinite(edge)), default=0.0)
@@ -94,7 +118,7 @@ def _find_scale(steps: Iterable[Step], name: str) -> float:
     return 1.0 if -4 <= power < 5 else 10.0**power
 
 
-def _interval(estimate: Estimate) -> tuple[float, float]:
+def _interval(estimate: _Estimate) -> tuple[float, float]:
     """The 95 % interval; from the standard deviation where the quantiles are missing."""
     low, high = estimate.q025, estimate.q975
     if not (math.isfinite(low) and math.isfinite(high)):
@@ -103,7 +127,7 @@ def _interval(estimate: Estimate) -> tuple[float, float]:
     return low, high
 
 
-def _describe(estimate: Estimate) -> str:
+def _describe(estimate: _Estimate) -> str:
     """Value and standard deviation to the digits that count, with the unit."""
     unit = "" if estimate.unit in ("", "1") else f" {clean(estimate.unit, 14)}"
     value = format_value(estimate.estimate, estimate.sd)

@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..selection.result import Trace
+from ..selection.text import choose_view
 from .binning import choose_records, group_values, pick_channel, sort_traces, standardise
-from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
 from .style import (
     FLOOR,
     GREY,
@@ -22,7 +23,7 @@ from .style import (
     styled,
     wrap_text,
 )
-from .views import choose_view, find_span, find_stretch, find_strokes
+from .views import find_span, find_stretch, find_strokes
 
 
 KEY = 18  # characters of a record's name

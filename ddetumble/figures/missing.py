@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..measurement.quantities import clean, describe_quantity, format_number, format_share, typeset
 from ..selection.missing.symbolic import sketch_law
 from ..selection.result import Law, MissingForce, Shape
-from .labels import clean, describe_quantity, format_number, format_share, typeset
 from .style import (
     AFTER,
     BEFORE,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .labels import clean, describe_quantity
+from ..measurement.quantities import clean, describe_quantity
 from .style import AFTER, BEFORE, INK, NARROW, SHADES, WIDTH, dress, head_figure, new_figure, styled
 
 

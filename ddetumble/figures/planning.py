@@ -3,10 +3,10 @@
 import numpy as np
 
 from ..families import find_family
+from ..measurement.quantities import clean, describe_quantity
 from ..planning.proposals import Design
 from ..planning.visibility import Visibility
 from ..planning.wording import describe_test
-from .labels import clean, describe_quantity
 from .style import AFTER, BEFORE, GREY, INK, KIN, OTHER, WIDTH, dress, head_figure, new_figure, styled, wrap_text
 
 

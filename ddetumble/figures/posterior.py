@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..measurement.quantities import clean
 from ..posterior.result import Posterior
 from ..posterior.target import AbstractTarget
-from .labels import clean
 from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, SHADES, WIDTH, dress, head_figure, new_figure, styled
 
 

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from ..measurement.quantities import describe_conditions, describe_quantity, shorten_names, vary
 from ..measurement.units import si_unit
-from .labels import describe_conditions, describe_quantity, shorten_names, vary
 from .style import AFTER, BEFORE, FLOOR, KIN, WIDTH, dress, head_figure, new_figure, styled, wrap_text
 
 

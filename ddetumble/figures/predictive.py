@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..families import DEFAULT_FAMILY, find_family
+from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..posterior.loo import Scores
 from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
-from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
 from .style import (
     AFTER,
     BEFORE,

@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
+from ..measurement.quantities import say_p, shorten
 from ..selection.result import Candidate
 from ..selection.settings import DEFAULT
-from .labels import say_p, shorten
 from .style import (
     AFTER,
     FAINT,

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..selection.result import Trace
+from ..selection.text import choose_view
 from .binning import (
     group_values,
     list_channels,
@@ -16,9 +18,8 @@ from .binning import (
     sort_traces,
     standardise,
 )
-from .labels import clean, describe_conditions, describe_quantity, shorten_names, vary
 from .style import GREY, INK, NARROW, WIDTH, dress, name_ticks, new_figure, styled, wrap_text
-from .views import choose_view, share_span
+from .views import share_span
 
 
 _COLUMNS = 48  # of the map

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..measurement.quantities import clean, describe_quantity, format_number, say_p, shorten
 from ..selection.result import SettingShift
-from .labels import clean, describe_quantity, format_number, say_p, shorten
 from .style import FLOOR, GREY, NARROW, PALE, WIDTH, colour_models, dress, head_figure, new_figure, styled
 
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..measurement.quantities import clean, describe_conditions, describe_quantity, vary
 from ..selection.result import Trace
 from .binning import pick_channel
-from .labels import clean, describe_conditions, describe_quantity, vary
 from .style import GREY, INK, NARROW, PALE, WIDTH, colour_models, dress, head_figure, new_figure, styled, wrap_text
 from .views import find_span
 

@@ -1,30 +1,14 @@
 """How records are looked at, by the view of their family: what lies along them, and what a misfit is located in."""
 
-import dataclasses as dc
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from ..families import DEFAULT_FAMILY, View, find_family
+from ..families import View, find_family
 from ..selection.result import Trace
 
 
 MOST, SHOWN = 120, 40  # turning points of a curve that fill its panel with colour, and those drawn in their stead
-
-
-def choose_view(traces: Sequence[Trace] = (), family: str = DEFAULT_FAMILY) -> View:
-    """The view of some traces; of the family alone where there are none."""
-    view = _choose(traces, family)
-    ends = [float(np.nanmax(trace.time)) for trace in traces if np.size(trace.time)]
-    return dc.replace(view, longest=max(ends)) if ends and view.along == "time" else view
-
-
-def _choose(traces: Sequence[Trace], family: str) -> View:
-    found = find_family(traces[0].family if traces else family)
-    if found.view_reversed and any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
-        return found.view_reversed
-    return dc.replace(found.view, along=traces[0].independent) if traces else found.view
 
 
 def find_span(trace: Trace) -> tuple[float, float]:

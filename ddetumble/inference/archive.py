@@ -281,7 +281,7 @@ def save_model(folder, fitted: FittedModel) -> Path:
     return path
 
 
-def load_model(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
+def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     """Read a fitted model.
 
     Args:
@@ -339,7 +339,7 @@ def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel
     if not isinstance(model, (str, Path)):
         raise InputError(f"{type(model).__name__} is no fitted model: give what fit or discover returned, or a folder "
                          "that they wrote")
-    return load_model(model)
+    return load(model)
 
 
 def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
@@ -443,7 +443,7 @@ def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEf
         return known[entry.id]
     if entry.source is None:
         raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; "
-                         "give its class to load_model(extra=...)", file=path, key="effects")
+                         "give its class to load(extra=...)", file=path, key="effects")
     file, _, name = entry.source.rpartition(":")
     return resolve_effect(f"{path.parent / file}:{name}")
 

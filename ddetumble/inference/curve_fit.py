@@ -27,6 +27,7 @@ import optimistix as optx
 from jaxtyping import Array
 from scipy import stats
 
+from .._display import AbstractPrinted
 from .._errors import ComputationError, InputError
 from .files import make_plain
 from .identifiability import (
@@ -74,7 +75,7 @@ MOST_STROKES = 1e4  # beyond it, averaging is no advice
 
 
 @dc.dataclass(frozen=True)
-class Regression:
+class Regression(AbstractPrinted):
     """A curve fitted by least squares.
 
     Attributes:
@@ -104,8 +105,7 @@ class Regression:
     converged: bool
     message: str
 
-    def text(self) -> str:
-        """A table for people, and how it ended."""
+    def __str__(self) -> str:
         rows = [f"  {name:12} {value:15.8g} +- {error:.3g}"
                 for name, value, error in zip(self.names, self.values, self.errors, strict=True)]
         head = f"sum of squares {self.sum_of_squares:.8g} with {self.degrees} degrees of freedom"
@@ -379,7 +379,7 @@ class Coefficient:
 
 
 @dc.dataclass(frozen=True)
-class CurveFit:
+class CurveFit(AbstractPrinted):
     """A fit of one friction curve, or of several by polynomials.
 
     Attributes:
@@ -417,8 +417,7 @@ class CurveFit:
         """Estimates in order, shape (coefficients,)."""
         return np.array([c.estimate for c in self.coefficients.values()])
 
-    def text(self) -> str:
-        """A table for people, and the sentences below it."""
+    def __str__(self) -> str:
         lines = [f"{self.subject}: chi-square {self.chi2:.1f} of {self.readings} readings less "
                  f"{len(self.coefficients)} coefficients"]
         for c in self.coefficients.values():

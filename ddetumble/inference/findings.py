@@ -1,13 +1,15 @@
 """What a fit found: parameters with uncertainty, in a form that people and programs read."""
 
+import abc
 import dataclasses as dc
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._display import AbstractPrinted
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from .archive import AbstractFitted, FittedModel, make_fitted, save_model
@@ -52,7 +54,7 @@ class Fitted:
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
-class Fit(AbstractFitted):
+class Fit(AbstractFitted, AbstractPrinted):
     """A fitted model.
 
     Attributes:
@@ -109,9 +111,6 @@ class Fit(AbstractFitted):
     bounded: Bounded
     gaussians: Mapping[str, tuple[float, float, float, float]]
 
-    def __str__(self) -> str:
-        return self.text()
-
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
 
@@ -143,7 +142,7 @@ class Fit(AbstractFitted):
         a, b = sorted(to_public(p.coordinate, x) for x in (a, b))
         return a, b
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """The report, as lmfit's users expect it."""
         lines = [f"[[Model]]\n    {self.model_text}, fitted to {self.campaign}", "[[Fit Statistics]]"]
         entries = [("fitting method", "Levenberg-Marquardt"), ("function evals", self.steps), ("records", self.records),
@@ -205,6 +204,20 @@ class Fit(AbstractFitted):
         save_model(folder, self.fitted_model())
         write_json(folder / FILE, self.to_dict())
         return folder
+
+
+class AbstractRivals(abc.ABC):
+    """A result with a best fitted model, and rivals that it could not tell from it."""
+
+    @property
+    @abc.abstractmethod
+    def best(self) -> Fit:
+        """The best one."""
+
+    @property
+    @abc.abstractmethod
+    def rivals(self) -> Sequence[Fit]:
+        """Those that were not told from it."""
 
 
 def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], problem: Problem, found: Bounded,

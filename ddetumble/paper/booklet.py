@@ -39,7 +39,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     import json
 
     from ..measurement.package import read_campaign
-    from ..report.page import write_page
+    from ..reports.page import write_page
 
     table = read_campaign(find_data("paper/table-3"))
     figure = read_campaign(find_data("paper/figure-8"))
@@ -159,7 +159,7 @@ def _worst(judged: PeakJudgement) -> float:
 
 
 def _write_points(points: list[Contradiction], rows, judged, masses, more):
-    from ..report.page import Section
+    from ..reports.page import Section
 
     figure, table = judged["Figure 8"], judged["Table 3"]
     mass = next(one["mass"] for one in masses if one["restitution"] == 0.7)
@@ -202,7 +202,7 @@ def _draw_sign(mass: float):
 
 
 def _write_figure(judged: PeakJudgement, masses):
-    from ..report.page import Section
+    from ..reports.page import Section
 
     exponent, error = judged.exponent
     spread = [one["worst"] for one in masses]
@@ -229,7 +229,7 @@ def _write_figure(judged: PeakJudgement, masses):
 
 
 def _write_table(judged: PeakJudgement, printed: np.ndarray):
-    from ..report.page import Section
+    from ..reports.page import Section
 
     bench = set_up_bench(judged)
     mass = judged.reference.estimates["effective_mass"]["estimate"]

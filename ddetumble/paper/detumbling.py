@@ -20,11 +20,11 @@ from ..contact.gripping import Striker
 from ..contact.law import Ball
 from ..contact.sliding import CoulombFriction
 from ..dynamics.bodies import Cylinder
-from ..dynamics.collision import collide
-from ..dynamics.free_motion import coast
+from ..dynamics.collision import simulate_collision
+from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import make_debris
-from ..dynamics.tumbling import tumble
+from ..dynamics.tumbling import simulate_tumbling
 from .free_tumbling import STEP, UNTURNED, Momentum
 
 
@@ -131,11 +131,11 @@ def follow_impact(table: Momentum, before: float, after: float) -> Passage:
     attitude = place_stage(table.before)
     size, left = (float(np.linalg.norm(x)) for x in (table.before, table.after))
     spin = jnp.array([size / float(inertia[0, 0]), 0.0, 0.0])
-    earlier = coast(inertia, attitude, spin, np.arange(-before, 0.0, STEP))
+    earlier = propagate_torque_free(inertia, attitude, spin, np.arange(-before, 0.0, STEP))
     moment = jnp.array([-(size - left) / IMPACT_TIME, 0.0, 0.0])
-    during = tumble(inertia, attitude, spin, np.linspace(0.0, IMPACT_TIME, 9), _Step(moment))
+    during = simulate_tumbling(inertia, attitude, spin, np.linspace(0.0, IMPACT_TIME, 9), _Step(moment))
     start = during.attitude[-1], during.angular_velocity[-1]
-    later = coast(inertia, *start, np.arange(STEP, after, STEP))
+    later = propagate_torque_free(inertia, *start, np.arange(STEP, after, STEP))
     parts = (earlier, during, later)
     time = np.concatenate([earlier.time, during.time, np.asarray(later.time) + IMPACT_TIME])
     attitudes = np.concatenate([np.asarray(part.attitude) for part in parts])
@@ -166,7 +166,7 @@ def strike_stage(momentum: np.ndarray, pressure: float = 2.5e6) -> list[dict[str
     def run(mass, speed):
         law = Striker(Ball(effective_mass=mass), CoulombFriction(scalar(0.0)), tangential_mass=mass,
                       rolling_mass=scalar(1e9))
-        found = collide(law, debris, UNTURNED, rates, point, jnp.stack([0.0 * speed, -speed, 0.0 * speed]),
+        found = simulate_collision(law, debris, UNTURNED, rates, point, jnp.stack([0.0 * speed, -speed, 0.0 * speed]),
                         {"initial_pressure": pressure}, max_steps=512)
         return jnp.stack([1.0 - jnp.linalg.norm(found.angular_momentum) / size, found.peak_force,
                           found.peak_depression, found.separation])

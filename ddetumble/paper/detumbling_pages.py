@@ -32,7 +32,7 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
         peaks, measured, theory: normal forces of Figure 8 and Table 3, shape (records,) [N].
         friction: measured friction over normal force [-].
     """
-    from ..report.page import Section
+    from ..reports.page import Section
 
     printed = list_forces(peaks, measured, theory)
     tables = {name: read_momentum(name.lower().replace(" ", "-")) for name in ("Table 5", "Table 6")}

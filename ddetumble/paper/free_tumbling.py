@@ -13,9 +13,9 @@ from .._rotation import measure_turn
 from ..dynamics.angles import measure_motion, measure_precession
 from ..dynamics.bodies import Cylinder
 from ..dynamics.elliptic import quarter_period
-from ..dynamics.free_motion import coast
+from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import Tumble, trace_point
-from ..dynamics.tumbling import tumble
+from ..dynamics.tumbling import simulate_tumbling
 from .shipped import find_data
 
 
@@ -91,7 +91,7 @@ def follow_stage(momentum: np.ndarray, moments: np.ndarray, times: np.ndarray) -
         moments: principal ones, shape (3,) [kg m²].
         times: from 0 on, shape (times,) [s].
     """
-    motion = coast(moments, UNTURNED, momentum / moments, times)
+    motion = propagate_torque_free(moments, UNTURNED, momentum / moments, times)
     inertia = jnp.asarray(moments)
     path = np.asarray(trace_point(motion.attitude, Cylinder().end_face()))
     angles = np.asarray(measure_motion(inertia, motion.attitude, motion.angular_velocity))
@@ -102,7 +102,7 @@ def follow_stage(momentum: np.ndarray, moments: np.ndarray, times: np.ndarray) -
 
 def integrate_stage(momentum: np.ndarray, moments: np.ndarray, times: np.ndarray) -> Tumble:
     """The same motion by the integrator; arguments as of `follow_stage`."""
-    return tumble(moments, UNTURNED, momentum / moments, times)
+    return simulate_tumbling(moments, UNTURNED, momentum / moments, times)
 
 
 def compare_motions(first: Tumble, second: Tumble) -> tuple[float, float]:

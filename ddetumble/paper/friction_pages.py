@@ -109,7 +109,7 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
         table: from `read_friction`.
         misses: of each assumed range of pressures against Figure 8, by name [%] (row 8).
     """
-    from ..report.page import Section
+    from ..reports.page import Section
 
     at, found = find_scale(judged), examine_band(judged, misses)
     load, friction = (float(np.interp(SHOWN, table["pressure"], table[name])) for name in ("load", "measured"))

@@ -38,8 +38,8 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
     Raises:
         InputError: The folder cannot be written.
     """
-    from ..report.page import Picture, Section, write_page
-    from ..report.words import say_verdict
+    from ..reports.page import Picture, Section, write_page
+    from ..selection.text import say_verdict
 
     if isinstance(judged, FrictionJudgement):
         forces, lacking = "friction forces", (

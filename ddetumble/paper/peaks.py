@@ -14,7 +14,7 @@ from jaxtyping import Array
 from .._numerics import stop
 from ..contact.effect import AbstractEffect
 from ..contact.law import AbstractReference, ContactLaw
-from ..dynamics.impact import Impact, simulate
+from ..dynamics.impact import Impact, simulate_impact
 from ..inference.parameters import ParameterSpace
 
 
@@ -59,7 +59,7 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array], window: Array) 
         window: time after first touch in which the peak is sought [s].
     """
     times = window * (jnp.arange(1, SAMPLES + 1) / SAMPLES) ** 2
-    impact = simulate(law, conditions, times, adjoint=dfx.ForwardMode(), rtol=1e-6, atol=1e-8, max_steps=160)
+    impact = simulate_impact(law, conditions, times, adjoint=dfx.ForwardMode(), rtol=1e-6, atol=1e-8, max_steps=160)
     peak = jnp.where(impact.failed, jnp.nan, refine_peak(times, impact.normal_force))
     return peak, (impact.separation, impact.rebound_speed / conditions["approach_speed"], jnp.max(impact.depression))
 
@@ -68,7 +68,7 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array], window: Array) 
 def simulate_impacts(law: ContactLaw, conditions: Mapping[str, Any], times: Any) -> Impact:
     """Impacts at conditions of shape (records,), SI, each at the same times [s]: an `Impact` with a leading axis."""
     conditions = {name: jnp.asarray(value, dtype=float) for name, value in conditions.items()}
-    return jax.vmap(lambda one: simulate(law, one, jnp.asarray(times, dtype=float)))(conditions)
+    return jax.vmap(lambda one: simulate_impact(law, one, jnp.asarray(times, dtype=float)))(conditions)
 
 
 class PeakProgram:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..figures.labels import format_number, format_value
+from ..measurement.quantities import format_number, format_value
 
 
 @dc.dataclass(frozen=True)

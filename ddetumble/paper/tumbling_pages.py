@@ -78,7 +78,7 @@ def describe_stage(found: dict[str, Any]) -> str:
 
 def write_tumbling():
     """The section, and what `paper.json` says of it."""
-    from ..report.page import Section
+    from ..reports.page import Section
 
     found, drawn = examine_stage()
     cases, tilt = found["cases"], found["tilt"]

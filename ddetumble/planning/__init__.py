@@ -1,1 +1,6 @@
 """What to do next: the test that tells rivals apart, what a planned campaign could see."""
+
+from .._lazy import attach as _attach
+
+
+__getattr__, __dir__, __all__ = _attach(__name__, __file__)

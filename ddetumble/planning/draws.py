@@ -19,7 +19,7 @@ from .._errors import InputError
 from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import FILE as MODEL
-from ..inference.archive import AbstractFitted, FittedModel, load_model, take_fitted
+from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.parameters import ParameterSpace, from_public
 from ..posterior.result import FILE as POSTERIOR
 from ..posterior.stacking import FILE as WEIGHTS
@@ -123,7 +123,7 @@ def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
 
 
 def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str]:
-    """Name, model and weight of every model in a folder that `fit`, `sample`, `discover` or `weigh` wrote, and a note.
+    """Name, model and weight of every model in a folder that `fit`, `sample`, `discover`, `average` wrote, and a note.
 
     Args:
         folder: or a file in it, such as its `result.json`.
@@ -135,13 +135,13 @@ def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str
     if (folder / WEIGHTS).is_file():
         rivals = read_weights(folder)
         total = sum(weight for *_, weight in rivals)
-        return ([(name, load_model(place), weight / total) for name, place, weight in rivals],
-                "Models count by the weights that weigh gave them.")
+        return ([(name, load(place), weight / total) for name, place, weight in rivals],
+                "Models count by the weights that average gave them.")
     rivals = (file.parent for file in (folder / RIVALS).glob(f"*/{MODEL}"))
     places = [folder, *sorted(rivals, key=lambda place: (len(place.name), place.name))]
-    models = [load_model(place) for place in places]
+    models = [load(place) for place in places]
     note = ("" if len(models) == 1 else
-            "No model has been weighed against the others (weigh does that): each counts the same.")
+            "No model has been weighed against the others (average does that): each counts the same.")
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 
 
@@ -157,7 +157,7 @@ def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedMo
 
     Args:
         source: what `fit` or `discover` returned (a discovery with its rivals, each counted the same), a folder that
-            `fit`, `sample`, `discover` or `weigh` wrote, or name, model and weight of each.
+            `fit`, `sample`, `discover` or `average` wrote, or name, model and weight of each.
         make: turns a fitted law into the law of oblique impacts; traced by JAX.
         draws: of each model.
         seed: of the random numbers.

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..contact.gripping import StrikeLaw
-from ..dynamics.impact import simulate
+from ..dynamics.impact import simulate_impact
 from ..inference.archive import FittedModel
 from ..selection.sentences import NAMES
 from .draws import find_models
@@ -108,8 +108,8 @@ def _reach(saved: FittedModel) -> tuple[float, float]:
     def press(law, pressures):
         def one(pressure):
             conditions = given | {"initial_pressure": pressure}
-            end = simulate(law, conditions, jnp.linspace(0.0, SPAN, 2)).separation
-            impact = simulate(law, conditions, end * jnp.linspace(0.0, 1.0, 65), span=jnp.asarray(SPAN))
+            end = simulate_impact(law, conditions, jnp.linspace(0.0, SPAN, 2)).separation
+            impact = simulate_impact(law, conditions, end * jnp.linspace(0.0, 1.0, 65), span=jnp.asarray(SPAN))
             return jnp.stack([jnp.max(impact.depression), jnp.max(impact.normal_force)])
 
         return jnp.max(jax.vmap(one)(pressures), axis=0)

@@ -10,8 +10,9 @@ import numpy as np
 
 from .._errors import ComputationError, InputError
 from ..inference.archive import FILE as MODEL
-from ..inference.archive import AbstractFitted, FittedModel, load_model, take_fitted
-from ..selection.result import RESULT, RIVALS, Discovery
+from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
+from ..selection.discovery import Discovery
+from ..selection.result import RESULT, RIVALS
 from ..selection.settings import DEFAULT
 from .limits import Extra, list_extras, set_limits
 from .preview import Layout, Test, place_conditions, prepare
@@ -99,7 +100,7 @@ def read_confused(folder: Path) -> tuple[list[FittedModel], str]:
     Raises:
         InputError: there is no fitted model, or the rivals were not written.
     """
-    best = load_model(folder)
+    best = load(folder)
     result = folder / RESULT
     if not result.is_file():
         return [best], "fit"
@@ -108,7 +109,7 @@ def read_confused(folder: Path) -> tuple[list[FittedModel], str]:
         verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
         raise InputError("this is no result of discover, or a damaged one; run discover again", file=result) from None
-    rivals = [load_model(path.parent) for path in sorted((folder / RIVALS).glob(f"*/{MODEL}"))]
+    rivals = [load(path.parent) for path in sorted((folder / RIVALS).glob(f"*/{MODEL}"))]
     if len(rivals) < len(expected):
         raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
     for one in rivals:

@@ -24,7 +24,7 @@ from ..contact.law import Ball, ContactLaw
 from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw, RubberFriction
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import Debris, make_debris
-from ..inference.archive import load_model
+from ..inference.archive import load
 from ..inference.models import is_fitted
 from .draws import Laws, draw_laws, find_models, vary_law
 from .strike_problem import Goal, Limits, Problem, make_problem
@@ -93,7 +93,7 @@ def _load_law(name: str, here: Path, key: str) -> Any:
     folder = here / name
     if not is_fitted(str(folder)):
         raise InputError(f"{name} is no folder that fit or discover wrote", key=key)
-    return load_model(folder).law()
+    return load(folder).law()
 
 
 def make_law(scenario: Scenario, here: Path) -> StrikeLaw:
@@ -190,7 +190,7 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     folder = here / name
     folder = folder.parent if folder.suffix == ".json" else folder
     if not is_fitted(str(folder)):
-        raise InputError(f"{name} is no folder that fit, sample, discover or weigh wrote", key="uncertainty.fit")
+        raise InputError(f"{name} is no folder that fit, sample, discover or average wrote", key="uncertainty.fit")
     models, note = find_models(folder)
     family = models[0][1].space.family
     if not (family.has_contact or family.has_strokes):

@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
-from ..dynamics.impact import simulate
+from ..dynamics.impact import simulate_impact
 from .relaxation import Relaxation, find_relaxations
 from .strike_plan import LEAST_GAIN, STARTS, StrikePlan, plan_strike
 from .strike_problem import Problem, reach_speed
@@ -106,8 +106,8 @@ def _press(law: StrikeLaw, given: Mapping[str, Array], deepest: Array, speeds: A
 
     def one(speed, pressure):
         conditions = {**given, "approach_speed": speed, "initial_pressure": pressure}
-        end = simulate(normal, conditions, times).separation
-        impact = simulate(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=jnp.asarray(0.5))
+        end = simulate_impact(normal, conditions, times).separation
+        impact = simulate_impact(normal, conditions, end * jnp.linspace(0.0, 1.0, 33), span=jnp.asarray(0.5))
 
         def rub(depression, slip):
             contact = normal.contact(conditions, reference.ball.diameter(), jnp.zeros(()), depression, jnp.zeros(()),

@@ -21,8 +21,8 @@ from .._numerics import safe_divide, scalar
 from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
 from ..contact.gripping import StrikeLaw, find_height
 from ..dynamics.angles import measure_nutation
-from ..dynamics.collision import collide
-from ..dynamics.free_motion import coast, coast_symmetric
+from ..dynamics.collision import simulate_collision
+from ..dynamics.free_motion import coast_symmetric, propagate_torque_free
 from ..dynamics.outcome import Collision
 from ..dynamics.rigid import measure_energy
 from ..dynamics.surfaces import Debris
@@ -157,7 +157,7 @@ def drift(problem: Problem, time: Array) -> tuple[Array, Array]:
         attitude, rates = coast_symmetric(inertia[0, 0], inertia[2, 2], normalise(problem.attitude),
                                           problem.angular_velocity, times)
     else:
-        motion = coast(problem.debris.inertia, problem.attitude, problem.angular_velocity, times)
+        motion = propagate_torque_free(problem.debris.inertia, problem.attitude, problem.angular_velocity, times)
         attitude, rates = motion.attitude, motion.angular_velocity
     return attitude[0], rates[0]
 
@@ -225,8 +225,8 @@ def strike_debris(problem: Problem, design: Design, adjoint: dfx.AbstractAdjoint
                   max_steps: int = MAX_STEPS) -> Collision:
     """The impact of a design, integrated."""
     conditions = {**problem.conditions, "initial_pressure": design.pressure}
-    return collide(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point, design.velocity,
-                   conditions, adjoint=adjoint, rtol=rtol, atol=atol, max_steps=max_steps)
+    return simulate_collision(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point,
+                              design.velocity, conditions, adjoint=adjoint, rtol=rtol, atol=atol, max_steps=max_steps)
 
 
 def score(problem: Problem, rates: Array) -> Array:

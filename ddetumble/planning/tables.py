@@ -173,7 +173,7 @@ class UncertaintyTable(_Strict):
     """`[uncertainty]`: how well the contact is known, and what the plan makes of that.
 
     Attributes:
-        fit: folder that `fit`, `sample`, `discover` or `weigh` wrote (or its `result.json`), from the scenario's own
+        fit: folder that `fit`, `sample`, `discover` or `average` wrote (or its `result.json`), from the scenario's own
             folder on; it takes the place of the ball's model. That one where neither this nor `parameters` is given.
         parameters: of the contact model by name, each with `sd` and, where it is not the model's own, `mean`.
         correlation: rows of two of these names and their correlation.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._display import AbstractPrinted
 from .._errors import InputError
 from ..inference.files import list_versions, make_plain, write_json
 from .diagnostics import Convergence
@@ -52,7 +53,7 @@ class Estimate:
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
-class Posterior:
+class Posterior(AbstractPrinted):
     """Draws from a posterior.
 
     Attributes:
@@ -141,7 +142,7 @@ class Posterior:
                                   report=lambda t, s: report(t, 0.6 + 0.4 * s))
         return dc.replace(self, log_likelihood=likelihoods, predictive=checks, left_out=scores)
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """The report."""
         count = self.log_density.size
         lines = [f"[[Posterior]]\n    {self.title}", "[[Sampling]]", f"    {self.sampler}: {self.state}",

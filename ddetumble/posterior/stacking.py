@@ -18,13 +18,14 @@ import numpy as np
 import pydantic
 from scipy import optimize
 
+from .._display import AbstractPrinted
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect
-from ..inference.archive import Model, load_model
+from ..inference.archive import Model, load
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
 from ..inference.files import list_versions, make_plain, refuse_peaks, write_json
-from ..inference.findings import Fit, summarise_fit
+from ..inference.findings import AbstractRivals, Fit, summarise_fit
 from ..inference.noise import Noise
 from ..inference.problem import Problem
 from ..inference.stack import stack_records
@@ -78,7 +79,7 @@ class Rival:
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
-class ModelWeights:
+class ModelWeights(AbstractPrinted):
     """Rival models with their weights.
 
     Attributes:
@@ -100,11 +101,11 @@ class ModelWeights:
         return f"<ModelWeights of {', '.join(f'{r.name} {r.weight:.2f}' for r in self.rivals)}>"
 
     @property
-    def weights(self) -> dict[str, float]:
+    def averagets(self) -> dict[str, float]:
         """By name of the rival."""
         return {one.name: one.weight for one in self.rivals}
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """The report."""
         rows = [("", "weight", "elpd", "behind the best", "std. error", "largest k", "refits", "chi2/dof")]
         for one in self.rivals:
@@ -149,15 +150,16 @@ class ModelWeights:
         return folder
 
 
-def weigh(source: Campaign | str | Path, models: Rivals = (), model: Model = "paper", *,
-          campaign: Campaign | str | Path | None = None, progress: Progress | None = None, seed: int = 0,
-          **fitting: Any) -> ModelWeights:
-    """Weigh rival models by how well they predict conditions that they have not seen.
+def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], models: Rivals = (), model: Model = "paper",
+            *, campaign: Campaign | str | Path | None = None, progress: Progress | None = None, seed: int = 0,
+            **fitting: Any) -> ModelWeights:
+    r"""Stacking weights $w_k$ of rival models: by how well they predict conditions that they have not seen.
 
     Args:
-        source: a campaign or its folder; or a folder that `discover` wrote, whose model and those that its last step
-            could not tell from it are the rivals.
-        models: the rivals: of each the effects that extend the reference model, as a list, or as a text with commas;
+        source: fits of one campaign (`[found.best, *found.rivals]`); a discovery, or a folder that `discover` wrote,
+            whose model and those that its last step could not tell from it are the rivals; or a campaign or its folder.
+        models: the rivals, where the source is a campaign: of each the effects that extend the reference model, as a
+            list, or as a text with commas;
             `none` for the reference model alone.
         model: reference model, as for `fit`.
         campaign: of which a folder of `discover` speaks.
@@ -171,6 +173,11 @@ def weigh(source: Campaign | str | Path, models: Rivals = (), model: Model = "pa
     """
     report = progress or (lambda text, share: None)
     notes: list[str] = []
+    if isinstance(source, (AbstractRivals, Sequence)) and not isinstance(source, str):
+        if models or fitting:
+            raise InputError("fits in hand are averaged as they are; leave out the models and further arguments")
+        fits = [source.best, *source.rivals] if isinstance(source, AbstractRivals) else list(source)
+        return average_fits(fits, progress=progress, seed=seed)
     if not isinstance(source, Campaign) and (Path(source) / RESULT).is_file():
         if models:
             raise InputError("the folder says which models are rivals; leave out the effects, or name the campaign "
@@ -180,12 +187,28 @@ def weigh(source: Campaign | str | Path, models: Rivals = (), model: Model = "pa
     measured = source if isinstance(source, Campaign) else read_campaign(source)
     rivals = [_split(one) for one in models]
     if len(rivals) < 2:
-        raise InputError("there have to be at least two models to weigh; name the effects of each, `none` for the "
+        raise InputError("there have to be at least two models to average; name the effects of each, `none` for the "
                          "reference model alone")
     fits: list[Fit] = []
     for k, effects in enumerate(rivals):
         report(f"fitting {name_rival([e if isinstance(e, str) else e.id for e in effects])}", 0.4 * k / len(rivals))
         fits.append(fit(measured, model, effects, **fitting))
+    return average_fits(fits, progress=lambda text, share: report(text, 0.4 + 0.6 * share), seed=seed, notes=notes)
+
+
+def average_fits(fits: Sequence[Fit], *, progress: Progress | None = None, seed: int = 0, notes: Sequence[str] = ()
+                 ) -> ModelWeights:
+    """As `average`, for models that are fitted already, to one campaign.
+
+    Raises:
+        InputError: There are fewer than two, two are the same, or they are of different campaigns.
+        ComputationError: A model cannot be computed.
+    """
+    report, fits = progress or (lambda text, share: None), list(fits)
+    if len(fits) < 2:
+        raise InputError("there have to be at least two fitted models to average; a discovery without rivals has one")
+    if len({one.sha256 for one in fits}) > 1:
+        raise InputError("these are fits of different campaigns; weights say how models predict one and the same")
     names = [name_rival(one.effects) for one in fits]
     for name in names:
         if names.count(name) > 1:
@@ -195,10 +218,10 @@ def weigh(source: Campaign | str | Path, models: Rivals = (), model: Model = "pa
     fits = [fit_again(one, best.noise) for one in fits]
     scores = []
     for k, one in enumerate(fits):
-        base, share = 0.4 + 0.6 * k / len(fits), 0.6 / len(fits)
+        base, share = k / len(fits), 1.0 / len(fits)
         scores.append(score_fit(one, seed, lambda text, s, b=base, w=share, n=names[k]: report(f"{n}: {text}",
                                                                                               b + w * s)))
-    return conclude(measured.name, fits[0].model, fits, scores, notes)
+    return conclude(fits[0].campaign, fits[0].model, fits, scores, notes)
 
 
 def _split(one: str | Sequence[str | type[AbstractEffect]]) -> tuple[str | type[AbstractEffect], ...]:
@@ -427,15 +450,15 @@ def read_rivals(folder: Path, campaign: Campaign | str | Path | None) -> tuple[s
     notes = [] if measured.sha256 == sha else [
         f"The campaign is not the one, byte for byte, that discover looked at ({name})."]
     if not effects:
-        raise InputError(f"discover added nothing to {model} here, so that there are no rivals to weigh; name the "
+        raise InputError(f"discover added nothing to {model} here, so that there are no rivals to average; name the "
                          "campaign and the effects", file=path)
-    saved = {e.id: e for e in load_model(folder).space.effects}
+    saved = {e.id: e for e in load(folder).space.effects}
     found = [saved.get(e, e) for e in effects]
     rest = [e for e, own in zip(found, effects, strict=True) if own != added]
     others = [e for e in dict.fromkeys(alike) if e not in effects]
     if not others:
-        raise InputError(f"discover found no rival of {', '.join(effects)}, so that there is nothing to weigh; "
-                         "name the rivals yourself: `ddetumble weigh CAMPAIGN --effect ID --effect ID`", file=path)
+        raise InputError(f"discover found no rival of {', '.join(effects)}, so that there is nothing to average; "
+                         "name the rivals yourself: `ddetumble average CAMPAIGN --effect ID --effect ID`", file=path)
     return model, [tuple(found), *((*rest, e) for e in others)], notes
 
 
@@ -465,13 +488,13 @@ class _Weights(pydantic.BaseModel):
 
 
 def read_weights(folder: Path) -> list[tuple[str, Path, float]]:
-    """Name, folder and weight of every rival with a weight, from a folder that `weigh` wrote.
+    """Name, folder and weight of every rival with a weight, from a folder that `average` wrote.
 
     Raises:
         InputError: The file is damaged, of another version, or a rival's folder is not there.
     """
     path = Path(folder) / FILE
-    again = "weigh the models again"
+    again = "average the models again"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         schema = content.get("schema") if isinstance(content, dict) else None
@@ -491,5 +514,5 @@ def read_weights(folder: Path) -> list[tuple[str, Path, float]]:
     kept = [(one.name, path.parent / one.folder, one.weight) for one in found.rivals if one.weight > 0]
     for name, place, _ in kept:
         if not (place / "model.json").is_file():
-            raise InputError(f"the fit of {name} is not there; weigh the models again", file=place)
+            raise InputError(f"the fit of {name} is not there; average the models again", file=place)
     return kept

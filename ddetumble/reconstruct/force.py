@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from .._display import AbstractPrinted
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
 from ..families import FAMILIES, find_family, name_family
@@ -32,7 +33,7 @@ BAND = 1.959964
 
 
 @dc.dataclass(frozen=True)
-class Identification:
+class Identification(AbstractPrinted):
     """The force that depression and pressure say.
 
     Attributes:
@@ -72,7 +73,7 @@ class Identification:
         return (f"The force from depression and pressure {verdict}: rms {self.rms_z:.2f} standard deviations, "
                 f"{100 * self.coverage:.1f} % of the samples in contact inside the 95 % band.")
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """The outcome for a terminal."""
         rows = self.records.copy()
         if "coverage" in rows:

@@ -8,6 +8,7 @@ from typing import Any, overload
 import numpy as np
 import pandas as pd
 
+from .._display import AbstractPrinted
 from ..contact.effect import is_absent
 from ..families import Family, find_family, name_family
 from ..inference.archive import Model, resolve_model, take_fitted
@@ -31,7 +32,7 @@ MANY = 1_000_000  # samples that are looked at: a minute or two
 
 
 @dc.dataclass(frozen=True)
-class Comparison:
+class Comparison(AbstractPrinted):
     """A model held against a campaign.
 
     Attributes:
@@ -94,9 +95,6 @@ class Comparison:
     free: int = 0
 
     def __str__(self) -> str:
-        return self.sentence
-
-    def text(self) -> str:
         """The outcome for a terminal."""
         parts = ["\n".join((self.sentence, *(f"- {note}" for note in self.notes)))]
         for title, table in (("By channel", self.channels), ("By condition", self.conditions),
@@ -136,7 +134,7 @@ class Comparison:
 
 
 @dc.dataclass(frozen=True)
-class Comparisons(Sequence[Comparison]):
+class Comparisons(Sequence[Comparison], AbstractPrinted):
     """Several models held against one campaign, in the order in which they were given: the loop by hand.
 
     Attributes:
@@ -160,9 +158,6 @@ class Comparisons(Sequence[Comparison]):
     def __getitem__(self, k):
         return self.models[k]
 
-    def __str__(self) -> str:
-        return self.sentence
-
     @property
     def table(self) -> pd.DataFrame:
         """One row a model: errors (rms over rms signal), noise, and whether significant lack of fit is left."""
@@ -173,7 +168,7 @@ class Comparisons(Sequence[Comparison]):
             "p_value": one.lack_of_fit.p_value, "rejected": one.lack_of_fit.rejected, "converged": one.converged}
             for name, one in zip(self.names, self.models, strict=True)])
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """The outcome for a terminal."""
         shown = self.table
         for name in ("nrmse", "heldout_nrmse", "prediction_nrmse", "prediction_coverage", "noise_nrmse"):

@@ -19,6 +19,7 @@ from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
 from .cleaning import Cleaned, begin_cleaning, clean_records
 from .describe import describe_candidates, describe_noise, describe_step, list_loose, make_fit
+from .discovery import Discovery
 from .forward_selection import (
     CandidateFits,
     FittedStep,
@@ -31,7 +32,7 @@ from .forward_selection import (
 from .localise import fit_probes, locate
 from .missing.missing_force import describe_missing, summarise_missing
 from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
-from .result import Discovery, MissingForce, Place
+from .result import MissingForce, Place
 from .sentences import (
     describe_beyond,
     describe_imitation,

@@ -4,6 +4,7 @@ import dataclasses as dc
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -12,13 +13,14 @@ import pandas as pd
 
 from .._errors import ComputationError, InputError
 from ..families import find_family
-from ..inference.archive import AbstractFitted, FittedModel, load_model, take_fitted
+from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_unit, si_unit
 from ..posterior.stacking import FILE as WEIGHTS
+from ..posterior.stacking import ModelWeights, read_weights
 from .extrapolation import describe_extrapolation, describe_failure
 
 
@@ -187,11 +189,12 @@ BEYOND = 1.25  # contact times that such an impact record lasts
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
 
 
-def predict(model: str | Path | FittedModel | AbstractFitted, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
+            conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
     """Predict records at new conditions.
 
     Args:
-        model: what `fit` or `discover` returned, or a folder that they or `weigh` wrote; with weights, predictions are
+        model: what `fit`, `discover` or `average` returned, or a folder that they wrote; with weights, predictions are
             averaged over the rivals.
         conditions: CSV file in long form, or a table like it: `record`, the conditions, `time` (of slip records
             `slip`, since the stroke began); one row a wanted sample, SI, or in the unit of its heading
@@ -211,8 +214,8 @@ def predict(model: str | Path | FittedModel | AbstractFitted, conditions: str | 
         InputError: a column is missing or holds no numbers, conditions that no test can have.
         ComputationError: the model could not be integrated there.
     """
-    if isinstance(model, (str, Path)) and (Path(model) / WEIGHTS).is_file():
-        return predict_average(Path(model), conditions)
+    if isinstance(model, ModelWeights) or is_average(model):
+        return predict_average(model, conditions)
     return predict_model(model, conditions)
 
 
@@ -442,14 +445,14 @@ def average_predictions(tables: Sequence[pd.DataFrame], weights: Sequence[float]
     return result
 
 
-def predict_average(folder: Path, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
-    """Predict by all models of a folder that `weigh` wrote; arguments and result as those of `predict`.
+def predict_average(average: str | Path | ModelWeights, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
+    """Predict by all models that `average` weighted, or of the folder that it wrote; else as `predict`.
 
     Raises:
         InputError: The folder or the conditions are faulty.
         ComputationError: A model could not be integrated there.
     """
-    names, models, weights = read_rivals(folder)
+    names, models, weights = read_rivals(average)
     # Where times are chosen, they are those of the model with the most weight.
     saved, request = ask_model(models[int(np.argmax(weights))], conditions)
     request = lay_times(saved, request)
@@ -466,11 +469,17 @@ def predict_average(folder: Path, conditions: str | Path | pd.DataFrame) -> pd.D
     return result
 
 
-def read_rivals(folder: Path) -> tuple[list[str], list[FittedModel], list[float]]:
-    """Names, models and weights, with sum 1, of the rivals in a folder that `weigh` wrote."""
-    from ..posterior.stacking import read_weights
+def is_average(folder) -> TypeGuard[str | Path]:
+    """Whether this is a folder that `average` wrote."""
+    return isinstance(folder, (str, Path)) and (Path(folder) / WEIGHTS).is_file()
 
-    rivals = read_weights(folder)
+
+def read_rivals(average: str | Path | ModelWeights) -> tuple[list[str], list[FittedModel], list[float]]:
+    """Names, models and weights, with sum 1, of rivals with a weight."""
+    if isinstance(average, ModelWeights):
+        kept = [one for one in average.rivals if one.weight > 0]
+        return [one.name for one in kept], [one.fit.fitted_model() for one in kept], [one.weight for one in kept]
+    rivals = read_weights(Path(average))
     total = sum(weight for *_, weight in rivals)
-    return ([name for name, *_ in rivals], [load_model(place) for _, place, _ in rivals],
+    return ([name for name, *_ in rivals], [load(place) for _, place, _ in rivals],
             [weight / total for *_, weight in rivals])

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from .._errors import InputError
-from ..inference.archive import AbstractFitted, FittedModel, load_model
+from ..inference.archive import AbstractFitted, FittedModel, load
 from ..measurement.units import format_time
-from ..posterior.stacking import FILE as WEIGHTS
+from ..posterior.stacking import ModelWeights
 from .predict import (
     CHUNK,
     Request,
@@ -17,6 +17,7 @@ from .predict import (
     average_predictions,
     evaluate_rows,
     find_ends,
+    is_average,
     list_channels,
     name_conditions,
     name_scatter,
@@ -33,7 +34,7 @@ FINE = 700  # samples of a pulse: its peak is met to 1e-5, and the model pads re
 AFTER = 1.1  # contact times that the samples reach, so that pulses that last longer by a few deviations end too
 
 
-def predict_pulses(model: str | Path | FittedModel | AbstractFitted,
+def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
                    conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
 
@@ -41,7 +42,7 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted,
     directions of the fit's covariance, and of every condition that scatters.
 
     Args:
-        model: what `fit` or `discover` returned, or a folder that they or `weigh` wrote; with weights, values are
+        model: what `fit`, `discover` or `average` returned, or a folder that they wrote; with weights, values are
             averaged over the rivals.
         conditions: as of `predict`; times are not read.
 
@@ -55,8 +56,8 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted,
         InputError: The model is of other records, or the conditions are faulty.
         ComputationError: The model could not be integrated there.
     """
-    if isinstance(model, (str, Path)) and (Path(model) / WEIGHTS).is_file():
-        _, models, weights = read_rivals(Path(model))
+    if isinstance(model, ModelWeights) or is_average(model):
+        _, models, weights = read_rivals(model)
         tables = [predict_pulses(one, conditions) for one in models]
         result = average_predictions(tables, weights)
         result.attrs["notes"] = tuple(dict.fromkeys(note for table in tables for note in table.attrs["notes"]))
@@ -84,7 +85,7 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted,
 def has_pulses(model: str | Path) -> bool:
     """Whether the model in a folder is of impacts that `predict_pulses` reads."""
     folder = Path(model)
-    models = read_rivals(folder)[1] if (folder / WEIGHTS).is_file() else [load_model(folder)]
+    models = read_rivals(folder)[1] if is_average(folder) else [load(folder)]
     return all(one.space.family.has_contact and one.sampling is not None for one in models)
 
 

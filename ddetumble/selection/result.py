@@ -1,20 +1,13 @@
 """What the discovery of missing physics hands to reports and files: plain records, no computation."""
 
 import dataclasses as dc
-import functools
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from .._errors import InputError
 from ..families import DEFAULT_FAMILY
-from ..inference.archive import FILE, AbstractFitted, FittedModel, save_model
-from ..inference.files import list_versions, make_plain, write_json
-from ..inference.findings import Fit
-from ..measurement.faults import Fault
-from .settings import DEFAULT, SelectionSettings
+from ..inference.files import make_plain
 
 
 RESULT = "result.json"  # what `save` writes for programs
@@ -318,151 +311,6 @@ class MissingForce:
         shares = {"model": self.model} | ({} if self.catalogue is None else {"catalogue": self.catalogue[1]})
         shares |= {} if self.ceiling is None else {"ceiling": self.ceiling[1]}
         return {**found, "shares": {name: self.share(loss) for name, loss in shares.items()}}
-
-
-@dc.dataclass(frozen=True)
-class Discovery(AbstractFitted):
-    """Everything that `discover` found; `to_dict()` is `result.json`.
-
-    Attributes:
-        campaign: name; `title`, `family`, `sha256` likewise from the campaign.
-        model: name of the reference model.
-        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
-        effects: ids found, in the order in which they were added.
-        steps: reference model first.
-        candidates: all effects of the family, best first.
-        where: where the misfit of the reference model (or what is left after the last step) sits.
-        noise_nrmse: noise over rms signal.
-        noise: by channel: `stated_sd`, `sd`, `correlation`, `white_share`, `text`.
-        sentence: plain words: what is missing, how sure, what to measure next.
-        notes: further sentences (what was assumed, what could not be seen).
-        faults: of the data, and what was done about them.
-        doubts: what has to be settled first: units that may be wrong, estimates beyond what physics allows.
-        references: other reference models that were tried beside the one that was asked for, and how far they came.
-        settings: the thresholds that decided.
-        counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
-        missing: the missing force itself, for the verdicts `improved` and `unexplained`.
-        made: what makes the fits: of every step, and of the rivals of the last one.
-    """
-
-    campaign: str
-    title: str
-    family: str
-    sha256: str
-    model: str
-    verdict: str
-    effects: tuple[str, ...]
-    steps: tuple[Step, ...]
-    candidates: tuple[Candidate, ...]
-    where: tuple[Place, ...]
-    noise_nrmse: float
-    noise: Mapping[str, Mapping[str, Any]]
-    sentence: str
-    notes: tuple[str, ...] = ()
-    settings: SelectionSettings = DEFAULT
-    counts: Mapping[str, Any] = dc.field(default_factory=dict)
-    faults: tuple[Fault, ...] = ()
-    doubts: tuple[str, ...] = ()
-    references: tuple[Mapping[str, Any], ...] = ()
-    missing: MissingForce | None = None
-    made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
-        default=((), ()), repr=False, compare=False)
-
-    @functools.cached_property
-    def fits(self) -> tuple[Fit, ...]:
-        """Every step as `fit` returns one, the reference model first."""
-        return tuple(make() for make in self.made[0])
-
-    @functools.cached_property
-    def rivals(self) -> tuple[Fit, ...]:
-        """Models that the last step could not be told from, as `fit` returns one."""
-        return tuple(make() for make in self.made[1])
-
-    @property
-    def best(self) -> Fit:
-        """The model of the last step as `fit` returns one.
-
-        Raises:
-            InputError: The discovery was put together by hand, without its fits.
-        """
-        if not self.made[0]:
-            raise InputError("this discovery does not hold its fitted models")
-        return self.fits[-1]
-
-    def fitted_model(self) -> FittedModel:
-        """The model of the last step by itself: what predictions and designs go on from."""
-        found = self.best.fitted_model()
-        return dc.replace(found, extra={**found.extra, "verdict": self.verdict})
-
-    def __str__(self) -> str:
-        return self.sentence
-
-    def text(self) -> str:
-        """The sentence and its notes, one a line."""
-        return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
-
-    def save(self, folder: Path | str) -> Path:
-        """Write `result.json`, and `model.json` with the grown model for `predict`, into a folder.
-
-        Every model that the last step could not tell from the best one is written to `rivals/NUMBER/model.json`.
-
-        Args:
-            folder: made if it is not there.
-
-        Returns:
-            Path of `result.json`.
-
-        Raises:
-            InputError: the folder cannot be written.
-        """
-        folder = Path(folder)
-        if self.made[0]:
-            save_model(folder, self.fitted_model())
-            for old in (folder / RIVALS).glob(f"*/{FILE}"):  # of an earlier discovery
-                old.unlink()
-            for number, rival in enumerate(self.rivals, 1):
-                found = rival.fitted_model()
-                save_model(folder / RIVALS / str(number), dc.replace(found, extra={**found.extra, "verdict":
-                                                                                  self.verdict}))
-        write_json(folder / RESULT, {**self.to_dict(), "versions": list_versions()})
-        return folder / RESULT
-
-    def to_dict(self) -> dict[str, Any]:
-        """`result.json` of `discover`: plain numbers, text, lists."""
-        first = self.steps[0].lack_of_fit
-        last = self.steps[-1]
-        return make_plain({
-            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
-            "effects": list(self.effects), "sentence": self.sentence,
-            "steps": [{
-                "added": s.added, "effects": list(s.effects), "chi2_reduced": s.chi2_reduced, "nrmse": s.nrmse,
-                "heldout_nrmse": s.heldout_nrmse, "prediction_nrmse": s.prediction_nrmse,
-                "prediction_coverage": s.prediction_coverage, "held_nrmse": s.held_nrmse,
-                "nuisances": list_shifts(s.shifts), "alternatives": [a["effect"] for a in s.alternatives],
-                "paired_differences": [dict(a) for a in s.alternatives], "converged": s.converged,
-                "lack_of_fit": dc.asdict(s.lack_of_fit),
-            } for s in self.steps],
-            "noise_nrmse": self.noise_nrmse,
-            "candidates": [{
-                "effect": c.effect, "p_value": c.p_value, "explains": c.explains, "visible": c.visible,
-                "heldout_nrmse": c.heldout_nrmse, "prediction_nrmse": c.prediction_nrmse,
-                "prediction_coverage": c.prediction_coverage, "smallest_detectable": dict(c.smallest_detectable),
-                "indistinguishable_from": list(c.indistinguishable_from),
-                "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
-                "cosines": dict(c.cosines), "estimates": {k: dc.asdict(v) for k, v in c.estimates.items()},
-                "text": c.text, "units": dict(c.units), "beyond": list(c.beyond),
-            } for c in self.candidates],
-            "where": [{k: v for k, v in dc.asdict(w).items() if v is not None} for w in self.where],
-            "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
-            "correlations": [list(c) for c in last.correlations],
-            "nuisances": list_shifts(last.shifts), "lack_of_fit": dc.asdict(first),
-            "noise": {k: dict(v) for k, v in self.noise.items()},
-            "missing_force": None if self.missing is None else self.missing.to_dict(),
-            "references": [dict(r) for r in self.references], "doubts": list(self.doubts),
-            "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
-            "sha256": self.sha256, "settings": {
-                "level": self.settings.level, **self.counts, "thresholds": dc.asdict(self.settings)},
-        })
 
 
 def list_shifts(shifts: Sequence[SettingShift]) -> dict[str, dict[str, Any]]:

@@ -9,7 +9,8 @@ import numpy as np
 from ..families import Family
 from ..measurement.faults import Fault
 from ..measurement.units import choose_time_unit, format_time
-from .result import Candidate, Discovery, Estimate, Place, SettingShift, Step, Trace
+from .discovery import Discovery
+from .result import Candidate, Estimate, Place, SettingShift, Step, Trace
 from .settings import DEFAULT
 
 

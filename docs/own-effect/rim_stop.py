@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ddetumble.contact.effect import AbstractElasticEffect, parameter
+from ddetumble.effects import AbstractElasticEffect, parameter
 
 
 class RimStop(AbstractElasticEffect):

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._rotation import rotate_back
 from ..dynamics.angles import measure_nutation
-from ..dynamics.free_motion import coast
+from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.plan import draw_contacts, draw_motion
@@ -180,7 +180,7 @@ def follow_plan(problem: Problem, sequence: Sequence) -> tuple[np.ndarray, np.nd
     ends = [*sequence.instants, find_end(sequence)]
     for k, end in enumerate(ends):
         since = np.linspace(0.0, end - begin, PLACES)
-        motion = coast(inertia, attitude, rates, since)
+        motion = propagate_torque_free(inertia, attitude, rates, since)
         momentum = measure_momentum(inertia, motion.attitude, motion.angular_velocity)
         nutation = measure_nutation(inertia, motion.angular_velocity)
         found.append((begin + since, np.asarray(momentum), np.asarray(nutation)))
@@ -233,7 +233,7 @@ def make_view(problem: Problem, sequence: Sequence) -> markupsafe.Markup:
         arrows.append({"tail": (head - 0.5 * reach * push / largest).tolist(), "head": head.tolist(),
                        "colour": COLOURS["impulse"], "label": str(number)})
     data = json.dumps({"lines": trace_edges(problem.debris.surface), "arrows": arrows, "reach": 1.3 * reach})
-    script = resources.files("ddetumble.report").joinpath("turning.js").read_text(encoding="utf-8")
+    script = resources.files("ddetumble.reports").joinpath("turning.js").read_text(encoding="utf-8")
     return markupsafe.Markup(
         '<canvas id="turning" tabindex="0" role="img" style="display:block;width:100%;touch-action:pan-y;cursor:grab" '
         'aria-label="The body with its impacts; drag or use the arrow keys to turn it"></canvas>'

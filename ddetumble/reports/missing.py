@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..figures.labels import clean, describe_quantity, format_number, format_share, format_value
+from ..measurement.quantities import clean, describe_quantity, format_number, format_share, format_value
 from ..selection.result import MissingForce, Shape
 from .page import Picture, Section, Table, write_page
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..figures.labels import clean, describe_quantity, format_error, format_number, format_share
+from ..measurement.quantities import clean, describe_quantity, format_error, format_number, format_share
 from ..selection.compare import Comparison, Comparisons
 from ..selection.result import Place, Trace
 from .findings import STEPS_CAPTION, draw_both, show_failures, show_fits

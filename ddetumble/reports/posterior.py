@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from ..figures.labels import (
+from ..measurement.quantities import (
     clean,
     describe_conditions,
     format_number,
@@ -161,7 +161,7 @@ def _show_left_out(posterior: Posterior) -> Section | None:
     paragraphs = [
         f"Expected log predictive density of conditions left out: {format_value(scores.elpd, error)}{size} "
         f"({scores.text}). By itself the number says little: it is there to be compared with that of another model "
-        "of the same campaign under the same noise, as `ddetumble weigh` does."]
+        "of the same campaign under the same noise, as `ddetumble average` does."]
     header = ("condition", "records", "log density", "Pareto k", "how", "to be trusted")
     caption = "Logarithm of the predictive density of every condition's records, given all others."
     picture = Picture("left-out", caption, figures.draw_left_out([scores]),

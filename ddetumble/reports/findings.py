@@ -9,7 +9,8 @@ from typing import Any
 
 from ..families import View, find_family
 from ..figures.binning import is_peaks, list_channels
-from ..figures.labels import (
+from ..figures.views import find_span, find_stretch
+from ..measurement.quantities import (
     clean,
     describe_quantity,
     format_error,
@@ -21,21 +22,13 @@ from ..figures.labels import (
     name_steps,
     say_p,
 )
-from ..figures.views import choose_view, find_span, find_stretch
-from ..selection.result import Discovery, Place, SettingShift, Step, Trace
+from ..selection.discovery import Discovery
+from ..selection.result import Place, SettingShift, Step, Trace
 from ..selection.settings import DEFAULT
+from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
 from .missing import show_missing
 from .page import Picture, Section, Table, write_page
-from .words import (
-    count_records,
-    flatten,
-    list_alternatives,
-    say_model,
-    say_place,
-    say_verdict,
-    share_at_step,
-    show_estimate,
-)
+from .words import count_records, flatten, say_model
 
 
 def write_report(discovery: Discovery, folder, name: str = "report.html") -> Path:
@@ -293,7 +286,7 @@ def _show_ranking(discovery: Discovery) -> Section:
         difference = "–" if one.heldout_difference == 0 else (
             f"{format_value(one.heldout_difference, error)} ± {format_value(error, error)}")
         kin = ", ".join(map(clean, one.indistinguishable_from))
-        later = share_at_step(discovery, one.effect)
+        later = share_at_step(discovery.steps, one.effect)
         gain = (format_share(one.explains, 1), format_p(one.p_value)) if later is None else (
             f"{format_share(later[1], 1)} (step {later[0]})", "–")  # fmt: skip
         rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse),

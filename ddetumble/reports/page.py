@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from .._errors import InputError
-from ..figures.labels import clean, typeset
 from ..figures.style import reduce_colours, render_image, write_png
+from ..measurement.quantities import clean, typeset
 
 
 BUDGET = 2_700_000  # characters of all figures in a page
@@ -275,4 +275,4 @@ def _load_template(name: str):
 
 
 def _read_text(name: str) -> str:
-    return resources.files("ddetumble.report").joinpath(name).read_text(encoding="utf-8")
+    return resources.files("ddetumble.reports").joinpath(name).read_text(encoding="utf-8")

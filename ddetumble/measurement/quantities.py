@@ -9,7 +9,7 @@ from decimal import Decimal
 
 import numpy as np
 
-from ..measurement.units import choose_time_unit
+from .units import choose_time_unit
 
 
 @dc.dataclass(frozen=True)

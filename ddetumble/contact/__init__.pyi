@@ -1,0 +1,15 @@
+"""Public names of contact mechanics and where they live."""
+
+from .effect import AbstractLaw as AbstractLaw
+from .effect import AbstractModel as AbstractModel
+from .effect import Contact as Contact
+from .gripping import StrikeLaw as StrikeLaw
+from .gripping import Striker as Striker
+from .law import AbstractReference as AbstractReference
+from .law import ContactLaw as ContactLaw
+from .sliding import AbstractFriction as AbstractFriction
+from .sliding import AdhesionHysteresis as AdhesionHysteresis
+from .sliding import FrictionLaw as FrictionLaw
+from .torque import TumbleLaw as TumbleLaw
+
+__all__: list[str]

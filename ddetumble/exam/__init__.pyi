@@ -1,0 +1,7 @@
+"""Public names of the exam and where they live."""
+
+from .drawing import Exam as Exam
+from .examination import examine as examine
+from .scorecard import write_scorecard as write_scorecard
+
+__all__: list[str]

@@ -1,0 +1,189 @@
+"""Findings in words and in rows of tables, for a terminal; pages take the same words."""
+
+import dataclasses as dc
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..families import DEFAULT_FAMILY, View, find_family
+from ..measurement.quantities import (
+    VERDICTS,
+    clean,
+    describe_quantity,
+    format_error,
+    format_number,
+    format_p,
+    format_share,
+    format_value,
+    name_step,
+)
+from ..measurement.units import format_time
+from .result import Candidate, Estimate, Place, Step, Trace
+from .settings import DEFAULT
+
+
+WIDTH = 100
+FEWEST, NEAR = 5, 0.05  # candidates that are always shown, and what others must explain to be shown too
+WHOLE = 0.995  # share from which a range is all there is
+MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it
+_PHASES = {
+    "loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
+    "backward": " on strokes backward",
+}  # fmt: skip
+
+
+def say_verdict(verdict: str) -> str:
+    """A verdict in words."""
+    return VERDICTS.get(verdict, clean(verdict))
+
+
+def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | None:
+    """Step after the first at which an effect came in, and the share of the first misfit that this step removed."""
+    for number, (before, step) in enumerate(zip(steps, steps[1:], strict=False), 1):
+        if number > 1 and effect in step.effects and effect not in before.effects:
+            first = steps[0].chi2_reduced - 1.0
+            gain = before.chi2_reduced - step.chi2_reduced
+            return number, max(gain / first, 0.0) if first > 0 else math.nan
+    return None
+
+
+def say_place(place: Place, view: View) -> str:
+    """Where a misfit sits, as a sentence in the words of a view; a phase is named where there is another."""
+    low, high = place.range
+    shown = describe_quantity(place.variable, [low, high, *((view.longest,) if place.variable == "time" else ())])
+    name = view.series if place.variable == "sequence" else shown.name
+    unit = f" {shown.unit}" if shown.unit else ""
+    span = f"{format_number(shown.scale * low)} to {format_number(shown.scale * high)}{unit}"
+    whole = place.variable == "time" and low <= MARGIN * view.longest and high >= (1.0 - MARGIN) * view.longest
+    phase = _PHASES[place.phase] if place.phase in view.phases else ""
+    period = ""
+    if place.period is not None and math.isfinite(place.period):
+        every = format_time(place.period) if place.variable == "time" else (
+            f"{format_number(shown.scale * place.period)}{unit}")
+        period = f"; it repeats every {every}"
+    channel = describe_quantity(place.channel).name
+    share = f"{format_share(place.share)} of the misfit of the {channel}"
+    removes = "" if place.removes is None else f"; a simple force of it removes {format_share(place.removes)}"
+    if place.variable == "direction":
+        return f"{share} depends on the {name}{period}{removes}."
+    if whole and place.share >= WHOLE:
+        return f"The misfit of the {channel} runs through whole records{period}{removes}."
+    if place.removes is not None and place.share >= WHOLE:
+        return f"The misfit of the {channel} depends on the {name}, {span}{period}{removes}."
+    return f"{share} sits where the {name} is {span}{phase}{period}{removes}."
+
+
+def show_estimate(estimate: Estimate) -> tuple[str, str, str, str]:
+    """Value, standard deviation and the ends of the 95 % interval, to the digits that count."""
+    sd = estimate.sd
+    return (format_value(estimate.estimate, sd), format_value(sd, sd), format_value(estimate.q025, sd),
+            format_value(estimate.q975, sd))  # fmt: skip
+
+
+def list_alternatives(alternatives: Sequence[Mapping]) -> list[tuple[str, str, str, str]]:
+    """Rows of a confusion set: effect, paired held-out difference, its standard error, and both as a ratio."""
+    rows = []
+    for item in alternatives:
+        difference, error = (_read(item, key) for key in ("heldout_difference", "standard_error"))
+        ratio = difference / error if math.isfinite(difference) and error > 0 else math.nan
+        rows.append((clean(item.get("effect", "")), format_value(difference, error), format_value(error, error),
+                     format_number(ratio, 2)))  # fmt: skip
+    return rows
+
+
+def _read(item: Mapping, key: str) -> float:
+    value = item.get(key)
+    return math.nan if value is None else float(value)
+
+
+def choose_view(traces: Sequence[Trace] = (), family: str = DEFAULT_FAMILY) -> View:
+    """The view of some traces; of the family alone where there are none."""
+    view = _choose(traces, family)
+    ends = [float(np.nanmax(trace.time)) for trace in traces if np.size(trace.time)]
+    return dc.replace(view, longest=max(ends)) if ends and view.along == "time" else view
+
+
+def _choose(traces: Sequence[Trace], family: str) -> View:
+    found = find_family(traces[0].family if traces else family)
+    if found.view_reversed and any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
+        return found.view_reversed
+    return dc.replace(found.view, along=traces[0].independent) if traces else found.view
+
+
+def align(header: Sequence[str], rows: Sequence[Sequence[str]], sides: str) -> str:
+    """A table as text: columns two spaces apart, `l`eft or `r`ight by `sides`, a rule below the header.
+
+    Args:
+        header: names of the columns.
+        rows: cells as text.
+        sides: one letter a column.
+    """
+    widths = [max(len(str(row[i])) for row in (header, *rows)) for i in range(len(header))]
+
+    def line(cells) -> str:
+        return "  ".join(
+            str(cell).ljust(width) if side == "l" else str(cell).rjust(width)
+            for cell, width, side in zip(cells, widths, sides, strict=True)
+        ).rstrip()[:WIDTH]
+
+    return "\n".join([line(header), "-" * min(sum(widths) + 2 * (len(widths) - 1), WIDTH), *map(line, rows)])
+
+
+def format_steps(steps: Sequence[Step], model: str, noise: float) -> str:
+    """One row a model of the loop: errors, noise floor, lack of fit."""
+    rows = []
+    for number, step in enumerate(steps):
+        fit = step.lack_of_fit
+        misfit = f"{'yes' if fit.rejected else 'no'} (p {format_p(fit.p_value)})"
+        rows.append((name_step(steps, number, model), format_number(step.chi2_reduced),
+                     format_error(step.nrmse),
+                     format_error(step.heldout_nrmse), format_error(step.prediction_nrmse),
+                     format_error(noise), misfit,
+                     "" if step.converged else "not converged"))  # fmt: skip
+    header = ("model", "chi2/dof", "nrmse", "cross-val.", "predicted", "noise", "misfit left", "")
+    return align(header, rows, "lrrrrrll") if rows else ""
+
+
+def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], effects: Sequence[str]) -> str:
+    """The best candidates, and what could not be told from what was added."""
+    shown = [one for i, one in enumerate(candidates)
+             if i < FEWEST or one.explains >= NEAR or one.effect in effects]  # fmt: skip
+    if len(candidates) - len(shown) == 1:  # a line about one more would be no shorter
+        shown = list(candidates)
+    rows = [
+        (("* " if one.effect in effects else "  ") + clean(one.effect, 32), *_show_gain(steps, one),
+         format_share(one.visible), format_error(one.heldout_nrmse), format_error(one.prediction_nrmse),
+         clean(", ".join(one.indistinguishable_from), 30))
+        for one in shown
+    ]  # fmt: skip
+    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "not to be told from"), rows,
+                   "lrrrrrl")]
+    rest = [one for one in candidates if one not in shown]
+    if rest:
+        most = max(one.explains for one in rest)
+        little = f"{format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
+        lines.append(f"  and {len(rest)} more that explain {little}: report.html and result.json list all")
+    for step in steps:
+        rows = list_alternatives(step.alternatives)
+        for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
+            beaten = DEFAULT.is_beaten(item["heldout_difference"], item["standard_error"])
+            why = "but it fits these records better: neither is settled" if beaten else (
+                "this campaign cannot tell them apart")  # fmt: skip
+            lines.append(wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
+                               f"+- {error}; {why}", "  "))  # fmt: skip
+    return "\n".join(lines)
+
+
+def _show_gain(steps: Sequence[Step], candidate: Candidate) -> tuple[str, str]:
+    """What a candidate explains alone, with its p-value; what came in later, the share of its own step."""
+    later = share_at_step(steps, candidate.effect)
+    if later is None:
+        return format_share(candidate.explains, 1), format_p(candidate.p_value)
+    return f"{format_share(later[1], 1)} at step {later[0]}", ""
+
+
+def wrap(text: str, indent: str = "") -> str:
+    """A paragraph in lines of at most `WIDTH` columns."""
+    return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
