@@ -121,7 +121,7 @@ class WallSpring(AbstractDropForce):
     reference: ClassVar[str] = "Hooke 1678"
 
     def force(self, touch: Touch) -> Scalar:
-        """K delta [N]."""
+        """Spring force, k delta [N]."""
         return self.k * touch.depression
 
 
@@ -136,7 +136,7 @@ class Dashpot(AbstractDropForce):
     reference: ClassVar[str] = "Kelvin 1865"
 
     def force(self, touch: Touch) -> Scalar:
-        """B w [N]."""
+        """Viscous force, b w [N]."""
         return self.b * touch.depression_rate
 
 
