@@ -1,6 +1,7 @@
 """A kind of test of the user's own, given as `FILE.py:NAME`: every verb, on drops simulated by SciPy alone."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,14 @@ def test_the_object_itself(raw, tmp_path):
     written = dd.write_campaign(tmp_path / "tests", read_raw(raw, DROP))
     assert written.family == DROP.name == dd.read_campaign(tmp_path / "tests").family
     assert json.loads((tmp_path / "tests" / "datapackage.json").read_text())["family"].endswith("own_kind.py:DROP")
+
+
+def test_a_campaign_away_from_its_file_is_refused(folder, tmp_path):
+    """The path counts from the campaign's folder."""
+    away = tmp_path / "somewhere" / "else" / "tests"
+    shutil.copytree(folder, away)
+    with pytest.raises(dd.InputError, match="own_kind.py"):
+        dd.read_campaign(away)
 
 
 def test_lists(capsys):

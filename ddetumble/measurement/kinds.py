@@ -206,7 +206,11 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
                              f"{given!r}{more}")
         return given
     file, variable = own
-    file = file if folder is None else folder / file
+    if folder is not None:
+        file = folder / file
+        if not file.is_file():
+            raise InputError(f"the kind of tests is {given!r}, counted from this folder, and that file is not there; "
+                             "move it along, or correct the path", file=folder, key="family")
     found = run_file(file).__dict__.get(variable)
     if found is None:
         raise InputError(f"there is no {variable!r} in the file", file=file)
