@@ -4,6 +4,7 @@ from . import contact as contact
 from . import dynamics as dynamics
 from . import effects as effects
 from . import exam as exam
+from . import families as families
 from . import figures as figures
 from . import inference as inference
 from . import planning as planning

@@ -11,8 +11,8 @@ from ddetumble.cli import main
 from ddetumble.contact.law import Ball
 from ddetumble.effects.wall import WallStiffness
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.families import FAMILIES
 from ddetumble.inference.archive import make_fitted, resolve_model, save_model
-from ddetumble.inference.families import FAMILIES
 from ddetumble.inference.models import is_fitted
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem

@@ -8,13 +8,13 @@ import pytest
 import ddetumble as dd
 from ddetumble.cli import main
 from ddetumble.contact.effect import AbstractElasticEffect, Contact, Parameter, Scalar, parameter, parameters_of
-from ddetumble.effects import CATALOGUES
+from ddetumble.effects import CATALOGUE
 from ddetumble.exam.benches import BENCHES
-from ddetumble.inference.builtin import BUILTIN
+from ddetumble.families import FAMILIES
 
 
-EFFECTS = {effect.id: effect for effects in CATALOGUES.values() for effect in effects}
-MODELS = {f"{family} {name}": model for family, models in BUILTIN.items() for name, model in models.items()}
+EFFECTS = {effect.id: effect for effect in CATALOGUE}
+MODELS = {f"{family} {name}": model for family, one in FAMILIES.items() for name, model in one.models.items()}
 ROOM = 1.02  # of a limit beyond what is drawn, in distance from the null
 
 
@@ -46,7 +46,7 @@ def test_what_the_exam_hides_is_physical(family):
             assert value / hidden.most / ROOM >= declared[name].limits[0]
         for name, (low, high) in hidden.shapes.items():
             assert declared[name].limits[0] <= low / ROOM < high * ROOM <= declared[name].limits[1], (effect, name)
-    own = {one.name: one for one in parameters_of(BUILTIN[family]["paper"].make())}
+    own = {one.name: one for one in parameters_of(FAMILIES[family].models["paper"].make())}
     generator = np.random.default_rng(1)
     for _ in range(50):
         for name, value in bench.draw_setting(generator)["base"].items():

@@ -116,7 +116,7 @@ def test_blocks(monkeypatch):
 
 def test_shapes():
     """A large campaign is padded by less than its own size again, a small one to a shape that others share."""
-    from ddetumble.inference.families import FAMILIES
+    from ddetumble.families import FAMILIES
     from ddetumble.inference.stack import pad_shape
 
     family = FAMILIES["impact"]

@@ -35,9 +35,9 @@ from ddetumble.effects.slip import (
 )
 from ddetumble.effects.wall import ViscoelasticWall, ViscousDashpot, WallStiffness
 from ddetumble.exam.simulators.oblique import CHANNELS, integrate_strike, simulate_strike
+from ddetumble.families import name_family
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.assembly import adapt_reference, assemble_space
-from ddetumble.inference.families import name_family
 
 
 EFFECTS = (TangentialCompliance, OffCentreReaction, Stribeck, ViscousFriction, LoadExponent, Presliding,

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from ddetumble._errors import InputError
 from ddetumble.inference.archive import resolve_model
-from ddetumble.inference.builtin import MODELS
+from ddetumble.reference_models import MODELS
 
 
 pytestmark = pytest.mark.slow

@@ -21,11 +21,13 @@ PAGES = ("README.md", "CONTRIBUTING.md", "docs/guide.md", "docs/scenario.md")
 PACKAGE = ROOT / "ddetumble"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 LAYERS = (
-    {"_display", "_errors", "_lazy", "_numerics", "_rotation", "_settings"},
+    {"_display", "_errors", "_lazy", "_numerics", "_rotation", "_settings", "_user_files"},
     {"contact"},
+    {"reference_models"},
     {"effects"},
     {"dynamics"},
     {"measurement"},
+    {"families"},
     {"inference"},
     {"posterior"},
     {"selection", "reconstruct"},
@@ -39,7 +41,8 @@ NAMED_FAMILY = re.compile(
     r"""family(\.name)? (==|!=|in |not in [(\[{])|(==|!=) "(impact|oblique|tumble)"|== "slip\""""
 )
 # Files that still ask for a family by name; the list may only shrink.
-NAMING_FAMILIES = {"contact/contract.py", "contact/gripping.py"}
+NAMING_FAMILIES = {"contact/contract.py"}
+FAMILY_NAMES = {"impact", "slip", "oblique", "tumble"}
 HEAVY = {"jax", "jaxlib", "equinox", "diffrax", "numpy", "scipy", "pandas", "pint", "pydantic", "matplotlib", "rich"}
 
 
@@ -143,12 +146,39 @@ def test_no_module_imports_itself():
 
 def test_families_are_not_asked_for_by_name():
     """What differs between kinds of tests is asked of the family, which alone knows its name."""
-    own = {PACKAGE / "measurement" / "kinds.py", *(PACKAGE / "inference" / "families").glob("*.py")}
+    own = {PACKAGE / "measurement" / "kinds.py", *(PACKAGE / "families").glob("*.py")}
     naming = {path.relative_to(PACKAGE).as_posix(): match[0] for path in MODULES if path not in own
               if (match := NAMED_FAMILY.search(path.read_text(encoding="utf-8")))}
     more = {name: text for name, text in naming.items() if name not in NAMING_FAMILIES}
     assert not more, f"give `Family` or `RecordKind` what is asked here: {more}"
     assert not NAMING_FAMILIES - set(naming), "these no longer name a family: take them off the list"
+
+
+def find_tables(tree):
+    """Lines of tables of families: literals that hold two of their names, and defaults of what is called a family."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Dict, ast.Tuple, ast.List, ast.Set)):
+            held = node.keys if isinstance(node, ast.Dict) else node.elts
+            if len(FAMILY_NAMES & {one.value for one in held if isinstance(one, ast.Constant)}) > 1:
+                yield node.lineno
+        elif isinstance(node, ast.arguments):
+            given = [*zip([*node.posonlyargs, *node.args][::-1], node.defaults[::-1], strict=False),
+                     *zip(node.kwonlyargs, node.kw_defaults, strict=True)]
+            yield from (one.lineno for one, value in given
+                        if one.arg == "family" and isinstance(value, ast.Constant) and value.value in FAMILY_NAMES)
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "family":
+            named = isinstance(node.value, ast.Constant) and node.value.value in FAMILY_NAMES
+            if named and "ClassVar" not in ast.dump(node.annotation):  # a model or an effect says what it is of
+                yield node.lineno
+
+
+def test_no_table_of_families():
+    """Nothing is looked up by a family's name but in the families themselves."""
+    own = {PACKAGE / "measurement" / "kinds.py", *(PACKAGE / "families").glob("*.py")}
+    found = {path.relative_to(PACKAGE).as_posix(): lines for path in MODULES if path not in own
+             if (lines := list(find_tables(ast.parse(path.read_text(encoding="utf-8")))))}
+    found = {name: lines for name, lines in found.items() if name not in NAMING_FAMILIES}
+    assert not found, f"let `Family` or `RecordKind` hold what is looked up here: {found}"
 
 
 def test_measurement_stands_alone():

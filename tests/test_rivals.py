@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ddetumble.contact.law import Ball
-from ddetumble.effects import CATALOGUES
+from ddetumble.effects import IMPACT
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.selection.forward_selection import CandidateFits, find_alternatives
 from ddetumble.selection.problem import Fitted
@@ -14,7 +14,7 @@ from ddetumble.selection.settings import SelectionSettings
 
 
 GROUPS = np.array([0, 0, 1, 1, 2, 2])
-SPACE = ParameterSpace(Ball(), CATALOGUES["impact"])
+SPACE = ParameterSpace(Ball(), IMPACT)
 PROBLEM = SimpleNamespace(groups=GROUPS, space=SPACE, settings=SelectionSettings())
 NAMES = ("sensor-gain.g", "sensor-lag.T", "adhesion.tau_a", "gas-leak.lambda", "membrane-area.alpha",
          "viscous-dashpot.c_v", "arm-servo.k_s")

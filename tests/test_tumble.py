@@ -10,7 +10,7 @@ from ddetumble import InputError, compare, discover, find_data, fit, predict, re
 from ddetumble.cli.application import main
 from ddetumble.exam.simulators.tumbling import RATES, simulate_tumbling
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
-from ddetumble.inference.starts import guess_body, straighten
+from ddetumble.families.starts import guess_body, straighten
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from tests.helpers_tumble import NOISE, make_long
 

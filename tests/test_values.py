@@ -9,8 +9,8 @@ import pytest
 import ddetumble as dd
 from ddetumble._display import AbstractPrinted, format_html
 from ddetumble.contact.effect import is_absent, list_choices, parameters_of, read_field
+from ddetumble.families import FAMILIES
 from ddetumble.inference.archive import Uncertainty
-from ddetumble.inference.builtin import BUILTIN
 from ddetumble.inference.models import wrap_model
 from tests.test_compare import WALL, make
 
@@ -34,10 +34,10 @@ def test_models_are_extended_by_addition():
         model + 1.0  # pyright: ignore[reportOperatorIssue]
 
 
-@pytest.mark.parametrize(("family", "name"), [(family, name) for family, models in BUILTIN.items() for name in models])
+@pytest.mark.parametrize(("family", "name"), [(one.name, name) for one in FAMILIES.values() for name in one.models])
 def test_a_model_in_hand_has_a_name_that_finds_it_again(family, name):
     """The built-in model, or one that is the same under another name."""
-    model = BUILTIN[family][name].make()
+    model = FAMILIES[family].models[name].make()
     found = dd.inference.resolve_model(wrap_model(model).name, family).reference
     assert type(found) is type(model) and list_choices(found) == list_choices(model)
     for p in parameters_of(model):
@@ -50,7 +50,7 @@ def test_a_model_in_hand_has_a_name_that_finds_it_again(family, name):
 def test_other_choices_go_by_the_class(model):
     """No built-in name stands for a model that is another."""
     wrapped = wrap_model(model)
-    assert wrapped.name not in BUILTIN[type(model).family]
+    assert wrapped.name not in FAMILIES[type(model).family].models
     assert type(dd.inference.resolve_model(wrapped.name, type(model).family).reference) is type(model)
 
 

@@ -6,7 +6,21 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import EFFECT, FIX, FREE, MODEL, OVERWRITE, OWN, PRIOR, SOURCE, Choice, folder_option, read_source
+from .options import (
+    EFFECT,
+    FAMILY,
+    FIX,
+    FREE,
+    MODEL,
+    OVERWRITE,
+    OWN,
+    PRIOR,
+    SOURCE,
+    Choice,
+    choose_families,
+    folder_option,
+    read_source,
+)
 from .places import check_file, write_bytes, write_table
 from .progress import show_progress
 
@@ -117,10 +131,7 @@ def show_effects(
     effect: Annotated[
         str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
     ] = None,
-    family: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Family of records: impact, slip, oblique or tumble; all if not given."),
-    ] = None,
+    family: Annotated[str | None, FAMILY] = None,
     effects_from: Annotated[Path | None, OWN] = None,
     new: Annotated[
         str | None, typer.Option(metavar="NAME", help="Write an effect of your own to begin with, and its test.")
@@ -139,14 +150,11 @@ def show_effects(
         typer.echo(f"Written: {source}, which works as it is, to be given your law, and {test}, its contract test.\n"
                    f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
         return
-    from ..effects import CATALOGUES, catalogue, parameters_of, stage_of
-    from ..inference.families import FAMILIES
+    from ..contact.effect import parameters_of, stage_of
+    from ..families import list_families
     from ..inference.models import list_effects
 
-    try:
-        families = {name: catalogue(name) for name in ([family] if family else CATALOGUES)}
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    families = {one.name: one.effects for one in choose_families(family)}
     if effects_from is not None:
         families = {effects_from.name: list_effects(effects_from), **families}
     effects = {entry.id: entry for found in families.values() for entry in found}
@@ -156,7 +164,7 @@ def show_effects(
             typer.echo(f"{name}:" if name.endswith(".py") else f"{name} records:")
             for entry in found:
                 typer.echo(f"  {entry.id:{width}}  {entry.law}")
-            others = [one for one in FAMILIES[name].accepts if one != name] if name in FAMILIES else []
+            others = [other for one in list_families() if one.name == name for other in one.accepts if other != name]
             if others:
                 typer.echo(f"  (the effects on {' and '.join(others)} records act on these too)")
         return

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .._errors import InputError
-from ..inference.builtin import list_names
+from ..reference_models import list_names
 from .options import CAMPAIGN, MODEL, OVERWRITE, OWN, folder_option
 from .places import Output, check_file, locate_campaign, open_folder, open_optional, write_table
 from .progress import show_progress
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 MODELS = typer.Option(
     "-m", "--model", metavar="MODEL",
-    help=f"Model to compare ({list_names()}), a folder that fit or discover wrote, or "
+    help=f"Model to compare (one of `ddetumble models`: {list_names()}), a folder that fit or discover wrote, or "
     "FILE.py:NAME; may be repeated.",
 )
 STEPS = typer.Option(
@@ -95,8 +95,8 @@ def compare_models(
 
 def _extend(model: str, effects: Sequence[str], path: Path | None, measured: "Campaign") -> list:
     """A model with one effect after the other, each a model of its own."""
+    from ..families import name_family
     from ..inference.archive import resolve_model
-    from ..inference.families import name_family
     from ..inference.models import list_effects, resolve_effect
 
     resolved = resolve_model(model, name_family(measured))
@@ -235,10 +235,11 @@ def _prove_contract(effect, model: str, family: str) -> None:
     """Refuse an effect of the user's own that breaks the contract on which verdicts rely."""
     from ..contact.contract import check_effect
     from ..contact.effect import family_of
-    from ..effects import CATALOGUES
+    from ..families import FAMILIES
     from ..inference.archive import resolve_model
 
-    if family_of(effect) == family and not any(effect in known for known in CATALOGUES.values()):
+    own = FAMILIES.get(family)  # the trials of the contract are those of the toolkit's own families
+    if own is not None and family_of(effect) == family and effect not in own.catalogue:
         check_effect(effect, resolve_model(model, family).reference).require()
 
 

@@ -94,8 +94,10 @@ def import_files(
     decimal: Annotated[str | None, typer.Option(metavar="SIGN", help="Decimal sign: . or ,")] = None,
     delimiter: Annotated[str | None, typer.Option(metavar="SIGN", help="Delimiter: , ; | tab or space")] = None,
     family: Annotated[
-        str, typer.Option(metavar="NAME", help="impact, slip (friction over slip or over time) or tumble.")
-    ] = "impact",
+        str | None,
+        typer.Option(metavar="NAME", help="impact (where not given), slip (friction over slip or over time) or tumble, "
+                     "or FILE.py:NAME for a kind of tests of your own."),
+    ] = None,
     title: Annotated[str | None, typer.Option(metavar="TEXT", help="Title of the campaign.")] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
 ):
@@ -104,6 +106,7 @@ def import_files(
     What can be read off the files (delimiter, decimal sign, units, columns, contact onset, sign of the friction) is,
     and every decision is told. What cannot is not guessed: the message names the option that settles it.
     """
+    from ..measurement.kinds import DEFAULT_KIND
     from ..measurement.laboratory import import_tests
     from ..measurement.package import write_campaign
 
@@ -130,7 +133,7 @@ def import_files(
             symmetry_axis=symmetry_axis,
             decimal=decimal,
             delimiter=delimiter,
-            family=family,
+            family=family or DEFAULT_KIND,
             title=title,
         )
         written = write_campaign(out.draft, dc.replace(campaign, name=campaign.name or output.resolve().name))

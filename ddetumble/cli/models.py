@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from .._errors import InputError
+from .options import FAMILY, choose_families
 
 
 def register(app: typer.Typer) -> None:
@@ -20,19 +21,12 @@ def show_models(
     name: Annotated[
         str | None, typer.Argument(metavar="[NAME]", help="One model, in full; all of them in short if not given.")
     ] = None,
-    family: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Family of records: impact, slip, oblique or tumble; all if not given."),
-    ] = None,
+    family: Annotated[str | None, FAMILY] = None,
 ):
     """The reference models that come with the toolkit, by family of records: what `--model NAME` stands for. With a
     name its law, its parameters with what physics allows of them, and its source.
     """
-    from ..inference.builtin import BUILTIN
-
-    if family is not None and family not in BUILTIN:
-        raise InputError(f"there is no family {family!r}; there are {', '.join(BUILTIN)}", option="--family")
-    families = BUILTIN if family is None else {family: BUILTIN[family]}
+    families = {one.name: one.models for one in choose_families(family)}
     if name is None:
         width = max(len(one) for models in families.values() for one in models)
         for key, models in families.items():

@@ -11,7 +11,7 @@ from typing import Any
 import typer
 
 from .._errors import InputError
-from ..inference.builtin import list_names
+from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
 
 
@@ -21,7 +21,8 @@ MODEL = typer.Option(
     "-m",
     "--model",
     metavar="MODEL",
-    help=f"Reference model ({list_names()}), a folder that fit or discover wrote, or FILE.py:NAME.",
+    help=f"Reference model (one of `ddetumble models`: {list_names()}), a folder that fit or discover wrote, or "
+    "FILE.py:NAME.",
 )
 EFFECT = typer.Option(
     "-e", "--effect", metavar="ID",
@@ -39,12 +40,34 @@ PRIOR = typer.Option(
     "--prior", metavar="NAME=MEAN+-SD",
     help="Gaussian prior of a fitted parameter: 'restitution=0.7+-0.05'; may be repeated.",
 )
+FAMILY = typer.Option(
+    "--family", metavar="NAME",
+    help="Family of records: impact, slip, oblique or tumble, or FILE.py:NAME for your own; all if not given.",
+)
 OWN = typer.Option("--effects-from", metavar="FILE.py", help="A file of yours with effects, known by their ids then.")
 
 
 def folder_option(text: str) -> Any:
     """The option `-o DIR` with this help."""
     return typer.Option("-o", "--output", metavar="DIR", help=text)
+
+
+def choose_families(name: str | None) -> tuple[Any, ...]:
+    """The family of that name, or `FILE.py:NAME`; all where none is named.
+
+    Raises:
+        InputError: There is no such family.
+    """
+    from .._user_files import split_name
+    from ..families import list_families
+    from ..measurement.kinds import take_kind
+
+    wanted = take_kind(name) if name is not None and split_name(name) is not None else name
+    found = tuple(one for one in list_families() if wanted in (None, one.name))
+    if not found:
+        known = ", ".join(one.name for one in list_families())
+        raise InputError(f"there is no family {name!r}; there are {known}", option="--family")
+    return found
 
 
 @dc.dataclass(frozen=True)
@@ -187,7 +210,7 @@ def read_source(text: str, choice: Choice, output: Path | None, ending: str) -> 
             raise InputError(f"say with --effect which of its effects to add: {ids}", file=own)
         path = locate_campaign(text)
         name, measured = path.resolve().name, read_campaign(path)
-        from ..inference.families import name_family
+        from ..families import name_family
 
         return Source(name, measured, choice.read(name_family(measured)), output or Path(f"{name}-{ending}"), False)
     if any(getattr(choice, field.name) for field in dc.fields(choice)):

@@ -369,7 +369,7 @@ class AbstractStatefulEffect(AbstractEffect):
 
 def family_of(effect: Any) -> str:
     """Family of records on which an effect (class or instance) acts: `impact`, `slip`, `oblique` or `tumble`."""
-    return getattr(effect, "family", "impact")
+    return getattr(effect, "family", AbstractEffect.family)
 
 
 STAGE_OF: tuple[tuple[type, str], ...] = (

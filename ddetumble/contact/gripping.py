@@ -143,12 +143,14 @@ class StrikeLaw(AbstractLaw):
     @property
     def normal(self) -> ContactLaw:
         """The law of the normal force."""
-        return ContactLaw(self.reference.ball, tuple(e for e in self.effects if family_of(e) == "impact"))
+        ball = self.reference.ball
+        return ContactLaw(ball, tuple(e for e in self.effects if family_of(e) == ball.family))
 
     @property
     def friction(self) -> FrictionLaw:
         """The law of friction while sliding."""
-        return FrictionLaw(self.reference.friction, tuple(e for e in self.effects if family_of(e) == "slip"))
+        friction = self.reference.friction
+        return FrictionLaw(friction, tuple(e for e in self.effects if family_of(e) == friction.family))
 
     def compliance(self, patch: Patch) -> Scalar:
         """Tangential compliance of the patch [m/N]; 0 without effects."""

@@ -13,6 +13,7 @@ from ..contact.effect import (
     AbstractStatefulEffect,
     AbstractStiffnessEffect,
     AbstractSurfaceForce,
+    family_of,
     parameter,
     parameters_of,
     stage_of,
@@ -60,24 +61,23 @@ IMPACT: tuple[type[AbstractEffect], ...] = (
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
     SensorHighpass, SensorLag, SensorGain,
 )
-CATALOGUES: dict[str, tuple[type[AbstractEffect], ...]] = {
-    "impact": IMPACT, "slip": SLIP, "oblique": OBLIQUE, "tumble": TUMBLE,
-}  # fmt: skip
+CATALOGUE: tuple[type[AbstractEffect], ...] = (*IMPACT, *SLIP, *OBLIQUE, *TUMBLE)
 
 
-def catalogue(family: str = "impact") -> tuple[type[AbstractEffect], ...]:
-    """All effects of a family of records, as classes: `.id`, `.law`, `.reference`, `parameters_of(effect)`.
+def catalogue(family: str = AbstractEffect.family) -> tuple[type[AbstractEffect], ...]:
+    """Catalogued effects on one family of records, as classes: `.id`, `.law`, `.reference`, `parameters_of(effect)`.
 
     Args:
         family: `impact`, `slip`, `tumble`, or `oblique` (on whose records the effects of the first two act too).
     """
-    if family not in CATALOGUES:
-        raise ValueError(f"there is no family {family!r}; there are {', '.join(CATALOGUES)}")
-    return CATALOGUES[family]
+    families = dict.fromkeys(effect.family for effect in CATALOGUE)
+    if family not in families:
+        raise ValueError(f"there is no family {family!r}; there are {', '.join(families)}")
+    return tuple(effect for effect in CATALOGUE if family_of(effect) == family)
 
 
 __all__ = [
-    "CATALOGUES", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "AbstractComplianceEffect", "AbstractContactForce",
+    "CATALOGUE", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "AbstractComplianceEffect", "AbstractContactForce",
     "AbstractDriveEffect", "AbstractEffect", "AbstractElasticEffect", "AbstractFrictionForce", "AbstractGasEffect",
     "AbstractGeometryEffect", "AbstractGyroEffect", "AbstractInertiaEffect", "AbstractInnerTorque",
     "AbstractLoadEffect", "AbstractReactionEffect", "AbstractRestitutionEffect", "AbstractRubberEffect",

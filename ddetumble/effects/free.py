@@ -25,7 +25,14 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_power
-from ..contact.effect import AbstractEffect, AbstractElasticEffect, AbstractStiffnessEffect, Contact, parameter
+from ..contact.effect import (
+    AbstractEffect,
+    AbstractElasticEffect,
+    AbstractStiffnessEffect,
+    Contact,
+    family_of,
+    parameter,
+)
 from ..contact.function_effect import declare_effect
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, Slide
 from ..contact.torque import AbstractTorque, Spin
@@ -220,8 +227,13 @@ def _shapes(unit: str, typical: float) -> dict[str, Any]:
     return found
 
 
-def _act(see: Any, null: float = 0.0) -> tuple[Any, Any]:
-    """The methods of a spline term and of simple laws, which return `null` where they are absent."""
+def act_on(see: Any, null: float = 0.0) -> tuple[Any, Any]:
+    """The methods of a spline term and of simple laws, which return `null` where they are absent.
+
+    Args:
+        see: variables and directions of a state, shapes (variables,) and (directions, ...), in the order of `Ground`.
+        null: what the method returns without any term.
+    """
     def splines(self, state):
         value = add_splines(_gather(self), state.conditions, *see(state))
         return value + null if null else value
@@ -233,27 +245,27 @@ def _act(see: Any, null: float = 0.0) -> tuple[Any, Any]:
     return splines, laws
 
 
-def _make(bases: tuple[type, ...], name: str, family: str, unit: str, typical: float, **methods: tuple[Any, Any]
+def make_terms(bases: tuple[type, ...], name: str, unit: str, typical: float, **methods: tuple[Any, Any]
           ) -> tuple[type[AbstractEffect], type[AbstractEffect]]:
     """Flexible term and simple laws of a family; `methods` holds the two functions of each method by its name."""
     def declare(k: int, kind: str, what: str, numbers: Mapping[str, Any]) -> type[AbstractEffect]:
         law = f"a {name.lower()} as {what}"
         return declare_effect(
             bases, numbers, {method: pair[k] for method, pair in methods.items()}, kind + name, __name__, law,
-            id=f"{kind.lower()}-{family}", law=law, reference="de Boor 1978, A Practical Guide to Splines")
+            id=f"{kind.lower()}-{family_of(bases[0])}", law=law, reference="de Boor 1978, A Practical Guide to Splines")
 
     return (declare(0, "Free", "a sum of splines", _coefficients(unit, typical)),
             declare(1, "Simple", "simple laws", _shapes(unit, typical)))
 
 
 # In the stage of the elastic force, so that the damping multiplies it, as it does what a wall or a stop would add.
-FreeForce, SimpleForce = _make(
-    (AbstractElasticEffect, AbstractStiffnessEffect), "Force", "impact", "N", 1.0,
-    force=_act(partial(see_contact, share=False)), factor=_act(partial(see_contact, share=True), 1.0))
-FreeFriction, SimpleFriction = _make(
-    (AbstractFrictionForce, AbstractLoadEffect), "Friction", "slip", "N", 0.1,
-    force=_act(partial(see_slide, share=False)), factor=_act(partial(see_slide, share=True), 1.0))
-FreeTorque, SimpleTorque = _make((AbstractTorque,), "Torque", "tumble", "1/s**2", 1e-6, torque=_act(see_spin))
+FreeForce, SimpleForce = make_terms(
+    (AbstractElasticEffect, AbstractStiffnessEffect), "Force", "N", 1.0,
+    force=act_on(partial(see_contact, share=False)), factor=act_on(partial(see_contact, share=True), 1.0))
+FreeFriction, SimpleFriction = make_terms(
+    (AbstractFrictionForce, AbstractLoadEffect), "Friction", "N", 0.1,
+    force=act_on(partial(see_slide, share=False)), factor=act_on(partial(see_slide, share=True), 1.0))
+FreeTorque, SimpleTorque = make_terms((AbstractTorque,), "Torque", "1/s**2", 1e-6, torque=act_on(see_spin))
 IMPACT_GROUND = Ground(
     {"depression": "m", "depression_rate": "m/s", "time": "s"},
     ("force loading", "force unloading", "share loading", "share unloading"), "N",

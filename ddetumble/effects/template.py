@@ -13,7 +13,6 @@ class Stage:
     """Where an effect acts, and a plain law to begin with.
 
     Attributes:
-        family: of the records.
         base: class to derive from, of `home`.
         home: module of `ddetumble.contact`.
         method: that gives the law, with its arguments.
@@ -25,7 +24,6 @@ class Stage:
         order: whether the class has to say when it acts among its like.
     """
 
-    family: str
     base: str
     home: str
     method: str
@@ -38,44 +36,44 @@ class Stage:
 
 
 STAGES: dict[str, Stage] = {
-    "elastic": Stage("impact", "AbstractElasticEffect", "effect", "force(self, contact)", "N/m", 2e3,
+    "elastic": Stage("AbstractElasticEffect", "effect", "force(self, contact)", "N/m", 2e3,
                      "F_k gains k delta", "self.k * contact.depression", "Increment of the elastic force [N]"),
-    "contact": Stage("impact", "AbstractContactForce", "effect", "force(self, contact)", "N s/m", 20.0, "F gains k w",
+    "contact": Stage("AbstractContactForce", "effect", "force(self, contact)", "N s/m", 20.0, "F gains k w",
                      "self.k * contact.depression_rate", "Increment of the contact force, before its clamp [N]"),
-    "surface": Stage("impact", "AbstractSurfaceForce", "effect", "force(self, contact)", "Pa", -1e3,
+    "surface": Stage("AbstractSurfaceForce", "effect", "force(self, contact)", "Pa", -1e3,
                      "F_n gains k pi b^2", "self.k * contact.contact_area",
                      "Increment of the contact force, after its clamp [N]"),
-    "stiffness": Stage("impact", "AbstractStiffnessEffect", "effect", "factor(self, contact)", "1/m", 10.0,
+    "stiffness": Stage("AbstractStiffnessEffect", "effect", "factor(self, contact)", "1/m", 10.0,
                        "F_k times 1 + k delta", "1.0 + self.k * contact.depression", "Factor on the elastic force [-]"),
-    "gas": Stage("impact", "AbstractGasEffect", "effect", "pressure_factor(self, contact)", "1/s", 2.0,
+    "gas": Stage("AbstractGasEffect", "effect", "pressure_factor(self, contact)", "1/s", 2.0,
                  "P' times 1 + k t", "1.0 + self.k * contact.time", "Factor on the gas pressure [-]"),
-    "geometry": Stage("impact", "AbstractGeometryEffect", "effect", "contact_radius(self, contact)", "", 0.1,
+    "geometry": Stage("AbstractGeometryEffect", "effect", "contact_radius(self, contact)", "", 0.1,
                       "b gains k delta", "self.k * contact.depression", "Increment of the contact radius [m]"),
-    "size": Stage("impact", "AbstractSizeEffect", "effect", "growth(self, contact)", "1/Pa", 2e-8, "D times 1 + k P0",
+    "size": Stage("AbstractSizeEffect", "effect", "growth(self, contact)", "1/Pa", 2e-8, "D times 1 + k P0",
                   "self.k * contact.initial_pressure", "Relative growth of the diameter [-]"),
-    "drive": Stage("impact", "AbstractDriveEffect", "effect", "force(self, contact)", "N", 2.0, "arm pushes with k",
+    "drive": Stage("AbstractDriveEffect", "effect", "force(self, contact)", "N", 2.0, "arm pushes with k",
                    "self.k", "Force towards the plate [N]"),
-    "restitution": Stage("impact", "AbstractRestitutionEffect", "effect", "factor(self, contact)", "s/m", 0.1,
+    "restitution": Stage("AbstractRestitutionEffect", "effect", "factor(self, contact)", "s/m", 0.1,
                          "e times 1 - k v1", "1.0 - self.k * contact.approach_speed",
                          "Factor on the coefficient of restitution [-]"),
-    "sensor": Stage("impact", "AbstractSensorEffect", "effect", "reading(self, force)", "1/N", 1e-4,
+    "sensor": Stage("AbstractSensorEffect", "effect", "reading(self, force)", "1/N", 1e-4,
                     "reading = F (1 + k F)", "force.map(lambda f: f * (1.0 + self.k * f))",
                     "Reading of the gauge [N]", True),
-    "rubber": Stage("slip", "AbstractRubberEffect", "sliding", "factor(self, slide)", "s/m", 0.5,
+    "rubber": Stage("AbstractRubberEffect", "sliding", "factor(self, slide)", "s/m", 0.5,
                     "Eq. 8 part times 1 + k u", "1.0 + self.k * slide.slip_speed", "Factor on the Eq. 8 part [-]"),
-    "load": Stage("slip", "AbstractLoadEffect", "sliding", "factor(self, slide)", "1/N", 1e-3, "mu times 1 + k F_n",
+    "load": Stage("AbstractLoadEffect", "sliding", "factor(self, slide)", "1/N", 1e-3, "mu times 1 + k F_n",
                   "1.0 + self.k * slide.normal_load", "Factor on the whole coefficient [-]"),
-    "friction": Stage("slip", "AbstractFrictionForce", "sliding", "force(self, slide)", "N/m", 20.0, "F_t gains k s",
+    "friction": Stage("AbstractFrictionForce", "sliding", "force(self, slide)", "N/m", 20.0, "F_t gains k s",
                       "self.k * slide.slip", "Increment of the friction force, against the motion [N]"),
-    "compliance": Stage("oblique", "AbstractComplianceEffect", "gripping", "compliance_at(self, patch)", "m/N", 2e-5,
+    "compliance": Stage("AbstractComplianceEffect", "gripping", "compliance_at(self, patch)", "m/N", 2e-5,
                         "tangential compliance gains k", "self.k", "Tangential compliance [m/N]"),
-    "reaction": Stage("oblique", "AbstractReactionEffect", "gripping", "offset_at(self, patch)", "", 0.02,
+    "reaction": Stage("AbstractReactionEffect", "gripping", "offset_at(self, patch)", "", 0.02,
                       "normal force acts k b ahead", "self.k * patch.contact_radius",
                       "How far ahead the normal force acts [m]"),
-    "torque": Stage("tumble", "AbstractTorque", "torque", "torque(self, spin)", "1/s", 1e-5,
+    "torque": Stage("AbstractTorque", "torque", "torque(self, spin)", "1/s", 1e-5,
                     "torque over transverse inertia = -k omega", "-self.k * spin.angular_velocity",
                     "Torque over the transverse inertia, body components [1/s²]"),
-    "gyroscope": Stage("tumble", "AbstractGyroEffect", "torque", "reading(self, angular_velocity, time)", "1/s", 1e-6,
+    "gyroscope": Stage("AbstractGyroEffect", "torque", "reading(self, angular_velocity, time)", "1/s", 1e-6,
                        "reading = omega (1 + k t)", "angular_velocity * (1.0 + self.k * time[:, None])",
                        "Rates as the gyroscopes read them [rad/s]", True),
 }
@@ -95,11 +93,11 @@ def write_template(name: str, stage: str = "elastic", folder: Path | str = ".") 
     Raises:
         InputError: The name is none or taken, there is no such stage, or a file is there already.
     """
-    from . import CATALOGUES
+    from . import CATALOGUE
 
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
         raise InputError(f"{name!r} is no name for an effect: lower-case words with hyphens, such as rim-stop")
-    if any(name == effect.id for effects in CATALOGUES.values() for effect in effects):
+    if any(name == effect.id for effect in CATALOGUE):
         raise InputError(f"the catalogue has an effect {name!r} already; choose another name")
     if stage not in STAGES:
         raise InputError(f"there is no stage {stage!r}; there are {', '.join(STAGES)}")

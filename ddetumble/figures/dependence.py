@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..inference.families import View
+from ..families import View
 from ..measurement.quantities import Quantity, clean, describe_quantity, format_number, format_share, vary
 from ..selection.result import Place, Trace
 from ..selection.text import choose_view

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..inference.families import find_family
+from ..families import find_family
 from ..measurement.quantities import clean, describe_quantity
 from ..planning.proposals import Design
 from ..planning.visibility import Visibility

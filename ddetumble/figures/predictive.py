@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..inference.families import find_family
+from ..families import DEFAULT_FAMILY, find_family
 from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..posterior.loo import Scores
 from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
@@ -33,7 +33,7 @@ _LEAST = 1e-7  # p-values below are drawn there
 
 
 @styled
-def draw_predictive(checks: Checks, family: str = "impact", count: int = 4):
+def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4):
     """p-values of every record, and for a few of them what was measured beside what the model would make.
 
     Args:

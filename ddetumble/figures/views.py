@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..inference.families import View, find_family
+from ..families import View, find_family
 from ..selection.result import Trace
 
 

@@ -3,7 +3,6 @@
 import abc
 import dataclasses as dc
 import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,12 +13,14 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
+from .._user_files import place_file, split_name
 from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, list_choices
-from ..effects import CATALOGUES
+from ..effects import CATALOGUE
+from ..families import DEFAULT_FAMILY, name_family
 from ..measurement.campaign import Campaign, Uncertainty
-from .families import name_family
+from ..measurement.kinds import take_kind, write_kind
 from .files import hash_file, list_versions, make_plain, refuse_peaks, write_json
-from .models import ResolvedModel, find_model, is_fitted, resolve_effect, wrap_model
+from .models import ResolvedModel, find_model, is_fitted, list_known, resolve_effect, wrap_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
 from .problem import Solution
@@ -86,6 +87,7 @@ class ModelFile(_Strict):
     campaign: str
     sha256: str
     family: str
+    family_sha256: str | None = None
     model: str
     model_sha256: str | None = None
     choices: dict[str, Any] = {}
@@ -256,10 +258,12 @@ def save_model(folder, fitted: FittedModel) -> Path:
     """
     folder = Path(folder)
     model, digest = _place_model(fitted.model, folder)
+    family, own = write_kind(fitted.family, folder), split_name(write_kind(fitted.family, folder))
     covariance = np.asarray(fitted.covariance)
     content = ModelFile.model_validate({
         "schema": SCHEMA,
-        "campaign": fitted.campaign, "sha256": fitted.sha256, "family": fitted.family,
+        "campaign": fitted.campaign, "sha256": fitted.sha256, "family": family,
+        "family_sha256": None if own is None else hash_file((folder / own[0]).resolve()),
         "model": model, "model_sha256": digest, "choices": make_plain(list_choices(fitted.space.reference)),
         "effects": [_describe_effect(e, folder) for e in fitted.space.effects],
         "coordinates": dict(zip(fitted.space.index, map(float, fitted.u), strict=True)),
@@ -291,12 +295,15 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     path = path if path.suffix == ".json" else path / FILE
     content = _read(path)
     notes = []
+    family, own = take_kind(content.family, path.parent), split_name(content.family)
+    if own is not None and content.family_sha256 is not None:
+        notes += _compare_source(path.parent / own[0], content.family_sha256)
     model = content.model
     if content.model_sha256 is not None:
         file, _, name = model.rpartition(":")
         model = f"{path.parent / file}:{name}"
         notes += _compare_source(path.parent / file, content.model_sha256)
-    reference = _choose(resolve_model(model, content.family).reference, content.choices, path)
+    reference = _choose(resolve_model(model, family).reference, content.choices, path)
     classes = []
     for entry in content.effects:
         classes.append(_find_effect(entry, path, extra))
@@ -308,7 +315,7 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
         raise InputError(f"the parameters are not those of the model ({', '.join(sorted(wrong))}); fit it again",
                          file=path, key="coordinates")
     return FittedModel(
-        path.parent, content.campaign, content.sha256, content.family, model, tuple(e.id for e in classes), space,
+        path.parent, content.campaign, content.sha256, family, model, tuple(e.id for e in classes), space,
         np.array([content.coordinates[name] for name in space.index]), tuple(content.free),
         np.array(content.covariance).reshape(len(content.free), len(content.free)),
         {name: Noise(**entry.noise.model_dump()) for name, entry in content.channels.items()},
@@ -335,7 +342,7 @@ def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel
     return load(model)
 
 
-def resolve_model(model: Model, family: str = "impact") -> ResolvedModel:
+def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
     """The model that an argument stands for.
 
     Args:
@@ -407,12 +414,12 @@ def _describe_sampling(campaign: Campaign) -> dict[str, Any] | None:
 
 
 def _describe_effect(effect: type[AbstractEffect], folder: Path) -> dict[str, Any]:
-    if any(effect in effects for effects in CATALOGUES.values()):
+    if effect in CATALOGUE:
         return {"id": effect.id}
     file = getattr(sys.modules.get(effect.__module__), "__file__", None)
     if file is None or not Path(file).is_file():
         return {"id": effect.id, "source": None}
-    return {"id": effect.id, "source": f"{_relative(Path(file), folder)}:{effect.__qualname__}",
+    return {"id": effect.id, "source": f"{place_file(Path(file), folder)}:{effect.__qualname__}",
             "source_sha256": hash_file(Path(file))}
 
 
@@ -420,15 +427,8 @@ def _place_model(name: str, folder: Path) -> tuple[str, str | None]:
     """A model's name as seen from the folder, and the hash of its file where it has one."""
     file, colon, attribute = name.rpartition(":")
     if colon and file.endswith(".py") and Path(file).is_file():
-        return f"{_relative(Path(file), folder)}:{attribute}", hash_file(Path(file))
+        return f"{place_file(Path(file), folder)}:{attribute}", hash_file(Path(file))
     return name, None
-
-
-def _relative(file: Path, folder: Path) -> str:
-    try:
-        return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # another drive
-        return file.resolve().as_posix()
 
 
 def _compare_source(file: Path, digest: str) -> list[str]:
@@ -438,7 +438,7 @@ def _compare_source(file: Path, digest: str) -> list[str]:
 
 
 def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEffect]]) -> type[AbstractEffect]:
-    known = {e.id: e for e in (*(e for effects in CATALOGUES.values() for e in effects), *extra)}
+    known = {e.id: e for e in (*list_known(), *extra)}
     if entry.id in known:
         return known[entry.id]
     if entry.source is None:

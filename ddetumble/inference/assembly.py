@@ -15,11 +15,10 @@ from ..contact.friction import describe_range
 from ..contact.gripping import Striker
 from ..contact.law import PowerLaw
 from ..contact.sliding import AbstractRubberFriction, RubberFriction
+from ..families import find_family, name_family
 from ..measurement.campaign import Campaign
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import ROLES
-from .builtin import BUILTIN
-from .families import find_family, name_family
 from .parameters import ParameterSpace, to_coordinate
 from .stack import list_commons
 
@@ -104,7 +103,7 @@ def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
     Raises:
         InputError: one of these names is a misspelt parameter.
     """
-    models = (built.make() for built in BUILTIN.get(campaign.family, {}).values())
+    models = (built.make() for built in find_family(campaign.family).models.values())
     names = {*ROLES, *space.index, *(p.name for model in models for p in parameters_of(model))}
     unknown = [name for name in campaign.known if name not in names]
     for name in unknown:

@@ -11,13 +11,13 @@ import numpy as np
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, is_absent, parameters_of
+from ..families import find_family, name_family
 from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
 from ..measurement.package import read_campaign
 from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts, list_origins
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
-from .families import find_family, name_family
 from .findings import Fit, summarise_fit
 from .horizon import MOST, is_lost, solve_growing
 from .models import ResolvedModel, resolve_effect

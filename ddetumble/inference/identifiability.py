@@ -213,7 +213,7 @@ def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend
              for values in list_settings(problem, campaign, name)]
     tried = [Remedy(blend.names, *test, _try_conditions(problem, solution, columns, blend, campaign, *test))
              for test in tests]
-    if problem.space.family.state == "depression" and "depression" not in problem.records.channels:
+    if problem.space.family.has_contact and "depression" not in problem.records.channels:
         tried.append(Remedy(blend.names, "depression", (DEPRESSION_SD,), _try_depression(problem, solution, blend)))
     best = max(tried, key=lambda remedy: remedy.gain, default=None)
     if best is None:
@@ -283,7 +283,7 @@ def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, b
     places = [records.nuisances.index(n) for n in stated]
     sd[:count, places] = np.where(sd[:count, places] > 0, there, 0.0)  # none where the settings do not move
     stack = eqx.tree_at(lambda s: (s.conditions, s.condition_sd), records.stack, (conditions, jnp.asarray(sd)))
-    if problem.space.family.state == "depression":
+    if problem.space.family.has_contact:
         before = np.asarray(records.stack.conditions[name])
         longer = np.ones(len(before))
         longer[:count] = np.maximum(before[:count] / table[name].to_numpy(dtype=float), 1.0) ** (1.0 / 3.0)

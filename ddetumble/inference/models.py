@@ -2,15 +2,14 @@
 
 import dataclasses as dc
 import difflib
-import hashlib
 import inspect
 import sys
-import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 from .._errors import InputError
+from .._user_files import run_file, split_name
 from ..contact.effect import (
     AbstractEffect,
     AbstractLaw,
@@ -24,10 +23,11 @@ from ..contact.gripping import Striker
 from ..contact.law import Ball, PowerLaw
 from ..contact.sliding import AdhesionHysteresis, CoulombFriction, RubberFriction
 from ..contact.torque import RigidBody
-from ..effects import CATALOGUES
-from .builtin import BUILTIN, MODELS
+from ..effects import CATALOGUE
+from ..families import DEFAULT_FAMILY, find_family, list_families
 
 
+USUAL = "paper"  # the model where none is named: of a family without one of this name, its first
 # Reference models by the name of their class; one that is made of two is `Striker(Ball, CoulombFriction)`.
 PARTS: dict[str, Callable[[], AbstractModel]] = {
     one.__name__: one for one in (Ball, PowerLaw, RubberFriction, AdhesionHysteresis, CoulombFriction, RigidBody)}
@@ -54,10 +54,10 @@ class ResolvedModel:
 
 def is_fitted(name: str) -> bool:
     """Whether a model's name is the folder of a fitted one; a built-in name never is, whatever lies about."""
-    return not any(str(name) in models for models in BUILTIN.values()) and Path(name).is_dir()
+    return not any(str(name) in one.models for one in list_families()) and Path(name).is_dir()
 
 
-def find_model(name: str, family: str = "impact") -> ResolvedModel:
+def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:
     """The reference model that a name stands for, where it is no fitted one.
 
     Args:
@@ -69,19 +69,21 @@ def find_model(name: str, family: str = "impact") -> ResolvedModel:
         InputError: There is no such model, file or name, or it is none of these things.
     """
     name = str(name)
-    models = BUILTIN.get(family, MODELS)
+    models = find_family(family).models
+    if name == USUAL and models:
+        name = next((one for one in models if one == USUAL), next(iter(models)))
     if name in models:
         model = models[name]
         return ResolvedModel(name, model.make(), model.text)
-    path, colon, attribute = name.rpartition(":")
-    if colon and path.endswith(".py"):
-        return _import_model(name, Path(path), attribute)
+    own = split_name(name)
+    if own is not None:
+        return _import_model(name, *own)
     made = _build_model(name)
     if made is not None:
         return ResolvedModel(name, made, _describe_class(type(made)))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
-    other = [kind for kind, known in BUILTIN.items() if name in known]
+    other = [one.name for one in list_families() if name in one.models]
     if other:
         raise InputError(f"the model {name!r} is one for {' and '.join(other)} records, and these are of the family "
                          f"{family!r}: for them there is {', '.join(models)}, a folder that fit or discover wrote, or "
@@ -110,7 +112,8 @@ def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> Reso
                              ) from None
     effects = model.effects if isinstance(model, AbstractLaw) else ()
     reference = model.reference if isinstance(model, AbstractLaw) else model
-    for name, built in BUILTIN.get(type(reference).family, {}).items():
+    own = next((one for one in list_families() if one.name == type(reference).family), None)
+    for name, built in own.models.items() if own else ():
         if _identify(built.make()) == _identify(reference):
             return ResolvedModel(name, reference, built.text, tuple(effects))
     return ResolvedModel(_name_class(reference), reference, _describe_class(type(reference)), tuple(effects))
@@ -152,18 +155,23 @@ def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
     Raises:
         InputError: The file cannot be read or run, holds none, or one whose id the catalogue has, or two of one id.
     """
-    module = _run_file(Path(path))
+    module = run_file(Path(path))
     found = [one for one in module.__dict__.values() if isinstance(one, type) and issubclass(one, AbstractEffect)
              and one.__module__ == module.__name__ and not one.__name__.startswith(("_", "Abstract"))]
     if not found:
         raise InputError("the file holds no effect: no class made from one of ddetumble's effect classes", file=path)
-    taken = {effect.id for effects in CATALOGUES.values() for effect in effects}
+    taken = {effect.id for effect in list_known()} - {one.id for one in found if one in list_known()}
     for one in found:
         if one.id in taken:
             raise InputError(f"the class {one.__name__} has the id {one.id!r}, which the catalogue has or another "
                              "class of the file; give it one of its own", file=path)
         taken.add(one.id)
     return tuple(found)
+
+
+def list_known() -> tuple[type[AbstractEffect], ...]:
+    """Effects that are known by their id: the catalogue, and those of the user's own kinds of tests."""
+    return tuple(dict.fromkeys((*CATALOGUE, *(effect for one in list_families() for effect in one.catalogue))))
 
 
 def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[AbstractEffect]:
@@ -176,47 +184,26 @@ def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[
     Raises:
         InputError: There is no such effect, file or name, or it is no effect.
     """
-    known = {effect.id: effect for effects in (*CATALOGUES.values(), own) for effect in effects}
+    known = {effect.id: effect for effect in (*list_known(), *own)}
     if name in known:
         return known[name]
-    path, colon, attribute = str(name).rpartition(":")
-    if not colon or not path.endswith(".py"):
+    own_file = split_name(name)
+    if own_file is None:
         near = difflib.get_close_matches(str(name), known, n=1)
         hint = f" (did you mean {near[0]}?)" if near else ""
         raise InputError(f"there is no effect {name!r}{hint}; `ddetumble effects` lists them, and FILE.py:NAME is one "
                          "of your own")
-    found = _run_file(Path(path)).__dict__.get(attribute)
+    path, attribute = own_file
+    found = run_file(path).__dict__.get(attribute)
     if not isinstance(found, type) or not issubclass(found, AbstractEffect):
         raise InputError(f"there is no effect {attribute!r} in the file: it has to be a class made from one of "
                          "ddetumble's effect classes", file=path)
     return found
 
 
-def _run_file(path: Path) -> types.ModuleType:
-    """Run the user's file as a module of its own; the same text is run once only."""
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
-    digest = hashlib.sha256(source + str(path.resolve()).encode()).hexdigest()[:12]
-    name = f"ddetumble_user_{path.stem}_{digest}"
-    if name in sys.modules:
-        return sys.modules[name]
-    module = types.ModuleType(name)
-    module.__file__ = str(path.resolve())
-    sys.modules[name] = module  # dataclasses look their module up there
-    try:
-        exec(compile(source, str(path), "exec"), module.__dict__)
-    except Exception as error:
-        del sys.modules[name]
-        line = getattr(error, "lineno", None)
-        raise InputError(f"the file cannot be run: {type(error).__name__}: {error}", file=path, row=line) from error
-    return module
-
-
 def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
     """Take one model from the user's file."""
-    module = _run_file(path)
+    module = run_file(path)
     if not attribute.isidentifier() or attribute not in module.__dict__:
         here = [key for key, value in module.__dict__.items() if _is_model(value) and not key.startswith("_")
                 and getattr(value, "__module__", module.__name__) == module.__name__]

@@ -21,7 +21,7 @@ from ..contact.effect import (
     parts_of,
     read_field,
 )
-from .families import FAMILIES, Family
+from ..families import Family, find_family
 
 
 @dc.dataclass(frozen=True)
@@ -180,7 +180,7 @@ class ParameterSpace:
     @property
     def family(self) -> Family:
         """Of the records that the model describes."""
-        return FAMILIES[type(self.reference).family]
+        return find_family(type(self.reference).family)
 
     def build(self, u: Array) -> Any:
         """The law at coordinates `u`, shape (parameters,): a `ContactLaw`, `FrictionLaw` or `StrikeLaw`."""

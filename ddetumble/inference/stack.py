@@ -10,11 +10,11 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from ..dynamics.impact import RTOL
+from ..families import Family, find_family, name_family
+from ..families.starts import straighten
 from ..measurement.campaign import Campaign
-from .families import Family, find_family, name_family
 from .noise import TAPS, Noise, whitening
 from .parameters import Common
-from .starts import straighten
 
 
 THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
@@ -78,7 +78,7 @@ class Records:
     lengths: np.ndarray
     complete: np.ndarray
     stack: Stack
-    family: str = "impact"
+    family: str
     strokes: tuple[np.ndarray, ...] = ()
     starts: tuple[str, ...] = ()
 

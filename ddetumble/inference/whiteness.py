@@ -7,8 +7,8 @@ import numpy as np
 from scipy import sparse
 from scipy.interpolate import BSpline
 
+from ..families import Span, find_family
 from ..measurement.campaign import Campaign
-from .families import Span, find_family
 from .noise import Noise, estimate_from_pairs, estimate_noise
 from .problem import Solution
 from .stack import Records, default_noise

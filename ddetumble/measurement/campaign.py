@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from .._errors import InputError
-from .kinds import KINDS
+from .kinds import take_kind
 from .units import Uncertainty
 
 
@@ -42,7 +42,7 @@ class Campaign:
     Args:
         name: Short name of the campaign.
         title: One line for people.
-        family: "impact", "slip" or "tumble".
+        family: Name of the kind of tests; `FILE.py:NAME` or a `Family`, for one of your own, becomes its name.
         path: Folder it was read from, or None for one that has not been written yet.
         known: Parameters of the reference model [SI]; None where the fit has to find them.
         records: One row a test (index `record`, text), one column a condition [SI].
@@ -79,8 +79,7 @@ class Campaign:
     def __post_init__(self):
         object.__setattr__(self, "channels", dict(self.channels))
         object.__setattr__(self, "peak_columns", dict(self.peak_columns))
-        if self.family not in KINDS:
-            raise InputError(f"a campaign's family is one of {', '.join(KINDS)}, not {self.family!r}")
+        object.__setattr__(self, "family", take_kind(self.family))
 
     def __repr__(self) -> str:
         parts = [f"{len(self.records)} records"]

@@ -12,7 +12,7 @@ from .units import Unit, check_unit, parse_unit, si_unit
 
 
 ACCELERATION = (0.0, 1.0, -2.0, 0.0)
-FRICTION_TEST = "if it is a friction test, give --family slip"
+FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
 
 
 @dataclass
@@ -92,7 +92,7 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
         roles[role] = found[0]
     if not set(kind.independents) & set(roles):
         option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"
-        independent = kind.path or "time"
+        independent = kind.path or kind.independents[0]
         roles[independent] = _choose_by_unit(raw, independent, roles, option)
     if kind.main and kind.main not in roles:
         roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan.mass is not None)

@@ -6,9 +6,21 @@ import re
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    ValidationError,
+)
 
 from .._errors import InputError
+from .._user_files import split_name
+from .kinds import ELSEWHERE, KINDS
 from .tables import decode, read_bytes
 
 
@@ -89,12 +101,18 @@ class ResourceModel(_Open):
     table: SchemaModel = Field(alias="schema")
 
 
+def _check_family(name: str) -> str:
+    if name not in KINDS and split_name(name) is None:
+        raise ValueError("no family")
+    return name
+
+
 class DescriptorModel(_Open):
     """The whole descriptor."""
 
     name: Annotated[StrictStr, Field(max_length=200)] = ""
     title: StrictStr = ""
-    family: Literal["impact", "slip", "tumble"]
+    family: Annotated[StrictStr, AfterValidator(_check_family)]
     known: dict[Name, StrictStr | StrictInt | StrictFloat | None] = {}
     resources: Annotated[list[ResourceModel], Field(min_length=1)]
     sources: list[dict] = []
@@ -211,8 +229,9 @@ def _explain(error: ValidationError, tree: dict) -> str:
             place += f"{'.' if place else ''}{part}"
     if first["loc"] == ("family",):
         given = repr(first["input"]) if "family" in tree else "missing"
-        hint = "; oblique impacts are impact, with tangential_speed and tangential_force" if "oblique" in given else ""
-        return f"family must be impact, slip or tumble, and is {given}{hint}"
+        *names, last = KINDS
+        hint = f"; {ELSEWHERE[tree['family']]}" if str(tree.get("family")) in ELSEWHERE else ""
+        return f"family must be {', '.join(names)} or {last}, or FILE.py:NAME for your own, and is {given}{hint}"
     if first["type"] == "missing":
         return f"{place} is missing; add it"
     given = first["input"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from .campaign import Campaign
 from .grouping import group_conditions
-from .kinds import KINDS
+from .kinds import find_kind
 from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
 from .units import choose_time_unit
 
@@ -114,7 +114,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
 
 def list_screened(campaign: Campaign) -> list[str]:
     """Channels whose readings carry noise of their own: all but the path of slip records and attitudes."""
-    path = KINDS[campaign.family].path
+    path = find_kind(campaign.family).path
     return [c for c in campaign.channels if not c.startswith("attitude_") and c != path]
 
 
@@ -171,7 +171,7 @@ def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
     """
     assert campaign.samples is not None
     found, out = [], set()
-    for channel in (c for c in campaign.channels if c in KINDS[campaign.family].rates):
+    for channel in (c for c in campaign.channels if c in find_kind(campaign.family).rates):
         there = {str(key) for key in campaign.samples.loc[campaign.samples[channel].notna(), "record"]}
         keys = tuple(key for key in campaign.record_keys if key not in there and key not in out)
         if keys:
@@ -244,7 +244,7 @@ def find_truncated(campaign: Campaign) -> tuple[Fault, ...]:
 
 def _list_turns(campaign: Campaign, samples, rows) -> dict[str, np.ndarray]:
     """Samples at which a slip record turns round, where its force is not known and may well be empty."""
-    path = KINDS[campaign.family].path
+    path = find_kind(campaign.family).path
     if path not in campaign.channels:
         return {}
     found = {}

@@ -1,11 +1,19 @@
 """Kinds of records as campaigns hold them: their columns, what a laboratory calls these, and what an import asks for.
 
-This is the part of a family of tests (`ddetumble.inference.families`) that needs no model. Impacts straight on and
-oblique ones are of one kind: the columns tell them apart.
+This is the part of a family of tests (`ddetumble.families`) that needs no model. Impacts straight on and oblique ones
+are of one kind: the columns tell them apart. A kind of the user's own is the `Family` object itself, or `FILE.py:NAME`,
+wherever the name of a kind is taken; whoever is given one calls `take_kind`.
 """
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from .._errors import InputError
+from .._user_files import place_file, run_file, split_name
+from .sizes import Measure, measure_impact, measure_nothing, measure_slip, measure_tumbling
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +37,8 @@ class RecordKind:
         has_contact: Whether a record holds one contact, whose onset an import finds; before it the noise is measured.
         path: Channel that says how far a body has slid, along which the main channel counts positive; "" where none is.
         rates: Channels of the rates about the body's axes, of which a record keeps all to its start; none elsewhere.
+        measure: Sizes of a record, from the table of its samples and the row of its conditions, by name.
+        ranges: Lowest and highest plausible median of these, and of conditions, SI, beside those known to the toolkit.
     """
 
     name: str
@@ -49,6 +59,8 @@ class RecordKind:
     has_contact: bool = False
     path: str = ""
     rates: tuple[str, ...] = ()
+    measure: Measure = measure_nothing
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 IMPACT = RecordKind(
@@ -81,6 +93,7 @@ IMPACT = RecordKind(
         "approach_speed": ("--speed '0.4 m/s'", "v [m/s]"),
     },
     has_contact=True,
+    measure=measure_impact,
 )
 _RUBBER = ("tensile_strength", "real_contact_pressure", "elastic_modulus", "poisson_ratio")
 SLIP = RecordKind(
@@ -115,6 +128,7 @@ SLIP = RecordKind(
         "normal_load": ("--load '20 N'", "Load [N]"),
     },
     path="slip",
+    measure=measure_slip,
 )
 _RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
 TUMBLE = RecordKind(
@@ -132,10 +146,109 @@ TUMBLE = RecordKind(
     },
     unknown=("inertia_ratio",),
     rates=_RATES,
+    measure=measure_tumbling,
 )
 KINDS: dict[str, RecordKind] = {kind.name: kind for kind in (IMPACT, SLIP, TUMBLE)}
+DEFAULT_KIND = IMPACT.name  # where nothing says which
 # Names that are no kind of records, and how such records are given.
 ELSEWHERE = {
     "oblique": "oblique impacts are of the family impact, with a tangential speed among the conditions and "
     "--keep tangential_force=COLUMN",
 }
+
+
+@dataclass(frozen=True)
+class _Own:
+    """A kind of tests of the user's own: the object that was given, its file ("" where it has none) and its name there.
+    """
+
+    given: Any
+    file: str
+    variable: str
+
+
+_TAKEN: dict[str, _Own] = {}
+
+
+def list_own() -> tuple[Any, ...]:
+    """Objects of the user's own that were given so far."""
+    return tuple(own.given for own in _TAKEN.values())
+
+
+def list_kinds() -> dict[str, RecordKind]:
+    """All kinds by name: the toolkit's, and those of the user's own that were given so far."""
+    return KINDS | {name: own.given.kind for name, own in _TAKEN.items()}
+
+
+def find_kind(name: str) -> RecordKind:
+    """The kind of that name, which `take_kind` returned."""
+    return list_kinds()[name]
+
+
+def take_kind(given: Any, folder: Path | None = None) -> str:
+    """Name of the kind that an argument stands for; one of the user's own is known by it from then on.
+
+    Args:
+        given: Name of a kind, `FILE.py:NAME`, or a `Family`.
+        folder: From which on the path of a file counts; the working directory where not given.
+
+    Raises:
+        InputError: There is no such kind, file or name, or the name is that of another kind.
+    """
+    if not isinstance(given, str):
+        return _take(given, *_locate(given))
+    own = split_name(given)
+    if own is None:
+        if given not in list_kinds():
+            *first, last = list_kinds()
+            more = f"; {ELSEWHERE[given]}" if given in ELSEWHERE else ""
+            raise InputError(f"family is {', '.join(first)} or {last}, or FILE.py:NAME for one of your own, not "
+                             f"{given!r}{more}")
+        return given
+    file, variable = own
+    if folder is not None:
+        file = folder / file
+        if not file.is_file():
+            raise InputError(f"the kind of tests is {given!r}, counted from this folder, and that file is not there; "
+                             "move it along, or correct the path", file=folder, key="family")
+    found = run_file(file).__dict__.get(variable)
+    if found is None:
+        raise InputError(f"there is no {variable!r} in the file", file=file)
+    return _take(found, str(file.resolve()), variable)
+
+
+def write_kind(name: str, folder: Path) -> str:
+    """A kind as a file in a folder names it: its name, or `FILE.py:NAME` from that folder on.
+
+    Raises:
+        InputError: The kind is one of the user's own that stands in no file.
+    """
+    if name in KINDS or name not in _TAKEN:
+        return name
+    own = _TAKEN[name]
+    if not own.file:
+        raise InputError(f"the kind of tests {name!r} stands in no file that could be named beside the data; give it "
+                         "as FILE.py:NAME")
+    return f"{place_file(Path(own.file), folder)}:{own.variable}"
+
+
+def _take(found: Any, file: str, variable: str) -> str:
+    kind = getattr(found, "kind", None)
+    if not isinstance(kind, RecordKind) or getattr(found, "name", None) != kind.name:
+        problem = f"{variable or found!r} is no kind of tests: it has to be a `Family` whose `kind` has the same name"
+        raise InputError(problem, file=file or None)
+    before = _TAKEN.get(kind.name)
+    if kind.name in KINDS or kind.name in ELSEWHERE or before is not None and before.file != file:
+        where = f" in {before.file}" if before is not None and before.file else ""
+        raise InputError(f"there is a kind of tests {kind.name!r} already{where}; give this one another name",
+                         file=file or None)
+    _TAKEN[kind.name] = _Own(found, file, variable)
+    return kind.name
+
+
+def _locate(given: Any) -> tuple[str, str]:
+    """File and name of an object: those of the module in which its model of a record was written."""
+    module = sys.modules.get(getattr(getattr(given, "observe", None), "__module__", ""))
+    file = getattr(module, "__file__", None)
+    found = [name for name, value in vars(module).items() if value is given] if module is not None else []
+    return (str(Path(file).resolve()), found[0]) if file and found else ("", "")

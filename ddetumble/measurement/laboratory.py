@@ -16,7 +16,7 @@ from .conditions import Conditions, point_to_gauge, read_conditions, read_names,
 from .faults import find_truncated
 from .friction import take_means, turn_friction
 from .headings import expand_role, read_pairs
-from .kinds import ELSEWHERE, KINDS, RecordKind
+from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, read_layout
 from .plausibility import check_plausibility
 from .tables import Table, convert_column, pick_column
@@ -47,7 +47,7 @@ def import_tests(
     name_pattern=None,
     gauge=None,
     ambient=None,
-    family="impact",
+    family=DEFAULT_KIND,
     title=None,
     keep=None,
     known=None,
@@ -76,7 +76,7 @@ def import_tests(
         name_pattern: Conditions in the file names, like "{initial_pressure}MPa_{approach_speed}ms".
         gauge: True if the pressures count from the ambient pressure.
         ambient: Ambient pressure, with unit; made part of `known`.
-        family: "impact", "slip" or "tumble".
+        family: "impact", "slip" or "tumble", or `FILE.py:NAME` or a `Family` for a kind of tests of your own.
         title: Title of the campaign.
         keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
         known: Parameters of the reference model: {"outer_diameter": "60 mm"} or "outer_diameter=60 mm"; value "null"
@@ -89,12 +89,11 @@ def import_tests(
     Raises:
         InputError: Anything malformed or undecidable; the option to give is named.
     """
-    if family not in KINDS:
-        *first, last = KINDS
-        elsewhere = ELSEWHERE.get(family)
-        hint = f"; {elsewhere}" if elsewhere else ""
-        raise InputError(f"--family is {', '.join(first)} or {last}, not {family!r}{hint}")
-    kind = KINDS[family]
+    try:
+        kind = find_kind(take_kind(family))
+    except InputError as error:
+        raise error if error.file is not None else InputError(f"--{error.problem}") from None
+    family = kind.name
     parameters = _read_known(known, kind)
     plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
     tests = []
@@ -158,7 +157,8 @@ def import_tests(
 
 def _ask_condition(name: str, sources: Conditions, table) -> None:
     """Refuse a campaign without a condition that its family needs; says where it may stand."""
-    option, heading = sources.kind.options[name]
+    usual = f"--conditions FILE.csv with a column {name}", name
+    option, heading = sources.kind.options.get(name, usual)
     if table is None:
         raise InputError(f"{name} is not known; give {option}, --conditions FILE.csv or --name-pattern")
     problem = f"{name} is not known: none of the columns {', '.join(sources.headings)} holds it; add one, like "
@@ -332,7 +332,7 @@ def _check_samples(test: RawTest, names: list[str], uncertainties, plan: Plan) -
 def _assemble(tests, sources, parameters, given, spreads, clock, shared, title, plan) -> Campaign:
     """Put records, samples and uncertainties together; `shared` are the common ones, as stated and as measured."""
     kind = plan.kind
-    independent = "time" if "time" in tests[0].values else "slip"
+    independent = next(name for name in kind.independents if name in tests[0].values)
     present = dict.fromkeys(name for test in tests for name in test.values if name != independent)
     names = [name for name in kind.series if name in present]
     names += [name for name in present if name not in names]

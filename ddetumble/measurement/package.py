@@ -17,7 +17,7 @@ from .._errors import InputError
 from . import checks
 from .campaign import Campaign, Column, arrange_samples
 from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, read_descriptor
-from .kinds import KINDS
+from .kinds import find_kind, take_kind, write_kind
 from .tables import Table, convert_column, decode, parse_table, pick_column, read_bytes
 from .units import Uncertainty, Unit, check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
 
@@ -76,16 +76,18 @@ def read_campaign(path) -> Campaign:
     if not {"samples", "peaks"} & set(resources):
         context.refuse("there is no resource named samples or peaks; add the table with the measurements")
 
+    family = _take_family(model.family, descriptor)
+    kind = find_kind(family)
     described = [field.name for field in resources["records"].table.fields]
-    for name in KINDS[model.family].needs:
+    for name in kind.needs:
         if name not in described:
-            context.refuse(f"records of the family {model.family} need this condition; add its column and field", name)
+            context.refuse(f"records of the family {family} need this condition; add its column and field", name)
     records = _read_resource(resources["records"], context)
     _check_unique(records)
     samples = peaks = None
     if "samples" in resources:
         samples = _read_resource(resources["samples"], context)
-        independent = checks.check_samples(samples, records.keys, KINDS[model.family], str(descriptor))
+        independent = checks.check_samples(samples, records.keys, kind, str(descriptor))
     if "peaks" in resources:
         peaks = _read_resource(resources["peaks"], context)
         checks.check_peaks(peaks, records.keys)
@@ -97,7 +99,7 @@ def read_campaign(path) -> Campaign:
     campaign = Campaign(
         name=model.name or descriptor.resolve().parent.name,
         title=model.title,
-        family=model.family,
+        family=family,
         path=descriptor.parent,
         known=context.known,
         records=_frame(records),
@@ -120,6 +122,15 @@ def read_campaign(path) -> Campaign:
     if peaks is not None:
         campaign = replace(campaign, peaks=_frame(peaks), peak_columns=peaks.columns)
     return campaign
+
+
+def _take_family(given: str, descriptor: Path) -> str:
+    try:
+        return take_kind(given, descriptor.parent)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise InputError(error.problem, file=descriptor, key="family") from None
 
 
 def _read_known(known: dict, descriptor: Path) -> dict[str, float | None]:
@@ -286,7 +297,7 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
         if not overwrite:
             problem = "the folder holds a campaign already; name a new one, or replace it with --overwrite"
             raise InputError(problem, file=folder)
-    texts = format_campaign(replace(campaign, name=campaign.name or folder.name))
+    texts = format_campaign(replace(campaign, name=campaign.name or folder.name), folder)
     parent = folder.parent
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -315,8 +326,8 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
     return replace(written, notes=campaign.notes)
 
 
-def format_campaign(campaign: Campaign) -> dict[str, str]:
-    """The files of a campaign, name to text, the descriptor last."""
+def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]:
+    """The files of a campaign that is written into `folder`, name to text, the descriptor last."""
     texts, resources = {}, []
     if campaign.samples is not None:
         assert campaign.independent is not None
@@ -341,7 +352,7 @@ def format_campaign(campaign: Campaign) -> dict[str, str]:
         "title": campaign.title,
         "licenses": list(campaign.licences),
         "sources": list(campaign.sources),
-        "family": campaign.family,
+        "family": write_kind(campaign.family, folder),
         "known": known,
         "resources": resources,
     }

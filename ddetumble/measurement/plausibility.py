@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from .campaign import Campaign
+from .kinds import find_kind
+from .sizes import Size
 from .units import check_unit, si_unit
 
 
 # Ranges are those of benches and objects that the models are made for, widened to the next round number: lowest and
 # highest plausible median, SI.
-RANGES = {
+Ranges = Mapping[str, tuple[float, float]]
+RANGES: Ranges = {
     "initial_pressure": (5e4, 5e6), "internal_pressure": (5e4, 5e6),  # half an atmosphere to twice the paper's highest
     "approach_speed": (1e-3, 30.0), "tangential_speed": (0.0, 30.0), "slip_speed": (1e-7, 20.0),
     "normal_load": (1e-2, 2e4), "tangential_force": (1e-3, 2e4),
@@ -27,9 +30,6 @@ RANGES = {
     "stiffness over that of the gas": (0.2, 5.0), "depression over speed and duration": (0.12, 0.9),
     "path over speed and time": (0.5, 2.0), "temperature": (150.0, 500.0),
 }  # fmt: skip
-# Stiffness of a ball over that of its gas: m/(P₀ v T³), T the time above half of the peak, is 0.65 for the reference
-# model, and 0.52 to 0.79 on two dozen simulated campaigns with any effects of the catalogue. A thick wall can do more.
-GAS_STIFFNESS = 0.65
 # What that ratio has to be once a mistaken unit is corrected. Its spread (a standard deviation of about 14 %) does not
 # tell factors of 6.9 (psi as kPa) and 10 (MPa as bar) from each other for sure: both may agree.
 CORRECTED = (0.6, 1.7)
@@ -76,21 +76,13 @@ class Implausibility:
         return self.sentence
 
 
-@dataclass(frozen=True)
-class _Size:
-    """A measured size: its value, its unit, and the power with which each column enters."""
-
-    value: float
-    unit: str
-    powers: Mapping[str, int]
-
-
 def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     """Find what no bench has, and which wrong unit would explain it.
 
-    Every size in `RANGES` that the campaign tells is compared with its range. One column in another unit than stated is
-    the explanation where it brings all of them into their ranges; where none does, each is named on its own. Every unit
-    that does so is named, or, if there are any, every one that brings the stiffness of the gas nearly right.
+    Every size that the campaign tells is compared with its range, in `RANGES` or of its kind of tests. One column in
+    another unit than stated is the explanation where it brings all of them into their ranges; where none does, each is
+    named on its own. Every unit that does so is named, or, if there are any, every one that brings the stiffness of the
+    gas nearly right.
 
     Args:
         campaign: As read or imported, SI.
@@ -98,24 +90,25 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     Returns:
         What should be asked about, none where all is ordinary.
     """
-    sizes = _measure_sizes(campaign)
-    odd = [name for name, size in sizes.items() if not _is_within(name, size.value)]
+    ranges = {**RANGES, **find_kind(campaign.family).ranges}
+    sizes = _measure_sizes(campaign, ranges)
+    odd = [name for name, size in sizes.items() if not _is_within(name, size.value, ranges)]
     if not odd:
         return ()
     mistakes, doubtful = [], all(" over " in name for name in odd)
     for column, kind in _list_columns(campaign).items():
         if not all(column in sizes[name].powers for name in odd):
             continue
-        mistakes += _list_mistakes(column, kind, sizes, odd if doubtful else [])
+        mistakes += _list_mistakes(column, kind, sizes, odd if doubtful else [], ranges)
     if mistakes:
-        return (_ask(odd[0], sizes[odd[0]], tuple(mistakes)),)
+        return (_ask(odd[0], sizes[odd[0]], tuple(mistakes), ranges),)
     # A relation of several columns is the more doubtful: it is told only where nothing else is.
     plain = [name for name in odd if " over " not in name] or odd
-    return tuple(_ask(name, sizes[name], ()) for name in plain)
+    return tuple(_ask(name, sizes[name], (), ranges) for name in plain)
 
 
-def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "_Size"], strictly: Sequence[str]
-                   ) -> list[tuple[str, str, str]]:
+def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "Size"], strictly: Sequence[str],
+                   ranges: Ranges) -> list[tuple[str, str, str]]:
     """Wrong units of one column that would explain all sizes; those named in `strictly` have to be explained well.
 
     Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns
@@ -125,17 +118,17 @@ def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "_Size"], strictl
     for actual, stated in MISTAKES[kind]:
         factor = check_unit(actual, "").scale / check_unit(stated, "").scale
         corrected = {name: size.value * factor ** size.powers.get(column, 0) for name, size in sizes.items()}
-        if all(_is_within(name, value, name in strictly) for name, value in corrected.items()):
+        if all(_is_within(name, value, ranges, name in strictly) for name, value in corrected.items()):
             found.append((column, actual, stated))
             misses[found[-1]] = sum(abs(np.log(corrected[name] / typical)) for name, typical in TYPICAL.items()
                                     if name in corrected)
-            good += [found[-1]] * all(_is_within(name, value, True) for name, value in corrected.items())
+            good += [found[-1]] * all(_is_within(name, value, ranges, True) for name, value in corrected.items())
     return sorted(good or found, key=misses.__getitem__)
 
 
-def _is_within(name: str, value: float, strictly: bool = False) -> bool:
+def _is_within(name: str, value: float, ranges: Ranges, strictly: bool = False) -> bool:
     """Whether a size is plausible; where it is all that is odd, a corrected unit has to explain it well."""
-    low, high = CORRECTED if strictly and name.startswith("stiffness") else RANGES[name]
+    low, high = CORRECTED if strictly and name.startswith("stiffness") else ranges[name]
     return low <= value <= high
 
 
@@ -152,100 +145,33 @@ def _list_columns(campaign: Campaign) -> dict[str, str]:
     return {name: kind for name, kind in kinds.items() if name in there}
 
 
-def _measure_sizes(campaign: Campaign) -> dict[str, _Size]:
-    """Everything in `RANGES` that a campaign tells, by name."""
-    sizes = {}
+def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, Size]:
+    """Everything in `ranges` that a campaign tells, by name."""
+    sizes, kind = {}, find_kind(campaign.family)
     for name, column in campaign.conditions.items():
         values = campaign.records[name].to_numpy(dtype=float)
         values = values[np.isfinite(values) & (values != 0)]  # without gas, or straight on: nothing to compare
-        if name in RANGES and values.size:
-            sizes[name] = _Size(float(np.median(values)), column.unit, {name: 1})
+        if name in ranges and values.size:
+            sizes[name] = Size(float(np.median(values)), column.unit, {name: 1})
     for name in NUMBERS:
         known = campaign.known.get(name)
         if known is not None:
-            sizes[name] = _Size(known, si_unit(name), {name: 1})
-    measure = {"impact": _measure_impact, "slip": _measure_slip, "tumble": _measure_tumbling}[campaign.family]
+            sizes[name] = Size(known, si_unit(name), {name: 1})
     rows: dict[str, list[float]] = {}
     powers: dict[str, tuple[str, Mapping[str, int]]] = {}
     for key in campaign.record_keys if campaign.samples is not None else ():
-        for name, size in measure(campaign, key).items():
+        for name, size in kind.measure(campaign.trace(key), campaign.records.loc[key].to_dict()).items():
             rows.setdefault(name, []).append(size.value)
             powers[name] = size.unit, size.powers
     for name, values in rows.items():
         finite = [value for value in values if np.isfinite(value) and value > 0]
         if finite:
-            sizes[name] = _Size(float(np.median(finite)), *powers[name])
+            sizes[name] = Size(float(np.median(finite)), *powers[name])
     return sizes
 
 
-def _measure_impact(campaign: Campaign, key: str) -> dict[str, _Size]:
-    """Duration, moving mass, stiffness over that of the gas, and depression of one impact."""
-    trace, settings = campaign.trace(key), campaign.records.loc[key]
-    if "normal_force" not in trace or "approach_speed" not in settings:
-        return {}
-    t, f = trace["time"].to_numpy(dtype=float), trace["normal_force"].to_numpy(dtype=float)
-    there = np.isfinite(f)
-    t, f = t[there], f[there]
-    if len(t) < 8 or not f.max() > 0:
-        return {}
-    above = np.flatnonzero(f > 0.5 * f.max())
-    middle, width = 0.5 * (t[above[0]] + t[above[-1]]), float(t[above[-1]] - t[above[0]])
-    contact = np.abs(t - middle) < 1.5 * width  # what lies farther off is drift or a second contact
-    speed = float(settings["approach_speed"])
-    mass = float(np.trapezoid(f[contact], t[contact])) / (1.7 * speed)  # of a restitution of 0.7
-    sizes = {"duration of the impact": _Size(2.0 * width, "s", {"time": 1}),
-             "moving mass": _Size(mass, "kg", {"normal_force": 1, "time": 1, "approach_speed": -1})}
-    pressure = float(settings.get("initial_pressure", 0.0))
-    if pressure > 0 and width > 0:
-        ratio = mass / (pressure * speed * width**3) / GAS_STIFFNESS
-        sizes["stiffness over that of the gas"] = _Size(ratio, "1", {
-            "normal_force": 1, "time": -2, "approach_speed": -2, "initial_pressure": -1})
-    if "depression" in trace and np.isfinite(trace["depression"]).any():
-        depth = float(np.nanmax(trace["depression"]))
-        sizes["depression"] = _Size(depth, "m", {"depression": 1})
-        if width > 0:
-            ratio = depth / (speed * 2.0 * width)
-            sizes["depression over speed and duration"] = _Size(ratio, "1", {
-                "depression": 1, "approach_speed": -1, "time": -1})
-    return sizes
-
-
-def _measure_slip(campaign: Campaign, key: str) -> dict[str, _Size]:
-    """Friction, stroke, and path against speed of one friction record."""
-    trace, settings = campaign.trace(key), campaign.records.loc[key]
-    if "tangential_force" not in trace or "slip" not in trace:
-        return {}
-    force = float(np.nanmedian(np.abs(trace["tangential_force"].to_numpy(dtype=float))))
-    slip = trace["slip"].to_numpy(dtype=float)
-    sizes = {"tangential_force": _Size(force, "N", {"tangential_force": 1}),
-             "stroke": _Size(float(np.nanmax(slip) - np.nanmin(slip)), "m", {"slip": 1}),
-             "friction coefficient": _Size(force / float(settings["normal_load"]), "1", {
-                 "tangential_force": 1, "normal_load": -1})}
-    speed = float(settings.get("slip_speed", 0.0))
-    if "time" in trace and speed > 0:
-        t = trace["time"].to_numpy(dtype=float)
-        there = np.isfinite(slip)
-        moving = np.abs(np.diff(slip[there])) / np.diff(t[there])
-        if len(moving):  # of the fastest half: a record may rest or turn round
-            ratio = float(np.median(np.sort(moving)[len(moving) // 2:])) / speed
-            sizes["path over speed and time"] = _Size(ratio, "1", {"slip": 1, "time": -1, "slip_speed": -1})
-    return sizes
-
-
-def _measure_tumbling(campaign: Campaign, key: str) -> dict[str, _Size]:
-    """Largest angular rate of one tumbling record, and the angle that it turns between two samples."""
-    trace = campaign.trace(key)
-    rates = trace[[name for name in trace.columns if name.startswith("angular_velocity_")]].to_numpy(dtype=float)
-    if not rates.size or not np.isfinite(rates).any():
-        return {}
-    largest = float(np.sqrt(np.nanmax(np.nansum(rates**2, axis=1))))
-    turn = largest * float(np.median(np.diff(trace["time"].to_numpy(dtype=float))))
-    return {"angular rate": _Size(largest, "rad/s", {"angular_velocity": 1}),
-            "turn between samples": _Size(turn, "rad", {"angular_velocity": 1, "time": 1})}
-
-
-def _ask(name: str, size: _Size, mistakes: tuple[tuple[str, str, str], ...]) -> Implausibility:
-    low, high = RANGES[name]
+def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], ranges: Ranges) -> Implausibility:
+    low, high = ranges[name]
     unit = "" if size.unit == "1" else f" {size.unit}"
     of = "" if name in NUMBERS else " (median of the records)"
     seen = f"{name} is {size.value:.3g}{unit}{of}, where {low:.3g} to {high:.3g}{unit} is expected"

@@ -9,6 +9,7 @@ import numpy as np
 from ..contact.effect import AbstractEffect
 from ..contact.friction import DIVERGES_ABOVE
 from ..contact.sliding import AbstractFriction, CoulombFriction, RubberFriction
+from ..families import SLIP
 from .bench import choose_effects, has_power
 from .fits import fit_linear
 from .rivals import estimate_noise, judge_rivals, make_row
@@ -68,7 +69,7 @@ class FrictionJudgement:
     separation: tuple[float, ...]
     level: float
     notes: tuple[str, ...] = ()
-    family: str = "slip"
+    family: str = SLIP.name
 
     def table(self):
         """All rows side by side, a pandas data frame."""

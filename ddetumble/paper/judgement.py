@@ -116,8 +116,8 @@ def judge_campaign(campaign, **options) -> PeakJudgement | FrictionJudgement:
         A `PeakJudgement`, or for friction forces a `FrictionJudgement`; both have `verdict`, `sentence`, `rows`,
         `table()` and `to_dict()`.
     """
+    from ..families import find_family
     from ..inference.archive import resolve_model
-    from ..inference.families import find_family
 
     extra = ()
     if options.get("reference") is None:

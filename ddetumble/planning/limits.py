@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from .._errors import InputError
 from ..contact.effect import read_validity
 from ..dynamics.spinning import ATTITUDES
+from ..families import find_family
 from ..inference.archive import FittedModel
-from ..inference.families import find_family
 from ..measurement.headings import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
 

@@ -14,13 +14,13 @@ import pandas as pd
 from .._errors import ComputationError, InputError
 from ..dynamics.impact import RTOL
 from ..dynamics.spinning import ATTITUDES, RATES
+from ..families import Family, list_families
 from ..inference.assembly import adapt_reference
-from ..inference.families import FAMILIES, Family
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign, Column, Uncertainty
 from ..measurement.checks import check_known, check_values
 from ..measurement.headings import expand_role, read_pairs
-from ..measurement.kinds import KINDS
+from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
@@ -99,9 +99,9 @@ def read_plan(path: Path | str, resolve, *, channels: Sequence[str] | None = Non
 
 def _choose_family(names: Sequence[str], table: Table) -> Family:
     """The family whose needs are there; of several the one that needs most."""
-    found = [f for f in FAMILIES.values() if set(f.needs or f.starts[:1]) <= set(names)]
+    found = [f for f in list_families() if set(f.needs or f.starts[:1]) <= set(names)]
     if not found:
-        needs = "; ".join(f"{f.name}: {', '.join(f.needs or f.starts)}" for f in FAMILIES.values())
+        needs = "; ".join(f"{f.name}: {', '.join(f.needs or f.starts)}" for f in list_families())
         raise InputError("the columns name no kind of test, and each needs some of its own (of the family "
                          f"{needs}); the file has {', '.join(names)}", file=table.file)
     return max(found, key=lambda family: len(family.needs))
@@ -120,7 +120,7 @@ def _read_values(values: Sequence[str] | None) -> dict[str, float]:
 
 def _held(known: Mapping[str, float]) -> dict[str, float]:
     """What a fit of the planned campaign would not free: geometry and material, not the unknown ones."""
-    unknown = {n for kind in KINDS.values() for n in kind.unknown}
+    unknown = {n for kind in list_kinds().values() for n in kind.unknown}
     return {n: v for n, v in known.items() if n not in unknown}
 
 

@@ -13,13 +13,12 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from ..dynamics.impact import RTOL
-from ..dynamics.spinning import START_ATTITUDE
+from ..families.starts import FREE
 from ..inference.archive import FittedModel
 from ..inference.noise import TAPS, Noise, whitening
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import observe_record
 from ..inference.stack import Stack
-from ..inference.starts import FREE
 from .limits import Extra, Limit
 
 
@@ -117,8 +116,7 @@ def _fill_stack(layout: Layout, test: Test, x: Array) -> Stack:
     conditions = {name: values[k] for k, name in enumerate(layout.names)}
     conditions.setdefault("sequence", jnp.ones(()))
     family = layout.space.family
-    if family.free_running:
-        conditions |= {name: jnp.zeros(()) for name in START_ATTITUDE}
+    conditions |= {name: jnp.zeros(()) for name in family.further_starts}
     for name, value in family.defaults.items():
         conditions.setdefault(name, jnp.asarray(value, dtype=float))
     at = jnp.stack([conditions.get(name, jnp.zeros(())) for name in layout.nuisances])
@@ -237,7 +235,7 @@ def prepare(models: Sequence[FittedModel], limits: Sequence[Limit], extras: Sequ
     family = space.family
     names = tuple(limit.name for limit in limits)
     uncertain = tuple(n for n in names if n in first.uncertainties and n != "sequence")
-    starts = (*family.starts, *START_ATTITUDE) if family.free_running else ()
+    starts = (*family.starts, *family.further_starts)
     nuisances = (*starts, *uncertain, "time")
     spreads_of = [first.uncertainties[n] for n in uncertain]
     fastest = max((first.sampling.largest.get(f"angular_velocity_{a}", 0.0) for a in "xyz"), default=0.0)

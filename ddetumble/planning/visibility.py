@@ -15,9 +15,9 @@ from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
+from ..families import name_family
 from ..inference.archive import Model, resolve_model
 from ..inference.assembly import default_starts
-from ..inference.families import name_family
 from ..inference.files import list_versions, make_plain, write_json
 from ..inference.parameters import to_public
 from ..inference.problem import Solution

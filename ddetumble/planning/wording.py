@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from ..families import find_family, list_families
 from ..inference.archive import FittedModel
-from ..inference.families import FAMILIES, find_family
 from ..selection.sentences import NAMES, UNITS, format_plain
 from .limits import Extra, Limit
 from .proposals import Design, Narrowing, Proposal
@@ -100,7 +100,7 @@ def _worst(proposal: Proposal) -> float:
 def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:
     """`at pressure 0.6 MPa and approach speed 0.9 m/s, with the channel pressure added`."""
     named = {limit.name: limit for limit in limits}
-    chosen = {name for one in FAMILIES.values() for name in one.plan.chosen}
+    chosen = {name for one in list_families() for name in one.plan.chosen}
     shown = [n for n in proposal.conditions if n != "sequence" and (named[n].free or n in chosen)]
     at = join_words([f"{NAMES.get(n, n.replace('_', ' '))} {say_value(n, proposal.conditions[n], named[n].unit)}"
                      for n in shown])

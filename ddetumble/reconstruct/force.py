@@ -14,8 +14,8 @@ import pandas as pd
 from .._display import AbstractPrinted
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractSensorEffect, parameters_of
+from ..families import FAMILIES, find_family, name_family
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
-from ..inference.families import FAMILIES, find_family, name_family
 from ..inference.files import make_plain
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise, estimate_noise

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..families import View, find_family
 from ..figures.binning import is_peaks, list_channels
 from ..figures.views import find_span, find_stretch
-from ..inference.families import View, find_family
 from ..measurement.quantities import (
     clean,
     describe_quantity,

@@ -10,9 +10,9 @@ import pandas as pd
 
 from .._display import AbstractPrinted, Progress
 from ..contact.effect import is_absent
+from ..families import Family, find_family, name_family
 from ..inference.archive import Model, resolve_model, take_fitted
 from ..inference.estimation import fit
-from ..inference.families import Family, find_family, name_family
 from ..inference.files import make_plain, write_json
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign

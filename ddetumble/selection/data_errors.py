@@ -8,9 +8,9 @@ import numpy as np
 
 from .._errors import ComputationError
 from ..dynamics.spinning import RATES
-from ..inference.families import find_family, name_family
+from ..families import find_family, name_family
+from ..families.starts import fill_gaps, integrate_couple
 from ..inference.stack import DRIFT, Stack
-from ..inference.starts import fill_gaps, integrate_couple
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
 from ..measurement.units import format_time, si_unit

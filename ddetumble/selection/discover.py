@@ -12,9 +12,8 @@ import numpy as np
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
+from ..families import find_family, name_family
 from ..inference.archive import Model, resolve_model
-from ..inference.builtin import BUILTIN
-from ..inference.families import find_family, name_family
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -269,7 +268,7 @@ def try_references(resolved: ResolvedModel, state: Cleaned, effects: Sequence[ty
         settings: thresholds.
     """
     fitted, own = [], asked.solution
-    for name, built in BUILTIN.get(name_family(state.campaign), {}).items():
+    for name, built in find_family(name_family(state.campaign)).models.items():
         reference = built.make()
         if not built.rival or _identify(reference) == _identify(resolved.reference) or _identify(reference) in [
                 _identify(selection.reference) for *_, selection, _ in fitted]:

@@ -149,6 +149,8 @@ def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[st
         problem, solution: the fitted model.
         wanted: (effect id, parameter name, shape coordinates by name) of every direction.
     """
+    if not wanted:  # a short catalogue may all be in the model
+        return []
     groups: list[list[int]] = []
     for k, (effect, _, shapes) in enumerate(wanted):
         home = next((g for g in groups if all(wanted[m][0] != effect or wanted[m][2] == shapes for m in g)), None)

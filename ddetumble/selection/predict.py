@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from .._errors import ComputationError, InputError
+from ..families import find_family
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
-from ..inference.families import find_family
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..measurement.layout import split_heading

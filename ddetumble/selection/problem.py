@@ -10,8 +10,8 @@ from scipy import sparse
 
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
+from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
-from ..inference.families import Family, find_family, name_family
 from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import Noise
 from ..inference.parameters import ParameterSpace, to_coordinate

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._display import AbstractPrinted
+from ..families import DEFAULT_FAMILY
 from ..inference.files import make_plain
 
 
@@ -42,7 +43,7 @@ class Trace:
     sd: float
     state: np.ndarray
     state_rate: np.ndarray
-    family: str = "impact"
+    family: str = DEFAULT_FAMILY
     independent: str = "time"
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..inference.families import Family
+from ..families import Family
 from ..measurement.faults import Fault
 from ..measurement.units import choose_time_unit, format_time
 from .discovery import Discovery

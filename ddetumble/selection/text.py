@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..inference.families import View, find_family
+from ..families import DEFAULT_FAMILY, View, find_family
 from ..measurement.quantities import (
     VERDICTS,
     clean,
@@ -98,7 +98,7 @@ def _read(item: Mapping, key: str) -> float:
     return math.nan if value is None else float(value)
 
 
-def choose_view(traces: Sequence[Trace] = (), family: str = "impact") -> View:
+def choose_view(traces: Sequence[Trace] = (), family: str = DEFAULT_FAMILY) -> View:
     """The view of some traces; of the family alone where there are none."""
     view = _choose(traces, family)
     ends = [float(np.nanmax(trace.time)) for trace in traces if np.size(trace.time)]

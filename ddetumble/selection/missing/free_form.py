@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from ..._errors import ComputationError, InputError
 from ..._numerics import map_threads
 from ...effects.free import COUNT, Ground
-from ...inference.families import FAMILIES, Family
+from ...families import Family, list_families
 from ...inference.parameters import ParameterSpace, to_coordinate
 from ...inference.problem import Problem, Solution
 from ..cross_validation import compare_losses
@@ -84,7 +84,7 @@ def find_ground(family: Family) -> Ground:
         InputError: the family has no flexible terms.
     """
     if family.ground is None:
-        there = ", ".join(other.name for other in FAMILIES.values() if other.ground is not None)
+        there = ", ".join(other.name for other in list_families() if other.ground is not None)
         raise InputError(f"the missing force is drawn for {there} records so far, not for {family.name} ones")
     return family.ground
 

@@ -9,9 +9,9 @@ import numpy as np
 from ..._display import Progress
 from ..._errors import InputError
 from ...contact.effect import AbstractEffect
+from ...families import find_family, name_family
 from ...inference.archive import Model, resolve_model
 from ...inference.assembly import require_samples
-from ...inference.families import find_family, name_family
 from ...measurement.campaign import Campaign
 from ...measurement.package import read_campaign
 from ...measurement.units import format_time
@@ -219,12 +219,12 @@ def _visit(bench: FreeBench, drawn: Drawn, term: Term, x: np.ndarray) -> np.ndar
     time = np.asarray(records.stack.time)[: records.count]
     if term.condition:
         values = np.broadcast_to(np.asarray(records.stack.conditions[term.variable])[: records.count, None], time.shape)
-    elif term.variable in ("depression", "slip"):
-        values, valid = solution.state, valid & ((solution.state > 0) | (not bench.family.has_contact))
-    elif term.variable in ("depression_rate", "angular_speed"):
-        values, valid = solution.state_rate, valid & (solution.state > 0)
     elif term.variable == "time":
         values = time
+    elif term.variable == bench.family.state:
+        values, valid = solution.state, valid & ((solution.state > 0) | (not bench.family.has_contact))
+    elif term.variable == bench.family.rate:
+        values, valid = solution.state_rate, valid & (solution.state > 0)
     else:
         rates = [solution.channels[:, records.channels.index(f"angular_velocity_{a}")] for a in "xyz"]
         values = rates[2] if term.variable == "angular_velocity_z" else np.arctan2(rates[1], rates[0])

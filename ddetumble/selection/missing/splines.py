@@ -18,6 +18,7 @@ from ...inference.stack import Records
 
 FINEST = {"depression": 18, "depression_rate": 12, "time": 18, "slip": 45, "angular_speed": 12,
           "angular_velocity_z": 12, "phase": 18}
+USUAL = 18  # of a variable of the user's own
 FEW = 4  # intervals over a condition, which has few levels
 DEGREE = 3
 FLAT = 1e-4  # what is left of the roughness penalty for a straight line
@@ -83,9 +84,10 @@ def list_terms(ground: Ground, conditions: Mapping[str, np.ndarray], ranges: Map
         low, high = ranges[variable]
         if not high > low:
             continue
+        finest = FINEST.get(variable, USUAL)
         for way, parts, directions in ways:
-            fits = [m for m in range(3, FINEST[variable] + 1)
-                    if FINEST[variable] % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
+            fits = [m for m in range(3, finest + 1)
+                    if finest % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
             phased = set(parts) & {"loading", "unloading"}
             if fits and not (variable in ("depression_rate", "time") and phased):  # these tell the phases apart
                 found.append(Term(variable, way, parts, directions, low, high, max(fits), False))

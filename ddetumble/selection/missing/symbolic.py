@@ -319,8 +319,7 @@ def measure_spacing(bench: FreeBench, variable: str) -> float:
     """Median distance of neighbouring samples in a variable, SI."""
     solution, records = bench.model.solution, bench.records
     time = np.asarray(records.stack.time)[: records.count]
-    values = {"time": time, "angular_speed": solution.state_rate, "depression_rate": solution.state_rate}.get(
-        variable, solution.state)
+    values = {"time": time, bench.family.rate: solution.state_rate}.get(variable, solution.state)
     steps = np.abs(np.diff(values, axis=1))
     return float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
 

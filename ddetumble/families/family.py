@@ -1,6 +1,7 @@
 """What a family of tests is: everything that differs between kinds of records, gathered on one object.
 
-A kind of test is one `Family`, written in one file and listed in `FAMILIES`; no other file asks for its name.
+A kind of test is one `Family`, written in one file and listed in `FAMILIES`; no other file asks for its name. One of
+the user's own is listed nowhere: it is given as the object or as `FILE.py:NAME`, which its campaigns hold.
 """
 
 import dataclasses as dc
@@ -10,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array
 
-from ..._errors import InputError
-from ...contact.effect import AbstractEffect, AbstractModel
-from ...effects.free import Ground
-from ...measurement.campaign import Campaign
-from ...measurement.kinds import RecordKind
+from .._errors import InputError
+from ..contact.effect import AbstractEffect, AbstractModel, family_of
+from ..effects.free import Ground
+from ..measurement.campaign import Campaign
+from ..measurement.kinds import RecordKind
+from ..reference_models import BuiltinModel
 
 
 SPLINES = 20  # over a contact or a stroke: what a missing force leaves is smooth between them
@@ -96,21 +98,21 @@ class View:
         longest: last value along the records, which decides on the unit of their time.
     """
 
-    force: str
-    along: str
-    state: str
-    rate: str
-    phases: tuple[str, ...]
-    variables: tuple[str, ...]
-    share: str
-    ends: tuple[str, str]
-    reach: tuple[float, float]
-    bins: int
-    conditions: int
-    strongest: bool
-    series: str
-    apart: str
-    free: str
+    force: str = ""
+    along: str = "time"
+    state: str = "time"
+    rate: str = ""
+    phases: tuple[str, ...] = ()
+    variables: tuple[str, ...] = ("time",)
+    share: str = "share of the record"
+    ends: tuple[str, str] = ("start", "end")
+    reach: tuple[float, float] = (0.0, 1.0)
+    bins: int = 20
+    conditions: int = 2
+    strongest: bool = True
+    series: str = "record of the series"
+    apart: str = ""
+    free: str = ""
     longest: float = 0.0
 
     @property
@@ -169,6 +171,7 @@ class Family:
         needs: conditions without which nothing can be computed.
         defaults: values of conditions that a campaign does not have, SI.
         sizes: to which the number of samples is padded, so that compiled programs are shared.
+        models: reference models by name, the usual one first.
         accepts: families of the effects that may act on its records.
         catalogue, directions: effects.
         state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
@@ -191,7 +194,8 @@ class Family:
         lay_inputs: further arrays that `observe` reads from its row of the stack (`inputs`), one row a record, from the
             times and conditions of records that are to be computed.
         rows: to which the number of records is padded.
-        starts: what a record starts from: nuisances without a prior, free in every record.
+        starts: what a record starts from: nuisances without a prior, free in every record; `further_starts` those that
+            are there only where the channels that show them are.
         slots: to which the number of free parameters is padded.
     """
 
@@ -201,6 +205,7 @@ class Family:
     channels: tuple[str, ...]
     needs: tuple[str, ...]
     sizes: tuple[int, ...]
+    models: Mapping[str, BuiltinModel]
     accepts: tuple[str, ...]
     catalogue: tuple[type[AbstractEffect], ...]
     directions: tuple[type[AbstractEffect], ...]
@@ -223,7 +228,13 @@ class Family:
     lay_inputs: Callable[[Sequence[np.ndarray], Mapping[str, np.ndarray]], dict[str, np.ndarray]] = need_nothing
     rows: tuple[int, ...] = (24, 48, 96, 192, 384, 768)
     starts: tuple[str, ...] = ()
+    further_starts: tuple[str, ...] = ()
     slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)
+
+    @property
+    def effects(self) -> tuple[type[AbstractEffect], ...]:
+        """Those of the catalogue that act on its records alone."""
+        return tuple(effect for effect in self.catalogue if family_of(effect) == self.name)
 
     @property
     def main(self) -> tuple[str, ...]:

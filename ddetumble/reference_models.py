@@ -1,4 +1,7 @@
-"""The reference models that come with the toolkit, by family and name; nothing heavy is imported until one is made."""
+"""The reference models that come with the toolkit, by name; nothing heavy is imported until one is made.
+
+Each table is that of one family of tests, which holds it (`Family.models`).
+"""
 
 import dataclasses as dc
 import math
@@ -7,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 
 if TYPE_CHECKING:
-    from ..contact.effect import AbstractModel
+    from .contact.effect import AbstractModel
 
 
 @dc.dataclass(frozen=True)
@@ -31,32 +34,32 @@ class BuiltinModel:
 
 
 def _ball(quarter: bool = False, **choices: Any) -> Any:
-    from .._numerics import scalar
-    from ..contact.law import Ball
+    from ._numerics import scalar
+    from .contact.law import Ball
 
     return Ball(contact_radius_coefficient=scalar(0.25), **choices) if quarter else Ball(**choices)
 
 
 def _soft() -> Any:
-    from ..contact.law import PowerLaw
+    from .contact.law import PowerLaw
 
     return PowerLaw()
 
 
 def _friction(name: str, **choices: Any) -> Any:
-    from ..contact import sliding
+    from .contact import sliding
 
     return getattr(sliding, name)(**choices)
 
 
 def _striker(normal: Any, tangential: Any) -> Any:
-    from ..contact.gripping import Striker
+    from .contact.gripping import Striker
 
     return Striker(normal, tangential)
 
 
 def _body() -> Any:
-    from ..contact.torque import RigidBody
+    from .contact.torque import RigidBody
 
     return RigidBody()
 
@@ -130,9 +133,8 @@ TUMBLE_MODELS: dict[str, BuiltinModel] = {
                           _EULER, "Euler 1758; the paper, Section 5", _body),
     "rigid-body": BuiltinModel("the same as paper.", _EULER, "Euler 1758; the paper, Section 5", _body),
 }  # fmt: skip
-BUILTIN = {"impact": MODELS, "slip": SLIP_MODELS, "oblique": OBLIQUE_MODELS, "tumble": TUMBLE_MODELS}
 
 
 def list_names() -> str:
-    """Names of all built-in models by family, in one line."""
-    return "; ".join(f"{family}: {', '.join(models)}" for family, models in BUILTIN.items())
+    """Names of all built-in models, in one line."""
+    return ", ".join(dict.fromkeys((*MODELS, *SLIP_MODELS, *OBLIQUE_MODELS, *TUMBLE_MODELS)))

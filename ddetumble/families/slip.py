@@ -8,15 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._errors import InputError
-from ...dynamics.slide import simulate_sliding
-from ...effects import SLIP as EFFECTS
-from ...effects.directions import SLIP_DIRECTIONS
-from ...effects.free import SLIP_GROUND
-from ...measurement import kinds
-from ...measurement.campaign import Campaign
-from ..strokes import split_strokes
+from .._errors import InputError
+from ..dynamics.slide import simulate_sliding
+from ..effects import SLIP as EFFECTS
+from ..effects.directions import SLIP_DIRECTIONS
+from ..effects.free import SLIP_GROUND
+from ..measurement import kinds
+from ..measurement.campaign import Campaign
+from ..reference_models import SLIP_MODELS
 from .family import SPLINES, Family, Observation, Path, PlannedTests, Span, View
+from .strokes import split_strokes
 
 
 def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
@@ -79,6 +80,7 @@ SLIP = Family(
     channels=("tangential_force",),
     needs=("normal_load",),
     sizes=(256, 1024, 4096, 8192, 16384, 32768),
+    models=SLIP_MODELS,
     accepts=("slip",),
     catalogue=EFFECTS,
     directions=SLIP_DIRECTIONS,

@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ...dynamics.spinning import ATTITUDES, RATES, START, spin
-from ...effects import TUMBLE as EFFECTS
-from ...effects.directions import TUMBLE_DIRECTIONS
-from ...effects.free import TUMBLE_GROUND
-from ...measurement import kinds
-from ...measurement.campaign import Campaign
-from ..starts import guess_body, lay_mesh, stack_starts
+from ..dynamics.spinning import ATTITUDES, RATES, START, START_ATTITUDE, spin
+from ..effects import TUMBLE as EFFECTS
+from ..effects.directions import TUMBLE_DIRECTIONS
+from ..effects.free import TUMBLE_GROUND
+from ..measurement import kinds
+from ..measurement.campaign import Campaign
+from ..reference_models import TUMBLE_MODELS
 from .family import SPLINES, Family, Observation, PlannedTests, Span, Starts, View
+from .starts import guess_body, lay_mesh, stack_starts
 
 
 TURN = 5.0  # splines a revolution: what a torque leaves repeats with the nutation
@@ -57,10 +58,7 @@ def lay_meshes(times: Sequence[np.ndarray], conditions: Mapping[str, np.ndarray]
     return {"mesh": lay_mesh(times, np.sqrt(np.sum(rates**2, axis=1)))}
 
 
-VIEW = View(
-    "", "time", "time", "angular_speed", (), ("time", "angular_speed"), "share of the record", ("start", "end"),
-    (0.0, 1.0), 20, 2, True, "record of the series", "", "inertia ratio",
-)  # fmt: skip
+VIEW = View(rate="angular_speed", variables=("time", "angular_speed"), free="inertia ratio")
 PLAN = PlannedTests(
     chosen=START,
     added={"attitude": "0.001"},
@@ -76,6 +74,7 @@ TUMBLE = Family(
     channels=(*RATES, *ATTITUDES),
     needs=(),
     sizes=(320, 640, 1024, 1536, 2560, 5120, 10240, 20480),
+    models=TUMBLE_MODELS,
     accepts=("tumble",),
     catalogue=EFFECTS,
     directions=TUMBLE_DIRECTIONS,
@@ -93,5 +92,6 @@ TUMBLE = Family(
     lay_inputs=lay_meshes,
     rows=(4, 8, 16, 24, 48, 96, 192, 384),
     starts=START,
+    further_starts=START_ATTITUDE,
     slots=(4, 8, 16, 32, 48, 64, 96),
 )

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ...dynamics.impact import simulate_impact
-from ...effects import IMPACT as EFFECTS
-from ...effects.directions import IMPACT_DIRECTIONS
-from ...effects.free import IMPACT_GROUND
-from ...measurement import kinds
-from ..pulses import list_guesses
+from ..dynamics.impact import simulate_impact
+from ..effects import IMPACT as EFFECTS
+from ..effects.directions import IMPACT_DIRECTIONS
+from ..effects.free import IMPACT_GROUND
+from ..measurement import kinds
+from ..reference_models import MODELS
 from .family import SPLINES, Family, Observation, PlannedTests, Span, View
+from .pulses import list_guesses
 
 
 SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
@@ -56,6 +57,7 @@ IMPACT = Family(
     needs=("approach_speed",),
     defaults={"initial_pressure": 0.0},
     sizes=SIZES,
+    models=MODELS,
     accepts=("impact",),
     catalogue=EFFECTS,
     directions=IMPACT_DIRECTIONS,

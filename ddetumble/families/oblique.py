@@ -5,12 +5,13 @@ from functools import partial
 
 import numpy as np
 
-from ..._errors import InputError
-from ...dynamics.strike import simulate_oblique_impact
-from ...effects import OBLIQUE as OBLIQUE_EFFECTS
-from ...effects import SLIP as SLIP_EFFECTS
-from ...effects.directions import OBLIQUE_DIRECTIONS
-from ...measurement.campaign import Campaign
+from .._errors import InputError
+from ..dynamics.strike import simulate_oblique_impact
+from ..effects import OBLIQUE as OBLIQUE_EFFECTS
+from ..effects import SLIP as SLIP_EFFECTS
+from ..effects.directions import OBLIQUE_DIRECTIONS
+from ..measurement.campaign import Campaign
+from ..reference_models import OBLIQUE_MODELS
 from .impact import IMPACT, SIZES, observe_contact
 
 
@@ -45,6 +46,7 @@ OBLIQUE = dc.replace(
     channels=("normal_force", "tangential_force", "slip", "depression", "pressure"),
     needs=("approach_speed", "tangential_speed"),
     sizes=(384, *SIZES),
+    models=OBLIQUE_MODELS,
     accepts=("impact", "slip", "oblique"),
     catalogue=(*IMPACT.catalogue, *SLIP_EFFECTS, *OBLIQUE_EFFECTS),
     directions=(*IMPACT.directions, *OBLIQUE_DIRECTIONS),

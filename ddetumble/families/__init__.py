@@ -1,0 +1,41 @@
+"""Kinds of tests, one file each: what differs between them is asked of a `Family`, never of its name."""
+
+from .._errors import InputError
+from ..measurement import kinds
+from ..measurement.campaign import Campaign
+from .family import Family, Observation, PlannedTests, Span, View
+from .impact import IMPACT
+from .oblique import OBLIQUE
+from .slip import SLIP
+from .tumble import TUMBLE
+
+
+FAMILIES: dict[str, Family] = {family.name: family for family in (IMPACT, SLIP, OBLIQUE, TUMBLE)}
+DEFAULT_FAMILY = IMPACT.name  # where nothing says which
+
+
+def list_families() -> tuple[Family, ...]:
+    """All families: the toolkit's, and those of the user's own that were given so far."""
+    return (*FAMILIES.values(), *(own for own in kinds.list_own() if isinstance(own, Family)))
+
+
+def name_family(campaign: Campaign) -> str:
+    """Family of a campaign's records: impacts that measure a tangential force at a tangential speed are `oblique`."""
+    oblique = "tangential_speed" in campaign.records and "tangential_force" in campaign.channels
+    return OBLIQUE.name if campaign.family == OBLIQUE.kind.name and oblique else campaign.family
+
+
+def find_family(name: str, verb: str = "this") -> Family:
+    """The family of that name.
+
+    Raises:
+        InputError: `verb` cannot read such records yet.
+    """
+    known = {family.name: family for family in list_families()}
+    if name not in known:
+        raise InputError(f"the campaign is of family {name!r}; {verb} reads {' and '.join(known)} so far")
+    return known[name]
+
+
+__all__ = ["DEFAULT_FAMILY", "FAMILIES", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "Family", "Observation", "PlannedTests",
+           "Span", "View", "find_family", "list_families", "name_family"]
