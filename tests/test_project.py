@@ -25,7 +25,7 @@ LAYERS = (
     {"contact"},
     {"effects"},
     {"dynamics"},
-    {"measurement"},
+    {"measurement", "_sentences"},
     {"inference"},
     {"posterior"},
     {"selection", "reconstruct"},

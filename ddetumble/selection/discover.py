@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._errors import ComputationError, InputError
+from .._sentences import join_sentences, say
 from ..contact.effect import AbstractEffect, list_choices, parts_of
 from ..inference.archive import Model, resolve_model
 from ..inference.builtin import BUILTIN
@@ -225,13 +226,12 @@ def _assemble(selection: SelectionProblem, model: str, steps: Sequence[FittedSte
     )
     sentence, notes = explain(found, selection.left_out, selection.family)
     if isinstance(missing, MissingForce):
-        sentence += f" {summarise_missing(missing)}"
+        sentence = join_sentences(sentence, summarise_missing(missing))
     elif missing:
         notes = (*notes, missing)
     loose = list_loose(selection, steps[-1].fitted.solution)
     if loose:
-        notes = (*notes, f"These records do not fix {' and '.join(loose)}: other values fit as well, and the intervals "
-                         "say so. Hold one of them at a known value, or measure at conditions that tell them apart.")
+        notes = (*notes, say("verdict.undetermined", names=list(loose)))
     return dc.replace(found, sentence=sentence, notes=(*selection.warnings, *notes))
 
 
