@@ -15,10 +15,9 @@ from ..inference.archive import Model, resolve_model, take_fitted
 from ..inference.estimation import Progress, fit
 from ..inference.families import Family, View, find_family, name_family
 from ..inference.files import make_plain, write_json
-from ..measurement.campaign import Campaign
+from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.package import read_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
-from ..measurement.thinning import thin_campaign
 from .cross_validation import compare_losses
 from .describe import describe_noise, public_estimates
 from .lack_of_fit import hold_settings, is_moved, measure_shifts

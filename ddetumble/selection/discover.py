@@ -116,7 +116,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
 def _select_from_clean(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
                        settings: SelectionSettings, keep_all: bool, report: Progress) -> tuple[Cleaned, Path]:
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
-    state = begin_cleaning(campaign, keep_all, settings.most_samples)
+    state = begin_cleaning(campaign, keep_all, settings)
 
     def begin(campaign):
         return fit_reference(pose_selection(campaign, resolved.reference, effects, resolved.effects, state.zeros,
