@@ -133,7 +133,7 @@ def test_clipped_samples_are_left_out(family, clean, tmp_path):
     ceiling = float(f"{0.75 * np.nanmax(before):.3g}")
     folder = spoil(clean[family], tmp_path / "c", (faults.clip, channel, ceiling))
     cleaned, found = screen_samples(read_campaign(folder))
-    assert kinds(found) == ["clipped"] and f"{ceiling:.4g}" in found[0].seen
+    assert kinds(found) == ["clipped"] and found[0].channel == channel
     left = readings(cleaned, channel)
     cut = np.abs(before) >= ceiling
     # Single samples may cross the limit far from where the signal does.
