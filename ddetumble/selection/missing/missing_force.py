@@ -98,8 +98,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
         noise = np.sqrt(beside.score / rows)
         found = MissingForce(selection.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
-                             (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no "
-                             f"misfit that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
+                             (), (), say("missing.nothing_to_draw", noise=float(noise), p=lack.p_value))
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
