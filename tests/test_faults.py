@@ -133,7 +133,7 @@ def test_clipped_samples_are_left_out(family, clean, tmp_path):
     ceiling = float(f"{0.75 * np.nanmax(before):.3g}")
     folder = spoil(clean[family], tmp_path / "c", (faults.clip, channel, ceiling))
     cleaned, found = screen_samples(read_campaign(folder))
-    assert kinds(found) == ["clipped"] and f"{ceiling:.4g}" in found[0].seen
+    assert kinds(found) == ["clipped"] and found[0].channel == channel
     left = readings(cleaned, channel)
     cut = np.abs(before) >= ceiling
     # Single samples may cross the limit far from where the signal does.
@@ -418,7 +418,6 @@ def test_a_wrong_record_at_an_extreme_is_kept_and_named(tmp_path):
     found = discover(spoil(tmp_path / "c", tmp_path / "f", (faults.scale, ["normal_force"], key, 1.08)))
     assert [(f.kind, f.records, f.left_out) for f in found.faults] == [("doubtful", (key,), False)]
     assert found.counts["records"] == 9
-    assert f"I cannot tell record {key} from a fault" in found.sentence and "Repeat it" in found.sentence
 
 
 def list_column(folder, name):

@@ -17,8 +17,7 @@ from ddetumble.measurement.units import format_time
 from ddetumble.reports import Picture, Section, Table, write_page
 from ddetumble.reports.page import HEADLINE, SHORTEST, begin_sentence, split_sentence
 from ddetumble.selection.result import Place, Trace
-from ddetumble.selection.sentences import describe_place, find_longest
-from ddetumble.selection.text import choose_view, say_place
+from ddetumble.selection.text import choose_view, describe_place
 from tests.helpers_report import make_candidates, make_slip_discovery
 
 
@@ -169,8 +168,7 @@ def test_time_is_shown_in_one_unit(hours, unit):
         labels = {axes.get_xlabel().strip() for axes in figures.draw_fit({"m": traces}, traces[0].channel).axes}
         assert f"time [{unit}]" in labels
         early = Place(traces[0].channel, "time", (0.0, 1.0), "", 0.5)  # of a long record, so not in ms
-        assert f" {unit}." in say_place(early, choose_view(traces))
-        assert describe_place(early, find_longest(traces)).endswith(f" {unit}")
+        assert describe_place(early, choose_view(traces))["high"].endswith(f" {unit}")
 
 
 @pytest.mark.parametrize("time, longest, text", [

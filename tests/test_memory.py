@@ -142,7 +142,7 @@ def test_refused(monkeypatch, tmp_path, capsys):
 
 def test_thinning():
     """Kept samples are readings as they were taken; short records keep all of theirs."""
-    from ddetumble.measurement.thinning import thin_campaign
+    from ddetumble.measurement.campaign import thin_campaign
 
     campaign = make_impact(3_000, 3)
     short = campaign.samples.groupby("record").cumcount() < 100

@@ -3,8 +3,7 @@
 import pytest
 
 import ddetumble as dd
-from ddetumble.selection.result import Estimate
-from ddetumble.selection.sentences import name_value
+from ddetumble.measurement.quantities import format_estimate
 
 
 @pytest.mark.study
@@ -26,9 +25,9 @@ def test_places_share_one_measure(name):
     (-361.24, 3.01, ("-361.2", "3.0")), (1.61e-5, 2e-7, ("1.610e-05", "2.0e-07")),
 ])  # fmt: skip
 def test_values_have_the_digits_that_are_known(estimate, sd, digits):
-    words = name_value("k", Estimate(estimate, sd, 0.0, 0.0, "N")).split()
-    assert (words[2], words[4]) == digits
+    words = format_estimate(estimate, sd, "N").split()
+    assert (words[0], words[2]) == digits
 
 
 def test_a_value_without_uncertainty_claims_none():
-    assert "±" not in name_value("k", Estimate(1.0, float("inf"), 0.0, 0.0, "N"))
+    assert "±" not in format_estimate(1.0, float("inf"), "N")

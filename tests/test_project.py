@@ -26,7 +26,7 @@ LAYERS = (
     {"reference_models"},
     {"effects"},
     {"dynamics"},
-    {"measurement"},
+    {"measurement", "_sentences"},
     {"families"},
     {"inference"},
     {"posterior"},

@@ -24,7 +24,7 @@ from ddetumble.measurement.quantities import (
 )
 from ddetumble.reports import Picture, Section, Table, write_comparison, write_page, write_report
 from ddetumble.selection.result import Place, Trace
-from ddetumble.selection.text import align, choose_view, say_place
+from ddetumble.selection.text import align, choose_view, describe_place
 from tests.helpers_report import (
     STROKES,
     make_candidates,
@@ -431,8 +431,9 @@ def test_axes_of_strokes():
 def test_parts_of_a_slip_record():
     single, series = (make_slip_discovery(strokes).steps[0].traces[0] for strokes in (None, STROKES))
     assert choose_view([single]).phases == () and choose_view([series]).phases == ("forward", "backward")
-    assert "test of the series is 1" in say_place(Place("", "sequence", (1, 9), "", 0.5), choose_view([single]))
-    assert "depends on the direction" in say_place(Place("", "direction", (-1, 1), "", 0.5), choose_view([series]))
+    place = describe_place(Place("", "sequence", (1, 9), "", 0.5), choose_view([single]))
+    assert (place["variable"], place["low"], place["high"]) == ("test of the series", "1.00", "9.00")
+    assert describe_place(Place("", "direction", (-1, 1), "", 0.5), choose_view([series]))["direction"]
     assert choose_view().force == "normal_force" and choose_view(family="slip").force == "tangential_force"
     assert find_phase(single).all() and share_span(single)[[0, -1]] == pytest.approx([0, 1])
     assert [part.stop - part.start for part in find_strokes(series)] == [61, 60, 40, 40]

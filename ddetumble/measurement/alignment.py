@@ -8,8 +8,7 @@ from scipy import special
 
 from .._errors import InputError
 from .checks import FEWEST_SAMPLES
-from .onset import Onsets, locate_onsets
-from .rise import FEWEST_BEFORE, find_rise
+from .onset import FEWEST_BEFORE, Onsets, find_rise, locate_onsets
 from .units import parse_quantity, si_unit
 
 

@@ -10,6 +10,10 @@ from .units import role_of, si_unit
 
 PEAKS = ("peak_normal_force", "peak_friction_force")
 FEWEST_SAMPLES = 5
+# What ends the message on a negative pressure, of a campaign and of a laboratory's file.
+PACKAGE_REMEDY = ('; mark the field "reference": "gauge" and state ambient_pressure in known if the gauge counts from '
+                  "the ambient")
+IMPORT_REMEDY = "; give --gauge and --ambient if it counts from the ambient"
 OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
@@ -48,8 +52,11 @@ def check_finite(values: np.ndarray, table: Table, column: str) -> None:
     _refuse(np.isinf(values), table, column, lambda i: "the number is too large in SI units; check number and unit")
 
 
-def check_values(name: str, values: np.ndarray, table: Table, resource: str, uncertainty) -> None:
+def check_values(name: str, values: np.ndarray, table: Table, resource: str, uncertainty,
+                 remedy: str = PACKAGE_REMEDY) -> None:
     """Refuse values that the quantity of that name cannot have; `values` in SI, shape (rows,).
+
+    The message on a negative pressure ends with `remedy`.
 
     Raises:
         InputError: Zero or negative speeds, loads and peaks, pressures below vacuum (sampled ones by more than six
@@ -63,13 +70,8 @@ def check_values(name: str, values: np.ndarray, table: Table, resource: str, unc
         _refuse(values <= 0, table, name, lambda i: f"must be positive; it is {values[i]:g} {shown} in SI units")
     elif resource != "samples" and name in _NOT_NEGATIVE or name == "pressure":
         slack = 6 * uncertainty.sd(values) if name == "pressure" and uncertainty else 0.0
-        hint = (
-            '; mark the field "reference": "gauge" and state ambient_pressure in known if it counts from the ambient'
-            if role_of(name) == "pressure"
-            else ""
-        )
-        hint = hint.replace("it counts", "the gauge counts")
-        kind = "an absolute pressure cannot be" if hint else "cannot be"
+        hint = remedy if role_of(name) == "pressure" else ""
+        kind = "an absolute pressure cannot be" if role_of(name) == "pressure" else "cannot be"
         _refuse(values < -slack, table, name, lambda i: f"{kind} negative; it is {values[i]:g} {shown} in SI{hint}")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .._errors import InputError
-from .checks import check_values
+from .checks import IMPORT_REMEDY, check_values
 from .headings import guess_role, is_counter
 from .kinds import RecordKind
 from .layout import read_layout
@@ -49,18 +49,13 @@ class Conditions:
         for name, values in self.values.items():
             for key, value in values.items():
                 try:
-                    check_values(name, np.array([value]), Table("", {}, np.array([1])), "records", None)
+                    check_values(name, np.array([value]), Table("", {}, np.array([1])), "records", None,
+                                 "" if gauge else IMPORT_REMEDY)
                 except InputError as error:
                     file, column, row = self.places[name].get(key, (None, None, None))
-                    problem = error.problem.split("; mark")[0] if gauge else point_to_gauge(error.problem)
-                    problem = f"{name} of record {key!r}: {problem}"
+                    problem = f"{name} of record {key!r}: {error.problem}"
                     problem += "" if file else f" (given by {self.sources[name]})"
                     raise InputError(problem, file=file, column=column, row=row) from None
-
-
-def point_to_gauge(problem: str) -> str:
-    """A message about a negative pressure with the options of `import` as the remedy."""
-    return re.sub(r"; mark the field .*", "; give --gauge and --ambient if it counts from the ambient", problem)
 
 
 def read_options(conditions: Conditions, keys: list[str], pressure, speed, load=None) -> list[str]:

@@ -13,17 +13,11 @@ import numpy as np
 from .campaign import Campaign
 from .grouping import group_conditions
 from .kinds import find_kind
-from .spikes import SPIKE, find_spikes, leave_common_spikes, leave_cubic
+from .quantities import join_words
+from .spikes import SCREENING, ScreeningSettings, find_spikes, leave_common_spikes, leave_cubic
 from .units import choose_time_unit
 
 
-CHANCE = 1e-4  # expected number, by chance, of what is called a fault
-NEAR = 3.0  # deviations below a limit where a reading may have been cut
-UNEVEN = 0.02  # share of the interval by which intervals may differ
-COPIED = 0.9  # share of equal readings of a copied record
-LAST = 5  # readings at the end of a record whose mean tells whether it ends in contact
-PRESSED = 0.05  # of the peak: above it such a mean is a contact's; a gauge's zero that drifts, or its lag, makes less
-SURE = 6.0  # standard deviations of that mean above nought
 STAYING = ("missing", "uneven", "truncated")  # kinds that are reported and change nothing
 
 
@@ -54,11 +48,12 @@ class Fault:
         return f"{self.seen} {self.done} {self.remedy}"
 
 
-def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
+def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) -> tuple[Campaign, tuple[Fault, ...]]:
     """Find what is wrong with the samples of a campaign, and leave it out.
 
     Args:
         campaign: as read.
+        settings: thresholds.
 
     Returns:
         The campaign with faulty samples missing and copied records left out, and what was found. Samples that are
@@ -85,7 +80,7 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
         limits: dict[str, list[float]] = {}
         chance, tolerance = _measure_equality(parts, sd)
         for key, x in parts.items():
-            clipped, held, limit = find_runs(x, sd, chance, len(values), tolerance)
+            clipped, held, limit = find_runs(x, sd, chance, len(values), tolerance, settings)
             limits[key] = limit
             masks["clipped"][key], masks["held"][key] = clipped, held
             parts[key] = np.where(clipped | held, np.nan, x)
@@ -93,19 +88,19 @@ def screen_samples(campaign: Campaign) -> tuple[Campaign, tuple[Fault, ...]]:
         level = max(sd, _measure_roughness(time, parts))
         for key, x in parts.items():
             own = _measure_roughness(time, {key: x})  # of a record in another unit
-            masks["spike"][key] = find_spikes(time[key], x, max(level, own))
-        masks["spike"] = leave_common_spikes(time, masks["spike"], groups)
+            masks["spike"][key] = find_spikes(time[key], x, max(level, own), settings)
+        masks["spike"] = leave_common_spikes(time, masks["spike"], groups, settings)
         for key, x in parts.items():
             parts[key] = np.where(masks["spike"][key], np.nan, x)
         unit = campaign.channels[channel].unit
-        found += _report_samples(channel, unit, masks, limits)
+        found += _report_samples(channel, unit, masks, limits, settings)
         for key, part in rows.items():
             values[part] = parts[key]
         samples[channel] = values
-    found += _report_uneven(abscissa, campaign.independent.unit, time)
-    found += find_truncated(campaign)
+    found += _report_uneven(abscissa, campaign.independent.unit, time, settings)
+    found += find_truncated(campaign, settings)
     cleaned = dc.replace(campaign, samples=samples)
-    copied = find_copies(campaign)
+    copied = find_copies(campaign, settings)
     if copied:
         out = {key for one in copied for key in one.records if one.left_out}
         cleaned = cleaned.select([key for key in cleaned.record_keys if key not in out])
@@ -118,8 +113,8 @@ def list_screened(campaign: Campaign) -> list[str]:
     return [c for c in campaign.channels if not c.startswith("attitude_") and c != path]
 
 
-def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float
-              ) -> tuple[np.ndarray, np.ndarray, list[float]]:
+def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
+              settings: ScreeningSettings = SCREENING) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Readings at a limit, and readings that stand still.
 
     Args:
@@ -128,6 +123,7 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         chance: that two neighbours are equal.
         count: readings of all records, for how often chance may do it.
         tolerance: below which a difference is none.
+        settings: thresholds.
 
     Returns:
         Which samples are clipped (with those around them that may be), which are held, both of shape (samples,); the
@@ -139,19 +135,19 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
     if len(y) < 5:
         return clipped, held, limits
     if np.ptp(y) <= tolerance:  # throughout
-        if y[0] != 0.0 and count * chance ** (len(y) - 1) <= CHANCE:
+        if y[0] != 0.0 and count * chance ** (len(y) - 1) <= settings.chance:
             held[there] = True
         return clipped, held, limits
     breaks = np.flatnonzero(np.abs(np.diff(y)) > tolerance) + 1
     middle = _median_filter(y)
     for run in np.split(np.arange(len(y)), breaks):
         k, value = len(run), y[run[0]]
-        if k < 3 or count * chance ** (k - 1) > CHANCE:
+        if k < 3 or count * chance ** (k - 1) > settings.chance:
             continue
         for side in (1.0, -1.0):
             if side * value >= np.max(side * y) - tolerance:
                 at = np.abs(y - value) <= tolerance
-                near = at | (side * middle > side * value - NEAR * sd)
+                near = at | (side * middle > side * value - settings.near * sd)
                 clipped[there[_components(near, at)]] = True
                 if value not in limits:
                     limits.append(float(value))
@@ -182,7 +178,7 @@ def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
     return tuple(found)
 
 
-def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
+def find_copies(campaign: Campaign, settings: ScreeningSettings = SCREENING) -> tuple[Fault, ...]:
     """Records whose samples are another's: noise does not repeat itself."""
     assert campaign.samples is not None
     groups = dict(zip(campaign.record_keys, group_conditions(campaign.records), strict=True))
@@ -191,7 +187,7 @@ def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
     for key, part in campaign.samples.groupby("record", sort=False):
         x = part[channels].to_numpy(dtype=float)
         x = x[np.isfinite(x).all(axis=1)]
-        if len(x) < 20 or np.mean(np.any(np.diff(x, axis=0) != 0, axis=1)) < COPIED:
+        if len(x) < 20 or np.mean(np.any(np.diff(x, axis=0) != 0, axis=1)) < settings.copied:
             continue
         alike.setdefault(tuple(np.round(x[2:14].ravel(), 12)), []).append(str(key))
     found = []
@@ -200,14 +196,14 @@ def find_copies(campaign: Campaign) -> tuple[Fault, ...]:
             continue
         same = len({groups[key] for key in keys}) == 1 or not len(campaign.records.columns)
         out = tuple(keys[1:] if same else keys)
-        done = f"{keys[0]} is kept, {_join(out)} left out." if same else (
+        done = f"{keys[0]} is kept, {join_words(out)} left out." if same else (
             "Which is the original cannot be told, and all of them are left out.")
-        found.append(Fault("copied", out, "", f"Records {_join(keys)} hold the same samples, noise included.", done,
-                           "Export them again.", left_out=True))
+        found.append(Fault("copied", out, "", f"Records {join_words(keys)} hold the same samples, noise included.",
+                           done, "Export them again.", left_out=True))
     return tuple(found)
 
 
-def find_truncated(campaign: Campaign) -> tuple[Fault, ...]:
+def find_truncated(campaign: Campaign, settings: ScreeningSettings = SCREENING) -> tuple[Fault, ...]:
     """Find impacts whose record ends while the force is still well above noise.
 
     The mean of the last readings is held against the level before first touch, where the record shows one, the noise
@@ -219,14 +215,14 @@ def find_truncated(campaign: Campaign) -> tuple[Fault, ...]:
     uncertainty, keys, shares = campaign.channels[channel].uncertainty, [], []
     for key in campaign.record_keys:
         trace = campaign.trace(key)[[campaign.independent.name, channel]].dropna().to_numpy(dtype=float)
-        if len(trace) < 4 * LAST:
+        if len(trace) < 4 * settings.last:
             continue
         time, force = trace.T
         before = force[time < 0]
-        level = float(np.median(before)) if len(before) >= LAST else 0.0
-        peak, last = float(force.max()) - level, float(force[-LAST:].mean()) - level
+        level = float(np.median(before)) if len(before) >= settings.last else 0.0
+        peak, last = float(force.max()) - level, float(force[-settings.last:].mean()) - level
         sd = uncertainty.sd(peak) if uncertainty is not None else np.median(np.abs(np.diff(force, 2))) / 0.6745 / 6**0.5
-        if last > max(PRESSED * peak, SURE * float(sd) / LAST**0.5):
+        if last > max(settings.pressed * peak, settings.ended * float(sd) / settings.last**0.5):
             keys.append(key)
             shares.append(last / peak)
     if not keys:
@@ -341,12 +337,12 @@ def _report_missing(channel: str, parts: dict[str, np.ndarray], turns: dict[str,
     if not keys:
         return []
     share = sum(lost.values()) / max(sum(len(x) for x in parts.values()), 1)
-    return [Fault("missing", keys, channel, f"{share:.2g} of all samples of {channel} are missing, in "
-                  f"{_count(keys)}.".replace(f"{share:.2g} of", f"{100 * share:.2g} % of"),
+    return [Fault("missing", keys, channel,
+                  f"{100 * share:.2g} % of all samples of {channel} are missing, in {_count(keys)}.",
                   "The fit does without them; nothing is filled in.", "Nothing to do, unless they should be there.")]
 
 
-def _report_samples(channel: str, unit: str, masks, limits) -> list[Fault]:
+def _report_samples(channel: str, unit: str, masks, limits, settings: ScreeningSettings) -> list[Fault]:
     found = []
     for kind, by_record in masks.items():
         keys = tuple(key for key, mask in by_record.items() if mask.any())
@@ -356,7 +352,7 @@ def _report_samples(channel: str, unit: str, masks, limits) -> list[Fault]:
         them = f"{number} samples are left out" if number > 1 else "It is left out"
         if kind == "clipped":
             at = sorted({f"{value:.4g}" for key in keys for value in limits[key]})
-            where = f"at {_join(at)} {unit}" if len(at) <= 3 else "each at its largest or smallest reading"
+            where = f"at {join_words(at)} {unit}" if len(at) <= 3 else "each at its largest or smallest reading"
             found.append(Fault(kind, keys, channel, f"{channel} is cut off {where} in {_count(keys)}: equal readings "
                                "follow one another there, and none lies beyond.",
                                f"{them}: those at the limit, and those beside them that may have been cut.",
@@ -367,17 +363,18 @@ def _report_samples(channel: str, unit: str, masks, limits) -> list[Fault]:
         else:
             seen = f"{number} single samples of {channel} in {_count(keys)} stand" if number > 1 else (
                 f"A single sample of {channel} in record {keys[0]} stands")
-            found.append(Fault(kind, keys, channel, f"{seen} more than {SPIKE:g} deviations off the neighbours.",
+            found.append(Fault(kind, keys, channel,
+                               f"{seen} more than {settings.spike:g} deviations off the neighbours.",
                                f"{them}.", "Look for interference or a loose contact."))
     return found
 
 
-def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray]) -> list[Fault]:
+def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray], settings: ScreeningSettings) -> list[Fault]:
     keys, low, high = [], np.inf, 0.0
     for key, t in time.items():
         steps = np.diff(t)
         usual = float(np.median(steps))
-        if np.mean(np.abs(steps / usual - 1.0) > UNEVEN) > 0.02:
+        if np.mean(np.abs(steps / usual - 1.0) > settings.uneven) > settings.often:
             keys.append(key)
             low, high = min(low, float(steps.min())), max(high, float(steps.max()))
     if not keys:
@@ -393,9 +390,4 @@ def _report_uneven(abscissa: str, unit: str, time: dict[str, np.ndarray]) -> lis
 
 def _count(keys) -> str:
     return f"record {keys[0]}" if len(keys) == 1 else (
-        f"records {_join(keys)}" if len(keys) <= 4 else f"{len(keys)} records ({keys[0]} among them)")
-
-
-def _join(words) -> str:
-    words = list(words)
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+        f"records {join_words(keys)}" if len(keys) <= 4 else f"{len(keys)} records ({keys[0]} among them)")

@@ -10,9 +10,9 @@ import pandas as pd
 from .._errors import InputError
 from .alignment import RawTest, align_tests, check_increase
 from .campaign import Campaign, Column
-from .checks import FEWEST_SAMPLES, check_finite, check_known, check_values
+from .checks import FEWEST_SAMPLES, IMPORT_REMEDY, check_finite, check_known, check_values
 from .columns import Plan, choose_columns, find_unit, make_plan
-from .conditions import Conditions, point_to_gauge, read_conditions, read_names, read_options
+from .conditions import Conditions, read_conditions, read_names, read_options
 from .faults import find_truncated
 from .friction import take_means, turn_friction
 from .headings import expand_role, read_pairs
@@ -320,10 +320,10 @@ def _check_samples(test: RawTest, names: list[str], uncertainties, plan: Plan) -
         filled |= ~np.isnan(values)
         try:
             check_finite(values, table, name)
-            check_values(name, values, table, "samples", uncertainties.get(name))
+            check_values(name, values, table, "samples", uncertainties.get(name), IMPORT_REMEDY)
         except InputError as error:
             column = plan.headings.get(name, name)
-            raise InputError(point_to_gauge(error.problem), file=test.file, column=column, row=error.row) from None
+            raise InputError(error.problem, file=test.file, column=column, row=error.row) from None
     if filled.sum() < FEWEST_SAMPLES:
         problem = f"record {test.key!r} has only {filled.sum()} samples with a value; at least {FEWEST_SAMPLES} are "
         raise InputError(f"{problem}needed", file=test.file)

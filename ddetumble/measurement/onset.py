@@ -4,6 +4,10 @@ A threshold always comes late, as the force at the onset is nought with a horizo
 peak is therefore fitted with the curve that the contact law gives there. A stiff wall or a dashpot makes a force start
 as a straight line or with a jump instead, and a gauge that rings bends the rise; which of these it is, all traces of a
 campaign tell together.
+
+A ball that touches with a finite speed is met by a force that grows as the square of the time since touch
+(F = P' π b², b proportional to the depression); a wall adds a slope, a dashpot a jump, and a gauge that rings is a
+second-order sensor. Up to half of the peak the curve of the contact law hardly depends on anything else.
 """
 
 from collections.abc import Sequence
@@ -11,20 +15,300 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .rise import Located, Rise, Rises, Start, find_rise
+from .._errors import InputError
 
 
-# Fraction of the force at REACH that a linear spring carries; a wall that carries half of it is no inflated ball's.
-SLOPES = (0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
-SLOPE_SD = 0.15  # of a half-normal prior of that fraction, beside as much weight on 0
-SLOPE_SPREAD = 0.25  # by which that fraction differs between the records of a campaign (0.2 over pressures and speeds)
-SLOPED = 9.0  # fall of chi-square from which a force begins with a slope: three standard deviations
-DECISIVE = 16.0  # the same of a jump or a gauge that rings, which have more to choose from: four standard deviations
-EVEN = 9.0  # where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart
-OWN_STEP = 4.0  # fall of chi-square a trace that chance lets a jump of its own reach, found by a scan
-PROMISING = 6.0  # fall of chi-square below which a frequency is not looked for more closely: chance does as much
-FEW = 8  # traces with the least noise, on which the frequency of a gauge is looked for
-DELAY = 2.0  # sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate
+FEWEST_BEFORE = 5
+REACH = 0.5  # of the peak: up to there, speed and gas pressure have changed too little for the damping to matter
+# F/F(1) = (u² + b₃u³ + b₅u⁵) / (1 + b₃ + b₅), with u the time since touch over that of the rise to REACH. Fitted to
+# the reference model at 0.3 to 3 MPa, 0.1 to 0.9 m/s, 0.3 to 3 kg and restitutions of 0.4 to 0.98, b₃ (growing volume,
+# damping) is -0.058 ± 0.021, b₅ (falling speed) -0.087 ± 0.008, and the curve is met within 1e-4 of the peak.
+ORDERS, BEND, BEND_SD = (3, 5), np.array([-0.058, -0.087]), np.array([0.03, 0.015])
+SHAPE_ERROR = 2e-4  # of the peak, that the curve itself may miss
+REMEDY = "give the contact onset yourself with --onset (a time such as '12.5 ms', or the name of a column)"
+
+
+@dataclass(frozen=True)
+class OnsetSettings:
+    """What decides how a force is taken to begin, and how well its onset is known.
+
+    Attributes:
+        slopes: fractions of the force at half of the peak that a linear spring may carry; a wall that carries half of
+            it is no inflated ball's.
+        slope_sd: of a half-normal prior of that fraction, beside as much weight on 0.
+        slope_spread: by which that fraction differs between the records of a campaign (0.2 over pressures and speeds).
+        sloped: fall of chi-square from which a force begins with a slope: three standard deviations.
+        decisive: the same of a jump or a gauge that rings, which have more to choose from: four standard deviations.
+        even: where these are as likely as not: seldom to begin with (a tenth), and one of some ten told apart.
+        own_step: fall of chi-square a trace that chance lets a jump of its own reach, found by a scan.
+        promising: fall of chi-square below which a frequency is not looked for more closely: chance does as much.
+        few: traces with the least noise, on which the frequency of a gauge is looked for.
+        delay: sampling intervals by which an anti-aliasing filter delays: a Butterworth of order 8 at 0.4 of the rate.
+    """
+
+    slopes: tuple[float, ...] = (0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0)
+    slope_sd: float = 0.15
+    slope_spread: float = 0.25
+    sloped: float = 9.0
+    decisive: float = 16.0
+    even: float = 9.0
+    own_step: float = 4.0
+    promising: float = 6.0
+    few: int = 8
+    delay: float = 2.0
+
+
+DEFAULT = OnsetSettings()
+
+
+@dataclass(frozen=True)
+class Rise:
+    """The beginning of a trace, up to `REACH` of its peak.
+
+    Args:
+        time, force: Samples from well before contact on, shape (samples,).
+        half: When the force reaches `REACH` of its peak, and its standard error [s].
+        foot: First guess of the onset [s].
+        height: Force at `half` above the offset [N].
+        noise: Standard deviation of a sample before contact [N].
+        correlation: Of neighbouring samples there, NaN where there are too few.
+        step: Sampling interval [s].
+        earlier: Samples of the trace before these.
+    """
+
+    time: np.ndarray
+    force: np.ndarray
+    half: tuple[float, float]
+    foot: float
+    height: float
+    noise: float
+    correlation: float
+    step: float
+    earlier: int
+
+
+@dataclass(frozen=True)
+class Start:
+    """How a force begins, and what the gauge makes of it: one hypothesis about a campaign."""
+
+    slope: float = 0.0
+    stepped: bool = False
+    ringing: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Located:
+    """Onsets under one hypothesis: times, their errors by noise and by shape, and misfits, shape (traces,) each."""
+
+    start: Start
+    time: np.ndarray
+    noise_sd: np.ndarray
+    shape_sd: np.ndarray
+    chi2: np.ndarray
+
+
+def find_rise(time, force) -> Rise:
+    """Cut a trace down to where its force begins.
+
+    Args:
+        time: Sampling times, increasing, shape (samples,) [s].
+        force: Normal force, positive while pressing, shape (samples,) [N]; NaN is left out.
+
+    Raises:
+        InputError: No force above the noise, or too few samples before contact or on the rise.
+    """
+    time, force = np.asarray(time, float), np.asarray(force, float)
+    keep = np.isfinite(time) & np.isfinite(force)
+    time, force = time[keep], force[keep]
+    if len(time) < 2 * FEWEST_BEFORE:
+        raise InputError(f"only {len(time)} samples: too few to find the contact onset; {REMEDY}")
+    first, last, offset, spread = _bracket(time, force)
+    peak = force[last] - offset
+    noise = float(np.hypot(spread, SHAPE_ERROR * peak))
+    half = _cross(time, force - offset - REACH * peak, first, last, noise)
+    foot = _foot(time, force, first, last, offset)
+    start = int(np.searchsorted(time, foot - 1.5 * (half[0] - foot)))  # what is long before says nothing about the rise
+    rise = slice(start, int(np.searchsorted(time, half[0], side="right")))
+    calm = force[: max(first - (last - first) // 2, FEWEST_BEFORE)]
+    calm = calm - calm.mean()
+    correlation = float(calm[1:] @ calm[:-1] / (calm @ calm)) if len(calm) >= 20 and calm @ calm > 0 else np.nan
+    return Rise(time[rise], force[rise], half, foot, REACH * peak, noise, correlation,
+                float(np.median(np.diff(time))), start)
+
+
+class Rises:
+    """Rises of a campaign side by side, padded to one length, and their fits."""
+
+    def __init__(self, rises: Sequence[Rise], names: Sequence[str] = ()):
+        self.rises, self.names = rises, names
+        size = max(len(rise.time) for rise in rises)
+        self.time, self.force, self.there = (np.zeros((len(rises), size)) for _ in range(3))
+        for i, rise in enumerate(rises):
+            n = len(rise.time)
+            self.time[i] = rise.time[-1]
+            self.time[i, :n], self.force[i, :n], self.there[i, :n] = rise.time, rise.force, 1.0
+        self.half, self.half_sd = np.array([rise.half for rise in rises]).T
+        self.foot, self.height, self.step = (np.array([getattr(rise, name) for rise in rises])
+                                             for name in ("foot", "height", "step"))
+        self.length = self.half - self.foot
+        known = [rise.correlation for rise in rises if np.isfinite(rise.correlation)]
+        r = float(np.clip(np.mean(known), 0.0, 0.95)) if known else 0.0
+        # White noise that would blur a slow rise as much as the correlated noise does.
+        self.weight = self.there / np.array([rise.noise for rise in rises])[:, None] * np.sqrt((1 - r) / (1 + r))
+        self.earlier = np.array([rise.earlier for rise in rises])
+        self.degrees = max(float(self.there.sum()) - 3.0 * len(rises), 1.0)
+
+    def check(self, time: np.ndarray, sd: np.ndarray) -> None:
+        """Refuse onsets that the rises do not tell."""
+        before = self.earlier + np.sum((self.time < time[:, None]) * self.there, axis=1)
+        for i in range(len(time)):
+            record = f"record {self.names[i]!r}: " if len(self.names) else ""
+            if not sd[i] < 0.3 * (self.half[i] - time[i]):
+                raise InputError(f"{record}the force rises too little above its noise to tell the onset; {REMEDY}")
+            if before[i] < FEWEST_BEFORE:
+                raise InputError(f"{record}only {before[i]:g} samples before contact: too few to tell the onset; "
+                                 f"{REMEDY}")
+
+    def scan(self, start: Start) -> Located:
+        """Onsets by a search around the foot."""
+        trials = self.foot + np.linspace(-0.7, 0.7, 29)[:, None] * self.length
+        scores = np.stack([self.solve(start, trial)[0] for trial in self.limit(trials)])
+        return self.refine(start, self.limit(trials)[np.argmin(scores, axis=0), np.arange(len(self.foot))])
+
+    def refine(self, start: Start, time: np.ndarray, most: int = 12) -> Located:
+        """Onsets by Gauss-Newton from a guess, shape (traces,)."""
+        found = self.solve(start, time)
+        for _ in range(most):
+            trial = self.limit(time + np.clip(found[1], -0.1 * self.length, 0.1 * self.length))
+            tried = self.solve(start, trial)
+            better = tried[0] < found[0] - 1e-6
+            if not better.any():
+                break
+            time, found = np.where(better, trial, time), np.where(better, tried, found)
+        chi2, _, noise_sd, shape_sd = found
+        if start.stepped:  # a jump lies anywhere between two samples
+            noise_sd = np.hypot(noise_sd, self.step / np.sqrt(12.0))
+        return Located(start, time, noise_sd, shape_sd, chi2)
+
+    def limit(self, time: np.ndarray) -> np.ndarray:
+        """Onsets not before the first sample nor too near to where the rise ends."""
+        return np.clip(time, self.time[:, 0], self.half - 0.15 * self.length)
+
+    def solve(self, start: Start, onset: np.ndarray) -> np.ndarray:
+        """Linear least squares at fixed onsets: chi-square, step towards better ones, errors by noise and by shape.
+
+        Offset and height are free; what bends the curve, a jump, and the error of `half` have priors.
+
+        Returns:
+            Shape (4, traces).
+        """
+        curve, bends, jump = self.bend(start, onset, self.half)
+        little = 1e-3 * (self.half - onset)
+        late, early = (self.bend(start, onset + sign * little, self.half)[0] for sign in (1.0, -1.0))
+        longer = self.bend(start, onset, self.half + little)[0]
+        height, scale = self.height[:, None], little[:, None]
+        columns = [np.ones_like(curve), curve, *bends, height * (longer - curve) / scale]
+        priors = [*(self.height * sd for sd in BEND_SD), self.half_sd]
+        if start.stepped:
+            columns, priors = [*columns, jump], [*priors, self.height]
+        columns.append(0.5 * height * (late - early) / scale)
+        matrix = np.stack(columns, axis=2) * self.weight[..., None]
+        size = np.maximum(np.sqrt(np.einsum("gnk,gnk->gk", matrix, matrix)), 1e-300)
+        matrix = matrix / size[:, None, :]
+        right = self.force * self.weight
+        data = np.swapaxes(matrix, 1, 2) @ matrix
+        prior = np.zeros_like(size)
+        prior[:, 2:-1] = 1.0 / np.stack(priors, axis=1) ** 2
+        whole = data + (prior / size**2 + 1e-13)[:, None, :] * np.eye(len(columns))
+        gradient = np.einsum("gnk,gn->gk", matrix, right)
+        # The onset's own column comes last: its coefficient is the step, and without it the misfit here remains.
+        values = np.linalg.solve(whole[:, :-1, :-1], gradient[:, :-1, None])[..., 0]
+        residual = right - np.einsum("gnk,gk->gn", matrix[..., :-1], values)
+        chi2 = np.sum(residual**2, axis=1) + np.sum(prior[:, :-1] * (values / size[:, :-1]) ** 2, axis=1)
+        covariance = np.linalg.inv(whole)
+        step = np.linalg.solve(whole, gradient[..., None])[:, -1, 0] / size[:, -1]
+        noise = (covariance @ data @ covariance)[:, -1, -1]
+        shape = np.maximum(covariance[:, -1, -1] - noise, 0.0)
+        return np.stack([chi2, step, *(np.sqrt(x) / size[:, -1] for x in (noise, shape))])
+
+    def bend(self, start: Start, onset: np.ndarray, half: np.ndarray
+             ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+        """The rises, 1 at `half` for a gauge that does not ring, what bends them, and a jump at the onset."""
+        length = (half - onset)[:, None]
+        u = np.maximum((self.time - onset[:, None]) / length, 0.0)
+        gauge = None if start.ringing is None else (2.0 * np.pi * start.ringing[0] * length, start.ringing[1])
+        straight, square, *bends = _respond((1, 2, *ORDERS), u, gauge)
+        curved = (square + sum(b * x for b, x in zip(BEND, bends, strict=True))) / (1.0 + BEND.sum())
+        return (1.0 - start.slope) * curved + start.slope * straight, bends, (u > 0).astype(float)
+
+
+def _respond(orders: Sequence[int], u: np.ndarray, gauge: tuple[np.ndarray, float] | None) -> list[np.ndarray]:
+    """Readings of a second-order sensor, y'' + 2ζωy' + ω²y = ω²uⁿ from rest at u = 0, for each n; uⁿ without one."""
+    powers = [np.ones_like(u)]
+    for _ in range(max(orders)):
+        powers.append(powers[-1] * u)
+    if gauge is None:
+        return [powers[n] for n in orders]
+    w, damping = gauge
+    swing = w * np.sqrt(1.0 - damping**2)
+    decay = np.exp(-damping * w * u)
+    cosine, sine = decay * np.cos(swing * u), decay * np.sin(swing * u)
+    readings = []
+    for n in orders:
+        c: list = [0.0] * (n + 3)  # of the polynomial that solves the equation, from its highest power down
+        for j in range(n, -1, -1):
+            c[j] = float(j == n) - 2.0 * damping / w * (j + 1) * c[j + 1] - (j + 2) * (j + 1) / w**2 * c[j + 2]
+        reading = -c[0] * cosine - (c[1] + damping * w * c[0]) / swing * sine
+        for j in range(n + 1):
+            reading = reading + c[j] * powers[j]
+        readings.append(reading)
+    return readings
+
+
+def _cross(time, above, first: int, last: int, noise: float) -> tuple[float, float]:
+    """When a rising force passes nought, by a parabola through the samples about it, and its standard error."""
+    i = first + int(np.argmax(above[first : last + 1] >= 0))
+    width = max(2, (i - first) // 4)
+    part = slice(max(first, i - width), min(last, i + width) + 1)
+    x = time[part] - time[i]
+    values = np.polynomial.Polynomial.fit(x, above[part], 1 if len(x) < 5 else 2)
+    roots = np.real(values.roots()[np.isreal(values.roots())])
+    root = float(roots[np.argmin(np.abs(roots))]) if len(roots) else 0.0
+    steepness = max(float(values.deriv()(root)), 1e-300)
+    return float(time[i]) + root, noise / steepness / np.sqrt(len(x) / 2.0)
+
+
+def _bracket(time, force) -> tuple[int, int, float, float]:
+    """First sample of certain contact, the peak, and offset and spread of what lies before."""
+    last = int(np.argmax(force))
+    if last < FEWEST_BEFORE:
+        raise InputError(f"the force peaks within the first {FEWEST_BEFORE} samples: no time before contact; {REMEDY}")
+    offset, spread = float(np.median(force[:FEWEST_BEFORE])), 0.0
+    first = last
+    for share in (0.5, 0.25, 0.1):  # the quiet part is what lies well before the rise reaches a share of the peak
+        below = np.flatnonzero(force[:last] - offset < share * (force[last] - offset))
+        first = int(below[-1]) + 1 if below.size else 0
+        calm = force[: max(first - max(3, (last - first) // 2), FEWEST_BEFORE)]
+        offset = float(np.median(calm))
+        spread = float(1.4826 * np.median(np.abs(calm - offset))) or float(calm.std())
+    if force[last] - offset < max(8 * spread, 1e-12):
+        raise InputError(f"no force stands out of the noise ({spread:.3g} N) enough to find contact; {REMEDY}")
+    level = offset + max(5 * spread, 1e-3 * (force[last] - offset))
+    below = np.flatnonzero(force[:last] < level)
+    first = int(below[-1]) + 1 if below.size else 0
+    if first < FEWEST_BEFORE:
+        raise InputError(f"only {first} samples before contact: too few to tell the onset; {REMEDY}")
+    if last - first < 3:
+        raise InputError(f"only {last - first + 1} samples on the rise: too few to tell the onset; {REMEDY}")
+    return first, last, offset, spread
+
+
+def _foot(time, force, first, last, offset) -> float:
+    """Foot of the parabola through the points where the force reaches a tenth and four tenths of its peak."""
+    height = force[last] - offset
+    rise = slice(first, last + 1)
+    low, high = (time[rise][np.argmax(force[rise] - offset >= share * height)] for share in (0.1, 0.4))
+    return float(2 * low - high)
 
 
 @dataclass(frozen=True)
@@ -60,21 +344,22 @@ class Onsets:
     misfit: float
 
 
-def find_onsets(times: Sequence, forces: Sequence) -> Onsets:
+def find_onsets(times: Sequence, forces: Sequence, settings: OnsetSettings = DEFAULT) -> Onsets:
     """Find the contact onsets of a campaign's impacts.
 
     Args:
         times: Sampling times of each trace, increasing, shape (samples,) each [s].
         forces: Normal force of each, positive while pressing [N]; NaN is left out.
+        settings: Thresholds.
 
     Raises:
         InputError: A trace without force above the noise, or with fewer than five samples before contact or three on
             the rise.
     """
-    return locate_onsets([find_rise(t, f) for t, f in zip(times, forces, strict=True)])
+    return locate_onsets([find_rise(t, f) for t, f in zip(times, forces, strict=True)], (), settings)
 
 
-def locate_onsets(traces: Sequence[Rise], names: Sequence[str] = ()) -> Onsets:
+def locate_onsets(traces: Sequence[Rise], names: Sequence[str] = (), settings: OnsetSettings = DEFAULT) -> Onsets:
     """Onsets of the traces of a campaign, each cut down by `find_rise`; `names` of the records, for messages.
 
     Every rise is fitted with the reference model's curve; its onset, offset and height are its own. The errors of this
@@ -87,55 +372,56 @@ def locate_onsets(traces: Sequence[Rise], names: Sequence[str] = ()) -> Onsets:
     """
     rises = Rises(traces, names)
     plain = rises.scan(Start())
-    sloped = [rises.refine(Start(slope), plain.time) for slope in SLOPES]
+    sloped = [rises.refine(Start(slope), plain.time) for slope in settings.slopes]
     known = min(float(found.chi2.sum()) for found in (plain, *sloped))
-    others = (rises.scan(Start(stepped=True)), _find_ringing(rises, plain))
+    others = (rises.scan(Start(stepped=True)), _find_ringing(rises, plain, settings))
     scale = max(known / rises.degrees, 1.0)
-    gains = (known - np.array([found.chi2.sum() for found in others])) / scale - [OWN_STEP * len(rises.step), 0.0]
-    base = others[int(np.argmax(gains))] if gains.max() > DECISIVE else plain
+    drops = known - np.array([found.chi2.sum() for found in others])
+    gains = drops / scale - [settings.own_step * len(rises.step), 0.0]
+    base = others[int(np.argmax(gains))] if gains.max() > settings.decisive else plain
     if base is not plain:
-        sloped = [rises.refine(replace(base.start, slope=slope), base.time) for slope in SLOPES]
+        sloped = [rises.refine(replace(base.start, slope=slope), base.time) for slope in settings.slopes]
     found = (base, *sloped, *(others if base is plain else ()))
-    scores = np.array([one.chi2.sum() for one in found[: len(SLOPES) + 1]])
+    scores = np.array([one.chi2.sum() for one in found[: len(settings.slopes) + 1]])
     misfit = float(scores.min() / rises.degrees)
-    weights = _weigh_slopes() * np.exp(-0.5 * (scores - scores.min()) / max(misfit, 1.0))
+    weights = _weigh_slopes(settings) * np.exp(-0.5 * (scores - scores.min()) / max(misfit, 1.0))
     weights /= weights.sum()
     table = np.stack([one.time for one in found])
-    decided = scores[0] - scores.min() > SLOPED * max(misfit, 1.0)
+    decided = scores[0] - scores.min() > settings.sloped * max(misfit, 1.0)
     time = weights @ table[: len(weights)] if decided else base.time
     if base is plain:  # a jump or a gauge that rings may still be there
-        weights = np.concatenate([weights, np.exp(0.5 * (gains - EVEN))])
+        weights = np.concatenate([weights, np.exp(0.5 * (gains - settings.even))])
         weights /= weights.sum()
     open_ = table - time
     common = np.mean(open_, axis=1)
-    apart = weights @ ((open_ - common[:, None]) ** 2 + (SLOPE_SPREAD * (table - base.time)) ** 2)
+    apart = weights @ ((open_ - common[:, None]) ** 2 + (settings.slope_spread * (table - base.time)) ** 2)
     own = np.sqrt(max(misfit, 1.0) * (base.noise_sd**2 + base.shape_sd**2) + apart)
     rises.check(time, own)
-    delay = DELAY * float(np.median(rises.step))
+    delay = settings.delay * float(np.median(rises.step))
     common_sd = float(np.sqrt(weights @ common**2 + max(misfit, 1.0) * np.mean(base.shape_sd) ** 2 + delay**2))
     kind = "stepped" if base.start.stepped else "sloped" if decided else "curved"
     each = tuple(Onset(float(t), float(sd)) for t, sd in zip(time, own, strict=True))
     return Onsets(each, common_sd, kind, base.start.ringing, misfit)
 
 
-def _weigh_slopes() -> np.ndarray:
-    """Prior weights of no slope and of `SLOPES`: one half, and a half-normal density over the intervals about them."""
-    slopes = np.array(SLOPES)
+def _weigh_slopes(settings: OnsetSettings) -> np.ndarray:
+    """Prior weights of no slope and of `slopes`: one half, and a half-normal density over the intervals about them."""
+    slopes = np.array(settings.slopes)
     edges = np.concatenate([[0.0], np.sqrt(slopes[:-1] * slopes[1:]), [1.2]])
-    density = np.exp(-0.5 * (slopes / SLOPE_SD) ** 2) * np.diff(edges)
+    density = np.exp(-0.5 * (slopes / settings.slope_sd) ** 2) * np.diff(edges)
     return np.concatenate([[0.5], 0.5 * density / density.sum()])
 
 
-def _find_ringing(rises: Rises, plain: Located) -> Located:
+def _find_ringing(rises: Rises, plain: Located, settings: OnsetSettings) -> Located:
     """Onsets for a gauge that rings so as to leave least: natural frequency and damping ratio in turns."""
-    few = np.argsort(-rises.height * rises.weight.max(axis=1))[:FEW]
+    few = np.argsort(-rises.height * rises.weight.max(axis=1))[:settings.few]
     some, guess = Rises([rises.rises[i] for i in few]), plain.time[few]
     # From half a period in the rise, below which it looks like another contact, to what the sampling can follow.
     lowest, highest = 0.5 / float(np.median(rises.length)), 0.2 / float(np.median(rises.step))
     frequencies = np.geomspace(lowest, max(highest, 2.0 * lowest), 16)
     tried = [some.refine(Start(ringing=(float(f), d)), guess, 4) for f in frequencies for d in (0.05, 0.2)]
     best = min(tried, key=lambda found: found.chi2.sum())
-    if plain.chi2[few].sum() - best.chi2.sum() < PROMISING:
+    if plain.chi2[few].sum() - best.chi2.sum() < settings.promising:
         return rises.refine(best.start, plain.time)
     best = _narrow(some, best, np.array([np.log(frequencies[1] / frequencies[0]) / 2.0, 0.7]), 6)
     return _narrow(rises, rises.refine(best.start, plain.time), np.array([0.02, 0.2]), 3)

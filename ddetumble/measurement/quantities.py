@@ -204,6 +204,34 @@ def name_step(steps: Sequence, number: int, model: str) -> str:
     return ", ".join((*new, *gone)) or f"+ {clean(step.added, 34)}"
 
 
+def format_quantity(name: str, value: float, longest: float = 0.0) -> str:
+    """An SI value of a quantity with the unit in which it is shown; times in that of records up to `longest` [s]."""
+    shown = describe_quantity(name, [value, *((longest,) if name == "time" else ())])
+    return f"{format_plain(value * shown.scale)} {shown.unit}".rstrip()
+
+
+def join_words(words: Sequence[str], last: str = "and") -> str:
+    """Words with commas between them, and `last` before the last one."""
+    words = list(words)
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} " + words[-1]
+
+
+def format_plain(value: float) -> str:
+    """A number to three digits, and to more before it takes a power of ten: `1500`, not `1.5e+03`."""
+    return f"{value:.0f}" if 999.5 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+def format_estimate(value: float, sd: float, unit: str = "") -> str:
+    """`1175 ± 10 N/m`, to the two digits of the standard deviation; without one, to four, and that is said."""
+    if not (math.isfinite(sd) and sd > 0):
+        return f"{value:.4g} {unit}".rstrip() + " (its uncertainty is not known)"
+    places = 1 - _magnitude(sd)
+    if 1e-3 <= max(abs(value), sd) < 1e7 and places <= 9:
+        shown, spread = (f"{round(x, places):.{max(places, 0)}f}" for x in (float(value), float(sd)))
+        return f"{shown} ± {spread} {unit}".rstrip()
+    return f"{format_value(value, sd)} ± {format_value(sd, sd)} {unit}".rstrip()
+
+
 def format_number(value, digits: int = 3) -> str:
     """A number to that many digits; a dash where there is none."""
     if value is None or not math.isfinite(value):

@@ -12,11 +12,11 @@ import numpy as np
 from ..contact.gripping import StrikeLaw
 from ..dynamics.impact import simulate_impact
 from ..inference.archive import FittedModel
-from ..selection.sentences import NAMES
+from ..measurement.quantities import describe_quantity, join_words
 from .draws import find_models
 from .strike_plan import StrikePlan
 from .tables import Scenario
-from .wording import join_words, say_value
+from .wording import say_value
 
 
 SLACK = 0.02  # of a limit, by which a planned value may lie beyond it; as in predictions
@@ -152,7 +152,7 @@ def format_extrapolation(found: Extrapolation) -> str:
     quantity = one.quantity.removeprefix("peak_")
     high = say_value(quantity, one.high, one.unit)
     low = "up to" if one.low == 0 else f"{say_value(quantity, one.low, one.unit).split()[0]} to"
-    name = NAMES.get(quantity, quantity.replace("_", " "))
+    name = describe_quantity(quantity).name
     return f"{name} {say_value(quantity, found.value, one.unit)} (measured {low} {high})"
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ..families import find_family, list_families
 from ..inference.archive import FittedModel
-from ..selection.sentences import NAMES, UNITS, format_plain
+from ..measurement.quantities import describe_quantity, format_plain, join_words
 from .limits import Extra, Limit
 from .proposals import Design, Narrowing, Proposal
 
@@ -102,7 +102,7 @@ def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:
     named = {limit.name: limit for limit in limits}
     chosen = {name for one in list_families() for name in one.plan.chosen}
     shown = [n for n in proposal.conditions if n != "sequence" and (named[n].free or n in chosen)]
-    at = join_words([f"{NAMES.get(n, n.replace('_', ' '))} {say_value(n, proposal.conditions[n], named[n].unit)}"
+    at = join_words([f"{describe_quantity(n).name} {say_value(n, proposal.conditions[n], named[n].unit)}"
                      for n in shown])
     text = f"at {at}" if shown else "once more"
     return text + (f", with the channel {_say_extra(proposal.extra)} added" if proposal.extra is not None else "")
@@ -114,19 +114,13 @@ def _say_extra(extra: Extra) -> str:
 
 def say_value(name: str, value: float, unit: str) -> str:
     """A condition with its unit, in the unit that people use."""
-    shown, factor = UNITS.get(name, (unit, 1.0))
-    return f"{format_plain(value * factor)} {shown if shown else ''}".rstrip().removesuffix(" 1")
+    shown = describe_quantity(name, unit=unit)
+    return f"{format_plain(value * shown.scale)} {shown.unit}".rstrip()
 
 
 def describe_limit(limit: Limit) -> str:
     """`approach speed 0.2 to 2 m/s`."""
-    name = NAMES.get(limit.name, limit.name.replace("_", " "))
+    name = describe_quantity(limit.name).name
     high = say_value(limit.name, limit.high, limit.unit)
     return f"{name} {high}" if not limit.free else (
         f"{name} {say_value(limit.name, limit.low, limit.unit).split()[0]} to {high}")
-
-
-def join_words(words: Sequence[str]) -> str:
-    """`a, b and c`."""
-    words = list(words)
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

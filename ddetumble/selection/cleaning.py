@@ -6,16 +6,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .._errors import InputError
-from ..measurement.campaign import Campaign
+from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.faults import Fault, find_blind, screen_samples
-from ..measurement.thinning import thin_campaign
 from .baseline import find_moving_zeros, tell_zero
 from .data_errors import find_rate_units
 from .lack_of_fit import score_directions
 from .leave_record_out import mask_records
 from .outliers import Search, Suspect, find_culprit, find_suspects, tell_fault
 from .problem import Fitted, SelectionProblem
-from .settings import DEFAULT
+from .settings import DEFAULT, SelectionSettings
 
 
 @dc.dataclass(frozen=True)
@@ -37,23 +36,23 @@ class Cleaned:
     notes: tuple[str, ...] = ()
 
 
-def begin_cleaning(campaign: Campaign, keep_all: bool = False, most: int = DEFAULT.most_samples) -> Cleaned:
+def begin_cleaning(campaign: Campaign, keep_all: bool = False, settings: SelectionSettings = DEFAULT) -> Cleaned:
     """Look at the samples themselves, before any model.
 
     Raises:
         InputError: No record is left.
     """
-    cleaned, faults = screen_samples(campaign)
-    lost = (*find_rate_units(campaign), *find_blind(cleaned))
+    cleaned, faults = screen_samples(campaign, settings.screening)
+    lost = (*find_rate_units(campaign, settings.outliers), *find_blind(cleaned))
     faults = (*faults, *lost)
     if keep_all:
         return _thin(Cleaned(campaign, tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False)
-                                             for f in faults), keep_all=True), most)
+                                             for f in faults), keep_all=True), settings.most_samples)
     out = {key for fault in lost for key in fault.records}
     kept = [key for key in cleaned.record_keys if key not in out]
     if not kept:
         raise InputError(f"no record of campaign {campaign.name!r} can be used: {' '.join(map(str, lost))}")
-    return _thin(Cleaned(cleaned.select(kept), faults), most)
+    return _thin(Cleaned(cleaned.select(kept), faults), settings.most_samples)
 
 
 def _thin(state: Cleaned, most: int) -> Cleaned:

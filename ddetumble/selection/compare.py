@@ -9,22 +9,24 @@ import numpy as np
 import pandas as pd
 
 from .._display import AbstractPrinted, Progress
+from .._sentences import Sentence, say
 from ..contact.effect import is_absent
-from ..families import Family, find_family, name_family
+from ..families import Family, View, find_family, name_family
 from ..inference.archive import Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import make_plain, write_json
-from ..measurement.campaign import Campaign
+from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.package import read_campaign
-from ..measurement.thinning import thin_campaign
+from ..measurement.quantities import describe_quantity, format_quantity
 from .cross_validation import compare_losses
 from .describe import describe_noise, public_estimates
 from .lack_of_fit import hold_settings, is_moved, measure_shifts
 from .localise import residual_places
 from .problem import PredictionError, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
-from .sentences import describe_moves, describe_place, find_longest, join_words
+from .sentences import describe_level, find_longest
 from .series import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel, split_error
+from .text import describe_place
 
 
 BINS = 12
@@ -305,7 +307,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     names = tuple(chosen.solution.names) if own is not None and not given else tuple(solution.names)
     return Comparison(
         campaign.name, campaign.title, campaign.sha256, name, names,
-        _say(name, campaign, traces, channels, records, where, lack, shifts, held, floor), lack,
+        _say(name, campaign, bench.family.view, traces, channels, records, where, lack, shifts, held, floor), lack,
         float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
         _by_condition(campaign, traces, bench.groups), residuals,
         public_estimates(bench, chosen.solution if own is not None else solution) if names else {}, where,
@@ -327,21 +329,15 @@ def _conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Compari
     return Comparisons(models, names, best, alike, _say_all(models, names, best, alike))
 
 
-def _say_all(models: Sequence[Comparison], names: Sequence[str], best: int | None, alike: Sequence[int]) -> str:
+def _say_all(models: Sequence[Comparison], names: Sequence[str], best: int | None, alike: Sequence[int]) -> Sentence:
     """The outcome of several models in words."""
     good = [name for name, one in zip(names, models, strict=True) if not one.lack_of_fit.rejected]
-    left = (f"{join_words(good)} {'shows' if len(good) == 1 else 'show'} no significant lack of fit."
-            if good else "All of them show significant lack of fit.")
     if best is None:
-        return f"{left} There is no cross-validated error to compare: too few conditions, or nothing was fitted."
-    one = models[best]
-    others = ", ".join(f"{names[k]} {100 * models[k].heldout_nrmse:.2f} %" for k in range(len(models)) if k != best
-                       and np.isfinite(models[k].heldout_nrmse))
-    same = "" if not alike else (
-        f" The difference from {join_words([names[k] for k in alike])} is within two standard errors: these conditions "
-        "cannot tell them apart.")
-    return (f"{names[best]} has the smallest cross-validated error, {100 * one.heldout_nrmse:.2f} % (noise "
-            f"{100 * one.noise_nrmse:.2f} %), against {others}.{same} {left}")
+        return say("verdict.no_comparison", good=good)
+    errors = [(name, one.heldout_nrmse) for k, (name, one) in enumerate(zip(names, models, strict=True))
+              if k != best and np.isfinite(one.heldout_nrmse)]
+    return say("verdict.best_model", name=names[best], error=models[best].heldout_nrmse,
+               noise=models[best].noise_nrmse, others=errors, alike=[names[k] for k in alike], good=good)
 
 
 def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:
@@ -449,30 +445,21 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
     return rows
 
 
-def _say(model: str, campaign: Campaign, traces: Sequence[Trace], channels: pd.DataFrame, records: pd.DataFrame,
-         where: Sequence[Place], lack: LackOfFit, shifts: Sequence[SettingShift], held: float | None, floor: float
-         ) -> str:
+def _say(model: str, campaign: Campaign, view: View, traces: Sequence[Trace], channels: pd.DataFrame,
+         records: pd.DataFrame, where: Sequence[Place], lack: LackOfFit, shifts: Sequence[SettingShift],
+         held: float | None, floor: float) -> Sentence:
     """The outcome in words."""
     ratio = float(np.sqrt(np.mean(channels["ratio"] ** 2)))
-    worst = records.loc[records["ratio"].idxmax()]
-    setting = []
-    for name, unit, scale in (("initial_pressure", "MPa", 1e-6), ("approach_speed", "m/s", 1.0),
-                              ("tangential_speed", "m/s along", 1.0), ("normal_load", "N", 1.0),
-                              ("internal_pressure", "MPa", 1e-6), ("slip_speed", "m/s", 1.0)):
-        if name in campaign.conditions:
-            setting.append(f"{worst[name] * scale:.3g} {unit}, ")
     if not lack.rejected:
-        return (f"Nothing is missing as far as this campaign shows. The model {model!r} leaves {ratio:.2f} times the "
-                f"noise (p = {lack.p_value:.2g}).")
-    moved, apart = describe_moves(shifts), ""
-    if moved:
-        start = "" if held is None or not np.isfinite(held) else (
-            f"it leaves {held / max(floor, 1e-300):.2f} times with the settings as they are written down, as ")
-        apart = f" {start[:1].upper()}{start[1:]}{moved}." if start else f" {moved[:1].upper()}{moved[1:]}."
-    place = ""
+        return say("verdict.agrees", model=repr(model), ratio=ratio, p=lack.p_value)
+    worst = records.loc[records["ratio"].idxmax()]
+    settings = [f"{describe_quantity(name).name} {format_quantity(name, worst[name])}"
+                for name in find_family(name_family(campaign)).kind.conditions
+                if name in campaign.conditions and name != "sequence"]
+    sizes, place = dict(zip(channels["channel"], channels["ratio"], strict=True)), None
     if where:
-        sizes = dict(zip(channels["channel"], channels["ratio"], strict=True))
         spot = max(where, key=lambda w: (sizes.get(w.channel, 0.0), w.share))
-        place = f" The misfit sits in the {describe_place(spot, find_longest(traces))}."
-    return (f"Something is missing: the model {model!r} leaves {ratio:.2f} times the noise.{apart} Worst is record "
-            f"{worst['record']} ({''.join(setting)}{worst['ratio']:.3g} times the noise).{place}")
+        place = describe_place(spot, dc.replace(view, longest=find_longest(traces)))
+    level = {**describe_level(0.0, floor, shifts, held), "ratio": ratio}
+    return say("verdict.fails", model=repr(model), level=level, worst=worst["record"], settings=settings,
+               ratio=float(worst["ratio"]), place=place)

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._display import Progress
 from .._errors import ComputationError, InputError
+from .._sentences import join_sentences, say
 from ..contact.effect import AbstractEffect, list_choices, parts_of
 from ..families import find_family, name_family
 from ..inference.archive import Model, resolve_model
@@ -112,7 +113,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
 def _select_from_clean(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
                        settings: SelectionSettings, keep_all: bool, report: Progress) -> tuple[Cleaned, Path]:
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
-    state = begin_cleaning(campaign, keep_all, settings.most_samples)
+    state = begin_cleaning(campaign, keep_all, settings)
 
     def begin(campaign):
         return fit_reference(pose_selection(campaign, resolved.reference, effects, resolved.effects, state.zeros,
@@ -222,13 +223,12 @@ def _assemble(selection: SelectionProblem, model: str, steps: Sequence[FittedSte
     )
     sentence, notes = explain(found, selection.left_out, selection.family)
     if isinstance(missing, MissingForce):
-        sentence += f" {summarise_missing(missing)}"
+        sentence = join_sentences(sentence, summarise_missing(missing))
     elif missing:
         notes = (*notes, missing)
     loose = list_loose(selection, steps[-1].fitted.solution)
     if loose:
-        notes = (*notes, f"These records do not fix {' and '.join(loose)}: other values fit as well, and the intervals "
-                         "say so. Hold one of them at a known value, or measure at conditions that tell them apart.")
+        notes = (*notes, say("verdict.undetermined", names=list(loose)))
     return dc.replace(found, sentence=sentence, notes=(*selection.warnings, *notes))
 
 

@@ -2,6 +2,8 @@
 
 import dataclasses as dc
 
+from ..measurement.spikes import ScreeningSettings
+
 
 @dc.dataclass(frozen=True)
 class OutlierSettings:
@@ -115,7 +117,7 @@ class SelectionSettings:
         invisible: share of its signature below which an effect cannot be identified.
         rounds: of leaving out faulty records and beginning again, at most.
         most_samples: that are searched: hundreds of fits to them take some ten minutes.
-        outliers, baseline: what counts as a fault of the data.
+        screening, outliers, baseline: what counts as a fault of the data.
     """
 
     level: float = 0.01
@@ -144,6 +146,7 @@ class SelectionSettings:
     invisible: float = 0.002
     rounds: int = 4
     most_samples: int = 100_000
+    screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
     baseline: BaselineSettings = BaselineSettings()
 

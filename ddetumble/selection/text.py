@@ -4,9 +4,11 @@ import dataclasses as dc
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from .._sentences import Sentence, say
 from ..families import DEFAULT_FAMILY, View, find_family
 from ..measurement.quantities import (
     VERDICTS,
@@ -49,30 +51,30 @@ def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | Non
     return None
 
 
-def say_place(place: Place, view: View) -> str:
-    """Where a misfit sits, as a sentence in the words of a view; a phase is named where there is another."""
+def describe_place(place: Place, view: View) -> dict[str, Any]:
+    """Facts of a place where a misfit sits, in the units of a view; a phase is named where there is another."""
     low, high = place.range
     shown = describe_quantity(place.variable, [low, high, *((view.longest,) if place.variable == "time" else ())])
-    name = view.series if place.variable == "sequence" else shown.name
     unit = f" {shown.unit}" if shown.unit else ""
-    span = f"{format_number(shown.scale * low)} to {format_number(shown.scale * high)}{unit}"
-    whole = place.variable == "time" and low <= MARGIN * view.longest and high >= (1.0 - MARGIN) * view.longest
-    phase = _PHASES[place.phase] if place.phase in view.phases else ""
-    period = ""
+    period = None
     if place.period is not None and math.isfinite(place.period):
-        every = format_time(place.period) if place.variable == "time" else (
+        period = format_time(place.period) if place.variable == "time" else (
             f"{format_number(shown.scale * place.period)}{unit}")
-        period = f"; it repeats every {every}"
-    channel = describe_quantity(place.channel).name
-    share = f"{format_share(place.share)} of the misfit of the {channel}"
-    removes = "" if place.removes is None else f"; a simple force of it removes {format_share(place.removes)}"
-    if place.variable == "direction":
-        return f"{share} depends on the {name}{period}{removes}."
-    if whole and place.share >= WHOLE:
-        return f"The misfit of the {channel} runs through whole records{period}{removes}."
-    if place.removes is not None and place.share >= WHOLE:
-        return f"The misfit of the {channel} depends on the {name}, {span}{period}{removes}."
-    return f"{share} sits where the {name} is {span}{phase}{period}{removes}."
+    return {
+        "channel": describe_quantity(place.channel).name,
+        "variable": view.series if place.variable == "sequence" else shown.name,
+        "low": format_number(shown.scale * low), "high": f"{format_number(shown.scale * high)}{unit}",
+        "phase": _PHASES[place.phase] if place.phase in view.phases else "", "period": period,
+        "share": place.share, "removes": place.removes, "direction": place.variable == "direction",
+        "throughout": place.share >= WHOLE and place.variable == "time" and low <= MARGIN * view.longest
+        and high >= (1.0 - MARGIN) * view.longest,
+        "all": place.share >= WHOLE and place.removes is not None,
+    }
+
+
+def say_place(place: Place, view: View) -> Sentence:
+    """Where a misfit sits, as a sentence of its own."""
+    return say("words.place_alone", one=describe_place(place, view))
 
 
 def show_estimate(estimate: Estimate) -> tuple[str, str, str, str]:

@@ -8,18 +8,18 @@ import numpy as np
 
 from ..._display import Progress
 from ..._errors import InputError
+from ..._sentences import Sentence, join_sentences, say
 from ...contact.effect import AbstractEffect
 from ...families import find_family, name_family
 from ...inference.archive import Model, resolve_model
 from ...inference.assembly import require_samples
 from ...measurement.campaign import Campaign
 from ...measurement.package import read_campaign
-from ...measurement.units import format_time
+from ...measurement.quantities import describe_quantity, format_quantity
 from ..cleaning import begin_cleaning, clean_records
 from ..forward_selection import try_effects
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
-from ..sentences import NAMES, UNITS, format_plain, name_value
 from ..settings import DEFAULT
 from .free_form import Drawn, FreeBench, draw_forces, find_ground, measure_visible, spread_drawn
 from .splines import Term, evaluate_basis
@@ -30,6 +30,7 @@ PLACES = 121
 CLEAR = 3.0  # standard deviations by which a force is told from zero
 ABSORBED = 0.2  # share of its signature below which what the parameters imitate leaves too little of a shape
 LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
+_PHASES = ("loading", "unloading", "forward", "backward")
 WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
 
 
@@ -97,8 +98,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
         noise = np.sqrt(beside.score / rows)
         found = MissingForce(selection.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
-                             (), (), f"The model leaves {noise:.2f} times the noise on what was left out, and no "
-                             f"misfit that chance would not leave (p = {lack.p_value:.2g}): there is no force to draw.")
+                             (), (), say("missing.nothing_to_draw", noise=float(noise), p=lack.p_value))
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
@@ -168,7 +168,7 @@ def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
 
 def _name(term: Term) -> str:
     parts = f", {' and '.join(term.parts)} apart" if term.parts[0] and "x" not in term.parts else ""
-    return f"{term.way} over {NAMES.get(term.variable, term.variable.replace('_', ' '))}{parts}"
+    return f"{term.way} over {describe_quantity(term.variable).name}{parts}"
 
 
 def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
@@ -259,113 +259,68 @@ def _measure_spectrum(x: np.ndarray, f: np.ndarray, covariance: np.ndarray, inte
     return np.stack([numbers, np.abs(waves @ f), np.sqrt(np.maximum(spread, 0.0))])
 
 
-def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[str, tuple[str, ...]]:
+def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[Sentence, tuple[Sentence | str, ...]]:
     """The sentence of a missing force, and notes on what it does not say."""
-    noise = f"{np.sqrt(found.reference / found.floor):.2f}"
-    where = bench.family.folds
-    time = np.asarray(bench.records.stack.time)
+    folds, time = bench.family.folds, np.asarray(bench.records.stack.time)
     longest = max(float(time[r, :n].max()) for r, n in enumerate(bench.records.lengths))
-    start = f"On left-out {where} the reference model leaves {noise} times the noise"
-    if found.catalogue is not None:
-        name, loss = found.catalogue
-        removes = found.share(loss)
-        start += (f"; the best effect of the catalogue, {name}, removes {_share(removes)} of that misfit"
-                  if removes > 0.005 else "; no effect of the catalogue removes any of that misfit")
-    if found.effects:
-        start += f"; with {' and '.join(found.effects)} it is {_share(found.share(found.model))}"
+    catalogue = None if found.catalogue is None else (found.catalogue[0], found.share(found.catalogue[1]))
+    context = say("missing.context", noise=float(np.sqrt(found.reference / found.floor)), folds=folds,
+                  catalogue=catalogue, effects=list(found.effects), beside=found.share(found.model))
     if found.ceiling is None or not found.shapes:
-        tried = ", ".join(NAMES.get(v, v.replace("_", " ")) for v in dict.fromkeys(t.variable for t in bench.terms))
-        return f"There is no force to draw. {start}, and no force of these variables does better: {tried}.", ()
-    best, notes = found.shapes[0], []
-    share = found.share(found.ceiling[1])
-    joined = " plus ".join(found.ceiling[0])
-    begins = "" if best.begins is None else (
-        f"; it differs from zero from {_say_value(best.variable, best.begins, longest)} on")
-    if share < WORTH:
-        sentence = (f"A force removes no more than {_share(share)} of the misfit. {start}. Of the free forces inside "
-                    f"the equation of motion, {joined} come nearest; alone, {_say_shape(best)} does best{begins}.")
-    else:
-        sentence = (f"What is missing acts like {_say_shape(best)}{begins}. {start}. A free force inside the equation "
-                    f"of motion removes at most {_share(share)} of that misfit ({joined}).")
-    sentence += f" {_say_lone(found)}" if found.lone else ""
+        tried = [describe_quantity(v).name for v in dict.fromkeys(t.variable for t in bench.terms)]
+        return say("missing.no_force", context=context, tried=tried), ()
+    best, share = found.shapes[0], found.share(found.ceiling[1])
+    begins = None if best.begins is None else format_quantity(best.variable, best.begins, longest)
+    parts = [say("missing.little" if share < WORTH else "missing.found", share=share, context=context,
+                 terms=list(found.ceiling[0]), shape=_say_shape(best), begins=begins)]
+    notes: list[Sentence | str] = []
+    if found.lone:
+        parts.append(say("missing.lone", records=list(found.lone)))
     if found.laws:
-        law = found.laws[0]
-        values = "; ".join(name_value(n, e) for n, e in law.parameters.items())
-        sentence += f" A simple law describes it, {law.text} ({values}), "
-        sentence += "as fitted to that condition." if found.lone else f"and removes {_share(found.share(law.loss))}."
-        rivals = find_rivals(found.laws)
-        if rivals:
-            sentence += f" This campaign cannot tell it apart from {' or '.join(r.text for r in rivals[:3])}."
-        decisive = bench.selection.settings.decisive
+        law, decisive = found.laws[0], bench.selection.settings.decisive
+        parts.append(say("missing.law", text=law.text, values=list(law.parameters.items()),
+                         share=None if found.lone else found.share(law.loss),
+                         rivals=[r.text for r in find_rivals(found.laws)[:3]]))
         better = min((r for r in found.laws if r.chi2 > law.chi2 + decisive), key=lambda r: r.loss, default=law)
         if better.loss < law.loss - decisive and not found.lone:
-            notes.append(f"{better.text} removes {_share(found.share(better.loss))} of the misfit on left-out {where}, "
-                         "within chance of that, but fits the records worse by "
-                         f"{better.chi2 - law.chi2:.0f} noise variances.")
+            notes.append(say("missing.better", text=better.text, share=found.share(better.loss), folds=folds,
+                             worse=better.chi2 - law.chi2))
     if found.alike:
-        notes.append(f"Left-out {where} do not tell it apart from {'; '.join(found.alike)}.")
+        notes.append(say("missing.alike", folds=folds, others=list(found.alike)))
     if best.centred:
-        notes.append("The model's parameters make up for a constant part: the curve is drawn about its mean.")
+        notes.append(say("missing.centred"))
     if best.visible < ABSORBED:
-        notes.append(f"Only {100 * best.visible:.1f} % of the force's own signature is left when the model's "
-                     "parameters are free to imitate it: its shape is known up to what they can make up for.")
+        notes.append(say("missing.absorbed", visible=best.visible))
     empty = best.visited < 0.02 / PLACES
     if empty.any() and not best.variable.startswith("initial"):
         last = best.x[~empty].max() if (~empty).any() else best.x[0]
         if last < best.x[-2]:
-            notes.append(f"Beyond {_say_value(best.variable, float(last), longest)} there are no samples: there the "
-                         "curve only goes on straight.")
+            notes.append(say("missing.unvisited", last=format_quantity(best.variable, float(last), longest)))
     if share < WORTH:
-        notes.append("That is too little for a law to be looked for.")
+        notes.append(say("missing.too_little"))
     if share < 0.9:
-        notes.append(f"{_share(1.0 - share)} of the misfit is left that no force of these variables removes: its "
-                     "cause is elsewhere (a sensor, a state of its own, a variable that is not measured).")
+        notes.append(say("missing.elsewhere", share=1.0 - share))
     if bench.ground.note:
         notes.append(bench.ground.note)
-    notes.append("Bands are two posterior standard deviations; they hold what the model's own parameters and the "
-                 "settings can make up for.")
-    return sentence, tuple(notes)
+    return join_sentences(*parts), (*notes, say("missing.bands"))
 
 
-def summarise_missing(found: MissingForce) -> str:
+def summarise_missing(found: MissingForce) -> Sentence:
     """One or two sentences for a verdict."""
     if found.ceiling is None or not found.shapes:
-        return "No force of the variables that were tried removes any of it."
-    share = found.share(found.ceiling[1])
-    text = (f"A free force inside the equation of motion removes {_share(share)} of the reference model's misfit "
-            f"on what was left out: {_say_shape(found.shapes[0])}")
-    if found.laws:
-        law = found.laws[0]
-        text += f"; {law.text} describes it ({'; '.join(name_value(n, e) for n, e in law.parameters.items())})"
-    return f"{text}. {_say_lone(found)}" if found.lone else f"{text}."
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.0f} %"
-
-
-def _say_lone(found: MissingForce) -> str:
-    one = len(found.lone) == 1
-    return (f"Nearly all of the misfit lies in {'record' if one else 'records'} {' and '.join(found.lone)}"
-            + ("" if one else ", of one condition")
-            + ": the others can hardly confirm the share removed, or a law. Measure beside it.")
+        return say("missing.nothing")
+    law = found.laws[0] if found.laws else None
+    text = say("missing.summary", share=found.share(found.ceiling[1]), shape=_say_shape(found.shapes[0]),
+               law=law and law.text, values=list(law.parameters.items()) if law else [])
+    return join_sentences(text, say("missing.lone", records=list(found.lone))) if found.lone else text
 
 
 def _say_shape(shape: Shape) -> str:
-    way = {"force": "a force", "share": "a share of the elastic force", "torque": "a torque",
+    """`a force that depends on the depression, loading and unloading separately`."""
+    way = {"force": "a force", "share": "a fraction of the elastic force", "torque": "a torque",
            "drag": "a drag"}.get(shape.way, f"a {shape.way}")
     if shape.way == "share" and shape.variable not in ("depression", "depression_rate", "time", "initial_pressure",
                                                         "approach_speed", "sequence"):
-        way = "a share of the friction"
-    name = NAMES.get(shape.variable, shape.variable.replace("_", " "))
-    if shape.variable == "time" and shape.way.startswith(("torque", "drag")):
-        name = "time"  # a body that tumbles touches nothing
-    phases = [p for p in shape.parts if p in ("loading", "unloading", "forward", "backward")]
-    return f"{way} that depends on the {name}" + (f", {' and '.join(phases)} apart" if phases else "")
-
-
-def _say_value(variable: str, value: float, longest: float) -> str:
-    if variable == "time":
-        return format_time(value, longest)
-    unit, factor = UNITS.get(variable, ("", 1.0))
-    return f"{format_plain(value * factor)} {unit}".rstrip()
+        way = "a fraction of the friction"
+    phases = [p for p in shape.parts if p in _PHASES]
+    return say("missing.shape", one={"way": way, "variable": describe_quantity(shape.variable).name, "phases": phases})

@@ -1,0 +1,63 @@
+"""All sentences about results: templates in the files beside this one, fed by the facts of a record."""
+
+import functools
+import re
+from collections.abc import Mapping
+from importlib import resources
+from typing import Any
+
+
+class Sentence(str):
+    """A sentence that keeps what it was made from.
+
+    Attributes:
+        name: of its template, `file.macro`.
+        facts: what the template was given.
+    """
+
+    name: str
+    facts: Mapping[str, Any]
+
+
+def say(name: str, /, **facts) -> Sentence:
+    """The sentence of a template, on one line.
+
+    Args:
+        name: `file.macro` of a template in this folder.
+        **facts: plain values that it tells.
+    """
+    file, macro = name.split(".")
+    text = getattr(_load().get_template(f"{file}.jinja").module, macro)(**facts)
+    sentence = Sentence(re.sub(r" ([;,.)])(?=\s|$)", r"\1", " ".join(str(text).split())))
+    sentence.name, sentence.facts = name, facts
+    return sentence
+
+
+def join_sentences(*parts: str) -> Sentence:
+    """Sentences in a row; name and facts are those of the first."""
+    joined = Sentence(" ".join(part for part in parts if part))
+    joined.name, joined.facts = getattr(parts[0], "name", ""), getattr(parts[0], "facts", {})
+    return joined
+
+
+@functools.lru_cache(maxsize=1)
+def _load():
+    import jinja2
+
+    from ..measurement import quantities as q
+    from ..measurement.units import format_time
+
+    def read(name: str) -> str:
+        return resources.files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
+
+    environment = jinja2.Environment(loader=jinja2.FunctionLoader(read), undefined=jinja2.StrictUndefined)
+    environment.filters |= {
+        "words": q.join_words, "alternatives": lambda words: q.join_words(words, "or"), "number": q.format_number,
+        "plain": q.format_plain, "percent": q.format_share, "error": q.format_error, "p": q.say_p,
+        "name": lambda name: q.describe_quantity(name).name, "quantity": q.format_quantity, "time": format_time,
+        "estimate": lambda one: q.format_estimate(one.estimate, one.sd, one.unit),
+        "g": lambda value, digits=3: f"{value:.{digits}g}", "f": lambda value, digits=2: f"{value:.{digits}f}",
+        "begin": lambda text: text[:1].upper() + text[1:],
+        "count": lambda number, noun: f"{number} {noun}{'' if number == 1 else 's'}",
+    }  # fmt: skip
+    return environment
