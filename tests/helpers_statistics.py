@@ -196,7 +196,8 @@ class ToyProblem(Problem):
         touching = (t > 0) & (t < 1)
         failed = tuple(k for k, bad in zip(self.records.keys, ~np.isfinite(residual).all(axis=1), strict=True) if bad)
         return Solution(free, np.atleast_2d(u)[0], z, scales, residual, shared, own, channels,
-                        v * np.sin(np.pi * t) * touching, v * np.cos(np.pi * t) * touching, np.ones(count), prior, weight[places], chi2,
+                        v * np.sin(np.pi * t) * touching, v * np.cos(np.pi * t) * touching, np.ones(count), prior,
+                        weight[places], chi2,
                         converged and not failed, steps, failed)
 
 
