@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse, stats
 from scipy.interpolate import BSpline
 
-from ddetumble.inference.goodness import combine_p_values
+from ddetumble.inference.goodness import combine_p_values, judge_goodness, weigh_shifts
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
 from ddetumble.selection.cross_validation import (
@@ -351,3 +351,31 @@ def test_when_another_fits_far_better():
     assert not fits_better(fitted([0.0], chi2=495.0, names=("a", "b")), best, before)
     near, low = fitted([0.0], chi2=960.0), fitted([0.0], chi2=915.0)
     assert not fits_better(low, near, before) and fits_better(fitted([0.0], chi2=905.0), near, before)
+
+
+def test_shifts_are_weighed_together_and_alone():
+    for shifts in (np.array([0.5, -1.0, 2.0]), np.array([0.1, -6.0]), np.array([3.0] * 9)):
+        together = stats.chi2.sf(np.sum(shifts**2), len(shifts))
+        alone = min(1.0, len(shifts) * 2.0 * stats.norm.sf(np.max(np.abs(shifts))))
+        assert weigh_shifts(shifts) == pytest.approx(min(1.0, 2.0 * min(together, alone)), rel=1e-9)
+    draws = np.random.default_rng(5).standard_normal((2000, 6))
+    below = np.mean([weigh_shifts(x) < 0.05 for x in draws])
+    assert 0.02 < below < 0.05 + 4.0 * np.sqrt(0.05 * 0.95 / 2000)
+
+
+def test_goodness_of_fit():
+    good = judge_goodness(100.0, 100, {"speed": {"a": 1.0, "b": -1.5}, "time": {"a": 0.5}, "none": {}})
+    assert (good.setting, good.record, good.shift) == ("speed", "b", -1.5) and not good.misfit and not good.moved
+    assert good.chi2_reduced == 1.0 and good.p_value == pytest.approx(stats.chi2.sf(100.0, 100))
+    assert good.shift_p_value == pytest.approx(min(1.0, 2.0 * min(weigh_shifts(np.array([1.0, -1.5])),
+                                                                  weigh_shifts(np.array([0.5])))))
+    moved = judge_goodness(100.0, 100, {"speed": {"a": 6.0}})
+    assert moved.moved and not moved.misfit and moved.shift == 6.0
+    assert judge_goodness(200.0, 100, {}).misfit and not judge_goodness(149.0, 100, {}).misfit
+    assert not judge_goodness(1.6, 1, {}).misfit  # chance
+    empty = judge_goodness(0.0, 0, {})
+    assert (empty.p_value, empty.shift_p_value, empty.setting, empty.shift) == (1.0, 1.0, "", 0.0)
+    assert judge_goodness(3.0, 1, {}).p_value < 1.0 and judge_goodness(3.0, 0, {}).chi2_reduced == 3.0
+    texts = {str(x) for x in (good, moved, judge_goodness(200.0, 100, {}),
+                              judge_goodness(200.0, 100, {"speed": {"a": 6.0}}))}
+    assert len(texts) == 4 and str(good) == "" and not str(judge_goodness(149.0, 100, {}))

@@ -265,5 +265,5 @@ def hold_settings(problem: Problem, solution: Solution) -> Solution:
     moves = np.array([name == "time" or name in records.starts or ":" in name for name in records.nuisances])
     deviations = records.stack.condition_sd * moves
     held = dc.replace(records, stack=eqx.tree_at(lambda s: s.condition_sd, records.stack, deviations))
-    return Problem(problem.space, held, problem.priors).solve(solution.names, solution.u, solution.z * moves,
-                                                              tolerance=1e-2)
+    return type(problem)(problem.space, held, problem.priors).solve(solution.names, solution.u, solution.z * moves,
+                                                                    tolerance=1e-2)

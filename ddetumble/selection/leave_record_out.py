@@ -148,7 +148,7 @@ def mask_records(problem: Problem, gone: Collection[int]) -> Problem:
 
 def replace_stack(problem: Problem, stack: Stack) -> Problem:
     """The same problem with other numbers."""
-    return Problem(problem.space, dc.replace(problem.records, stack=stack), problem.priors)
+    return type(problem)(problem.space, dc.replace(problem.records, stack=stack), problem.priors)
 
 
 def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndarray) -> np.ndarray:

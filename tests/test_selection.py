@@ -1,0 +1,406 @@
+"""Forward selection: it finds what is missing and nothing else, and every rule and threshold of it takes effect."""
+
+import dataclasses as dc
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers_statistics import EFFECTS, TIME, Bump, Echo, Ripple, Settling, assert_rate, fit_toy, make_selection, white
+from scipy import stats
+
+from ddetumble.inference.stack import Records
+from ddetumble.selection.cross_validation import forecast
+from ddetumble.selection.forward_selection import (
+    FittedStep,
+    Path,
+    compare_additions,
+    could_have_shown,
+    find_alternatives,
+    fit_with_shapes,
+    has_physical_sign,
+    is_beyond,
+    is_explained,
+    keep_physical,
+    list_amplitudes,
+    list_starts,
+    list_unphysical,
+    predicts_better,
+    prune,
+    select_effects,
+    try_effects,
+)
+from ddetumble.selection.lack_of_fit import Score, hold_settings, is_moved, judge_fit, measure_shifts, smooth_bases
+from ddetumble.selection.settings import SelectionSettings
+
+
+def search(seed=1, truth=(), **options):
+    selection, fitted = fit_toy(make_selection(seed, truth, **options))
+    return select_effects(selection, fitted)
+
+
+def effects_of(path):
+    return path.steps[-1].fitted.effects
+
+
+def test_a_complete_model_is_rejected_at_the_stated_level():
+    """At a level of 5 % and the stated one, of 200 campaigns; the three statistics share it (Bonferroni)."""
+    p_values, three = [], []
+    for seed in range(200):
+        selection, fitted = fit_toy(make_selection(seed))
+        lack, _ = selection.test_lack_of_fit(fitted)
+        p_values.append(lack.p_value)
+        three.append((lack.smooth_p_value, lack.score_p_value, lack.settings_p_value))
+        assert lack.rejected == (lack.p_value < 0.01) and lack.level == 0.01
+        assert lack.p_value == pytest.approx(min(3.0 * min(three[-1]), 1.0))
+    p_values, three = np.array(p_values), np.array(three)
+    for level in (0.01, 0.05, 0.2):
+        allowed = 200 * level + 3.0 * np.sqrt(200 * level * (1.0 - level)) + 1.0
+        assert np.sum(p_values < level) <= allowed
+    for level in (0.1, 0.5):  # each of its own
+        assert_rate(int(np.sum(three[:, 0] < level)), 200, level)
+        assert np.sum(three[:, 1] < level) <= 200 * level + 4.0 * np.sqrt(200 * level)
+        assert_rate(int(np.sum(three[:, 1] < level)), 200, 0.7 * level)  # two of the four look alike
+
+
+def test_nothing_is_added_to_a_complete_model():
+    for seed in range(25):
+        path = search(seed)
+        assert effects_of(path) == () and is_explained(path) and path.visible
+
+
+@pytest.mark.parametrize(("truth", "expected"), [
+    ({"ripple.a": 0.5}, {"ripple"}), ({"bump.a": -0.5}, {"bump"}), ({"settling.a": 0.4}, {"settling"}),
+    ({"echo.a": -0.5}, {"echo"}), ({"ripple.a": 0.5, "bump.a": 0.5}, {"ripple", "bump"}),
+    ({"settling.a": -0.4, "bump.a": 0.5}, {"settling", "bump"}),
+    ({"ripple.a": 0.5, "settling.a": 0.3}, {"ripple", "settling"})])
+def test_what_is_missing_is_found(truth, expected):
+    """With its amplitude within four standard deviations, and a cross-validated error that falls at every step."""
+    path = search(1, truth)
+    last = path.steps[-1]
+    assert set(last.fitted.effects) == expected and not last.lack.rejected and is_explained(path)
+    solution = last.fitted.solution
+    sd = np.sqrt(np.diag(solution.covariance()))
+    for name, value in truth.items():
+        k = solution.names.index(name)
+        assert abs(solution.u[path.selection.space.index[name]] - value) < 4.0 * sd[k]
+    errors = [path.selection.cross_validate(step.fitted) for step in path.steps]
+    assert all(after <= before for before, after in zip(errors, errors[1:], strict=False)) and len(errors) > 1
+    assert all(step.lack.rejected for step in path.steps[:-1])
+    assert path.steps[0].fitted.effects == () and path.steps[0].tried is None
+    assert path.tried.order and set(path.tried.screened) == {e.id for e in EFFECTS}
+
+
+def test_no_step_raises_the_cross_validated_error():
+    """Whatever else speaks for an addition."""
+    errors = {"before": 1.0, "same": 1.0, "better": 0.9, "worse": 1.1}
+    for holds_out, expected in ((True, (True, True, False)), (False, (True, True, True))):
+        selection = SimpleNamespace(holds_out=holds_out, cross_validate=errors.get)
+        assert tuple(predicts_better(selection, "before", x) for x in ("same", "better", "worse")) == expected
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": 0.5}))
+
+    class Never(type(selection)):
+        def cross_validate(self, fitted):
+            return float(len(fitted.effects))
+
+    never = Never(**{f.name: getattr(selection, f.name) for f in dc.fields(selection)})
+    path = select_effects(never, fitted)
+    assert len(path.steps) == 1 and path.tried.order[0] == "ripple"
+
+
+@pytest.mark.parametrize("settings", [{"level": 0.0}, {"effects_before_rivals": 0}, {"significant": 1e6},
+                                      {"significant": 1e6, "decisive": 1e9}])
+def test_thresholds_that_keep_the_reference_model(settings):
+    assert len(search(1, {"ripple.a": 0.5}).steps) == 2
+    assert len(search(1, {"ripple.a": 0.5}, settings=SelectionSettings(**settings)).steps) == 1
+
+
+def test_as_many_effects_as_are_allowed():
+    truth = {"ripple.a": 0.5, "bump.a": 0.5}
+    assert len(search(1, truth, settings=SelectionSettings(effects_before_rivals=1)).steps) == 2
+    assert len(search(1, truth, settings=SelectionSettings(effects_before_rivals=2)).steps) == 3
+
+
+def test_what_no_effect_explains_stays():
+    def spoil(values, conditions):
+        values[:, 0] += 0.3 * np.sin(29.0 * TIME) * ((TIME > 0) & (TIME < 1)) * np.resize([1.0, -1.0], 8)[:, None]
+    path = search(1, spoil=spoil)
+    assert effects_of(path) == () and path.steps[0].lack.rejected and not is_explained(path)
+
+
+def test_of_look_alikes_both_are_named():
+    """A weak ripple is told from its echo neither by fits nor by left-out conditions, from a bump it is."""
+    path = search(3, {"ripple.a": 0.08})
+    names = {effects_of(path)[0], *(name for name, *_ in path.steps[-1].alternatives)}
+    assert names == {"ripple", "echo"}
+    for name, difference, error in path.steps[-1].alternatives:
+        assert not path.selection.settings.is_beaten(difference, error)
+        assert (difference, error) == compare_additions(path.selection, path.steps[-1].tried, name)
+    strong = search(3, {"ripple.a": 1.0})
+    assert effects_of(strong) == ("ripple",) and strong.steps[-1].alternatives == ()
+    easy = SelectionSettings(significant=2.0, decisive=2.0)
+    loose = search(3, {"ripple.a": 0.2}, settings=SelectionSettings(significant=9.0, decisive=1e9))
+    assert len(loose.steps[-1].alternatives) >= len(search(3, {"ripple.a": 0.2}, settings=easy).steps[-1].alternatives)
+
+
+def test_amplitudes_and_their_starts():
+    """A side that physics leaves open follows the score; of several scores that of the largest."""
+    selection, _ = fit_toy(make_selection(1))
+    assert list_amplitudes(selection, "bump") == ["bump.a"]
+    start, = list_starts(selection, "bump", [])
+    assert start == pytest.approx({"bump.a": 0.15})
+
+    def one(name, z):
+        return Score(name.split(".")[0], name, {}, z, z, 1.0, 1.0, np.ones(1), 0, np.array([z]))
+
+    assert list_starts(selection, "bump", [one("bump.a", -1.0)])[0]["bump.a"] == pytest.approx(-0.15)
+    largest = [one("bump.a", -3.0), one("bump.a", 2.0)]
+    assert list_starts(selection, "bump", largest)[0]["bump.a"] == pytest.approx(-0.15)
+    assert list_starts(selection, "bump", [one("bump.a", 0.0)])[0]["bump.a"] == pytest.approx(0.15)
+    assert list_starts(selection, "bump", [one("echo.a", -3.0)])[0]["bump.a"] == pytest.approx(0.15)
+    assert list_starts(selection, "ripple", [one("ripple.a", -3.0)])[0]["ripple.a"] == pytest.approx(0.15)
+
+
+def fit_with(selection, fitted, **values):
+    """A fit with effects whose parameters start at given values."""
+    start = {f"{name}.a": x for name, x in values.items()}
+    return selection.fit(tuple(values), [start], fitted.solution.u, fitted.solution.z)
+
+
+def test_a_wrong_sign_counts_as_absent():
+    """A ripple below nought is not physical: it stays at the reference model's fit."""
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": -0.5}))
+    wrong = fit_with(selection, fitted, ripple=-0.1)
+    assert not has_physical_sign(selection, wrong, "ripple") and has_physical_sign(selection, fitted, "ripple")
+    echo = fit_with(selection, fitted, echo=-0.1)
+    assert has_physical_sign(selection, echo, "echo") and echo.solution.chi2 < fitted.solution.chi2 - 100.0
+    scores = selection.test_lack_of_fit(fitted)[1]
+    tried = try_effects(selection, fitted, scores, [e.id for e in EFFECTS])
+    assert tried.screened["ripple"].solution is fitted.solution and tried.screened["ripple"].effects == ("ripple",)
+    assert tried.order[0] == "echo" and sorted(tried.order) == sorted(e.id for e in EFFECTS)
+    assert tried.before is fitted and "ripple" not in tried.refined
+    right = fit_with(*fit_toy(make_selection(1, {"ripple.a": 0.5})), ripple=0.1)
+    assert has_physical_sign(selection, right, "ripple")
+
+
+def test_values_beyond_physics():
+    """A ripple of 3 N, where at most 2 N are allowed: the step is taken back, and said to lie beyond."""
+    path = search(1, {"ripple.a": 3.0}, effects=(Ripple, Settling))
+    assert effects_of(path) == ("ripple",)
+    steps, beyond = keep_physical(path)
+    assert len(steps) == 1 and len(beyond) == 1 and not is_explained(path)
+    one = beyond[0]
+    assert (one.name, one.limits, one.reason, one.unit) == ("ripple.a", (0.0, 2.0), "so much is known", "N")
+    assert one.low < one.estimate < one.high and 2.0 < one.low and one.estimate == pytest.approx(3.0, abs=0.1)
+    half = (one.high - one.low) / 2.0
+    sd = path.steps[-1].fitted.solution.covariance()[-1, -1] ** 0.5
+    assert half == pytest.approx(1.96 * sd, rel=1e-3)
+    fitted = path.steps[-1].fitted
+    assert is_beyond(path.selection, path.steps[0].fitted, fitted) and not is_beyond(path.selection, fitted, fitted)
+    inside = search(1, {"ripple.a": 1.9}, effects=(Ripple, Settling))
+    assert keep_physical(inside) == (inside.steps, ()) and is_explained(inside)
+    assert list_unphysical(inside.selection, inside.steps[-1].fitted.solution) == ()
+    # An echo may do what a ripple may not: what helps within its limits goes first.
+    assert effects_of(search(1, {"ripple.a": 3.0}))[0] == "echo"
+
+
+def test_a_held_shape_is_freed_where_that_predicts_better():
+    """The power of a bump: held at 1, which is right, or freed where it is 3; and then free in every further fit."""
+    held, freed = search(1, {"bump.a": 1.0}), search(1, {"bump.a": 1.0, "bump.q": 3.0})
+    assert "bump.q" not in held.steps[-1].fitted.solution.names and held.selection.freed == ()
+    solution = freed.steps[-1].fitted.solution
+    assert "bump.q" in solution.names and freed.selection.freed == ("bump.q",)
+    assert solution.u[freed.selection.space.index["bump.q"]] == pytest.approx(3.0, abs=0.3)
+    selection, fitted = fit_toy(make_selection(1, {"bump.a": 1.0, "bump.q": 3.0}))
+    rough = fit_with(selection, fitted, bump=0.5)
+    assert "bump.q" in fit_with_shapes(selection, rough, "bump").solution.names
+    assert "bump.q" not in fit_with_shapes(selection.free(["bump.q"]).hold("bump.q"), rough, "ripple").solution.names
+    dear = dc.replace(selection, settings=SelectionSettings(significant=1e6))
+    assert "bump.q" not in fit_with_shapes(dear, fit_with(dear, fitted, bump=0.5), "bump").solution.names
+
+
+def make_step(selection, fitted):
+    lack, scores = selection.test_lack_of_fit(fitted)
+    return FittedStep(fitted, lack, scores)
+
+
+def test_what_has_become_needless_is_taken_back():
+    """An effect beside the true one goes, a true one stays; so does a shape."""
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": 0.5}))
+    both = fit_with(selection, fitted, settling=0.1, ripple=0.3)
+    _, step = prune(selection, make_step(selection, both))
+    assert step.fitted.effects == ("ripple",) and not step.lack.rejected
+    assert not any(s.effect == "ripple" for s in step.scores) and any(s.effect == "settling" for s in step.scores)
+    last = fit_with(selection, fitted, ripple=0.3, settling=0.1)
+    assert prune(selection, make_step(selection, last))[1].fitted.effects == ("ripple",)
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": 0.5, "settling.a": 0.4}))
+    step = make_step(selection, fit_with(selection, fitted, settling=0.1, ripple=0.3))
+    same, kept = prune(selection, step)
+    assert kept is step and same is selection
+    selection, fitted = fit_toy(make_selection(1, {"bump.a": 1.0, "ripple.a": 0.5}))
+    wide = selection.free(["bump.q"])
+    step = make_step(wide, fit_with(wide, fitted, bump=0.5, ripple=0.3))
+    assert "bump.q" in step.fitted.solution.names
+    narrow, kept = prune(wide, step)
+    assert narrow.freed == () and kept.fitted.effects == ("bump", "ripple")
+    assert "bump.q" not in kept.fitted.solution.names
+    selection, fitted = fit_toy(make_selection(1, {"bump.a": 1.0, "bump.q": 3.0, "ripple.a": 0.5}))
+    wide = selection.free(["bump.q"])
+    step = make_step(wide, fit_with(wide, fitted, bump=0.5, ripple=0.3))
+    assert prune(wide, step)[0].freed == ("bump.q",)
+
+
+def test_finalists():
+    """Those within `decisive` of the best, at most so many."""
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": 0.5}))
+    scores = selection.test_lack_of_fit(fitted)[1]
+    names = [e.id for e in EFFECTS]
+
+    def finalists(**settings):
+        changed = dc.replace(selection, settings=SelectionSettings(**settings))
+        return set(try_effects(changed, fitted, scores, names).refined)
+
+    assert finalists(decisive=1e9) >= {"ripple", "echo", "settling"}
+    assert finalists(decisive=1e9, finalists=1) == {"ripple", "bump"}  # of a bump a shape is still to be freed
+    assert "settling" not in finalists() and "ripple" in finalists()
+
+
+def test_whether_an_effect_could_have_shown():
+    """Three times the noise over all samples, by what refits leave of its signature, against 4.5 standard errors."""
+    selection, _ = fit_toy(make_selection(1))
+    samples = 8 * len(TIME)
+    limit = 4.5**2 / 9.0 / samples
+
+    def one(effect, visible):
+        return Score(effect, f"{effect}.a", {}, 0.0, 0.0, 1.0, visible, np.ones(1), 0, np.zeros(1))
+
+    assert could_have_shown(selection, [one("ripple", 1.01 * limit)])
+    assert not could_have_shown(selection, [one("ripple", 0.99 * limit), one("probe", 1.0)])
+    assert not could_have_shown(selection, [])
+
+
+def test_shifts_of_settings():
+    """In stated deviations, with the record that moved furthest; what has none stated does not count."""
+    selection, fitted = fit_toy(make_selection(1))
+    shifts = measure_shifts(selection.records, fitted.solution)
+    assert [s.name for s in shifts] == ["approach_speed", "initial_pressure", "time"]
+    for k, shift in enumerate(shifts):
+        z = fitted.solution.z[:, k]
+        worst = int(np.argmax(np.abs(z)))
+        assert (shift.largest, shift.record) == (pytest.approx(z[worst]), f"r{worst}")
+        assert shift.rms == pytest.approx(np.sqrt(np.mean(z**2))) and not is_moved([shift])
+        assert shift.p_value == pytest.approx(min(1.0, 2.0 * min(
+            stats.chi2.sf(np.sum(z**2), 8), 16.0 * stats.norm.sf(np.abs(z[worst])))), rel=1e-6)
+    deviations = np.array(selection.records.stack.condition_sd)
+    deviations[:, 0], deviations[2:, 1] = 0.0, 0.0
+    records = dc.replace(selection.records, stack=dc.replace(selection.records.stack, condition_sd=deviations))
+    some = measure_shifts(records, fitted.solution)
+    assert [s.name for s in some] == ["initial_pressure", "time"]
+    assert some[0].rms == pytest.approx(np.sqrt(np.mean(fitted.solution.z[:2, 1] ** 2)))
+    assert some[0].stated == pytest.approx(np.median(deviations[:2, 1]))
+    named = dc.replace(selection.records, nuisances=("zero:normal_force", "drift:normal_force", "time"))
+    assert [s.name for s in measure_shifts(named, fitted.solution)] == ["time"]
+    assert [s.name for s in measure_shifts(dc.replace(selection.records, starts=("time",)), fitted.solution)] == [
+        "approach_speed", "initial_pressure"]
+
+
+def test_settings_that_swallow_a_misfit_are_moved():
+    def spoil(values, conditions):
+        conditions["approach_speed"] *= np.resize([1.06, 0.94], 8)
+    selection, fitted = fit_toy(make_selection(1, spoil=spoil))
+    lack, _ = selection.test_lack_of_fit(fitted)
+    assert lack.rejected and lack.settings_p_value < 1e-3
+    assert is_moved(measure_shifts(selection.records, fitted.solution))
+    assert not is_moved(measure_shifts(selection.records, fitted.solution), 0.0)
+    held = hold_settings(selection.problem, fitted.solution)
+    assert np.all(held.z[:, :2] == 0.0) and np.any(held.z[:, 2] != 0.0) and held.chi2 > fitted.solution.chi2 + 50.0
+
+
+def test_lack_of_fit_counts_an_uncertain_level_of_the_noise():
+    selection, fitted = fit_toy(make_selection(1))
+
+    def judge(vagueness, p_value=1.0, **settings):
+        noise = {"a": white(level=0.0), "b": white(level=vagueness)}
+        return judge_fit(selection.problem, fitted.solution, selection.bases, noise, p_value,
+                         SelectionSettings(**settings))
+
+    sharp, vague = judge(0.0), judge(0.5)
+    n, ratio = sharp.degrees, sharp.statistic
+    for found, level in ((sharp, 0.0), (vague, 0.5)):
+        assert found.smooth_p_value == pytest.approx(stats.norm.sf(
+            (np.log(ratio) + 1.0 / n) / np.sqrt(2.0 / n + level**2)), rel=1e-9)
+    assert judge(0.0, 0.003).rejected and not judge(0.0, 0.0034).rejected
+    assert not judge(0.0, 0.003, level=0.001).rejected
+    assert judge(0.0, 0.003).p_value == pytest.approx(0.009) and judge(0.0, 0.003).score_p_value == 0.003
+
+
+def test_splines_lie_over_the_contact_and_after_it():
+    """Whitened as the residuals are; zero before first touch."""
+    selection, fitted = fit_toy(make_selection(1, channels=("normal_force", "depression")))
+    bases = smooth_bases(selection.problem, fitted.solution.end)
+    assert len(bases) == 8
+    block = bases[0].toarray()
+    assert block.shape[0] == 2 * len(TIME) and block.shape[1] % 2 == 0
+    half = block.shape[1] // 2
+    assert not block[: len(TIME), half:].any() and not block[len(TIME):, :half].any()
+    rows = block[: len(TIME), :half].sum(axis=1)  # B-splines add up to one
+    inside = (TIME > 0) & (TIME <= 1)
+    assert rows[inside] == pytest.approx(1.0 / 0.05) and not rows[TIME < 0].any()
+    assert block[len(TIME):, half:].sum(axis=1)[inside] == pytest.approx(1.0 / 2e-4)
+
+
+def test_records_that_run_on_are_forecast():
+    """A quarter of a left-out record gives its nuisances; the loss of the rest counts for the whole record."""
+    generator = np.random.default_rng(0)
+    count, rows, own = 4, 40, 2
+    time = np.tile(np.linspace(2.0, 4.0, rows), (count, 1))
+    selection, fitted = fit_toy(make_selection(1))
+    shared, nuisances = generator.standard_normal((count, rows, 1)), generator.standard_normal((count, rows, own))
+    nuisances[0, 30:] = shared[0, 30:] = 0.0  # samples that are not there
+    residual = generator.standard_normal((count, rows)) * np.any(nuisances != 0, axis=2)
+    solution = dc.replace(fitted.solution, names=("p",), u=np.zeros(1), z=np.zeros((count, own)), scales=np.ones(1),
+                          residual=residual, shared=shared, own=nuisances, prior_residual=np.zeros(1),
+                          prior_weight=np.zeros(1))
+    records = Records(tuple("abcd"), ("x",), ("u", "v"), np.full(count, rows), np.ones((count, 1), bool),
+                      SimpleNamespace(time=time))
+    for share in (0.25, 0.5):
+        found = forecast(records, solution, np.arange(count), share)
+        columns, side = solution.projected()
+        for r in range(count):
+            kept = np.arange(count) != r
+            a, b = columns[kept].reshape(-1), side[kept].ravel()
+            # The full fit counts as stationary, which this one is not: the step is that of taking the record out.
+            step = columns[r, :, 0] @ side[r] / (a @ a)
+            assert b.size == a.size
+            moved = residual[r] + shared[r, :, 0] * step
+            early = time[r] <= 2.0 + share * 2.0
+            matrix = np.concatenate([nuisances[r][early], np.eye(own)])
+            z = np.linalg.lstsq(matrix, -np.append(moved[early], np.zeros(own)), rcond=None)[0]
+            used = np.any(nuisances[r] != 0, axis=1)
+            rest = (moved + nuisances[r] @ z)[~early & used]
+            assert found[r] == pytest.approx(np.mean(rest**2) * used.sum(), rel=1e-9)
+
+
+
+def test_alternatives_within_physics_alone():
+    """An alternative that needs values beyond physics, or does nothing, is none."""
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": 3.0}, effects=(Ripple, Echo, Bump)))
+    echo, ripple = fit_with(selection, fitted, echo=1.0), fit_with(selection, fitted, ripple=1.0)
+    bump = dc.replace(fitted, effects=("bump",))
+    near = dc.replace(ripple, loss=echo.loss + 0.1)
+    tried = SimpleNamespace(order=("echo", "ripple", "bump"), screened={}, refined={
+        "echo": echo, "ripple": near, "bump": bump})
+    assert find_alternatives(selection, tried, fitted) == ()
+    tried.refined["ripple"] = dc.replace(echo, loss=echo.loss + 0.1)
+    (name, difference, error), = find_alternatives(selection, tried, fitted)
+    assert name == "ripple" and difference == pytest.approx(0.8) and error == pytest.approx(0.0, abs=1e-9)
+    tried.refined["ripple"] = dc.replace(echo, loss=echo.loss + 10.0)
+    assert find_alternatives(selection, tried, fitted) == ()
+
+
+def test_the_last_physical_step_is_kept():
+    """Of a path whose second effect lies beyond physics, the first; of one whose first does, the reference model."""
+    selection, fitted = fit_toy(make_selection(1, {"ripple.a": 3.0, "settling.a": 0.4}))
+    steps = tuple(make_step(selection, f) for f in (
+        fitted, fit_with(selection, fitted, settling=0.3), fit_with(selection, fitted, settling=0.3, ripple=1.0)))
+    kept, beyond = keep_physical(Path(selection, steps, None, True))
+    assert kept == steps[:2] and [x.name for x in beyond] == ["ripple.a"]
