@@ -274,7 +274,8 @@ def make_selection(seed=0, truth=(), spoil=None, channels=("normal_force",), con
         jnp.zeros((*shape, TAPS)), {n: jnp.asarray(x) for n, x in stated.items()},
         jnp.asarray(np.stack([sd["approach_speed"], sd["initial_pressure"], np.full(count, CLOCK)], axis=1)),
         jnp.ones(count))
-    records = Records(keys, tuple(channels), NUISANCES, np.full(count, len(TIME)), np.ones(shape[:2], bool), stack)
+    records = Records(keys, tuple(channels), NUISANCES, np.full(count, len(TIME)), np.ones(shape[:2], bool), stack,
+                      "impact")
     known = {c: white(SD[c]) for c in channels}
     space = ParameterSpace(Pulse(), effects)
     problem = ToyProblem(space, whiten_records(records, known))

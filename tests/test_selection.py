@@ -361,7 +361,7 @@ def test_records_that_run_on_are_forecast():
                           residual=residual, shared=shared, own=nuisances, prior_residual=np.zeros(1),
                           prior_weight=np.zeros(1))
     records = Records(tuple("abcd"), ("x",), ("u", "v"), np.full(count, rows), np.ones((count, 1), bool),
-                      SimpleNamespace(time=time))
+                      SimpleNamespace(time=time), "impact")
     for share in (0.25, 0.5):
         found = forecast(records, solution, np.arange(count), share)
         columns, side = solution.projected()
