@@ -314,7 +314,8 @@ def test_one_condition_alone_shows_it(excess, lone):
     problem = SimpleNamespace(records=records, groups=np.array([0, 0, 1, 1, 2]))
     assert find_lone(np.array([20.0, 20.0, 10.0]) + excess, problem) == lone
     text = summarise_missing(dc.replace(invent(), lone=lone))
-    assert ("Measure beside it" in text) == bool(lone) and all(key in text for key in lone)
+    without = summarise_missing(dc.replace(invent(), lone=()))
+    assert (text != without) == bool(lone) and all(key in text for key in lone)
 
 
 @pytest.mark.parametrize(("plain", "bent", "first", "rivals"), [

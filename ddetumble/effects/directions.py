@@ -199,8 +199,3 @@ TUMBLE_DIRECTIONS: Directions = (
          "Gyroscopes turned about body x, which axis-misalignment does not hold.", _tilt, order=0,
          angle=parameter("rad", typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5))),
 )
-
-DIRECTIONS: dict[str, Directions] = {
-    "impact": IMPACT_DIRECTIONS, "slip": SLIP_DIRECTIONS,
-    "oblique": (*IMPACT_DIRECTIONS, *OBLIQUE_DIRECTIONS), "tumble": TUMBLE_DIRECTIONS,
-}  # fmt: skip
