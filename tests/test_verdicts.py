@@ -10,6 +10,7 @@ import pytest
 import ddetumble as dd
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
 from ddetumble.inference.goodness import combine_p_values
+from ddetumble.selection.discover import list_exact
 from ddetumble.selection.lack_of_fit import is_moved, measure_shifts
 from ddetumble.selection.result import LackOfFit
 from ddetumble.selection.settings import DEFAULT
@@ -177,3 +178,11 @@ def test_another_reference_model_before_three_effects(tmp_path):
     found = dd.discover(write(tmp_path / "printed", wall, 31, base={**BASE, "doubled_core": True}))
     assert found.verdict == "explained" and found.effects == ("wall-stiffness",)
     assert found.model == "paper-doubled-core" and len(found.references) > 1
+
+
+def test_settings_without_a_stated_uncertainty_are_named():
+    """What counts as exact though it was measured is told apart from what is stated, and from the order of tests."""
+    campaign = dd.read_campaign(dd.find_data() / "impact-b")
+    assert list_exact(campaign) == []
+    bare = {n: dc.replace(c, uncertainty=None) for n, c in campaign.conditions.items()}
+    assert set(list_exact(dc.replace(campaign, conditions=bare))) == {"initial_pressure", "approach_speed"}

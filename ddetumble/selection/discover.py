@@ -226,10 +226,19 @@ def _assemble(selection: SelectionProblem, model: str, steps: Sequence[FittedSte
         sentence = join_sentences(sentence, summarise_missing(missing))
     elif missing:
         notes = (*notes, missing)
+    exact = list_exact(campaign) if steps[0].lack.rejected else []
+    if exact:
+        notes = (*notes, say("verdict.exact_settings", names=exact))
     loose = list_loose(selection, steps[-1].fitted.solution)
     if loose:
         notes = (*notes, say("verdict.undetermined", names=list(loose)))
     return dc.replace(found, sentence=sentence, notes=(*selection.warnings, *notes))
+
+
+def list_exact(campaign: Campaign) -> list[str]:
+    """Names of settings that differ from record to record and state no uncertainty; what has no unit is no setting."""
+    return [name for name, column in campaign.conditions.items()
+            if column.uncertainty is None and column.unit not in ("", "1") and campaign.records[name].nunique() > 1]
 
 
 @dc.dataclass(frozen=True)
