@@ -238,7 +238,7 @@ def _assemble(selection: SelectionProblem, model: str, steps: Sequence[FittedSte
 def list_exact(campaign: Campaign) -> list[str]:
     """Names of settings that differ from record to record and state no uncertainty; what has no unit is no setting."""
     return [name for name, column in campaign.conditions.items()
-            if column.uncertainty is None and column.unit not in ("", "1") and campaign.records[name].nunique() > 1]
+            if column.uncertainty is None and column.unit not in ("", "1") and len(set(campaign.records[name])) > 1]
 
 
 @dc.dataclass(frozen=True)
