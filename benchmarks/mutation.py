@@ -170,12 +170,13 @@ def examine(name: str, files, most: int, seed: int) -> dict:
             "tests": list(files)}
 
 
-def tell(rows: list[dict]) -> str:
+def tell(rows: list[dict], most: int) -> str:
     """The page."""
     total, killed = sum(r["mutants"] for r in rows), sum(r["killed"] for r in rows)
     lines = ["# Mutation testing of what decides a verdict", "",
-             "Made by `python -m benchmarks.mutation -o fits/mutation`: one operator, constant or returned value of "
-             "one function changed at a time; a fixed sample of each module.", "",
+             f"Made by `python -m benchmarks.mutation -o fits/mutation --most {most}`, which writes after every module: one "
+             "operator, constant or returned value of one function changed at a time; a fixed sample of each module. "
+             f"Of {len(MODULES)} modules these are done: {', '.join(r['module'] for r in rows)}.", "",
              f"{killed} of {total} mutants are noticed ({100 * killed / max(total, 1):.0f} %).", "",
              "| module | places | mutants | noticed | tests |", "| --- | --- | --- | --- | --- |"]
     lines += [f"| `{r['module']}` | {r['sites']} | {r['mutants']} | {r['killed']} "
@@ -204,7 +205,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"{name}: {rows[-1]['killed']} of {rows[-1]['mutants']}, {time.perf_counter() - began:.0f} s", flush=True)
         given.output.mkdir(parents=True, exist_ok=True)
         (given.output / "result.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        (given.output / "README.md").write_text(tell(rows), encoding="utf-8")
+        (given.output / "README.md").write_text(tell(rows, given.most), encoding="utf-8")
     return 0
 
 
