@@ -174,8 +174,9 @@ def tell(rows: list[dict], most: int) -> str:
     """The page."""
     total, killed = sum(r["mutants"] for r in rows), sum(r["killed"] for r in rows)
     lines = ["# Mutation testing of what decides a verdict", "",
-             f"Made by `python -m benchmarks.mutation -o fits/mutation --most {most}`, which writes after every module: "
-             "one operator, constant or returned value of one function changed at a time; a fixed sample of each module. "
+             f"Made by `python -m benchmarks.mutation -o fits/mutation --most {most}`, which writes after every "
+             "module: one operator, constant or returned value of one function changed at a time; a fixed sample of "
+             "each module. "
              f"Of {len(MODULES)} modules these are done: {', '.join(r['module'] for r in rows)}.", "",
              f"{killed} of {total} mutants are noticed ({100 * killed / max(total, 1):.0f} %).", "",
              "| module | places | mutants | noticed | tests |", "| --- | --- | --- | --- | --- |"]
