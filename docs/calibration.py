@@ -30,7 +30,7 @@ from ddetumble.inference.bounded import solve_bounded
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.inference.findings import Fit, summarise_fit
 from ddetumble.inference.models import resolve_effect
-from ddetumble.inference.parameters import ParameterSpace, to_public
+from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records, trim_records
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
@@ -98,12 +98,11 @@ def draw_truth(case: Case, space: ParameterSpace, generator) -> dict[str, float]
     """True public values of one campaign."""
     found = {}
     for name, given in case.truth.items():
-        kind = space.slots[space.index[name]].parameter.coordinate
         if isinstance(given, tuple):
             low, high = case.bounds.get(name, (-np.inf, np.inf))
             a, b = ((end - given[0]) / given[1] for end in (low, high))
             u = stats.truncnorm.rvs(a, b, loc=given[0], scale=given[1], random_state=generator)
-            found[name] = to_public(kind, float(u))
+            found[name] = space.parameter(name).transform.from_unconstrained(float(u))
         else:
             found[name] = given
     return found

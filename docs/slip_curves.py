@@ -22,13 +22,13 @@ from ddetumble.contact.friction import (
     slip_coefficients,
 )
 from ddetumble.figures.style import AFTER, BEFORE, GREY, INK, PLACE, dress, new_figure, render_png, styled
-from ddetumble.inference.curve_fit import say_sd
-from ddetumble.inference.curve_models import (
+from ddetumble.inference.curve_fit import (
     SlipRecord,
     evaluate_polynomials,
     fit_rubber,
     fit_slip_curve,
     fit_slip_polynomials,
+    say_sd,
 )
 from ddetumble.inference.files import list_versions, write_json
 
@@ -169,6 +169,8 @@ def _draw_alone(axes, fits, name, label, shade, limits):
     for load, fit in fits.items():
         if isinstance(fit, str):
             continue
+        if math.isnan(fit.coefficients[name].low):
+            continue
         found, sign = fit.coefficients[name], -1.0 if name in "cd" and fit.coefficients["c"].estimate > 0 else 1.0
         ends = sorted((sign * found.low, sign * found.high))
         low, high = max(ends[0], limits[0] * 2), min(ends[1], limits[1] * 2)
@@ -203,6 +205,8 @@ def draw_profiles(singles, rubber):
         dress(axes).axhline(3.84, color=INK, lw=0.8, ls=":")
         axes.set_ylim(-0.3, 10)
         axes.legend(loc=place, fontsize=8.5)
+    middle.set_xticks([1e-4, 1e-2, 1.0, 100.0])
+    right.set_xticks([0.1, 1.0, 10.0])
     for axes in (middle, right):
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_formatter("")
@@ -252,6 +256,8 @@ def _tabulate_polynomials(fit) -> tuple[list[str], int]:
 
 def _reach(c) -> str:
     """An interval in words."""
+    if math.isnan(c.low):
+        return "no interval"
     low, high = math.isfinite(c.low) and (c.bounded or c.low != 0.0), math.isfinite(c.high)
     if low and high:
         return f"{c.low:.4g} to {c.high:.4g}"
@@ -293,7 +299,8 @@ def describe(low, high, singles, far, polynomials, beyond, rubber) -> str:
         f"What the fit at {LOW[3]:g} N says:", "", *_list_notes(singles[float(LOW[3])]), "",
         "![coefficients](coefficients.png)", "",
         "The shaded loads are those of the fitted curves. Single loads are drawn with c < 0, the sign of Eq. 10; the",
-        "fits themselves have d > 0. A bar that reaches the frame has no end.", "",
+        "fits themselves have d > 0. A bar that reaches the frame has no end; a fit",
+        "without intervals is left out.", "",
         "## 40 to 71 N: not recovered", "",
         "These are the loads of Table 3. There Eq. 10 makes no friction: its curves grow without limit from",
         f"{DIVERGES_ABOVE:.1f} N on, as b + |d| is positive, and a is negative above {CHANGES_SIGN_AT:.1f} N.",

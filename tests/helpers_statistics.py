@@ -16,7 +16,7 @@ from ddetumble.contact.effect import AbstractEffect, AbstractModel, parameter
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference.arrow import profile_own
 from ddetumble.inference.noise import TAPS, Noise, whiten, whitening
-from ddetumble.inference.parameters import ParameterSpace, from_coordinate
+from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, Solution
 from ddetumble.inference.stack import Records, Stack
 from ddetumble.measurement.campaign import Campaign, Column
@@ -116,7 +116,7 @@ class ToyProblem(Problem):
 
     def model(self, u, z):
         """Channels at coordinates and nuisances."""
-        p = {s.name: from_coordinate(s.parameter.coordinate, u[..., k, None]) for k, s in enumerate(self.space.slots)}
+        p = {s.name: s.parameter.transform.to_field(u[..., k, None]) for k, s in enumerate(self.space.slots)}
         moved, time = dict(self.conditions), self.time
         for k, name in enumerate(self.records.nuisances):
             if name == "time":

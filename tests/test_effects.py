@@ -10,7 +10,7 @@ from ddetumble.contact.law import Ball, ContactLaw
 from ddetumble.dynamics.impact import simulate_impact
 from ddetumble.effects import IMPACT, catalogue
 from ddetumble.exam.simulators import impact as independent
-from ddetumble.inference.parameters import ParameterSpace, to_coordinate
+from ddetumble.inference.parameters import ParameterSpace
 
 
 SPACE = ParameterSpace(Ball(), IMPACT)
@@ -137,4 +137,4 @@ def test_nulls_are_those_of_the_catalogue():
             if one.kind == "amplitude":
                 null = independent.NULLS[effect.id][one.name]
                 assert one.default == (1.0 / null if one.coordinate == "inverse" else null)
-                assert to_coordinate(one.coordinate, one.default) == one.default
+                assert one.transform.from_field(one.default) == one.default

@@ -16,11 +16,10 @@ from ddetumble import InputError, read_campaign
 from ddetumble._errors import ComputationError
 from ddetumble.cli import main
 from ddetumble.exam import running, scoring
-from ddetumble.exam.benches import BENCHES
+from ddetumble.exam.benches import BENCHES, Hidden
 from ddetumble.exam.drawing import PATTERN, STRONGEST, TRUTHS, WEAKEST, Exam, draw_case, find_kind, write_case
 from ddetumble.exam.examination import examine
 from ddetumble.exam.faults import FAULTS
-from ddetumble.exam.hidden import Hidden
 from ddetumble.exam.scorecard import write_scorecard
 from ddetumble.exam.simulators.impact import NULLS
 from ddetumble.exam.simulators.impact_campaigns import NOISE, UNCERTAINTIES, order_tests

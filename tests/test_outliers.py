@@ -145,6 +145,19 @@ def test_as_many_as_one_in_four_are_found():
     assert len(suspects_of(OutlierSettings(fewest=8), seed=2, spoil=rumble(3), most=2)) == 1
 
 
+def test_a_record_that_bends_the_fit_to_itself_is_found():
+    """A pressure stated ten times too high has all the weight in how the force depends on pressure: fitted with the
+    others it is described better than they are."""
+    def spoil(values, conditions):
+        conditions["initial_pressure"][3] *= 10.0
+
+    selection, fitted = fit_toy(make_selection(seed=2, spoil=spoil))
+    misfit = [measure_record(selection, selection.problem, fitted.solution, r).total for r in range(8)]
+    assert sorted(misfit).index(misfit[3]) < 8 - OutlierSettings().candidates
+    suspect, = find_suspects(selection, fitted)
+    assert suspect.key == "r3" and suspect.sure and suspect.diagnosis.kind == "unit"
+
+
 @pytest.mark.parametrize("settings", [{"p_value": 0.0}, {"clear": 1e4}, {"clear": 40.0}])
 def test_thresholds_of_outliers_take_effect(settings):
     """Against a record whose mean square is some 20 noise variances."""

@@ -95,7 +95,7 @@ def interrupt(program: str, words: list[str], ready, times: int = 1) -> tuple[in
 @pytest.mark.slow
 def test_an_interrupted_command_leaves_nothing(tmp_path):
     # Imported first, as an extension of numpy prints a traceback of its own where it is interrupted.
-    program = (LISTENING + "import matplotlib.pyplot, scipy.stats, ddetumble.dynamics.impact, ddetumble.paper.booklet\n"
+    program = (LISTENING + "import matplotlib.pyplot, scipy.stats, ddetumble.dynamics.impact, ddetumble.paper.page\n"
                "from ddetumble.cli import main; sys.exit(main())")
     code, err = interrupt(program, ["paper", "-o", str(tmp_path / "deep" / "new")], lambda: os.listdir(tmp_path))
     assert code == 130 and err.count("stopped") == 1 and "Traceback" not in err

@@ -242,8 +242,7 @@ def test_friction_in_the_page(written, points):
 def test_peaks_against_scipy():
     from ddetumble.contact.law import Ball
     from ddetumble.effects import IMPACT
-    from ddetumble.paper.bench import choose_effects
-    from ddetumble.paper.peaks import PeakProgram
+    from ddetumble.paper.peaks import PeakProgram, choose_effects
 
     conditions = {"initial_pressure": np.array([0.25e6, 2.5e6]), "approach_speed": np.full(2, 0.4)}
     program = PeakProgram(Ball(), choose_effects(IMPACT, Ball(), conditions)[0])
@@ -273,7 +272,7 @@ def test_judges_stated_uncertainty():
     from ddetumble.contact.law import Ball
     from ddetumble.effects import IMPACT
     from ddetumble.paper import judge_peaks
-    from ddetumble.paper.bench import choose_effects
+    from ddetumble.paper.peaks import choose_effects
 
     pressures, speeds = np.tile([0.5e6, 1.0e6, 2.0e6], 3), np.repeat([0.3, 0.4, 0.5], 3)
     truth = np.array([integrate_peak(1.4, 0.7, p, speed=v)[0] for p, v in zip(pressures, speeds, strict=True)])

@@ -7,7 +7,7 @@ import pytest
 from ddetumble._rotation import rotate
 from ddetumble.dynamics import Cylinder, propagate_torque_free
 from ddetumble.paper.detumbling import find_demand, find_mass, follow_impact, place_stage, sample_steps, strike_stage
-from ddetumble.paper.free_tumbling import read_momentum
+from ddetumble.paper.tumbling import read_momentum
 
 
 PRINTED = np.array([39.8, 69.183, 75.9])

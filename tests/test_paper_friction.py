@@ -33,15 +33,15 @@ def slip_term(s, load, e=None):
 
 @pytest.fixture(scope="module")
 def judged():
+    from ddetumble import find_data
     from ddetumble.measurement.package import read_campaign
-    from ddetumble.paper import find_data
 
-    return judge_campaign(read_campaign(find_data("paper/table-4")))
+    return judge_campaign(read_campaign(find_data() / "paper" / "table-4"))
 
 
 @pytest.fixture(scope="module")
 def points():
-    from ddetumble.paper.slipping import list_friction_points
+    from ddetumble.paper.contradictions import list_friction_points
 
     return {point.number: point for point in list_friction_points(TABLE)}
 
@@ -204,7 +204,7 @@ def test_errors_of_table_4(points):
 
 
 def test_band(judged):
-    from ddetumble.paper.band import compare_band, find_band, measure_bends
+    from ddetumble.paper.friction_page import compare_band, find_band, measure_bends
 
     inside = find_band(PRESSURE)
     assert list(inside) == [6, 7]
@@ -221,8 +221,8 @@ def test_band(judged):
 
 
 def test_stated_error_of_equation_8(judged):
-    from ddetumble.paper.friction_pages import find_scale
-    from ddetumble.paper.slipping import err_scaled
+    from ddetumble.paper.contradictions import err_scaled
+    from ddetumble.paper.friction_page import find_scale
 
     at = find_scale(judged)
     x = LOAD * (np.pi / 4 * at + HYSTERESIS) / MEASURED

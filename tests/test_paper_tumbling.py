@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ddetumble._rotation import measure_turn
 from ddetumble.dynamics import measure_nutation, propagate_torque_free, simulate_tumbling
-from ddetumble.paper.free_tumbling import (
+from ddetumble.paper.tumbling import (
     UNTURNED,
     follow_stage,
     integrate_stage,
@@ -33,7 +33,7 @@ TIMES = 0.2 * np.arange(10001)  # the paper's steps
 
 @pytest.fixture(scope="module")
 def page():
-    from ddetumble.paper.tumbling_pages import write_tumbling
+    from ddetumble.paper.tumbling import write_tumbling
 
     return write_tumbling()
 

@@ -40,8 +40,6 @@ LAYERS = (
 NAMED_FAMILY = re.compile(
     r"""family(\.name)? (==|!=|in |not in [(\[{])|(==|!=) "(impact|oblique|tumble)"|== "slip\""""
 )
-# Files that still ask for a family by name; the list may only shrink.
-NAMING_FAMILIES = {"contact/contract.py"}
 FAMILY_NAMES = {"impact", "slip", "oblique", "tumble"}
 HEAVY = {"jax", "jaxlib", "equinox", "diffrax", "numpy", "scipy", "pandas", "pint", "pydantic", "matplotlib", "rich"}
 
@@ -149,9 +147,7 @@ def test_families_are_not_asked_for_by_name():
     own = {PACKAGE / "measurement" / "kinds.py", *(PACKAGE / "families").glob("*.py")}
     naming = {path.relative_to(PACKAGE).as_posix(): match[0] for path in MODULES if path not in own
               if (match := NAMED_FAMILY.search(path.read_text(encoding="utf-8")))}
-    more = {name: text for name, text in naming.items() if name not in NAMING_FAMILIES}
-    assert not more, f"give `Family` or `RecordKind` what is asked here: {more}"
-    assert not NAMING_FAMILIES - set(naming), "these no longer name a family: take them off the list"
+    assert not naming, f"give `Family` or `RecordKind` what is asked here: {naming}"
 
 
 def find_tables(tree):
@@ -177,7 +173,6 @@ def test_no_table_of_families():
     own = {PACKAGE / "measurement" / "kinds.py", *(PACKAGE / "families").glob("*.py")}
     found = {path.relative_to(PACKAGE).as_posix(): lines for path in MODULES if path not in own
              if (lines := list(find_tables(ast.parse(path.read_text(encoding="utf-8")))))}
-    found = {name: lines for name, lines in found.items() if name not in NAMING_FAMILIES}
     assert not found, f"let `Family` or `RecordKind` hold what is looked up here: {found}"
 
 

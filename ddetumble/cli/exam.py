@@ -57,8 +57,7 @@ def sit_exam(
     chosen = tuple(kind for kind in TRUTHS if kind in truth) + tuple(k for k in truth if k not in TRUTHS) \
         if truth else TRUTHS
     exam = Exam(family, seed, chosen, noise, fault)
-    from ..exam.examination import examine
-    from ..exam.ledger import ANSWERS, QUESTIONS
+    from ..exam.examination import ANSWERS, QUESTIONS, examine
     from ..exam.scorecard import PAGE, write_scorecard
 
     with (open_folder(output, "exam", overwrite, resumes=(QUESTIONS, ANSWERS, "kept"), progress=ANSWERS) as out,

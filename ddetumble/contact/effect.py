@@ -35,6 +35,7 @@ from jaxtyping import Array
 
 from .._numerics import scalar, type_scalar
 from .signal import Signal
+from .transform import TRANSFORMS, Transform
 
 
 Scalar = type_scalar
@@ -97,7 +98,8 @@ class Parameter:
         limits: range (low, high) that physics allows, in the public unit; a value beyond it is no explanation.
         limits_reason: why, in one phrase.
         starts: values to start a fit from (amplitudes) or to scan (shapes).
-        coordinate: `linear`, `log`, `logit` (of a value in 0..1) or `inverse` (the field holds 1/parameter).
+        coordinate: name of its transform: `linear`, `log`, `logit` (of a value in 0..1) or `inverse` (the field holds
+            1/parameter).
         free: whether a fit of the effect frees it from the start.
         singular: whether the derivative vanishes at the null, so that the effect is scored at its starts instead.
         text: one phrase that says what it is.
@@ -119,6 +121,15 @@ class Parameter:
     singular: bool = False
     text: str = ""
 
+    @property
+    def transform(self) -> Transform:
+        """Between its value and the coordinate in which a fit moves."""
+        return TRANSFORMS[self.coordinate]
+
+    def coordinate_bounds(self) -> tuple[float, float]:
+        """Coordinates between which a fit moves it."""
+        return self.transform.place_fields(*self.bounds)
+
     def excludes(self, low: float, high: float) -> bool:
         """Whether an interval, in the public unit, lies wholly beyond what physics allows."""
         return high < self.limits[0] or low > self.limits[1]
@@ -133,7 +144,7 @@ def parameter(
     """Declare a scalar parameter of an effect or of a reference model; see `Parameter` for the arguments."""
     if kind not in ("amplitude", "shape", "reference"):
         raise ValueError(f"`parameter(kind=...)` must be 'amplitude', 'shape' or 'reference'; got {kind!r}.")
-    if coordinate not in ("linear", "log", "logit", "inverse"):
+    if coordinate not in TRANSFORMS:
         raise ValueError(f"`parameter(coordinate=...)` must be linear, log, logit or inverse; got {coordinate!r}.")
     meta = dict(unit=unit, default=float(default), name=name, kind=kind, typical=float(typical), sign=sign,
                 bounds=bounds or (-float("inf"), float("inf")), limits=limits or (-float("inf"), float("inf")),

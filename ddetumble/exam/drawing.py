@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from .._errors import InputError
-from .benches import BENCHES, Bench
+from .benches import BENCHES, Bench, Hidden
 from .faults import FAULTS
-from .hidden import Hidden
 from .simulators.strength import reach_strength
 
 

@@ -2,7 +2,6 @@
 
 import abc
 import dataclasses as dc
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
-from .files import hash_file, list_versions, make_plain, refuse_peaks, write_json
+from .files import hash_file, list_versions, make_plain, read_json, refuse_peaks, write_json
 from .models import ResolvedModel, find_model, is_fitted, list_known, resolve_effect, wrap_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
@@ -34,23 +33,11 @@ class _Strict(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class NoiseEntry(_Strict):
-    """Noise of one channel, as in `Noise`."""
-
-    sd: float = pydantic.Field(gt=0)
-    correlation: float = pydantic.Field(ge=0, lt=1)
-    white_share: float = pydantic.Field(ge=0, le=1)
-    interval: float = pydantic.Field(gt=0)
-    stated_sd: float | None
-    log_level_sd: float
-    text: str
-
-
 class ChannelEntry(_Strict):
     """One measured channel: SI unit and noise."""
 
     unit: str
-    noise: NoiseEntry
+    noise: Noise
 
 
 class ConditionEntry(_Strict):
@@ -318,7 +305,7 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
         path.parent, content.campaign, content.sha256, family, model, tuple(e.id for e in classes), space,
         np.array([content.coordinates[name] for name in space.index]), tuple(content.free),
         np.array(content.covariance).reshape(len(content.free), len(content.free)),
-        {name: Noise(**entry.noise.model_dump()) for name, entry in content.channels.items()},
+        {name: entry.noise for name, entry in content.channels.items()},
         {name: entry.unit for name, entry in (content.conditions | content.channels).items()},
         {name: Uncertainty(entry.absolute, entry.relative) for name, entry in content.conditions.items()
          if entry.absolute is not None or entry.relative is not None},
@@ -449,27 +436,7 @@ def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEf
 
 
 def _read(path: Path) -> ModelFile:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
+    if not path.exists():
         refuse_peaks(path.parent)
-        raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent) from None
-    except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
-    try:
-        content = json.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError("this is no JSON file, or only a part of one; fit the model again", file=path,
-                         row=getattr(error, "lineno", None)) from None
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != SCHEMA:
-        raise InputError(f"the schema is {found!r}; this version reads {SCHEMA!r}: fit the model again", file=path,
-                         key="schema")
-    try:
-        return ModelFile.model_validate(content)
-    except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or None
-        reason = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; fit the model again", file=path,
-                         key=where) from None
+        raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent)
+    return read_json(path, SCHEMA, ModelFile, "fit the model again")

@@ -19,7 +19,7 @@ from ..families import find_family, name_family
 from ..measurement.campaign import Campaign
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import ROLES
-from .parameters import ParameterSpace, to_coordinate
+from .parameters import ParameterSpace
 from .stack import list_commons
 
 
@@ -71,8 +71,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     space = ParameterSpace(reference, (*catalogue, *directions), list_commons(campaign))
     known = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
     for name, value in known.items():
-        low, high = space.slots[space.index[name]].parameter.bounds
-        if not low <= value <= high or (space.slots[space.index[name]].parameter.coordinate == "log" and value <= 0):
+        low, high = space.parameter(name).bounds
+        if not low <= value <= high or not space.parameter(name).transform.allows(value):
             edge = "above 0" if low == 0 and high == np.inf else f"{low:g} to {high:g}"
             raise InputError(f"{value:g} is outside what {name} can be ({edge})",
                              file=campaign.path and campaign.path / "datapackage.json", key=f"known.{name}")
@@ -190,7 +190,7 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
     amplitudes, shapes = {}, [{}]
     for p in parameters_of(effect):
         name = f"{effect.id}.{p.name}"
-        values = [to_coordinate(p.coordinate, v) for v in (p.starts or (p.default + 0.3 * p.typical,))]
+        values = [p.transform.from_field(v) for v in (p.starts or (p.default + 0.3 * p.typical,))]
         if p.kind == "shape" or p.singular:
             if p.free or p.singular:
                 shapes = [{**s, name: v} for s in shapes for v in values]

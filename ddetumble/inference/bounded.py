@@ -33,6 +33,11 @@ class Bounded:
     held: Mapping[str, int]
     bounds: Mapping[str, tuple[float, float]]
 
+    def room(self, problem: Problem, name: str) -> tuple[float, float]:
+        """Coordinates between which a parameter may lie: within its bounds and the limits of the model."""
+        k, (low, high) = problem.space.index[name], self.bounds.get(name, (-np.inf, np.inf))
+        return max(float(low), float(problem.limits[0][k])), min(float(high), float(problem.limits[1][k]))
+
 
 def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: np.ndarray | None,
                   bounds: Mapping[str, tuple[float, float]], tolerance: float = 1e-7) -> Bounded:
@@ -97,17 +102,9 @@ def _settle(problem: Problem, names: Sequence[str], u: np.ndarray, z: np.ndarray
 
 def _pull(problem: Problem, solution: Solution, held: Mapping[str, int], u: np.ndarray) -> dict[str, float]:
     """Where each held parameter wants to go: sign of its Gauss-Newton step with everything else refitted."""
-    full = linearise_all(problem, solution, [*solution.names, *held], u)
-    columns, right = full.projected()
-    flat = np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(full.prior_weight)])
-    rest = np.concatenate([right.reshape(-1), full.prior_residual])
-    step = -np.linalg.lstsq(flat, rest, rcond=1e-10)[0]
+    full = problem.solve([*solution.names, *held], u, solution.z, moving=False)
+    step = -np.linalg.lstsq(*full.flattened(), rcond=1e-10)[0]
     return {name: float(step[len(solution.names) + j]) for j, name in enumerate(held)}
-
-
-def linearise_all(problem: Problem, solution: Solution, names: Sequence[str], u: np.ndarray) -> Solution:
-    """Residual and Jacobian of held and moving parameters at a fit."""
-    return problem.solve(names, u, solution.z, moving=False)
 
 
 def list_limits(problem: Problem, solution: Solution) -> dict[str, int]:

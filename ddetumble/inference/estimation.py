@@ -22,9 +22,9 @@ from .findings import Fit, summarise_fit
 from .horizon import MOST, is_lost, solve_growing
 from .models import ResolvedModel, resolve_effect
 from .noise import Noise
-from .parameters import ParameterSpace, from_public, to_public
+from .parameters import ParameterSpace
 from .problem import Problem, Solution
-from .specification import Specification, read_specification
+from .specification import Prior, Specification, read_specification
 from .stack import Records, stack_records
 from .whiteness import differs_from_stated, measure_noise
 
@@ -62,6 +62,7 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
         ComputationError: The model could not be integrated from any start.
     """
     settings: dict = {}
+    report = progress or (lambda text, share: None)
     if not isinstance(campaign, Campaign) and Path(campaign).suffix == ".toml":
         path = Path(campaign)
         found, digest = read_specification(path)
@@ -70,7 +71,7 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
         try:
             measured = read_campaign(found.campaign)
             return _fit(measured, found, resolve_model(found.model, name_family(measured)), settings, {},
-                        progress or _quiet, ())
+                        report, ())
         except InputError as error:
             if error.file is not None:
                 raise
@@ -83,9 +84,10 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
     resolved = resolve_model(model, name_family(campaign))
     specification = Specification.model_construct(
         schema_="ddetumble.fit/1", campaign=campaign.name, model=resolved.name, effects=ids, free=wanted,
-        fixed=dict(fixed or {}), priors={k: _Pair(*v) for k, v in (priors or {}).items()}, bounds=dict(bounds or {}),
+        fixed=dict(fixed or {}), bounds=dict(bounds or {}),
+        priors={k: Prior.model_construct(mean=m, sd=s) for k, (m, s) in (priors or {}).items()},
         nuisances=nuisances, noise="stated" if noise == "stated" else "measured")
-    named = _shorten(str(model)) if isinstance(model, (str, Path)) else resolved.name
+    named = Path(model).name if isinstance(model, (str, Path)) else resolved.name
     brought = [] if isinstance(model, (str, Path)) else [e.id for e in resolved.effects]
     added = "".join([*(f" --effect {e}" for e in dict.fromkeys([*brought, *ids])),
                      *(f" --free {n}" + ("" if v is True else f"={v:g}") for n, v in wanted.items()),
@@ -94,7 +96,7 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
     settings = {"command": f"ddetumble fit {campaign.name} --model {named}{added}"}
     given = noise if isinstance(noise, Mapping) else None
     classes = tuple(e for e in effects if not isinstance(e, str))
-    return _fit(campaign, specification, resolved, settings, dict(start or {}), progress or _quiet, classes, given)
+    return _fit(campaign, specification, resolved, settings, dict(start or {}), report, classes, given)
 
 
 def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, settings: Mapping,
@@ -223,9 +225,10 @@ def refuse_stray(problem: Problem, solution: Solution) -> None:
     """
     if meets_data(problem, solution):
         return
-    public = {n: problem.space.public(n, solution.u, 0.0)["estimate"] for n in solution.names}
-    values = ", ".join(f"{name} = {value:.3g}" for name, value in public.items())
-    channel = problem.space.family.channels[0]
+    space = problem.space
+    values = ", ".join(f"{n} = {space.parameter(n).transform.from_unconstrained(solution.u[space.index[n]]):.3g}"
+                       for n in solution.names)
+    channel = space.family.channels[0]
     raise ComputationError(
         f"the fit found no place where the model meets the measured {channel}: where it ended after {solution.steps} "
         f"steps ({values}) it removes {100 * explain_share(problem, solution):.0f} % of the signal's sum of squares. "
@@ -299,38 +302,29 @@ def place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, f
 def place_priors(space: ParameterSpace, names: Sequence[str], wanted: Specification) -> dict[str, tuple[float, float]]:
     """Priors in coordinates: mean, and standard deviation to first order."""
     found = {}
-    for name in names:
-        if name in wanted.priors:
-            prior = wanted.priors[name]
-            if not prior.sd > 0:
-                raise InputError(f"the standard deviation of {name} has to be positive", key="priors")
-            u = _coordinate(space, name, float(prior.mean))
-            kind = space.slots[space.index[name]].parameter.coordinate
-            slope = {"log": 1 / prior.mean, "logit": 1 / (prior.mean * (1 - prior.mean)) if kind == "logit" else 1.0,
-                     "inverse": 1 / prior.mean**2 if prior.mean else 1.0}.get(kind, 1.0)
-            found[name] = (u, float(prior.sd * slope))
+    for name in (one for one in names if one in wanted.priors):
+        prior = wanted.priors[name]
+        if not prior.sd > 0:
+            raise InputError(f"the standard deviation of {name} has to be positive", key="priors")
+        u = _coordinate(space, name, float(prior.mean))
+        found[name] = (u, float(prior.sd * (1 / (space.parameter(name).transform.slope(prior.mean) or 1.0))))
     return found
 
 
 def place_bounds(space: ParameterSpace, names: Sequence[str], wanted: Specification) -> dict[str, tuple[float, float]]:
-    """Bounds in coordinates, lower first."""
+    """Bounds in coordinates, lower first; one beyond what the parameter can be is none."""
     found = {}
-    for name in names:
-        if name in wanted.bounds:
-            low, high = wanted.bounds[name]
-            kind = space.slots[space.index[name]].parameter.coordinate
-            ends = []
-            for value, nothing in ((low, -np.inf), (high, np.inf)):
-                if kind == "log" and value <= 0 and nothing < 0:
-                    ends.append(nothing)
-                elif kind == "logit" and not 0 < value < 1:
-                    ends.append(nothing)
-                else:
-                    ends.append(_coordinate(space, name, float(value)) if np.isfinite(value) else
-                                (0.0 if kind == "inverse" else nothing))
-            if not low < high:
-                raise InputError(f"the lower bound of {name} has to be below the upper one", key="bounds")
-            found[name] = (min(ends), max(ends))
+    for name in (one for one in names if one in wanted.bounds):
+        low, high = map(float, wanted.bounds[name])
+        if not low < high:
+            raise InputError(f"the lower bound of {name} has to be below the upper one", key="bounds")
+        transform = space.parameter(name).transform
+        ends = (low if low > transform.support[0] or transform.reciprocal else None,
+                high if high < transform.support[1] or transform.reciprocal else None)
+        if transform.name == "logit":  # the other side of either end is beyond it, too
+            ends = tuple(end if end is not None and transform.allows(end) else None for end in ends)
+        found[name] = tuple(sorted(none if end is None else _coordinate(space, name, end, False)
+                                   for end, none in zip(ends, (-np.inf, np.inf), strict=True)))
     return found
 
 
@@ -350,26 +344,19 @@ def list_starts(space: ParameterSpace, chosen: Sequence[type[AbstractEffect]], n
     return starts or [{}]
 
 
-def _coordinate(space: ParameterSpace, name: str, value: float) -> float:
-    p = space.slots[space.index[name]].parameter
-    unit = f" {p.unit}" if p.unit else ""
-    if not np.isfinite(value) and p.coordinate != "inverse":
+def _coordinate(space: ParameterSpace, name: str, value: float, finite: bool = True) -> float:
+    p = space.parameter(name)
+    if finite and not np.isfinite(value) and not p.transform.reciprocal:
         raise InputError(f"the value of {name} has to be a finite number")
-    if p.coordinate == "log" and value <= 0:
-        raise InputError(f"{name} has to be positive; it is {value:g}{unit}")
-    if p.coordinate == "logit" and not 0 < value < 1:
-        raise InputError(f"{name} has to lie between 0 and 1; it is {value:g}")
-    return from_public(p.coordinate, value)
+    if not p.transform.allows(value):
+        raise InputError(f"{name} has to {p.transform.words}; it is {value:g}{f' {p.unit}' if p.unit else ''}")
+    return p.transform.to_unconstrained(value)
 
 
 def _values_of(resolved: ResolvedModel) -> dict[str, float]:
     """Public values of the effects that a model brings with it."""
-    found = {}
-    for effect in resolved.effects:
-        for p in parameters_of(effect):
-            value = float(getattr(effect, p.field))
-            found[f"{effect.id}.{p.name}"] = to_public(p.coordinate, value) if p.coordinate == "inverse" else value
-    return found
+    return {f"{effect.id}.{p.name}": float(p.transform.publish(float(getattr(effect, p.field))))
+            for effect in resolved.effects for p in parameters_of(effect)}
 
 
 def _pose(space: ParameterSpace, records: Records, priors: Mapping[str, tuple[float, float]], moving: bool) -> Problem:
@@ -387,17 +374,3 @@ def _require(solution: Solution, records: Records, warnings: Sequence[str] = ())
             f"the reference model could not be integrated for record {solution.failed[0]!r} ({len(solution.failed)} of "
             f"{records.count} records): check its conditions and units" + "".join(f". {text}" for text in warnings))
     return solution
-
-
-def _shorten(model: str) -> str:
-    return Path(model).name if "/" in model or "\\" in model else model
-
-
-def _quiet(text: str, share: float) -> None:
-    """Report nothing."""
-
-
-@dc.dataclass(frozen=True)
-class _Pair:
-    mean: float
-    sd: float

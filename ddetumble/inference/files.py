@@ -6,17 +6,37 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+import pydantic
 
 from .._errors import InputError
 
 
 PACKAGES = ("ddetumble", "jax", "diffrax", "equinox", "optimistix", "numpy", "scipy")
+Content = TypeVar("Content", bound=pydantic.BaseModel)
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file whole or not at all: `write` makes a draft, which then takes its place.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(draft)
+        os.replace(draft, path)
+    except OSError as error:
+        raise InputError(f"the file cannot be written ({error.strerror or error})", file=path) from None
+    finally:
+        if draft.is_file():
+            draft.unlink()
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -26,16 +46,50 @@ def write_json(path: Path, content: Any) -> None:
         InputError: It cannot be written.
     """
     text = json.dumps(make_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    draft = path.with_name(f".{path.name}.part")
+    write_whole(path, lambda draft: draft.write_text(text, encoding="utf-8"))
+
+
+def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
+    """Content of a JSON file that the toolkit wrote.
+
+    Args:
+        path: of the file.
+        schema: that it has to state.
+        kind: model of its content.
+        again: what to do where it is of no use, such as `fit the model again`.
+
+    Raises:
+        InputError: It cannot be read, is damaged or of another version.
+    """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_text(text, encoding="utf-8")
-        os.replace(draft, path)
+        content = json.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
-        raise InputError(f"the file cannot be written ({error.strerror or error})", file=path) from None
-    finally:
-        if draft.is_file():
-            draft.unlink()
+        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"this is no JSON file, or only a part of one; {again}", file=path,
+                         row=getattr(error, "lineno", None)) from None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != schema:
+        raise InputError(f"the schema is {found!r}; this version reads {schema!r}: {again}", file=path, key="schema")
+    try:
+        return kind.model_validate(content)
+    except pydantic.ValidationError as error:
+        first = error.errors()[0]
+        reason = first["msg"].removeprefix("Value error, ")
+        raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; {again}", file=path,
+                         key=".".join(str(part) for part in first["loc"]) or None) from None
+
+
+def check_folder(folder: str | Path, what: str) -> Path:
+    """The folder that a result is to be written into.
+
+    Raises:
+        InputError: It is a file.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"is a file; name a folder for the {what}", file=folder)
+    return folder
 
 
 def make_plain(value: Any) -> Any:

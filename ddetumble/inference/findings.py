@@ -13,12 +13,12 @@ from .._display import AbstractPrinted
 from .._errors import InputError
 from ..measurement.campaign import Campaign
 from .archive import AbstractFitted, FittedModel, make_fitted, save_model
-from .bounded import NEAR, Bounded, linearise_all, truncate_normal
-from .files import list_versions, make_plain, write_json
+from .bounded import NEAR, Bounded, truncate_normal
+from .files import check_folder, list_versions, make_plain, write_json
 from .goodness import GoodnessOfFit, judge_goodness
-from .identifiability import Knowledge, Remedy, analyse_columns, describe_knowledge, flatten_columns
+from .identifiability import Knowledge, Remedy, analyse_fit, describe_knowledge
 from .noise import Noise
-from .parameters import ParameterSpace, coordinate_bounds, to_coordinate, to_public
+from .parameters import ParameterSpace
 from .problem import Problem, Solution
 
 
@@ -136,11 +136,9 @@ class Fit(AbstractFitted, AbstractPrinted):
             raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", option="name")
         if not 0 < level < 1:
             raise InputError(f"the level has to be between 0 and 1; it is {level:g}", option="level")
-        p = self.space.slots[self.space.index[name]].parameter
         mean, sd, low, high = self.gaussians[name]
         _, a, b = truncate_normal(mean, sd, low, high, level) if np.isfinite(sd) else (sd, low, high)
-        a, b = sorted(to_public(p.coordinate, x) for x in (a, b))
-        return a, b
+        return self.space.parameter(name).transform.interval(a, b)
 
     def __str__(self) -> str:
         """The report, as lmfit's users expect it."""
@@ -198,9 +196,7 @@ class Fit(AbstractFitted, AbstractPrinted):
 
     def save(self, folder) -> Path:
         """Write `fit.json`, for reading, and `model.json`, from which predictions go on; returns the folder."""
-        folder = Path(folder)
-        if folder.exists() and not folder.is_dir():
-            raise InputError("is a file; name a folder for the fit", file=folder)
+        folder = check_folder(folder, "fit")
         save_model(folder, self.fitted_model())
         write_json(folder / FILE, self.to_dict())
         return folder
@@ -235,9 +231,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     """
     space, solution = problem.space, found.solution
     moving = list(solution.names)
-    flat = flatten_columns(solution)
-    known = analyse_columns(space, moving, flat, solution.scales)
-    told, remedies = describe_knowledge(problem, solution, flat, known, campaign)
+    known = analyse_fit(space, solution)
+    told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + sum(name in found.names for name in problem.priors) - len(moving)
@@ -283,7 +278,7 @@ def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], f
     for k, slot in enumerate(space.slots):
         away = slot.parameter.kind != "shape" and u[k] != slot.parameter.default
         if slot.name not in free and (slot.owner is None or slot.owner in effects or away):
-            found[slot.name] = to_public(slot.parameter.coordinate, u[k])
+            found[slot.name] = slot.parameter.transform.from_unconstrained(u[k])
     return found
 
 
@@ -306,37 +301,39 @@ def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, star
     for k, name in enumerate(names):
         j = space.index[name]
         p = space.slots[j].parameter
-        initial, u, unit = to_public(p.coordinate, start[j]), solution.u[j], space.unit(name, solution.u)
-        ends = found.bounds.get(name, (-np.inf, np.inf))
-        low, high = max(ends[0], problem.limits[0][j]), min(ends[1], problem.limits[1][j])
+        transform, u, unit = p.transform, solution.u[j], space.unit(name, solution.u)
+        initial = transform.from_unconstrained(start[j])
+        low, high = found.room(problem, name)
         if name in cut:
             gaussians[name] = (*cut[name], low, high)
             sd, first, last = truncate_normal(*gaussians[name])
             covariance[k, k] = sd**2
             side = "upper" if found.held[name] > 0 else "lower"
-            parameters[name] = _make_public(p, unit, u, sd, first, last, initial, side)
+            if transform.reciprocal:
+                side = {"lower": "upper", "upper": "lower"}[side]
+            value = transform.from_unconstrained(u)
+            parameters[name] = Fitted(value, transform.slope(value) * sd, *transform.interval(first, last), unit,
+                                      initial, side, True, "stopped at its bound")
             continue
         sd = float(np.sqrt(covariance[k, k]))
         if p.singular:
             sd = max(sd, _reach_null(problem, solution, name))
-        gaussians[name] = (float(u), sd, float(low), float(high))
+        gaussians[name] = (float(u), sd, low, high)
         if name in known.undetermined:
-            gaussians[name] = (float(u), math.inf, *coordinate_bounds(p))
-            low, high = (to_public(p.coordinate, x) for x in coordinate_bounds(p))
-            parameters[name] = Fitted(to_public(p.coordinate, u), math.inf, min(low, high), max(low, high), unit,
-                                      initial, "", False, "not determined by these records")
+            gaussians[name] = (float(u), math.inf, *p.coordinate_bounds())
+            parameters[name] = Fitted(transform.from_unconstrained(u), math.inf,
+                                      *transform.interval(*p.coordinate_bounds()), unit, initial, "", False,
+                                      "not determined by these records")
             continue
-        public = space.public(name, solution.u, sd)
         text = ""
         if p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
                 ", and no farther than noise explains" if abs(u - p.default) < 2 * sd else "")
-        middle, width = (float(public[key]) for key in ("estimate", "sd"))
-        _, *ends = truncate_normal(*gaussians[name])
-        first, last = sorted(to_public(p.coordinate, x) for x in ends)
+        value = transform.from_unconstrained(u)
+        first, last = transform.interval(*truncate_normal(*gaussians[name])[1:])
         if not text and p.excludes(first, last):
             text = f"beyond what physics allows, {p.limits[0]:g} to {p.limits[1]:g}: {p.limits_reason}"
-        parameters[name] = Fitted(middle, width, first, last, unit, initial, text=text)
+        parameters[name] = Fitted(value, transform.slope(value) * sd, first, last, unit, initial, text=text)
     return parameters, covariance, correlations, gaussians
 
 
@@ -347,7 +344,7 @@ def _reach_null(problem: Problem, solution: Solution, name: str) -> float:
     """
     k, weights = problem.space.index[name], problem.records.stack.weights
     parameter, u = problem.space.slots[k].parameter, solution.u.copy()
-    null = to_coordinate(parameter.coordinate, parameter.default)
+    null = parameter.transform.from_field(parameter.default)
     distance = float(u[k]) - null
     if distance == 0.0 or solution.residual.shape[1] != weights.shape[1] * weights.shape[2]:
         return 0.0  # of thinned records
@@ -357,25 +354,13 @@ def _reach_null(problem: Problem, solution: Solution, name: str) -> float:
     return 0.5 * abs(distance) if near.chi2 - solution.chi2 < LIKELY else 0.0
 
 
-def _make_public(p, unit: str, u: float, sd: float, low: float, high: float, initial: float, bound: str) -> Fitted:
-    """A parameter at its bound, from the coordinates of its interval."""
-    ends = sorted(to_public(p.coordinate, x) for x in (low, high))
-    value = to_public(p.coordinate, u)
-    slope = {"log": value, "logit": value * (1 - value), "inverse": value**2}.get(p.coordinate, 1.0)
-    if bound and p.coordinate == "inverse":
-        bound = {"lower": "upper", "upper": "lower"}[bound]
-    return Fitted(value, abs(slope) * sd, ends[0], ends[1], unit, initial, bound, True, "stopped at its bound")
-
-
 def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of held parameters' Gaussian, before it is cut off at the bounds."""
     index = problem.space.index
     moving = list(found.solution.names)
-    full = linearise_all(problem, found.solution, [*moving, *found.held], found.solution.u)
-    _, right = full.projected()
-    flat = flatten_columns(full)
-    rest = np.concatenate([right.reshape(-1), full.prior_residual])
-    known = analyse_columns(problem.space, full.names, flat, full.scales)
+    full = problem.solve([*moving, *found.held], found.solution.u, found.solution.z, moving=False)
+    flat, rest = full.flattened()
+    known = analyse_fit(problem.space, full)
     step = -known.covariance @ ((flat / full.scales).T @ rest)
     result = {}
     for j, name in enumerate(found.held, start=len(moving)):

@@ -11,15 +11,14 @@ import numpy as np
 from ..contact.effect import read_validity
 from ..measurement.campaign import Campaign
 from ..measurement.units import si_unit
-from .parameters import ParameterSpace, to_public
+from .parameters import ParameterSpace
 from .problem import Problem, Solution
 from .stack import condition_deviations
 
 
 CLOSE = 0.95  # a correlation beyond it is said in words
 SINGULAR = 1e-5  # singular value of unit columns below which a combination changes nothing at all
-VAST = {"log": 1.0, "logit": 4.0}  # standard deviation of a coordinate beyond which nothing is known
-VAST_LINEAR = 100.0  # the same for other coordinates, in typical changes
+VAST = 100.0  # typical changes beyond which nothing is known of a coordinate that has a scale
 ELSEWHERE = {
     "effective_mass": "weigh the moving parts", "sensor-gain.g": "calibrate the force gauge",
     "contact_radius_coefficient": "measure the contact disc", "outer_diameter": "measure the ball",
@@ -81,6 +80,7 @@ class Knowledge:
         undetermined: names of parameters about which nothing is known.
         silent: names among them that change no record at all.
         blends: combinations that the data hardly fix, worst first.
+        singular: values of the columns scaled to unit norm, descending, shape (free,).
     """
 
     covariance: np.ndarray
@@ -88,23 +88,25 @@ class Knowledge:
     undetermined: tuple[str, ...]
     silent: tuple[str, ...]
     blends: tuple[Blend, ...]
+    singular: np.ndarray
 
 
-def analyse_columns(space: ParameterSpace, names: Sequence[str], columns: np.ndarray, scales: np.ndarray) -> Knowledge:
-    """Find what the Jacobian of a fit determines.
-
-    Args:
-        space: of the parameters.
-        names: of the free ones.
-        columns: whitened derivatives by coordinate/scale with nuisances eliminated, priors among the rows, shape
-            (rows, free).
-        scales: of the free coordinates, shape (free,).
-    """
-    return analyse_jacobian(names, columns, scales, np.array([limit_knowledge(space, name) for name in names]))
+def analyse_fit(space: ParameterSpace, solution: Solution) -> Knowledge:
+    """Find what the Jacobian of a fit determines."""
+    return analyse_jacobian(solution.names, solution.flattened()[0], solution.scales,
+                            np.array([limit_knowledge(space, name) for name in solution.names]))
 
 
 def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarray, vast: np.ndarray) -> Knowledge:
-    """As `analyse_columns`; `vast` are deviations of coordinates beyond which nothing is known, shape (free,)."""
+    """Find what a Jacobian determines.
+
+    Args:
+        names: of the free parameters.
+        columns: whitened derivatives by coordinate/scale with nuisances eliminated, priors among the rows, shape
+            (rows, free).
+        scales: of the free coordinates, shape (free,).
+        vast: standard deviations of coordinates beyond which nothing is known, shape (free,).
+    """
     count = len(names)
     norms = np.linalg.norm(columns, axis=0)
     silent = norms * vast < scales
@@ -127,21 +129,20 @@ def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarr
         members = tuple(str(names[int(j)]) for j in order)
         blends.append(Blend(members, v, v / max(s[k], 1e-6) * scales / safe, singular))
     return Knowledge(covariance, correlations, tuple(n for n, x in zip(names, lost, strict=True) if x),
-                     tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends))
+                     tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends), s)
 
 
-def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray, known: Knowledge,
-                       campaign: Campaign) -> tuple[tuple[str, ...], tuple[Remedy, ...]]:
+def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, campaign: Campaign
+                       ) -> tuple[tuple[str, ...], tuple[Remedy, ...]]:
     """What cannot be told apart, in sentences, and the tests that would resolve it.
 
     Args:
         problem, solution: the fit.
-        columns: as in `analyse_columns`.
-        known: what that found.
+        known: what `analyse_fit` says of it.
         campaign: that was fitted.
     """
     remedies: list[Remedy] = []
-    names, found = solution.names, []
+    names, found, columns = solution.names, [], solution.flattened()[0]
     for name in known.silent:
         found.append(f"These records say nothing about {name}: it changes them less than their noise.")
     for k, blend in enumerate(known.blends):
@@ -174,8 +175,8 @@ def describe_knowledge(problem: Problem, solution: Solution, columns: np.ndarray
 
 def limit_knowledge(space: ParameterSpace, name: str) -> float:
     """Standard deviation of a coordinate beyond which nothing is known about the parameter."""
-    p = space.slots[space.index[name]].parameter
-    return VAST.get(p.coordinate, VAST_LINEAR * p.typical)
+    p = space.parameter(name)
+    return min(p.transform.unknown, VAST * p.transform.scale(p.typical))
 
 
 def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
@@ -184,26 +185,20 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
     first = names.index(blend.names[0])
     step = blend.step if blend.step[first] > 0 else -blend.step
     if blend.singular:  # any length will do
-        p = space.slots[space.index[blend.names[0]]].parameter
-        step = step / abs(step[first]) * (0.01 if p.coordinate == "log" else 0.05 * _typical(space, blend.names[0]))
+        p = space.parameter(blend.names[0])
+        step = step / abs(step[first]) * (0.01 if p.coordinate == "log" else 0.05 * p.transform.scale(p.typical))
     parts = []
     for name in blend.names:
         k = names.index(name)
-        p = space.slots[space.index[name]].parameter
-        here = solution.u[space.index[name]]
-        before, after = to_public(p.coordinate, here), to_public(p.coordinate, here + step[k])
-        change = after - before
-        if p.coordinate == "log" and before:
+        transform, here = space.parameter(name).transform, solution.u[space.index[name]]
+        before = transform.from_unconstrained(here)
+        change = transform.from_unconstrained(here + step[k]) - before
+        if transform.name == "log" and before:
             size = f"{abs(change / before) * 100:.2g} %"
         else:
             size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
         parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
     return list_words(parts)
-
-
-def _typical(space: ParameterSpace, name: str) -> float:
-    p = space.slots[space.index[name]].parameter
-    return 1.0 if p.coordinate in ("log", "logit") else p.typical
 
 
 def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign
@@ -218,7 +213,8 @@ def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend
     best = max(tried, key=lambda remedy: remedy.gain, default=None)
     if best is None:
         return None
-    size = max(abs(x) / _typical(problem.space, n) for n, x in zip(solution.names, blend.step, strict=True))
+    size = max(abs(x) / p.transform.scale(p.typical)
+               for p, x in zip(map(problem.space.parameter, solution.names), blend.step, strict=True))
     enough = size < 0.3 * best.gain if blend.singular else best.gain > 2.0
     return best if enough else None
 
@@ -323,7 +319,7 @@ def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float
     wider = dc.replace(solution, shared=np.concatenate([solution.shared, rows[:, :, :free]], axis=1),
                        own=np.concatenate([solution.own, rows[:, :, free:]], axis=1),
                        residual=np.concatenate([solution.residual, np.zeros(rows.shape[:2])], axis=1))
-    columns, both = (flatten_columns(one) for one in (solution, wider))
+    columns, both = (one.flattened()[0] for one in (solution, wider))
     return measure_spread(columns, columns, blend) / measure_spread(both, columns, blend)
 
 
@@ -332,12 +328,6 @@ def measure_spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float
     unit = rows / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, s, right = np.linalg.svd(unit, full_matrices=False)
     return float(np.linalg.norm((right @ blend.direction) / np.maximum(s, 1e-6)))
-
-
-def flatten_columns(solution: Solution) -> np.ndarray:
-    """Columns of all rows of a fit with nuisances eliminated, priors below, shape (rows, free)."""
-    columns, _ = solution.projected()
-    return np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(solution.prior_weight)])
 
 
 def list_words(words: Sequence[str]) -> str:

@@ -91,8 +91,7 @@ def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:
     near = difflib.get_close_matches(name, models, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(models)}, a folder that fit or "
-                     f"discover "
-                     "wrote, or FILE.py:NAME")
+                     "discover wrote, or FILE.py:NAME")
 
 
 def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> ResolvedModel:
@@ -212,17 +211,16 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
     found = module.__dict__[attribute]
     if not _is_model(found):
         raise InputError(f"{attribute} is no reference model: it has to be a subclass of ddetumble's "
-                         f"AbstractReference, an "
-                         "instance of one, or a ContactLaw", file=path)
+                         "AbstractReference, an instance of one, or a ContactLaw", file=path)
     try:
         made = found() if isinstance(found, type) else found
     except Exception as error:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
                          file=path) from error
-    text = " ".join((type(made).__doc__ or "").strip().split("\n\n")[0].split()) or f"{attribute} of {path.name}"
+    own = f"{attribute} of {path.name}"
     if isinstance(made, AbstractLaw):
-        return ResolvedModel(name, made.reference, f"{attribute} of {path.name}", tuple(made.effects))
-    return ResolvedModel(name, made, text)
+        return ResolvedModel(name, made.reference, own, tuple(made.effects))
+    return ResolvedModel(name, made, _describe_class(type(made)) if type(made).__doc__ else own)
 
 
 def _is_model(value) -> bool:

@@ -1,13 +1,11 @@
 """Parameters of a law as one vector: names, coordinates in which a fit moves, and the way back to a law."""
 
 import dataclasses as dc
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
@@ -66,52 +64,6 @@ class Common:
                                                             self.sd, text=text))
 
 
-def to_coordinate(kind: str, value: float) -> float:
-    """Field value to the coordinate in which a fit moves (`inverse`: the field itself, 1/parameter, is linear)."""
-    if kind == "log":
-        return math.log(value)
-    if kind == "logit":
-        return math.log(value / (1.0 - value))
-    return float(value)
-
-
-def from_public(kind: str, value: float) -> float:
-    """Public value to the coordinate: the field's, but for `inverse`, where the public value is 1/field."""
-    if kind == "inverse":
-        return 1.0 / value if value else math.inf
-    return to_coordinate(kind, value)
-
-
-def to_public(kind: str, u: float) -> float:
-    """Coordinate to public value."""
-    if kind == "inverse":
-        return 1.0 / float(u) if u else math.inf
-    return float(from_coordinate(kind, np.float64(u)))
-
-
-def from_coordinate(kind: str, u):
-    """Coordinate to field value, for numpy and jax arrays alike."""
-    xp = np if isinstance(u, (np.ndarray, float, np.floating)) else jnp
-    if kind == "log":
-        with np.errstate(over="ignore"):  # infinite is what an interval that reaches so far is
-            return xp.exp(u)
-    if kind == "logit":
-        with np.errstate(over="ignore"):
-            return 1.0 / (1.0 + xp.exp(-u))
-    return u
-
-
-def coordinate_bounds(p: Parameter) -> tuple[float, float]:
-    """Coordinates between which a parameter may lie."""
-    low, high = p.bounds
-    if p.coordinate == "log":
-        return (math.log(low) if low > 0 else -math.inf), (math.log(high) if high < math.inf else math.inf)
-    if p.coordinate == "logit":
-        return (to_coordinate("logit", low) if low > 0 else -math.inf,
-                to_coordinate("logit", high) if high < 1 else math.inf)
-    return low, high
-
-
 class ParameterSpace:
     """All parameters of a reference model and a family's effects, in one fixed order.
 
@@ -138,6 +90,10 @@ class ParameterSpace:
     def __len__(self) -> int:
         return len(self.slots)
 
+    def parameter(self, name: str) -> Parameter:
+        """Declaration of a parameter."""
+        return self.slots[self.index[name]].parameter
+
     def __eq__(self, other) -> bool:
         return isinstance(other, ParameterSpace) and self.key == other.key
 
@@ -156,25 +112,17 @@ class ParameterSpace:
         unknown = [name for name in values if name not in self.index]
         if unknown:
             raise InputError(f"there is no parameter {unknown[0]!r} in this model; it has: {', '.join(self.index)}")
-        return np.array([to_coordinate(s.parameter.coordinate, values.get(s.name, s.parameter.default))
+        return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default))
                          for s in self.slots])
 
     def scales(self) -> np.ndarray:
         """Typical change of each coordinate, shape (parameters,)."""
-        found = []
-        for slot in self.slots:
-            p = slot.parameter
-            if p.coordinate == "log":
-                found.append(min(1.0, p.typical / abs(p.default)) if p.default else 1.0)
-            elif p.coordinate == "logit":
-                found.append(1.0)
-            else:
-                found.append(p.typical)
-        return np.array(found)
+        return np.array([min(1.0, p.typical / abs(p.default)) if p.coordinate == "log" and p.default else
+                         p.transform.scale(p.typical) for p in (slot.parameter for slot in self.slots)])
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Hard limits of the coordinates, each shape (parameters,)."""
-        ends = [coordinate_bounds(slot.parameter) for slot in self.slots]
+        ends = [slot.parameter.coordinate_bounds() for slot in self.slots]
         return np.array([a for a, _ in ends]), np.array([b for _, b in ends])
 
     @property
@@ -184,7 +132,7 @@ class ParameterSpace:
 
     def build(self, u: Array) -> Any:
         """The law at coordinates `u`, shape (parameters,): a `ContactLaw`, `FrictionLaw` or `StrikeLaw`."""
-        values = [from_coordinate(s.parameter.coordinate, u[k]) for k, s in enumerate(self.slots)]
+        values = [s.parameter.transform.to_field(u[k]) for k, s in enumerate(self.slots)]
         fields = [s.parameter.field for s in self.slots]
         count = len(parameters_of(self.reference))
         reference = eqx.tree_at(lambda r: [read_field(r, f) for f in fields[:count]], self.reference, values[:count])
@@ -211,7 +159,7 @@ class ParameterSpace:
         text = slot.parameter.unit
         for k, other in enumerate(self.slots):
             if other.owner == slot.owner and "^" in text:
-                value = f"{to_public(other.parameter.coordinate, u[k]):.3g}"
+                value = f"{other.parameter.transform.from_unconstrained(u[k]):.3g}"
                 text = re.sub(rf"\^{re.escape(other.parameter.name)}\b", "" if value == "1" else f"^{value}", text)
         return text
 
@@ -223,14 +171,8 @@ class ParameterSpace:
             u: coordinates of all, shape (parameters,).
             sd: of the coordinate; spread: of the interval, in those.
         """
-        p, at = self.slots[self.index[name]].parameter, float(u[self.index[name]])
-        low, high = (float(from_coordinate(p.coordinate, np.float64(at + k * spread * sd))) for k in (-1, 1))
-        middle = float(from_coordinate(p.coordinate, np.float64(at)))
-        slope = {"log": middle, "logit": middle * (1 - middle)}.get(p.coordinate, 1.0)
-        width = abs(slope) * sd
-        if p.coordinate == "inverse":
-            width = width / middle**2 if middle else math.inf
-            low, high = (1.0 / high if high > 0 else math.inf), (1.0 / low if low > 0 else math.inf)
-            middle = 1.0 / middle if middle else math.inf
-        return {"estimate": middle, "sd": width, "q025": low, "q975": high,
+        transform, at = self.parameter(name).transform, float(u[self.index[name]])
+        value = transform.from_unconstrained(at)
+        low, high = transform.interval(at - spread * sd, at + spread * sd)
+        return {"estimate": value, "sd": transform.slope(value) * sd, "q025": low, "q975": high,
                 "unit": self.unit(name, u)}

@@ -248,13 +248,27 @@ class Solution:
     steps: int
     failed: tuple[str, ...]
 
-    def projected(self) -> tuple[np.ndarray, np.ndarray]:
-        """Columns and residual with each record's nuisances eliminated; rows are data, then nuisance priors."""
+    def projected(self, shared: np.ndarray | None = None, right: np.ndarray | None = None,
+                  more: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Columns and right-hand side with each record's nuisances eliminated; rows are data, then nuisance priors.
+
+        Args:
+            shared: columns, shape (records, data rows, columns); those of the fit where not given.
+            right: shape (records, rows); residual and nuisances where not given.
+            more: columns to eliminate too, shape (records, rows, columns).
+        """
         records, _, own = self.own.shape
-        prior = np.broadcast_to(np.eye(own), (records, own, own))
-        rows = np.concatenate([self.own, prior], axis=1)
-        shared = np.concatenate([self.shared, np.zeros((records, own, self.shared.shape[2]))], axis=1)
-        return profile_own(shared, rows, np.concatenate([self.residual, self.z], axis=1))
+        shared = self.shared if shared is None else shared
+        rows = np.concatenate([self.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
+        return profile_own(np.concatenate([shared, np.zeros((records, own, shared.shape[2]))], axis=1),
+                           rows if more is None else np.concatenate([rows, more], axis=2),
+                           np.concatenate([self.residual, self.z], axis=1) if right is None else right)
+
+    def flattened(self) -> tuple[np.ndarray, np.ndarray]:
+        """`projected` rows of all records with the priors below: columns, shape (rows, free), and right-hand side."""
+        columns, right = self.projected()
+        return (np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(self.prior_weight)]),
+                np.concatenate([right.reshape(-1), self.prior_residual]))
 
     def common_shift(self) -> float:
         """Shift of the time origin that all records share [s]; 0 where none is fitted."""
@@ -265,8 +279,7 @@ class Solution:
 
     def covariance(self) -> np.ndarray:
         """Covariance of the free coordinates, shape (free, free); vast and finite along what nothing fixes."""
-        columns, _ = self.projected()
-        flat = np.concatenate([columns.reshape(-1, columns.shape[2]), np.diag(self.prior_weight)])
+        flat, _ = self.flattened()
         norms = np.maximum(np.linalg.norm(flat, axis=0), FAINT)
         # A pseudo-inverse would give no variance at all to what the records do not determine.
         _, s, rows = np.linalg.svd(flat / norms, full_matrices=False)

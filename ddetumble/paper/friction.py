@@ -2,20 +2,199 @@
 
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, final
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from ..contact.effect import AbstractEffect
+from ..contact.effect import AbstractEffect, parameters_of, read_field
 from ..contact.friction import DIVERGES_ABOVE
-from ..contact.sliding import AbstractFriction, CoulombFriction, RubberFriction
+from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw, RubberFriction, Slide
 from ..families import SLIP
-from .bench import choose_effects, has_power
-from .fits import fit_linear
-from .rivals import estimate_noise, judge_rivals, make_row
-from .rows import Noise, PairedDifference, PeakRow, compare_rows, decide_verdict, judge_gain, tabulate
-from .sliding_peaks import ForceFit, FrictionProgram
-from .words import join, say_share, sign, tidy
+from ..inference.parameters import ParameterSpace
+from ..measurement.quantities import format_share, join_words
+from .peaks import choose_effects, has_power
+from .rows import (
+    AbstractJudgement,
+    Noise,
+    PeakRow,
+    compare_rows,
+    decide_verdict,
+    estimate_noise,
+    fit_linear,
+    judge_gain,
+    judge_rivals,
+    make_interval,
+    make_row,
+    measure_errors,
+    sign,
+    tabulate,
+    tidy,
+    tidy_all,
+)
+
+
+LEAST = 1e-6  # the smallest tan(delta) that is tried: K is a quotient by it
+
+
+@dc.dataclass(frozen=True)
+class ForceFit:
+    """A friction law fitted to forces.
+
+    Attributes:
+        names: of what was fitted; of the paper's law `adhesion` is the product K tan(delta).
+        values: fitted values, shape (names,).
+        sd: standard errors from the residuals, shape (names,); nan where a value sits at its limit.
+        fitted: shape (records,) [N].
+        held: each record by a fit without it, shape (records,) [N].
+        bound: names of what sits at its limit.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    sd: np.ndarray
+    fitted: np.ndarray
+    held: np.ndarray
+    bound: tuple[str, ...]
+
+
+class FrictionProgram:
+    r"""Friction forces of a reference model with effects, and their derivatives.
+
+    The slip term of Eqs. 9 and 10 is off: these forces have no slip. Of the paper's law the products
+    $K \tan\delta_L$ (`adhesion`) and $\tan\delta_L$ (`loss_factor`) are the coordinates, in which it is linear.
+
+    Args:
+        reference: template of the reference model.
+        effects: classes of effects that may be switched on.
+        conditions: arrays of shape (records,), SI: `normal_load`, and `internal_pressure` and `slip_speed` where known.
+    """
+
+    def __init__(self, reference: AbstractFriction, effects: Sequence[type[AbstractEffect]],
+                 conditions: Mapping[str, np.ndarray]):
+        if isinstance(reference, RubberFriction):
+            reference = eqx.tree_at(lambda r: r.slip_scale, reference, jnp.zeros(()))
+        self.reference, self.effects = reference, tuple(effects)
+        loads = jnp.asarray(conditions["normal_load"], float)
+        zero = jnp.zeros_like(loads)
+        self.slides = Slide(
+            slip=zero, slip_speed=jnp.asarray(conditions.get("slip_speed", zero), float), normal_load=loads,
+            internal_pressure=jnp.asarray(conditions.get("internal_pressure", zero), float), work=zero, time=zero,
+            direction=jnp.ones_like(loads), conditions={n: jnp.asarray(v, float) for n, v in conditions.items()})
+        self.space = ParameterSpace(reference, self.effects)
+        self.parameters = tuple(slot.parameter for slot in self.space.slots)
+        self.names = tuple("adhesion" if s.name == "adhesion_constant" else s.name for s in self.space.slots)
+        self.units = {name: p.unit for p, name in zip(self.parameters, self.names, strict=True)}
+        self.start = np.array([p.default if slot.owner else float(read_field(reference, p.field))
+                               for p, slot in zip(self.parameters, self.space.slots, strict=True)])
+        self.low = np.array([max(p.bounds[0], p.default) if p.sign > 0 else p.bounds[0] for p in self.parameters])
+        self.high = np.array([min(p.bounds[1], p.default) if p.sign < 0 else p.bounds[1] for p in self.parameters])
+        self.rubber = isinstance(reference, RubberFriction)
+        if self.rubber:
+            self.low[self.names.index("loss_factor")] = LEAST
+            self.start[self.names.index("adhesion")] *= self.start[self.names.index("loss_factor")]
+        self._predict = jax.jit(self._force)
+        self._slopes = jax.jit(jax.jacfwd(self._force))
+
+    def free_reference(self) -> tuple[str, ...]:
+        """Names of the reference model's own free parameters, without the slip term's factor."""
+        return tuple(name for slot, name in zip(self.space.slots, self.names, strict=True)
+                     if slot.owner is None and slot.parameter.free and name != "slip_scale")
+
+    def build(self, x: Array) -> FrictionLaw:
+        """The law at values `x`, shape (parameters,)."""
+        values = list(x)
+        if self.rubber:
+            k = self.names.index("adhesion")
+            values[k] = x[k] / x[self.names.index("loss_factor")]
+        law: FrictionLaw = self.space.build(jnp.asarray(self.space.coordinates()))
+        # `tree_at` hides an empty tuple of effects, so that it is not asked for.
+        return eqx.tree_at(lambda law: [read_field(part, p.field)
+                                        for part in (law.reference, *(law.effects if self.effects else ()))
+                                        for p in parameters_of(part)], law, values)
+
+    def predict(self, x: np.ndarray) -> np.ndarray:
+        """Forces at values `x`, shape (records,) [N]."""
+        return np.asarray(self._predict(x))
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives of the forces by the values, shape (records, parameters)."""
+        return np.asarray(self._slopes(x))
+
+    def _force(self, x: Array) -> Array:
+        law = self.build(x)
+        return jax.vmap(law.force)(self.slides)
+
+    def fit(self, free: Sequence[str], peaks: np.ndarray, weights: np.ndarray,
+            start: Mapping[str, float] | None = None) -> ForceFit:
+        """Weighted least squares within every parameter's limits, on all records and without each in turn.
+
+        Args:
+            free: names of what is fitted; all else keeps its default, or the value that `start` gives it.
+            peaks: measured forces, shape (records,) [N].
+            weights: shape (records,) [1/N].
+            start: values by name.
+        """
+        x = self.start.copy()
+        for name, value in (start or {}).items():
+            x[self.names.index(name)] = value
+        where = [self.names.index(name) for name in free]
+        every = self._solve(x, where, peaks, weights)
+        fitted = self.predict(every)
+        held = np.empty(len(peaks))
+        for k in range(len(peaks)):
+            rest = np.where(np.arange(len(peaks)) == k, 0.0, weights)
+            held[k] = self.predict(self._solve(every, where, peaks, rest))[k]
+        values = every[where]
+        reach = 1e-4 * np.maximum(np.abs(values), 1.0)
+        stuck = (values - self.low[where] < reach) & np.isfinite(self.low[where]) & (self.low[where] >= 0.0)
+        sd = np.full(len(where), np.nan)
+        free_now = [k for k, s in zip(where, stuck, strict=True) if not s]
+        sd[~stuck] = measure_errors(weights[:, None] * self.slopes(every)[:, free_now], weights * (fitted - peaks))
+        bound = tuple(name for name, s in zip(free, stuck, strict=True) if s)
+        return ForceFit(tuple(free), values, sd, fitted, held, bound)
+
+    def _solve(self, x: np.ndarray, where: list[int], peaks: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        from scipy.optimize import least_squares
+
+        low, high = self.low[where], self.high[where]
+
+        def put(values):
+            full = x.copy()
+            full[where] = values
+            return full
+
+        first = np.clip(x[where], low + 1e-3 * np.maximum(1.0, np.abs(np.nan_to_num(low, neginf=0.0))), high)
+        found = least_squares(
+            lambda v: weights * (self.predict(put(v)) - peaks), first, bounds=(low, high), xtol=1e-13,
+            ftol=1e-13, gtol=1e-13,
+            jac=lambda v: weights[:, None] * self.slopes(put(v))[:, where])  # pyright: ignore[reportArgumentType]
+        return put(found.x)
+
+    def separate(self, first: str, second: str, weights: np.ndarray) -> tuple[np.ndarray, float]:
+        """Singular values and correlation of two parameters of the reference model as they are declared, at defaults.
+
+        Args:
+            first, second: field names of the reference model.
+            weights: shape (records,) [1/N].
+
+        Returns:
+            Singular values, shape (2,), of the derivatives of the weighted forces by the logarithms of the two, and the
+            correlation of their estimates [-].
+        """
+        def force(logs):
+            law = FrictionLaw(eqx.tree_at(lambda r: [getattr(r, first), getattr(r, second)], self.reference,
+                                          [jnp.exp(logs[0]), jnp.exp(logs[1])]))
+            return jax.vmap(law.force)(self.slides)
+
+        start = jnp.log(jnp.stack([getattr(self.reference, first), getattr(self.reference, second)]))
+        columns = weights[:, None] * np.asarray(jax.jacfwd(force)(start))
+        # cov = (J'J)^-1, so that the correlation is minus the cosine between the columns.
+        cosine = columns[:, 0] @ columns[:, 1] / np.prod(np.linalg.norm(columns, axis=0))
+        return np.linalg.svd(columns, compute_uv=False), -float(cosine)
 
 
 LEVEL = 0.05
@@ -24,52 +203,24 @@ UNSEEN = {"presliding": "no slip is given", "frictional-heating": "no slip is gi
 SPEEDS = ("stribeck", "viscous-friction")
 
 
-@dc.dataclass(frozen=True)
-class FrictionJudgement:
-    """What friction forces alone say; `to_dict()` gives the fields of `result.json` that make sense for them.
+@final
+@dc.dataclass(frozen=True, kw_only=True)
+class FrictionJudgement(AbstractJudgement):
+    """What friction forces alone say; `pairs` hold every row against the constant coefficient.
 
     Attributes:
-        campaign, model: names; `family` is `slip`.
-        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
-        effects: ids in the final model.
-        sentence: plain words.
-        loads, peaks: as judged, shape (records,) [N].
-        pressures: of the gas, shape (records,) [Pa]; 0 where there is none.
+        loads: shape (records,) [N].
         ratio: mean of friction over load and its standard deviation between records [-].
-        noise: size of the error of single forces.
-        rows: every model tried, side by side.
-        steps: the reference model and, where one helps, the model with an effect.
-        reference: row of the reference model; `constant`: of a constant coefficient; `polynomial`: of the low
-            polynomial in load.
-        pairs: paired held-out differences of every row against the constant coefficient.
-        left_out: ids of effects that these forces cannot see, with the reason.
+        constant: row of a constant coefficient.
         separation: of Eq. 8's K and tan(delta) at the toolkit's values: the two singular values of the derivatives by
             their logarithms, and the correlation of their estimates; empty for another reference model.
-        level: of the tests.
-        notes: further sentences.
     """
 
-    campaign: str
-    model: str
-    verdict: str
-    effects: tuple[str, ...]
-    sentence: str
-    loads: np.ndarray
-    peaks: np.ndarray
-    pressures: np.ndarray
-    ratio: tuple[float, float]
-    noise: Noise
-    rows: tuple[PeakRow, ...]
-    steps: tuple[PeakRow, ...]
-    reference: PeakRow
-    constant: PeakRow
-    polynomial: PeakRow
-    pairs: tuple[PairedDifference, ...]
-    left_out: Mapping[str, str]
-    separation: tuple[float, ...]
-    level: float
-    notes: tuple[str, ...] = ()
     family: str = SLIP.name
+    loads: np.ndarray
+    ratio: tuple[float, float]
+    constant: PeakRow
+    separation: tuple[float, ...]
 
     def table(self):
         """All rows side by side, a pandas data frame."""
@@ -77,26 +228,12 @@ class FrictionJudgement:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of `result.json`."""
-        final = self.steps[-1]
-        return {
-            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
-            "effects": list(self.effects),
-            "steps": [{"added": " + ".join(row.effects) or None, "chi2_reduced": tidy(row.chi2_reduced),
-                       "nrmse": row.nrmse, "heldout_nrmse": row.heldout} for row in self.steps],
-            "noise_nrmse": tidy(float(np.sqrt(np.mean(self.noise.share**2)))),
-            "parameters": {name: {k: tidy(v) for k, v in value.items()} for name, value in final.estimates.items()},
-            "lack_of_fit": {"statistic": tidy(final.chi2_reduced), "p_value": tidy(final.p_value),
-                            "level": self.level, "text": self.noise.text},
-            "friction_over_load": {"mean": self.ratio[0], "deviation": self.ratio[1]},
-            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": tidy(r.nrmse),
-                      "worst": tidy(float(np.max(np.abs(r.fitted / self.peaks - 1.0)))),
-                      "heldout_nrmse": tidy(r.heldout), "heldout_worst": tidy(r.worst), "physical": r.physical,
-                      "estimates": {n: {k: tidy(v) for k, v in e.items()} for n, e in r.estimates.items()},
-                      "remark": r.remark} for r in self.rows],
-            "paired_differences": [dc.asdict(p) for p in self.pairs],
-            "separation": [tidy(v) for v in self.separation], "cannot_be_seen": dict(self.left_out),
-            "notes": list(self.notes), "sentence": self.sentence,
-        }  # fmt: skip
+        found = self.list_common()
+        for line, row in zip(found["rows"], self.rows, strict=True):
+            line["worst"] = tidy(float(np.max(np.abs(row.fitted / self.peaks - 1.0))))
+            line["estimates"] = tidy_all(row.estimates)
+        return {**found, "friction_over_load": {"mean": self.ratio[0], "deviation": self.ratio[1]},
+                "separation": [tidy(v) for v in self.separation]}
 
 
 def judge_friction(
@@ -158,11 +295,12 @@ def judge_friction(
                for effect in chosen)
     every = (*rows, *singles)
     judged = FrictionJudgement(
-        campaign, model, decide_verdict(steps, able, level), steps[-1].effects, "", loads, peaks,
-        conditions.get("internal_pressure", np.zeros_like(loads)),
-        (float(np.mean(peaks / loads)), float(np.std(peaks / loads, ddof=1)) if len(peaks) > 1 else float("nan")),
-        noise, every, steps, base, constant, rivals[-1],
-        tuple(compare_rows(row, constant, peaks) for row in every if row is not constant), left_out, separation, level)
+        campaign=campaign, model=model, verdict=decide_verdict(steps, able, level), effects=steps[-1].effects,
+        loads=loads, peaks=peaks, pressures=conditions.get("internal_pressure", np.zeros_like(loads)),
+        ratio=(float(np.mean(peaks / loads)), float(np.std(peaks / loads, ddof=1)) if len(peaks) > 1 else float("nan")),
+        noise=noise, rows=every, steps=steps, reference=base, constant=constant, polynomial=rivals[-1],
+        pairs=tuple(compare_rows(row, constant, peaks) for row in every if row is not constant), left_out=left_out,
+        separation=separation, level=level)
     sentence, notes = describe_friction(judged, assumed)
     return dc.replace(judged, sentence=sentence, notes=notes)
 
@@ -177,7 +315,7 @@ class _Bench:
     def row(self, label: str, kind: str, free: tuple[str, ...], effects: tuple[str, ...] = ()) -> PeakRow:
         """Fit within the limits of the parameters and make the row; what sits at a limit does not count as fitted."""
         fit = self.fits[label] = self.program.fit(free, self.peaks, self.weights)
-        estimates = {name: _interval(value, sd, self.program.units[name])
+        estimates = {name: make_interval(value, sd, self.program.units[name])
                      for name, value, sd in zip(fit.names, fit.values, fit.sd, strict=True) if name not in fit.bound}
         remark = "; ".join(f"{_words(name)} at its limit, 0" for name in fit.bound)
         return make_row(label, kind, effects, len(estimates), fit.fitted, fit.held, self.peaks, self.loads, self.noise,
@@ -198,13 +336,11 @@ class _Bench:
     def _linear(self, label: str, columns: np.ndarray, names: tuple[str, ...]) -> PeakRow:
         fitted, held = fit_linear(columns, self.peaks, self.weights)
         values = np.linalg.lstsq(columns * self.weights[:, None], self.peaks * self.weights, rcond=None)[0]
-        left = np.sum((self.weights * (fitted - self.peaks)) ** 2) / max(len(self.peaks) - len(names), 1)
-        scaled = columns * self.weights[:, None]
-        sd = np.sqrt(left * np.diag(np.linalg.pinv(scaled.T @ scaled)))
+        sd = measure_errors(columns * self.weights[:, None], self.weights * (fitted - self.peaks))
         below = [_words(name) for name, value in zip(names, values, strict=True) if value < 0]
         return make_row(label, "reading", (), len(names), fitted, held, self.peaks, self.loads, self.noise,
-                        {name: _interval(v, e, "") for name, v, e in zip(names, values, sd, strict=True)}, not below,
-                        f"{' and '.join(below)} below 0" if below else "")
+                        {name: make_interval(v, e) for name, v, e in zip(names, values, sd, strict=True)},
+                        not below, f"{' and '.join(below)} below 0" if below else "")
 
     def visible(self, base: PeakRow, effect: type[AbstractEffect]) -> float:
         """Share of an effect's signature at its null that survives what the reference model can do."""
@@ -216,11 +352,6 @@ class _Bench:
         raw = slopes[:, program.names.index(_amplitudes(effect)[0])]
         size = float(np.linalg.norm(raw))
         return float(np.linalg.norm(raw - basis @ (basis.T @ raw))) / size if size > 0 else 0.0
-
-
-def _interval(value: float, sd: float, unit: str) -> dict[str, Any]:
-    return {"estimate": float(value), "sd": float(sd), "q025": float(value - 1.96 * sd),
-            "q975": float(value + 1.96 * sd), "unit": unit}
 
 
 def _words(name: str) -> str:
@@ -270,7 +401,8 @@ def describe_friction(judged, assumed: Sequence[str]) -> tuple[str, tuple[str, .
     given = [{"normal_load": "loads", "internal_pressure": "pressures", "slip_speed": "slip speeds"}.get(name, name)
              for name in assumed]
     if given:
-        notes.append(f"The {join(given)} of these rows are assumed, not printed; every statement here stands on them.")
+        notes.append(f"The {join_words(given)} of these rows are assumed, not printed; every statement here stands on "
+                     "them.")
     if judged.separation:
         notes.append("No slip belongs to these forces, so the slip term of Eqs. 9 and 10 is left out of our model: "
                      "Eq. 8 alone is judged" + _describe_loads(judged.loads) + ".")
@@ -289,16 +421,17 @@ def describe_best(judged) -> str:
     gaps = {pair.first: pair for pair in judged.pairs}
     better = [name for name, gap in gaps.items() if gap.difference < -2 * gap.standard_error]
     worse = [name for name, gap in gaps.items() if gap.difference > 2 * gap.standard_error]
-    start = f"A constant coefficient misses left-out forces by {say_share(plain.heldout)} (rms)"
+    start = f"A constant coefficient misses left-out forces by {format_share(plain.heldout, 1)} (rms)"
     if best is plain:
         text = f"{start}, and nothing misses them by less."
     else:
         gap = gaps[best.label]
-        text = (f"{start}; the least is {say_share(best.heldout)} ({best.label}), a difference of "
+        text = (f"{start}; the least is {format_share(best.heldout, 1)} ({best.label}), a difference of "
                 f"{-100 * gap.difference:.2f} ± {100 * gap.standard_error:.2f} points of mean error.")
-    told = (f" Beyond two standard errors only {join(better)} {'does' if len(better) == 1 else 'do'} better." if better
-            else " No model does better than the constant beyond two standard errors.")
-    return text + told + (f" Worse beyond that: {join(worse)}." if worse else "")
+    does = "does" if len(better) == 1 else "do"
+    told = (f" Beyond two standard errors only {join_words(better)} {does} better." if better else
+            " No model does better than the constant beyond two standard errors.")
+    return text + told + (f" Worse beyond that: {join_words(worse)}." if worse else "")
 
 
 def _describe_loads(loads: np.ndarray) -> str:
@@ -331,12 +464,12 @@ def _describe_weights(judged) -> list[str]:
 
 def _write_sentence(judged) -> str:
     start = (f"With each record left out in turn, {'Eq. 8' if judged.separation else 'our model'} misses the friction "
-             f"forces by {say_share(judged.reference.heldout)} (rms), a constant coefficient by "
-             f"{say_share(judged.constant.heldout)}, a low polynomial in load by "
-             f"{say_share(judged.polynomial.heldout)}")
+             f"forces by {format_share(judged.reference.heldout, 1)} (rms), a constant coefficient by "
+             f"{format_share(judged.constant.heldout, 1)}, a low polynomial in load by "
+             f"{format_share(judged.polynomial.heldout, 1)}")
     printed = [row for row in judged.rows if row.kind == "printed"]
     if printed:
-        start += f", the printed column by {say_share(printed[0].heldout)}"
+        start += f", the printed column by {format_share(printed[0].heldout, 1)}"
     mean, spread = judged.ratio
     tail = f" Friction over load is {mean:.3f} ± {spread:.3f}."
     if judged.verdict == "undecided":
@@ -345,11 +478,10 @@ def _write_sentence(judged) -> str:
         return f"These forces show no lack of fit at the {100 * judged.level:g} % level. {start}.{tail}"
     if judged.verdict == "unexplained":
         return (f"No effect of the catalogue explains what is missing in these friction forces. {start}. What our "
-                "model leaves is more than the scatter about that polynomial (p = "
-                f"{judged.steps[0].p_value:.2g}), but no catalogued effect predicts left-out forces better beyond "
-                f"chance.{tail}")
+                f"model leaves is more than the scatter about that polynomial (p = {judged.steps[0].p_value:.2g}), but "
+                f"no catalogued effect predicts left-out forces better beyond chance.{tail}")
     effect = judged.effects[-1]
     head, rest = ("explains what is missing", "no lack of fit is left") if judged.verdict == "explained" else (
         "helps but is not all", "something is still missing")
     return (f"{effect.capitalize()} {head}. {start}; {effect} brings our model to "
-            f"{say_share(judged.steps[-1].heldout)}, and {rest}.{tail}")
+            f"{format_share(judged.steps[-1].heldout, 1)}, and {rest}.{tail}")

@@ -1,11 +1,28 @@
-"""What a comparison of models on peaks hands on: one row a model, and the tests between them."""
+"""Models on one series of forces side by side: rows, noise, tests between them, and what any physics has to beat."""
 
+import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ..measurement.quantities import format_number, format_value
+
+
+def tidy_all(estimates: Mapping[str, Mapping]) -> dict[str, dict[str, Any]]:
+    """Estimates by name as JSON takes them."""
+    return {name: {key: tidy(value) for key, value in one.items()} for name, one in estimates.items()}
+
+
+def sign(value: float, digits: int) -> str:
+    """A number with a minus sign where it is negative."""
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def tidy(value: Any) -> Any:
+    """None in place of a number that JSON does not have; anything else as it is."""
+    return value if not isinstance(value, (float, np.floating)) or np.isfinite(value) else None
 
 
 @dc.dataclass(frozen=True)
@@ -224,3 +241,212 @@ def decide_verdict(steps: Sequence[PeakRow], able: bool, level: float) -> str:
     if len(steps) == 1:
         return "unexplained" if len(first.fitted) >= 5 else "undecided"
     return "explained" if last.p_value >= level else "improved"
+
+
+def fit_linear(columns: np.ndarray, peaks: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    r"""Weighted least squares $y = X \beta$, and the leave-one-out prediction of each record.
+
+    Args:
+        columns: $X$, shape (records, terms).
+        peaks: $y$, shape (records,) [N].
+        weights: shape (records,) [1/N].
+
+    Returns:
+        Fitted values and held-out predictions, both of shape (records,) [N]. Held out: $y - r/(1 - h)$ with the
+        leverage $h$, which is exact for linear least squares.
+    """
+    basis, _ = np.linalg.qr(columns * weights[:, None])
+    leverage = np.sum(basis**2, axis=1)
+    fitted = basis @ (basis.T @ (peaks * weights)) / weights
+    free = leverage < 1.0 - 1e-9
+    held = peaks - np.where(free, (peaks - fitted) / np.where(free, 1.0 - leverage, 1.0), np.nan)
+    return fitted, held
+
+
+def polynomial(pressures: np.ndarray, degree: int) -> np.ndarray:
+    """Columns 1, P, ... P**degree with P scaled to -1..1, shape (records, degree + 1)."""
+    middle, half = 0.5 * (pressures.max() + pressures.min()), 0.5 * np.ptp(pressures)
+    return np.vander((pressures - middle) / (half if half > 0 else 1.0), degree + 1, increasing=True)
+
+
+def choose_degree(pressures: np.ndarray, peaks: np.ndarray, weights: np.ndarray, most: int = 3) -> int:
+    """Degree (0 to `most`) of the polynomial in pressure with the smallest leave-one-out error."""
+    degrees = range(max(1, min(most + 1, len(np.unique(pressures)) - 1)))
+    errors = []
+    for degree in degrees:
+        _, held = fit_linear(polynomial(pressures, degree), peaks, weights)
+        error = float(np.sum(((held - peaks) * weights) ** 2))
+        errors.append(error if np.isfinite(error) else np.inf)
+    return int(np.argmin(errors))
+
+
+def predict_nested(pressures: np.ndarray, peaks: np.ndarray, weights: np.ndarray, most: int = 3) -> np.ndarray:
+    """Leave-one-out predictions of a polynomial whose degree is chosen anew inside every fold, shape (records,) [N]."""
+    held = np.empty(len(peaks))
+    for k in range(len(peaks)):
+        rest = np.arange(len(peaks)) != k
+        degree = choose_degree(pressures[rest], peaks[rest], weights[rest], most)
+        columns = polynomial(pressures, degree)
+        beta = np.linalg.lstsq(columns[rest] * weights[rest, None], peaks[rest] * weights[rest], rcond=None)[0]
+        held[k] = columns[k] @ beta
+    return held
+
+
+def estimate_noise(conditions: Mapping[str, np.ndarray], peaks: np.ndarray, sd: np.ndarray | None,
+                   along: str = "initial_pressure", words: str = "pressure") -> Noise:
+    """Size of the error of single peaks: as stated, from repeats, or from the scatter about a low polynomial.
+
+    Args:
+        conditions: of the records, arrays of shape (records,), SI.
+        peaks: measured [N].
+        sd: stated standard deviation [N], or None.
+        along: name of the condition in which the polynomial is; words: for people.
+    """
+    if sd is not None:
+        return Noise(np.asarray(sd, float) / peaks, float("inf"), "The campaign states the uncertainty of its peaks.")
+    _, group = np.unique(np.column_stack(list(conditions.values())), axis=0, return_inverse=True)
+    group = group.ravel()
+    repeats = len(peaks) - group.max() - 1
+    if repeats >= 3:
+        means = np.array([peaks[group == g].mean() for g in group])
+        share = np.sqrt(np.sum((peaks / means - 1.0) ** 2) / repeats)
+        return Noise(np.full(len(peaks), share), float(repeats),
+                     f"From the scatter of repeats at equal conditions, {100 * share:.1f} % of the value.")
+    pressures = conditions[along]
+    degree = choose_degree(pressures, peaks, 1.0 / peaks)
+    left = len(peaks) - degree - 1
+    fitted, _ = fit_linear(polynomial(pressures, degree), peaks, 1.0 / peaks)
+    if left < 1:
+        return Noise(np.full(len(peaks), np.nan), 0.0, "There are too few peaks to tell how large their errors are.")
+    share = float(np.sqrt(np.sum((fitted / peaks - 1.0) ** 2) / left))
+    return Noise(np.full(len(peaks), share), float(left),
+                 f"No uncertainty is stated: the scatter about a polynomial of degree {degree} in {words}, "
+                 f"{100 * share:.1f} % of the value with {left} degrees of freedom, stands in for it.")
+
+
+def judge_rivals(pressures: np.ndarray, peaks: np.ndarray, printed: np.ndarray | None, noise: Noise,
+                 words: str = "pressure") -> list[PeakRow]:
+    """Rows of the printed column times one factor (where there is one) and of polynomials; last the one to beat.
+
+    The last row's degree is chosen by leave-one-out, and chosen anew inside every fold for its held-out error.
+    `words` says what the condition is that stands in `pressures`.
+    """
+    weights, rows = 1.0 / (noise.share * peaks if np.isinf(noise.degrees) else peaks), []
+    if printed is not None:
+        fitted, held = fit_linear(np.asarray(printed, float)[:, None], peaks, weights)
+        factor = float(fitted[0] / printed[0])
+        spread = float(np.sqrt(np.sum((fitted / peaks - 1) ** 2) / max(len(peaks) - 1, 1) / len(peaks)))
+        rows.append(make_row("printed theory × one factor", "printed", (), 1, fitted, held, peaks, pressures, noise,
+                             {"factor": make_interval(factor, factor * spread)}))
+    for degree in range(1, min(3, len(np.unique(pressures)) - 2) + 1):
+        fitted, held = fit_linear(polynomial(pressures, degree), peaks, weights)
+        name = {1: "straight line", 2: "parabola", 3: "cubic"}[degree]
+        rows.append(make_row(f"{name} in {words}", "polynomial", (), degree + 1, fitted, held, peaks, pressures,
+                             noise))
+    degree = choose_degree(pressures, peaks, weights)
+    fitted, _ = fit_linear(polynomial(pressures, degree), peaks, weights)
+    held = predict_nested(pressures, peaks, weights)
+    rows.append(make_row(f"low polynomial (degree {degree})", "polynomial", (), degree + 1, fitted,
+                         held, peaks, pressures, noise, remark="degree by leave-one-out, chosen anew in every fold"))
+    return rows
+
+
+def measure_errors(columns: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+    """Standard errors of least squares from its residuals, shape (terms,); nan of a column of zeros.
+
+    Args:
+        columns: weighted, shape (records, terms); residuals: weighted, shape (records,).
+    """
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(size > 0, size, 1.0)
+    variance = np.sum(residuals**2) / max(len(residuals) - columns.shape[1], 1)
+    return np.sqrt(variance * np.diag(np.linalg.pinv(unit.T @ unit))) / np.where(size > 0, size, np.nan)
+
+
+def make_interval(value: float, sd: float, unit: str = "") -> dict[str, Any]:
+    """An estimate with its standard error and the 95 % interval of a normal distribution."""
+    return {"estimate": float(value), "sd": float(sd), "q025": float(value - 1.96 * sd),
+            "q975": float(value + 1.96 * sd), "unit": unit}
+
+
+def make_row(label: str, kind: str, effects: tuple[str, ...], free: int, fitted: np.ndarray, held: np.ndarray,
+             peaks: np.ndarray, pressures: np.ndarray, noise: Noise, estimates: Mapping[str, Mapping] | None = None,
+             physical: bool = True, remark: str = "") -> PeakRow:
+    """A row from fitted and held-out peaks; see `PeakRow`."""
+    error, out = fitted / peaks - 1.0, held / peaks - 1.0
+    gas = pressures > 0
+    ratio, p_value = judge_lack(float(np.sum((error / noise.share) ** 2)), free, len(peaks), noise)
+    return PeakRow(label, kind, effects, free, fitted, held, _rms(error), _rms(out), float(np.max(np.abs(out))),
+                   _rms(out[gas]) if gas.any() else float("nan"), ratio, p_value, estimates or {}, physical, remark)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@dc.dataclass(frozen=True, kw_only=True)
+class AbstractJudgement(abc.ABC):
+    """What forces without a curve say; `to_dict()` gives the fields of `result.json` that make sense for them.
+
+    Attributes:
+        campaign, family, model: names.
+        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
+        effects: ids in the final model.
+        sentence: plain words.
+        pressures, peaks: as judged, shape (records,) [Pa, N]; a pressure of 0 where there is none.
+        noise: size of the error of single forces.
+        rows: every model tried, side by side.
+        steps: rows of the reference model and, where effects help, of the models with them.
+        reference: row of the reference model; `polynomial`: of the low polynomial.
+        pairs: paired held-out differences.
+        left_out: ids of effects that these forces cannot see, with the reason.
+        level: of the tests.
+        notes: further sentences.
+    """
+
+    campaign: str
+    family: str
+    model: str
+    verdict: str
+    effects: tuple[str, ...]
+    sentence: str = ""
+    pressures: np.ndarray
+    peaks: np.ndarray
+    noise: Noise
+    rows: tuple[PeakRow, ...]
+    steps: tuple[PeakRow, ...]
+    reference: PeakRow
+    polynomial: PeakRow
+    pairs: tuple[PairedDifference, ...]
+    left_out: Mapping[str, str]
+    level: float
+    notes: tuple[str, ...] = ()
+
+    @abc.abstractmethod
+    def table(self):
+        """All rows side by side, a pandas data frame."""
+
+    @abc.abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of `result.json`."""
+
+    def list_common(self) -> dict[str, Any]:
+        """The fields of `result.json` that every judgement has."""
+        final, had, steps = self.steps[-1], (), []
+        for row in self.steps:
+            steps.append({"added": " + ".join(e for e in row.effects if e not in had) or None, "nrmse": row.nrmse,
+                          "chi2_reduced": tidy(row.chi2_reduced), "heldout_nrmse": row.heldout})
+            had = row.effects
+        return {
+            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
+            "effects": list(self.effects), "steps": steps,
+            "noise_nrmse": tidy(float(np.sqrt(np.mean(self.noise.share**2)))),
+            "parameters": tidy_all(final.estimates),
+            "lack_of_fit": {"statistic": tidy(final.chi2_reduced), "p_value": tidy(final.p_value),
+                            "level": self.level, "text": self.noise.text},
+            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": tidy(r.nrmse),
+                      "heldout_nrmse": tidy(r.heldout), "heldout_worst": tidy(r.worst), "physical": r.physical,
+                      "remark": r.remark} for r in self.rows],
+            "paired_differences": [dc.asdict(p) for p in self.pairs], "cannot_be_seen": dict(self.left_out),
+            "notes": list(self.notes), "sentence": self.sentence,
+        }

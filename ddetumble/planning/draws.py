@@ -20,7 +20,7 @@ from ..contact.effect import parameters_of, read_field
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import FILE as MODEL
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
-from ..inference.parameters import ParameterSpace, from_public
+from ..inference.parameters import ParameterSpace
 from ..posterior.result import FILE as POSTERIOR
 from ..posterior.stacking import FILE as WEIGHTS
 from ..posterior.stacking import name_rival, read_weights
@@ -117,8 +117,8 @@ def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
     found = np.tile(saved.u, (count, 1))
     for name, own in values.items():
         k = saved.space.index[name]
-        kind = saved.space.slots[k].parameter.coordinate
-        found[:, k] = [from_public(kind, float(value)) for value in own[chosen]]
+        transform = saved.space.parameter(name).transform
+        found[:, k] = [transform.to_unconstrained(float(value)) for value in own[chosen]]
     return np.clip(found, *saved.space.bounds())
 
 
@@ -221,15 +221,14 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
             raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(space.index)}",
                              key="uncertainty.parameters")
         k = space.index[name]
-        kind = space.slots[k].parameter.coordinate
+        transform = space.parameter(name).transform
         try:
-            u[k] = u[k] if mean is None else from_public(kind, mean)
+            u[k] = u[k] if mean is None else transform.to_unconstrained(mean)
         except (ValueError, ZeroDivisionError):
             u[k] = np.nan
         if not low[k] <= u[k] <= high[k] or not np.isfinite(u[k]):
             raise InputError(f"{name} cannot be {mean:g}", key=f"uncertainty.parameters.{name}")
-        slopes = {"log": np.exp(-u[k]), "logit": 2.0 + 2.0 * np.cosh(u[k]), "inverse": u[k] ** 2}
-        sds[row] = sd * slopes.get(kind, 1.0)
+        sds[row] = sd / transform.slope(transform.from_unconstrained(float(u[k])))
         roots[row, k] = 1.0
     matrix = np.eye(len(names))
     for first, second, correlation in correlations:

@@ -19,7 +19,6 @@ from ..families import name_family
 from ..inference.archive import Model, resolve_model
 from ..inference.assembly import default_starts
 from ..inference.files import list_versions, make_plain, write_json
-from ..inference.parameters import to_public
 from ..inference.problem import Solution
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -239,7 +238,7 @@ def _describe(bench: SelectionProblem, model: str, signatures: Sequence[_Signatu
         if told is not None and told * abs(best.size - p.default) > reach_limit(p):
             told = None
         effects.append(Visible(
-            effect.id, p.name, bench.space.unit(best.name, bench.start), to_public(p.coordinate, best.size),
+            effect.id, p.name, bench.space.unit(best.name, bench.start), p.transform.from_unconstrained(best.size),
             _publish(bench, best.shapes), best.visible, None if near is None else names[near], cosine, told,
             _publish(bench, {n: s.size for n, s in sizes.items()})))
     alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
@@ -256,7 +255,7 @@ def _deviation(bench: SelectionProblem, s: _Signature) -> float:
 
 
 def _publish(bench: SelectionProblem, shapes: dict[str, float]) -> dict[str, float]:
-    return {n: to_public(bench.space.slots[bench.space.index[n]].parameter.coordinate, v) for n, v in shapes.items()}
+    return {n: bench.space.parameter(n).transform.from_unconstrained(v) for n, v in shapes.items()}
 
 
 def _explain(bench: SelectionProblem, effects: Sequence[Visible], alike: Sequence[tuple[str, str]]

@@ -20,7 +20,7 @@ import numpy as np
 
 from .._display import Progress
 from .._errors import InputError
-from ..inference.files import make_plain, write_json
+from ..inference.files import make_plain, write_json, write_whole
 from .diagnostics import Convergence, judge_chains
 from .result import Posterior, summarise_posterior
 from .target import AbstractTarget, digest
@@ -267,20 +267,17 @@ def write_arrays(path: Path, arrays: Block) -> None:
     Raises:
         InputError: It cannot be written.
     """
-    draft = path.with_name(f".{path.name}.part")
-    try:
+    def write(draft: Path) -> None:
         with open(draft, "wb") as file:
             np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
             file.flush()
             os.fsync(file.fileno())
-        os.replace(draft, path)
-        if hasattr(os, "O_DIRECTORY"):  # the renaming goes to the disk too, where the system can
-            handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-            os.fsync(handle)
-            os.close(handle)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise InputError(f"the file cannot be written ({error.strerror or error})", file=path) from None
+
+    write_whole(path, write)
+    if hasattr(os, "O_DIRECTORY"):  # the renaming goes to the disk too, where the system can
+        handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        os.fsync(handle)
+        os.close(handle)
 
 
 def read_arrays(path: Path) -> Block:

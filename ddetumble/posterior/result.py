@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._display import AbstractPrinted
-from .._errors import InputError
-from ..inference.files import list_versions, make_plain, write_json
+from ..inference.files import check_folder, list_versions, make_plain, write_json, write_whole
 from .diagnostics import Convergence
 from .loo import Scores, score_conditions
 from .predictive_check import DRAWS, Checks, check_posterior
@@ -212,21 +210,11 @@ class Posterior(AbstractPrinted):
 
     def save(self, folder) -> Path:
         """Write `posterior.nc` and `posterior.json` (and the fit's files) into a folder, which is returned."""
-        folder = Path(folder)
-        if folder.exists() and not folder.is_dir():
-            raise InputError("is a file; name a folder for the posterior", file=folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = check_folder(folder, "posterior")
         if isinstance(self.target, CampaignTarget):
             self.target.fit.save(folder)
-        tree, path = self.to_datatree(), folder / FILE
-        draft = path.with_name(f".{path.name}.part")
-        try:
-            tree.to_netcdf(draft, engine="h5netcdf")
-            os.replace(draft, path)
-        except OSError as error:
-            raise InputError(f"the file cannot be written ({error.strerror or error})", file=path) from None
-        finally:
-            draft.unlink(missing_ok=True)
+        tree = self.to_datatree()
+        write_whole(folder / FILE, lambda draft: tree.to_netcdf(draft, engine="h5netcdf"))
         write_json(folder / SUMMARY, self.to_dict())
         return folder
 

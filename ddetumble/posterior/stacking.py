@@ -24,7 +24,7 @@ from ..contact.effect import AbstractEffect
 from ..inference.archive import Model, load
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
-from ..inference.files import list_versions, make_plain, refuse_peaks, write_json
+from ..inference.files import check_folder, list_versions, make_plain, read_json, refuse_peaks, write_json
 from ..inference.findings import AbstractRivals, Fit, summarise_fit
 from ..inference.noise import Noise
 from ..inference.problem import Problem
@@ -100,7 +100,7 @@ class ModelWeights(AbstractPrinted):
         return f"<ModelWeights of {', '.join(f'{r.name} {r.weight:.2f}' for r in self.rivals)}>"
 
     @property
-    def averagets(self) -> dict[str, float]:
+    def weights(self) -> dict[str, float]:
         """By name of the rival."""
         return {one.name: one.weight for one in self.rivals}
 
@@ -133,9 +133,7 @@ class ModelWeights(AbstractPrinted):
 
     def save(self, folder) -> Path:
         """Write every rival's fit into a folder below this one, then `weights.json`; returns the folder."""
-        folder = Path(folder)
-        if folder.exists() and not folder.is_dir():
-            raise InputError("is a file; name a folder for the weights", file=folder)
+        folder = check_folder(folder, "weights")
         # Weights of an earlier set must not stand beside the fits of this one.
         (folder / FILE).unlink(missing_ok=True)
         for one in self.rivals:
@@ -493,23 +491,7 @@ def read_weights(folder: Path) -> list[tuple[str, Path, float]]:
         InputError: The file is damaged, of another version, or a rival's folder is not there.
     """
     path = Path(folder) / FILE
-    again = "average the models again"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        schema = content.get("schema") if isinstance(content, dict) else None
-        if schema != SCHEMA:
-            raise InputError(f"the schema is {schema!r}; this version reads {SCHEMA!r}: {again}", file=path,
-                             key="schema")
-        found = _Weights.model_validate(content)
-    except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
-    except pydantic.ValidationError as error:  # a ValueError too
-        first = error.errors()[0]
-        reason = first["msg"].removeprefix("Value error, ")
-        raise InputError(f"the file is damaged: {reason[:1].lower()}{reason[1:]}; {again}", file=path,
-                         key=".".join(str(part) for part in first["loc"]) or None) from None
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
-        raise InputError(f"this is no JSON file, or only a part of one; {again}", file=path) from None
+    found = read_json(path, SCHEMA, _Weights, "average the models again")
     kept = [(one.name, path.parent / one.folder, one.weight) for one in found.rivals if one.weight > 0]
     for name, place, _ in kept:
         if not (place / "model.json").is_file():

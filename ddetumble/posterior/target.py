@@ -32,12 +32,13 @@ from scipy import optimize, stats
 
 from .._errors import InputError
 from .._numerics import map_threads
-from ..inference.bounded import Bounded, linearise_all, solve_bounded
+from ..contact.transform import TRANSFORMS
+from ..inference.bounded import Bounded, solve_bounded
 from ..inference.curve_fit import Curve, CurveFit
 from ..inference.files import make_plain
 from ..inference.findings import Fit
-from ..inference.identifiability import Knowledge, analyse_columns
-from ..inference.parameters import ParameterSpace, from_coordinate
+from ..inference.identifiability import Knowledge, analyse_fit
+from ..inference.parameters import ParameterSpace
 from ..inference.problem import FAILED, Problem, Solution, evaluate, simulate_records
 from ..inference.stack import Records, Stack, trim_records
 from ..measurement.grouping import group_conditions, name_conditions
@@ -252,10 +253,8 @@ class AbstractTarget(ABC):
     def publish(self, x: np.ndarray) -> np.ndarray:
         """Coordinates to values in the parameters' public units, any shape (..., free)."""
         x = np.asarray(x, dtype=float)
-        with np.errstate(divide="ignore"):
-            columns = [1.0 / x[..., k] if kind == "inverse" else from_coordinate(kind, x[..., k])
-                       for k, kind in enumerate(self.coordinates)]
-        return np.stack(columns, axis=-1)
+        return np.stack([TRANSFORMS[kind].from_unconstrained(np.asarray(x[..., k]))
+                         for k, kind in enumerate(self.coordinates)], axis=-1)
 
     def slope(self) -> np.ndarray:
         """Derivative of the public values by the coordinates at the fit, shape (free, free)."""
@@ -348,11 +347,8 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     problem, found = fit.problem, fit.bounded
     full, names = problem.space, found.names
     at, known = know_fit(problem, found)
-    limits = {name: found.bounds.get(name, (-np.inf, np.inf)) for name in names}
-    ends = np.array([limits[name] for name in names])
     places = [full.index[name] for name in names]
-    low = np.maximum(ends[:, 0], problem.limits[0][places])
-    high = np.minimum(ends[:, 1], problem.limits[1][places])
+    low, high = np.array([found.room(problem, name) for name in names]).T
     # An effect's parameter first: it may be what the reference model's cannot be told from.
     for k, name in sorted(enumerate(names), key=lambda one: "." not in one[1]):
         if name in known.undetermined and not np.isfinite(high[k] - low[k]):
@@ -365,7 +361,7 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     identity = {"campaign": fit.campaign, "sha256": fit.sha256, "model": fit.model, "effects": list(fit.effects),
                 "names": list(names), "fixed": dict(fit.fixed), "priors": {k: list(v) for k, v in
                                                                             problem.priors.items()},
-                "bounds": {k: list(v) for k, v in limits.items() if np.any(np.isfinite(v))},
+                "bounds": {k: list(v) for k, v in found.bounds.items() if np.any(np.isfinite(v))},
                 "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
     covariance = cap_covariance(known.covariance, high - low)
@@ -378,10 +374,8 @@ def pose_fit(fit: Fit) -> CampaignTarget:
 
 def know_fit(problem: Problem, found: Bounded) -> tuple[Solution, Knowledge]:
     """Derivatives by all free parameters at a fit, held ones too, and what the records say of them."""
-    at = linearise_all(problem, found.solution, found.names, found.solution.u)
-    columns, _ = at.projected()
-    flat = np.concatenate([columns.reshape(-1, len(found.names)), np.diag(at.prior_weight)])
-    return at, analyse_columns(problem.space, found.names, flat, at.scales)
+    at = problem.solve(found.names, found.solution.u, found.solution.z, moving=False)
+    return at, analyse_fit(problem.space, at)
 
 
 def cap_covariance(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:

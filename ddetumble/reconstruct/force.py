@@ -19,7 +19,7 @@ from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.files import make_plain
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise, estimate_noise
-from ..inference.parameters import ParameterSpace, to_coordinate
+from ..inference.parameters import ParameterSpace
 from ..inference.stack import default_noise
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
@@ -165,7 +165,7 @@ def _coordinates(space: ParameterSpace, resolved: ResolvedModel, campaign: Campa
     u = space.coordinates(values)
     for effect in resolved.effects:
         for p in parameters_of(effect):
-            u[space.index[f"{effect.id}.{p.name}"]] = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
+            u[space.index[f"{effect.id}.{p.name}"]] = p.transform.from_field(float(getattr(effect, p.field)))
     return u
 
 

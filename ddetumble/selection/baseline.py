@@ -9,7 +9,6 @@ import dataclasses as dc
 import numpy as np
 from scipy import stats
 
-from ..inference.arrow import profile_own
 from ..inference.problem import Solution
 from ..inference.stack import DRIFT
 from ..measurement.faults import Fault
@@ -87,7 +86,7 @@ def _free_zeros(selection: SelectionProblem, solution: Solution, c: int, channel
     right = np.concatenate([solution.residual, solution.z], axis=1)
     both = np.concatenate([rows, extra], axis=2)
     size = np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-300)
-    columns, side = profile_own(shared, both / size, right)
+    columns, side = solution.projected(more=extra)
     step = np.zeros(0)
     if shared.shape[2]:
         step = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), -side.ravel(), rcond=1e-10)[0]

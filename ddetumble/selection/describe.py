@@ -10,8 +10,7 @@ from scipy import stats
 from .._numerics import map_threads
 from ..inference.bounded import Bounded
 from ..inference.findings import Fit, estimate_parameters, summarise_fit
-from ..inference.identifiability import analyse_columns, flatten_columns, limit_knowledge
-from ..inference.parameters import to_public
+from ..inference.identifiability import analyse_fit, limit_knowledge
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
 from .detectability import detectable_length, find_size
@@ -39,7 +38,7 @@ def public_estimates(selection: SelectionProblem, solution: Solution, owners: Se
     What the records do not determine has a deviation of `WIDEST` times that beyond which nothing is known.
     """
     space = selection.space
-    known = analyse_columns(space, solution.names, flatten_columns(solution), solution.scales)
+    known = analyse_fit(space, solution)
     whole = Bounded(solution, solution.names, {}, {})
     found = {}
     for name, one in estimate_parameters(selection.problem, whole, known, selection.guess)[0].items():
@@ -234,7 +233,7 @@ def _detectable(selection: SelectionProblem, reference: Fitted, own: list[Score]
         one = find_size(selection.problem, reference.solution, origin, name, goal,
                         goal / float(np.sqrt(s.information)))
         if one is not None and np.isfinite(one.size):
-            found[name] = to_public(p.coordinate, one.size)
+            found[name] = p.transform.from_unconstrained(one.size)
     return found
 
 

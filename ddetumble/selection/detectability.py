@@ -17,7 +17,6 @@ import numpy as np
 from scipy import stats
 
 from ..contact.effect import Parameter
-from ..inference.arrow import profile_own
 from ..inference.problem import Problem, Solution
 from .settings import DEFAULT, SelectionSettings
 
@@ -115,10 +114,7 @@ def _show(problem: Problem, solution: Solution, origin: np.ndarray, name: str, v
     change = moved.residual - solution.residual
     whole = float(np.sum(change**2))
     records, _, own = solution.own.shape
-    pad = np.zeros((records, own))
-    rows = np.concatenate([solution.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
-    shared = np.concatenate([solution.shared, np.zeros((records, own, solution.shared.shape[2]))], axis=1)
-    shared, left = profile_own(shared, rows, np.concatenate([change, pad], axis=1))
+    shared, left = solution.projected(right=np.concatenate([change, np.zeros((records, own))], axis=1))
     flat = left.reshape(-1)
     if shared.shape[2]:
         q, _ = np.linalg.qr(shared.reshape(-1, shared.shape[2]))

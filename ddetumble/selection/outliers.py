@@ -14,6 +14,7 @@ import numpy as np
 
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
+from .cross_validation import leave_out
 from .data_errors import Diagnosis, diagnose
 from .leave_record_out import Aside, measure_record, set_aside, settle
 from .problem import Fitted, SelectionProblem
@@ -61,9 +62,12 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
     kept = [r for r in range(selection.records.count) if r not in out]
     misfit = {r: measure_record(selection, selection.problem, solution, r) for r in kept}
     order = sorted(kept, key=lambda r: misfit[r].degrees - misfit[r].total)
-    order = order if len(kept) <= 6 else order[:limits.candidates]
     if misfit[order[0]].p_value * len(kept) > limits.p_value:
         return None
+    if len(kept) > limits.every:
+        # What bends the fit most may be fitted best itself, and its fault shows in the others.
+        loss = leave_out(solution, np.arange(selection.records.count))
+        order = list(dict.fromkeys((*order[:limits.candidates], max(kept, key=lambda r: loss[r]))))
     asides = [set_aside(selection, solution, r, out) for r in order]
     # Without the culprit the others agree best.
     aside, *others = sorted(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))

@@ -14,7 +14,7 @@ from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import Noise
-from ..inference.parameters import ParameterSpace, to_coordinate
+from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Records, stack_records
 from ..inference.whiteness import changed, differs_from_stated, measure_noise
@@ -348,7 +348,7 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
             raise InputError(f"the model's effect {effect.id!r} needs {', '.join(missing)}, which campaign "
                              f"{campaign.name!r} or the model does not have")
         for p in parameters_of(effect):
-            value = to_coordinate(p.coordinate, float(getattr(effect, p.field)))
+            value = p.transform.from_field(float(getattr(effect, p.field)))
             start[space.index[f"{effect.id}.{p.name}"]] = value
     taken = {type(effect) for effect in given}
     if fit_given:

@@ -20,7 +20,8 @@ class OutlierSettings:
         clear: mean square, in noise variances, that it has at least.
         one_in: at most one record in so many is left out.
         same: share by which values of neighbours may differ and count as the same.
-        candidates: worst records that are left out in turn.
+        every: records of which every one is left out in turn; of more, the worst and the one that bends the fit most.
+        candidates: worst records of more than `every` that are left out in turn.
         removed: share of a misfit that leaving out one record has to remove before the search is repeated without it.
         fits: p-value above which a record fits with a data error corrected.
         small: the same as an excess: below one noise variance no plot shows it.
@@ -41,6 +42,7 @@ class OutlierSettings:
     clear: float = 4.0
     one_in: int = 4
     same: float = 0.03
+    every: int = 6
     candidates: int = 3
     removed: float = 0.5
     fits: float = 1e-3

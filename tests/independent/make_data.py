@@ -9,11 +9,7 @@ from pathlib import Path
 
 from ddetumble.exam.simulators.impact import CHANNELS
 from ddetumble.exam.simulators.impact_campaigns import make_campaign, reveal_campaign, write_campaign_folder
-from ddetumble.exam.simulators.oblique_campaigns import (
-    make_oblique_campaign,
-    reveal_oblique_campaign,
-    write_oblique_folder,
-)
+from ddetumble.exam.simulators.oblique_campaigns import make_oblique_campaign, reveal_oblique_campaign
 from ddetumble.exam.simulators.packages import write_json
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
 from ddetumble.exam.simulators.tumbling_campaigns import (
@@ -218,7 +214,7 @@ TUMBLE_PLANS = {
 FAMILIES = (
     (PLANS, make_campaign, write_campaign_folder, reveal_campaign),
     (SLIP_PLANS, make_slip_campaign, write_slip_folder, reveal_slip_campaign),
-    (OBLIQUE_PLANS, make_oblique_campaign, write_oblique_folder, reveal_oblique_campaign),
+    (OBLIQUE_PLANS, make_oblique_campaign, write_campaign_folder, reveal_oblique_campaign),
     (TUMBLE_PLANS, make_tumble_campaign, write_tumble_folder, reveal_tumble_campaign),
 )
 

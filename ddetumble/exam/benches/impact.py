@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..hidden import Hidden
 from ..simulators.impact import simulate
 from ..simulators.impact_campaigns import (
     NOISE,
@@ -17,7 +16,7 @@ from ..simulators.impact_campaigns import (
     write_campaign_folder,
 )
 from ..simulators.strength import find_slopes, measure_misfit, place_times
-from .bench import Bench, HeldOut
+from .bench import Bench, HeldOut, Hidden
 
 
 MEASURED = 12  # tests on which strengths are measured: the first of the random order

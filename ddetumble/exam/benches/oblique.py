@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..hidden import Hidden
+from ..simulators.impact_campaigns import write_campaign_folder
 from ..simulators.oblique import simulate_strike
 from ..simulators.oblique_campaigns import (
     CONDITIONS,
@@ -13,10 +13,9 @@ from ..simulators.oblique_campaigns import (
     UNCERTAINTIES,
     choose_oblique_heldout,
     make_oblique_campaign,
-    write_oblique_folder,
 )
-from ..simulators.strength import differentiate, place_times, refit
-from .bench import Bench, HeldOut
+from ..simulators.strength import hold_slopes, place_times
+from .bench import Bench, HeldOut, Hidden
 from .impact import CATALOGUE as NORMAL
 from .impact import spread
 from .slip import CATALOGUE as FRICTION
@@ -66,22 +65,12 @@ def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
     scale = np.array([NOISE[channel] for channel in CHANNELS])
     prior = np.array([UNCERTAINTIES[name] for name in (*CONDITIONS, "time")])
 
-    def read(model, effects, conditions, time):
-        return (simulate_strike(model, effects, conditions, time, CHANNELS, COARSE) / scale).ravel()
-
-    def predict(i, shared, own):
-        model = base | {name: base[name] * np.exp(x) for name, x in zip(SHARED, shared, strict=True)}
+    def read(i, model, effects, own):
         moved = {c: x * (1.0 + s) for (c, x), s in zip(tests[i].items(), prior * own, strict=False)}
-        return read(model, {}, moved, times[i] + prior[3] * own[3])
+        found = simulate_strike(model, effects, moved, times[i] + prior[3] * own[3], CHANNELS, COARSE)
+        return (found / scale).ravel()
 
-    start = np.zeros(len(SHARED))
-    slopes = [differentiate(predict, i, start, np.zeros(4))[1:] for i in range(len(tests))]
-
-    def measure(effects):
-        truth = [read(base, effects, c, time) for c, time in zip(tests, times, strict=True)]
-        return refit(predict, truth, start, 4, 2, slopes)
-
-    return measure
+    return hold_slopes(base, SHARED, read, len(tests), 4, 2)
 
 
 def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
@@ -96,5 +85,5 @@ def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
 
 OBLIQUE = Bench(
     "oblique", {channel: NOISE[channel] for channel in CHANNELS}, "time", CATALOGUE, OUTSIDE, draw_setting, make,
-    write_oblique_folder, lambda campaign: [row["values"] for row in campaign["records"]], prepare, hold_out,
+    write_campaign_folder, lambda campaign: [trace["values"] for trace in campaign["samples"]], prepare, hold_out,
 )  # fmt: skip

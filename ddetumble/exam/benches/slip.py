@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from ..hidden import Hidden
 from ..simulators.slip import simulate_slip
 from ..simulators.slip_campaigns import (
     SLIP_NOISE,
@@ -16,8 +15,8 @@ from ..simulators.slip_campaigns import (
     place_path,
     write_slip_folder,
 )
-from ..simulators.strength import differentiate, refit
-from .bench import Bench, HeldOut
+from ..simulators.strength import hold_slopes
+from .bench import Bench, HeldOut, Hidden
 from .impact import spread
 
 
@@ -60,27 +59,16 @@ def make(name: str, seed: int, effects: Mapping, setting: Mapping, noise: Mappin
 
 def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
     """The function effects -> misfit over noise; two nuisances a record: load and pressure."""
-    base = setting["base"]
     tests = order_slip_tests(np.random.Generator(np.random.PCG64(seed)), setting["loads"], setting["pressures"],
                              setting["speeds"])
     path = place_path(setting["length"], setting["interval"])[0][::2]
     prior = np.array([SLIP_UNCERTAINTIES[name] for name in NUISANCES])
 
-    def read(model, effects, conditions):
-        return simulate_slip(model, effects, conditions, path)[:, 0] / SLIP_NOISE
-
-    def predict(i, shared, own):
-        model = base | {name: base[name] * np.exp(x) for name, x in zip(SHARED, shared, strict=True)}
+    def read(i, model, effects, own):
         moved = {c: tests[i][c] * (1.0 + x) for c, x in zip(NUISANCES, prior * own, strict=True)}
-        return read(model, {}, tests[i] | moved)
+        return simulate_slip(model, effects, tests[i] | moved, path)[:, 0] / SLIP_NOISE
 
-    start = np.zeros(len(SHARED))
-    slopes = [differentiate(predict, i, start, np.zeros(2))[1:] for i in range(len(tests))]
-
-    def measure(effects):
-        return refit(predict, [read(base, effects, c) for c in tests], start, 2, 3, slopes)
-
-    return measure
+    return hold_slopes(setting["base"], SHARED, read, len(tests), 2, 3)
 
 
 def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:

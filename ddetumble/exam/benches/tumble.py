@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..hidden import Hidden
 from ..simulators.tumbling import RATES, simulate_tumbling
 from ..simulators.tumbling_campaigns import (
     HELDOUT,
@@ -17,7 +16,7 @@ from ..simulators.tumbling_campaigns import (
     measure_tumble_misfit,
     write_tumble_folder,
 )
-from .bench import Bench, HeldOut
+from .bench import Bench, HeldOut, Hidden
 
 
 TOLERANCE = 1e-8  # of the integrator, 1e-3 of the noise at most: for strengths only

@@ -11,8 +11,10 @@ from .strength import measure_misfit, place_times
 # one standard deviation: relative for the two conditions, s for the time origin, SI for the channels
 UNCERTAINTIES = {"initial_pressure": 0.005, "approach_speed": 0.003, "time": 5e-5}
 NOISE = {"normal_force": 0.25, "depression": 2e-5, "pressure": 2e3}
-# channel -> unit in files, SI value of that unit
-UNITS = {"normal_force": ("N", 1.0), "depression": ("mm", 1e-3), "pressure": ("MPa", 1e6)}
+# channel or condition -> unit in files, SI value of that unit
+UNITS = {"normal_force": ("N", 1.0), "tangential_force": ("N", 1.0), "depression": ("mm", 1e-3), "slip": ("mm", 1e-3),
+         "pressure": ("MPa", 1e6), "initial_pressure": ("MPa", 1e6), "approach_speed": ("m/s", 1.0),
+         "tangential_speed": ("m/s", 1.0)}  # fmt: skip
 TITLE = "Synthetic impact campaign with an undisclosed physical effect, or none"
 
 
@@ -51,60 +53,75 @@ def make_campaign(
     AR(1) with coefficient rho, of which `white_share` of the variance is white instead. All draws come from one
     PCG64 generator seeded with `seed`, in a fixed order.
     """
-    stated = UNCERTAINTIES | (uncertainties or {})
     deviations = NOISE | (noise or {})
     generator = np.random.Generator(np.random.PCG64(seed))
     tests = order_tests(generator, pressures, speeds, repeats)
-    records, samples = [], []
-    for sequence, nominal in enumerate(tests, start=1):
-        draw = generator.standard_normal(5)
+    campaign = {
+        "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "channels": tuple(channels),
+        "uncertainties": UNCERTAINTIES | (uncertainties or {}), "noise": {c: deviations[c] for c in channels},
+        "rho": rho, "white_share": white_share, "setting_scatter": setting_scatter, "interval": interval,
+        "before": before, "length": length, "heldout": choose_heldout(pressures, speeds, len(tests) + 1),
+        "known": {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None},
+        "digits": 3 if tuple(channels) == ("normal_force",) else 5,
+    }  # fmt: skip
+    return add_records(campaign, generator, tests, lambda true, times: simulate(base, effects, true, times, channels))
+
+
+def add_records(campaign, generator, tests, read):
+    """Return the campaign with what was really done in the tests, what was written down and what was measured.
+
+    tests: nominal conditions; those with a stated uncertainty are set and written down inexactly. read: channels,
+    shape (samples, channels), from true conditions and times (s).
+    """
+    stated, records, samples = campaign["uncertainties"], [], []
+    for number, nominal in enumerate(tests, start=1):
+        names = [condition for condition in nominal if condition in stated]
+        draw = generator.standard_normal(2 * len(names) + 1)
         true, written = dict(nominal), dict(nominal)
-        for i, condition in enumerate(("initial_pressure", "approach_speed")):
-            true[condition] = nominal[condition] * (1.0 + setting_scatter * draw[i])
-            written[condition] = true[condition] * (1.0 + stated[condition] * draw[2 + i])
-        shift = stated["time"] * draw[4]
-        times = place_times(base, nominal, interval, before, length)
-        values = simulate(base, effects, true, times - shift, channels)
-        for j, channel in enumerate(channels):
-            values[:, j] += draw_noise(generator, times.size, deviations[channel], rho, white_share)
-        label = f"r{sequence:02d}"
+        for i, condition in enumerate(names):
+            true[condition] = nominal[condition] * (1.0 + campaign["setting_scatter"] * draw[i])
+            written[condition] = true[condition] * (1.0 + stated[condition] * draw[len(names) + i])
+        shift = stated["time"] * draw[-1]
+        times = place_times(campaign["base"], nominal, campaign["interval"], campaign["before"], campaign["length"])
+        values = read(true, times - shift)
+        for j, deviation in enumerate(campaign["noise"].values()):
+            values[:, j] += draw_noise(generator, times.size, deviation, campaign["rho"], campaign["white_share"])
+        label = f"r{number:02d}"
         records.append({"record": label, "true": true, "written": written, "time_shift": shift})
         samples.append({"record": label, "times": times, "values": values})
-    return {
-        "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "channels": tuple(channels),
-        "uncertainties": stated, "noise": {c: deviations[c] for c in channels}, "rho": rho, "white_share": white_share,
-        "setting_scatter": setting_scatter, "records": records, "samples": samples, "interval": interval,
-        "before": before, "length": length, "heldout": choose_heldout(pressures, speeds, len(tests) + 1),
-    }  # fmt: skip
+    return campaign | {"records": records, "samples": samples}
 
 
 def describe_campaign(campaign, source=SOURCE):
-    """Return the campaign's Data Package descriptor."""
+    """Return the descriptor of the Data Package of a campaign of straight or oblique impacts."""
     stated, channels = campaign["uncertainties"], []
     for channel in campaign["channels"]:
         unit, size = UNITS[channel]
         channels.append(describe_number(channel, unit, f"{campaign['noise'][channel] / size:g} {unit}"))
-    records = [
-        {"name": "sequence", "type": "integer"},
-        *(describe_number(name, unit, f"{100 * stated[name]:g} %")
-          for name, unit in (("initial_pressure", "MPa"), ("approach_speed", "m/s"))),
-    ]  # fmt: skip
+    records = [describe_number(name, UNITS[name][0], f"{100 * stated[name]:g} %") if name in stated
+               else {"name": name, "type": "integer"} for name in list_columns(campaign)]  # fmt: skip
     time = describe_number("time", "s", f"{stated['time'] * 1e3:g} ms")
-    known = {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None}
-    return describe_package(campaign["name"], campaign["title"], "impact", known, records, [time, *channels], source)
+    return describe_package(campaign["name"], campaign["title"], "impact", campaign["known"], records,
+                            [time, *channels], source)  # fmt: skip
+
+
+def list_columns(campaign):
+    """Return the conditions in the order of the table's columns, the place in the series first."""
+    return sorted(campaign["records"][0]["written"], key=lambda name: name != "sequence")
 
 
 def write_campaign_folder(folder, campaign, source=SOURCE):
     """Write the campaign's Data Package; values are rounded as the columns' format says."""
     records, samples = [], []
-    for row in campaign["records"]:
-        pressure, speed = row["written"]["initial_pressure"] / 1e6, row["written"]["approach_speed"]
-        records.append([row["record"], row["written"]["sequence"], f"{pressure:.5f}", f"{speed:.5f}"])
-    digits = 3 if campaign["channels"] == ("normal_force",) else 5
     sizes = np.array([UNITS[channel][1] for channel in campaign["channels"]])
+    for row in campaign["records"]:
+        written = row["written"]
+        cells = [f"{written[name] / UNITS[name][1]:.5f}" if name in UNITS else written[name]
+                 for name in list_columns(campaign)]  # fmt: skip
+        records.append([row["record"], *cells])
     for trace in campaign["samples"]:
         for time, values in zip(trace["times"], trace["values"] / sizes, strict=True):
-            samples.append([trace["record"], f"{time + 0.0:g}", *format_cells(values, digits)])
+            samples.append([trace["record"], f"{time + 0.0:g}", *format_cells(values, campaign["digits"])])
     write_package(folder, describe_campaign(campaign, source), records, samples)
 
 
@@ -119,22 +136,21 @@ def measure_strength(campaign):
     ] or [0.0]
 
 
-def reveal_campaign(campaign):
-    """Return what is hidden in a campaign, with noise-free force (N) at conditions that it does not hold."""
+def reveal_heldout(campaign, read):
+    """Return noise-free readings at the conditions held out; read: as of `add_records`."""
     heldout = []
     for conditions in campaign["heldout"]:
-        times = place_times(
-            campaign["base"], conditions, campaign["interval"], campaign["before"], campaign["length"]
-        )  # fmt: skip
-        force = simulate(campaign["base"], campaign["effects"], conditions, times)
-        heldout.append({
-            "conditions": conditions,
-            "x": [round(float(t), 9) + 0.0 for t in times],
-            "y": [[round(float(f), 6) + 0.0] for f in force[:, 0]],
-        })  # fmt: skip
+        times = place_times(campaign["base"], conditions, campaign["interval"], campaign["before"], campaign["length"])
+        heldout.append({"conditions": conditions, "x": [round(float(t), 9) + 0.0 for t in times],
+                        "y": [[round(float(x), 6) + 0.0 for x in row] for row in read(conditions, times)]})
+    return heldout
+
+
+def reveal_campaign(campaign):
+    """Return what is hidden in a campaign, with noise-free force (N) at conditions that it does not hold."""
+    base, effects = campaign["base"], campaign["effects"]
     same = ("effects", "base", "seed", "rho", "white_share", "setting_scatter")
-    return (
-        {"family": "impact"}
-        | {name: campaign[name] for name in same}
-        | {"strength": measure_strength(campaign), "heldout": heldout}
-    )
+    return {"family": "impact"} | {name: campaign[name] for name in same} | {
+        "strength": measure_strength(campaign),
+        "heldout": reveal_heldout(campaign, lambda conditions, times: simulate(base, effects, conditions, times)),
+    }  # fmt: skip

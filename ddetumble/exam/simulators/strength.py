@@ -60,6 +60,26 @@ def refit(predict, truth, shared, nuisances, steps=5, slopes=None):
     return float(np.sqrt(misfit / size))
 
 
+def hold_slopes(base, names, read, records, nuisances, steps):
+    """Return the function effects -> rms that a refit leaves, the reference model's derivatives being found once.
+
+    names: of the base parameters that all records share, by their logarithms. read(i, base, effects, own): readings
+    of record i over noise at nuisances `own`, shape (nuisances,), in units of their prior deviations.
+    """
+    start, still = np.zeros(len(names)), np.zeros(nuisances)
+
+    def predict(i, shared, own):
+        return read(i, base | {n: base[n] * np.exp(x) for n, x in zip(names, shared, strict=True)}, {}, own)
+
+    slopes = [differentiate(predict, i, start, still)[1:] for i in range(records)]
+
+    def measure(effects):
+        truth = [read(i, base, effects, still) for i in range(records)]
+        return refit(predict, truth, start, nuisances, steps, slopes)
+
+    return measure
+
+
 def measure_misfit(base, effects, conditions, deviations, uncertainties, channels=("normal_force",), steps=5,
                    slopes=None, **options):
     """Return the rms over noise that the reference model leaves on noise-free records after a refit.

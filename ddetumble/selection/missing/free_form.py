@@ -16,7 +16,7 @@ from ..._errors import ComputationError, InputError
 from ..._numerics import map_threads
 from ...effects.free import COUNT, Ground
 from ...families import Family, list_families
-from ...inference.parameters import ParameterSpace, to_coordinate
+from ...inference.parameters import ParameterSpace
 from ...inference.problem import Problem, Solution
 from ..cross_validation import compare_losses
 from ..problem import Fitted, SelectionProblem
@@ -123,7 +123,7 @@ class FreeBench:
         space = ParameterSpace(self.selection.reference, (*self.classes, self.free, self.simple), old.commons)
         return space, np.array([
             self.model.solution.u[old.index[s.name]] if s.name in old.index
-            else to_coordinate(s.parameter.coordinate, s.parameter.default) for s in space.slots])
+            else s.parameter.transform.from_field(s.parameter.default) for s in space.slots])
 
     def _list_terms(self) -> list[Term]:
         """Terms that this campaign could show, over the ranges that the model visits."""

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ...effects.free import COUNT, FORMS, PLAN, Ground, blank_plan
-from ...inference.arrow import profile_own
 from ...inference.problem import Solution
 from ...inference.stack import Records
 
@@ -238,15 +237,11 @@ def gather_normal(solution: Solution, more: np.ndarray | None, groups: np.ndarra
         offset: where the columns of the solution are zero: their present values, shape (own columns,); zero for those
             that are not given, as steps from where they are.
     """
-    records, _, own = solution.own.shape
     shared = solution.shared if more is None else np.concatenate([solution.shared, more], axis=2)
     residual = solution.residual
     if offset is not None:
         residual = residual - solution.shared @ offset
-    prior = np.broadcast_to(np.eye(own), (records, own, own))
-    columns, right = profile_own(np.concatenate([shared, np.zeros((records, own, shared.shape[2]))], axis=1),
-                                 np.concatenate([solution.own, prior], axis=1),
-                                 np.concatenate([residual, solution.z], axis=1))
+    columns, right = solution.projected(shared, np.concatenate([residual, solution.z], axis=1))
     both = np.concatenate([columns, right[..., None]], axis=2)
     square = np.einsum("grk,grl->gkl", both, both, optimize=True)
     total = np.zeros((int(groups.max()) + 1, *square.shape[1:]))

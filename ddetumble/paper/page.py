@@ -2,25 +2,101 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .._numerics import scalar
 from ..contact.law import Ball, ContactLaw
-from . import drawings, figures
-from .bench import Bench, Recipe, choose_effects
-from .contradictions import ELSEWHERE, SPEED, Contradiction, list_contradictions, reading
-from .corrections import correct_printed
-from .detumbling_pages import write_detumbling
-from .fits import PeakData
+from .contradictions import (
+    ELSEWHERE,
+    SPEED,
+    Contradiction,
+    draw_core,
+    draw_duration,
+    draw_errors,
+    draw_pressure,
+    draw_ranges,
+    draw_readings,
+    draw_restitution,
+    draw_sign,
+    list_contradictions,
+    list_friction_points,
+    reading,
+)
+from .detumbling import write_detumbling
 from .friction import FrictionJudgement
-from .friction_pages import draw_friction_points, read_friction, write_friction
+from .friction_page import draw_friction_points, read_friction, write_friction
 from .judgement import PeakJudgement, judge_campaign
-from .peaks import PeakProgram, simulate_impacts
-from .rows import compare_rows, describe_estimates
-from .shipped import find_data
-from .slipping import list_friction_points
-from .tumbling_pages import write_tumbling
+from .peak_page import draw_corrections, draw_differences, draw_growth, draw_ladder, draw_values
+from .peaks import ATMOSPHERE, Bench, PeakData, PeakProgram, Recipe, choose_effects, simulate_impacts
+from .rows import Noise, PairedDifference, PeakRow, compare_rows, describe_estimates, make_interval, make_row
+from .tables import find_data, read_errors
+from .tumbling import write_tumbling
+
+
+# Parameter, range that is scanned, words.
+CHANGES = (
+    ("sensor-gain.g", (0.85, 1.05), "a sensor that reads low"),
+    ("gas-leak.lambda", (0.0, 14.0), "gas that leaks during contact"),
+    ("contact_radius_coefficient", (0.62, 0.82), "a smaller contact disc (b over depression)"),
+    ("effective_mass", (0.75, 1.15), "a smaller effective mass (share of the fitted one)"),
+    ("initial_pressure", (0.7, 1.1), "gas lost before the impact (share that is left)"),
+)
+
+
+def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, speeds: np.ndarray, printed: np.ndarray,
+                    peaks: np.ndarray, noise: Noise) -> tuple[list[PeakRow], list[PairedDifference], dict]:
+    r"""Multiply the printed column by what one physical change does to our model, $F_{printed} F(\theta)/F(\theta_0)$.
+
+    Pressures are read as gauge here (the atmosphere is added), so that every row has gas for a change to act on.
+
+    Args:
+        program: peaks of our model with the effects.
+        mass: effective mass of our model [kg].
+        pressures, speeds: of the records, shape (records,) [Pa, m/s].
+        printed, peaks: the printed theory and what was measured, shape (records,) [N].
+        noise: of single peaks.
+
+    Returns:
+        One row a change, their paired differences, and the fitted ratio of each, shape (records,), by label.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.optimize import minimize_scalar
+
+    conditions = {"initial_pressure": pressures + ATMOSPHERE, "approach_speed": speeds}
+    rows, ratios = [], {}
+    none = np.full((13, 4), -1)
+    start, _ = program.evaluate(program.place({"effective_mass": mass})[None], none[:1], conditions)
+    for name, (low, high), words in CHANGES:
+        grid = np.linspace(low, high, 13)
+        scale = mass if name == "effective_mass" else 1.0
+        if name == "initial_pressure":
+            x = program.place({"effective_mass": mass})[None]
+            values = np.array([program.evaluate(x, none[:1], {**conditions, name: value * conditions[name]})[0][0]
+                               for value in grid])
+        else:
+            x = np.array([program.place({"effective_mass": mass, name: scale * value}) for value in grid])
+            values, _ = program.evaluate(x, none, conditions)
+        curve = CubicSpline(grid, np.log(values / start[0]), axis=0)
+
+        def fit(keep, curve=curve, low=low, high=high):
+            found: Any = minimize_scalar(
+                lambda t: np.sum((printed * np.exp(curve(t)) / peaks - 1.0)[keep] ** 2), bounds=(low, high),
+                method="bounded", options={"xatol": 1e-7})
+            return float(found.x)
+
+        every = np.arange(len(peaks))
+        best = fit(every)
+        left = [fit(every != k) for k in every]
+        held = np.array([printed[k] * np.exp(curve(left[k])[k]) for k in every])
+        spread = float(np.sqrt((len(peaks) - 1) / len(peaks) * np.sum((np.array(left) - np.mean(left)) ** 2)))
+        ratios[words] = np.exp(curve(best))
+        value = make_interval(best, spread, "1/s" if name == "gas-leak.lambda" else "")
+        rows.append(make_row(words, "correction", (), 1, printed * ratios[words], held, peaks, pressures, noise,
+                             {name: value}, remark="at its limit" if min(best - low, high - best) < 1e-4 else ""))
+    pairs = [compare_rows(a, b, peaks) for k, a in enumerate(rows) for b in rows[k + 1:]]
+    return rows, pairs, ratios
 
 
 RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
@@ -44,12 +120,15 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     table = read_campaign(find_data("paper/table-3"))
     figure = read_campaign(find_data("paper/figure-8"))
     judged = {"Figure 8": _judge_impacts(figure), "Table 3": _judge_impacts(table)}
-    slipped, friction = judge_campaign(read_campaign(find_data("paper/table-4"))), read_friction()
+    slipped = judge_campaign(read_campaign(find_data("paper/table-4")))
     assert isinstance(slipped, FrictionJudgement)
+    friction = read_friction(slipped)
     masses = vary_restitution(judged["Figure 8"])
     times = {"ours": _span(judged["Figure 8"].contact[0]),
              **{name: time_impacts(name, judged["Figure 8"]) for name in ("quarter", "area")}}
-    rows = read_errors()
+    assert table.peaks is not None
+    rows = {"printed": table.peaks["printed_peak_normal_force"].to_numpy(float),
+            "printed_error": read_errors("table-3")}
     points = list_contradictions(
         {**rows, "measured": judged["Table 3"].peaks},
         {"pressure": judged["Figure 8"].pressures, "peak": judged["Figure 8"].peaks}, times)
@@ -91,16 +170,6 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (Path(folder) / "paper.json").write_text(text, encoding="utf-8")
     return page
-
-
-def read_errors() -> dict[str, np.ndarray]:
-    """Table 3's printed columns: `printed` [N] and `printed_error` [%], each shape (11,)."""
-    import pandas as pd
-
-    folder = find_data("paper/table-3")
-    peaks, errors = pd.read_csv(folder / "peaks.csv"), pd.read_csv(folder / "errors.csv")
-    return {"printed": peaks["printed_peak_normal_force"].to_numpy(float),
-            "printed_error": errors["printed_error"].to_numpy(float)}
 
 
 def _judge_impacts(campaign) -> PeakJudgement:
@@ -165,10 +234,10 @@ def _write_points(points: list[Contradiction], rows, judged, masses, more):
     mass = next(one["mass"] for one in masses if one["restitution"] == 0.7)
     by = {point.number: point for point in points}
     drawn = {
-        1: ("row-01-readings", figures.draw_readings()), 2: ("row-02-core", figures.draw_core()),
-        3: ("row-03-pressure", figures.draw_pressure()), 4: ("row-04-restitution", figures.draw_restitution()),
-        7: ("row-07-errors", figures.draw_errors(table.peaks, rows["printed"], rows["printed_error"])),
-        8: ("row-08-abscissae", figures.draw_ranges(by[8], table.peaks, figure.pressures / 1e6, figure.peaks)),
+        1: ("row-01-readings", draw_readings()), 2: ("row-02-core", draw_core()),
+        3: ("row-03-pressure", draw_pressure()), 4: ("row-04-restitution", draw_restitution()),
+        7: ("row-07-errors", draw_errors(table.peaks, rows["printed"], rows["printed_error"])),
+        8: ("row-08-abscissae", draw_ranges(by[8], table.peaks, figure.pressures / 1e6, figure.peaks)),
         9: ("row-09-duration", _draw_duration(figure, mass)), 12: ("row-12-sign", _draw_sign(mass)),
     }  # fmt: skip
     drawn = dict(sorted({**drawn, **more}.items()))
@@ -188,7 +257,7 @@ def _draw_duration(judged: PeakJudgement, mass: float):
     law = ContactLaw(Ball(effective_mass=scalar(mass)))
     conditions = {"initial_pressure": judged.pressures, "approach_speed": np.full(len(judged.peaks), SPEED)}
     impact = simulate_impacts(law, conditions, times)
-    return figures.draw_duration(times, np.asarray(impact.normal_force), judged.pressures / 1e6, judged.peaks, mass)
+    return draw_duration(times, np.asarray(impact.normal_force), judged.pressures / 1e6, judged.peaks, mass)
 
 
 def _draw_sign(mass: float):
@@ -198,7 +267,7 @@ def _draw_sign(mass: float):
     for name, sign in (("as printed", -1.0), ("Hunt and Crossley", 1.0)):
         impact = simulate_impacts(ContactLaw(Ball(effective_mass=scalar(mass), damping_sign=sign)), conditions, times)
         forces[name], depths[name] = np.asarray(impact.normal_force)[0], np.asarray(impact.depression)[0]
-    return figures.draw_sign(times, forces, depths)
+    return draw_sign(times, forces, depths)
 
 
 def _write_figure(judged: PeakJudgement, masses):
@@ -212,19 +281,17 @@ def _write_figure(judged: PeakJudgement, masses):
     return Section(
         "Figure 8: four peaks and one free mass",
         [f"Verdict: {judged.verdict}. {judged.sentence}",
-         f"One free effective mass puts all four peaks within {_worst(judged):.1f} %. The restitution does not "
-         f"matter for "
-         f"that: between {masses[0]['restitution']:g} and {masses[-1]['restitution']:g} the worst peak is off by "
+         f"One free effective mass puts all four peaks within {_worst(judged):.1f} %. The restitution does not matter "
+         f"for that: between {masses[0]['restitution']:g} and {masses[-1]['restitution']:g} the worst peak is off by "
          f"{100 * min(spread):.2f} to {100 * max(spread):.2f} %, while the mass moves from {masses[0]['mass']:.2f} to "
          f"{max(m['mass'] for m in masses):.2f} and {masses[-1]['mass']:.2f} kg. Peaks cannot tell them apart.",
          f"The peaks grow as P₀ to the power {exponent:.2f} ± {error:.2f}: close to the 1/3 of a mass on F ∝ P₀ δ², "
-         f"far from "
-         "the 1 of a press at fixed stroke."],
+         "far from the 1 of a press at fixed stroke."],
         points=judged.notes,
         figures=[("figure-8-growth", "Figure 8's peaks, how they grow with pressure, and what our model leaves.",
-                  drawings.draw_growth(judged)),
+                  draw_growth(judged)),
                  ("figure-8-ladder", "Every model on Figure 8, each peak predicted by a fit without it. Hatched: the "
-                  "estimate is outside its physical range.", drawings.draw_ladder(judged))],
+                  "estimate is outside its physical range.", draw_ladder(judged))],
         tables=[lines, judged.table()])
 
 
@@ -244,13 +311,10 @@ def _write_table(judged: PeakJudgement, printed: np.ndarray):
     text = (f"The printed theory lies above the measurement in every row; times {value['estimate']:.3f} ± "
             f"{value['sd']:.3f} it misses left-out rows by {100 * factor.heldout:.1f} % (worst "
             f"{100 * factor.worst:.1f} %). That one factor can be any of: {'; '.join(alike)}. None of these can be "
-            f"told "
-            f"from the factor, and {close} of their {len(alike) * (len(alike) - 1) // 2} pairs cannot be told from "
-            f"each "
-            "other, at two standard errors."
-            + (f" Not so {'; '.join(other)}: it takes most from the slow impacts at low pressure, which these rows "
-               f"do not "
-               "show." if other else ""))
+            f"told from the factor, and {close} of their {len(alike) * (len(alike) - 1) // 2} pairs cannot be told "
+            "from each other, at two standard errors."
+            + (f" Not so {'; '.join(other)}: it takes most from the slow impacts at low pressure, which these rows do "
+               "not show." if other else ""))
     lines = [("change", "estimate", "left out: rms [%]", "left out: worst [%]", "against the one factor [%]")]
     for row in rows:
         gap = gaps[row.label]
@@ -263,22 +327,19 @@ def _write_table(judged: PeakJudgement, printed: np.ndarray):
              "Each row was predicted by a fit without it. The pressures are 0, 0.25 … 2.5 MPa by assumption (row 8 "
              "above)."],
             points=judged.notes,
-            figures=[("table-3-models", "Above: fits to all eleven peaks. Below: each peak predicted by a fit "
-                                        "without it; "
-                      "the band is twice the scatter about the polynomial.", drawings.draw_models(judged)),
+            figures=[("table-3-models", "Above: fits to all eleven peaks. Below: each peak predicted by a fit without "
+                                        "it; the band is twice the scatter about the polynomial.", draw_values(judged)),
                      ("table-3-ladder", "Every model on Table 3, best first. Hatched: the estimate is outside its "
-                                        "physical "
-                      "range, so the model does not count.", drawings.draw_ladder(judged)),
+                                        "physical range, so the model does not count.", draw_ladder(judged)),
                      ("table-3-differences", "Paired differences of left-out errors, ± two standard errors. Grey: "
-                      "eleven numbers cannot tell the two apart. Arrows: beyond the scale.", drawings.draw_differences(
+                      "eleven numbers cannot tell the two apart. Arrows: beyond the scale.", draw_differences(
                           judged.pairs, "mean |error| of the first minus that of the second [points]"))],
             tables=[judged.table()]),
         Section(
             "Why the printed theory is five per cent too high, and what these peaks cannot separate", [text],
             figures=[("table-3-corrections", "Measured over printed, and what single changes make of the printed "
-                                             "theory "
-                      "(pressures read as gauge, so that every row has gas).",
-                      drawings.draw_corrections(judged.pressures, printed, judged.peaks, ratios, rows,
+                                             "theory (pressures read as gauge, so that every row has gas).",
+                      draw_corrections(judged.pressures, printed, judged.peaks, ratios, rows,
                                                 value["estimate"]))],
             tables=[lines]),
     ]
