@@ -33,9 +33,9 @@ from ddetumble.selection.lack_of_fit import Score, hold_settings, is_moved, judg
 from ddetumble.selection.settings import SelectionSettings
 
 
-def search(seed=1, truth=(), **options):
+def search(seed=1, truth=(), report=lambda text, share: None, **options):
     selection, fitted = fit_toy(make_selection(seed, truth, **options))
-    return select_effects(selection, fitted)
+    return select_effects(selection, fitted, report)
 
 
 def effects_of(path):
@@ -105,6 +105,13 @@ def test_no_step_raises_the_cross_validated_error():
     never = Never(**{f.name: getattr(selection, f.name) for f in dc.fields(selection)})
     path = select_effects(never, fitted)
     assert len(path.steps) == 1 and path.tried.order[0] == "ripple"
+
+
+def test_progress_goes_on():
+    """The share done never falls, and leaves room for what follows the selection."""
+    shares = []
+    search(1, {"ripple.a": 0.5, "bump.a": 0.5}, lambda text, share: shares.append(share))
+    assert shares == sorted(shares) and 0.0 < shares[0] < shares[-1] <= 0.85 and len(set(shares)) > 5
 
 
 @pytest.mark.parametrize("settings", [{"level": 0.0}, {"effects_before_rivals": 0}, {"significant": 1e6},
@@ -395,6 +402,18 @@ def test_alternatives_within_physics_alone():
     assert name == "ripple" and difference == pytest.approx(0.8) and error == pytest.approx(0.0, abs=1e-9)
     tried.refined["ripple"] = dc.replace(echo, loss=echo.loss + 10.0)
     assert find_alternatives(selection, tried, fitted) == ()
+
+
+def test_additions_are_compared_as_far_as_both_were_fitted():
+    """Both fitted to the end where both were, else as both were screened."""
+    selection, fitted = fit_toy(make_selection(1))
+    rough, fine = dc.replace(fitted, loss=fitted.loss + 5.0), dc.replace(fitted, loss=fitted.loss + 1.0)
+    tried = SimpleNamespace(order=("echo", "ripple"), screened={"echo": fitted, "ripple": rough},
+                            refined={"echo": fitted, "ripple": fine})
+    assert compare_additions(selection, tried, "ripple")[0] == pytest.approx(1.0 * len(fitted.loss))
+    for kept in ("echo", "ripple"):
+        part = SimpleNamespace(**{**vars(tried), "refined": {kept: fine}})
+        assert compare_additions(selection, part, "ripple")[0] == pytest.approx(5.0 * len(fitted.loss))
 
 
 def test_the_last_physical_step_is_kept():

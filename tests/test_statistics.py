@@ -141,6 +141,36 @@ def test_predictions_take_settings_as_they_are_written_down():
         assert seen["u"][r] == pytest.approx(linear.fit(np.flatnonzero(GROUPS != GROUPS[r]))[0], abs=1e-9)
 
 
+@pytest.mark.parametrize("adjust", [False, True])
+def test_coverage_is_that_of_refits(adjust):
+    """Share of the samples within 1.96 deviations of noise, parameters of the refit and settings."""
+    linear = Linear(13, noise=1.5)
+    for part in (linear.error, linear.jacobian, linear.nuisances):
+        part[0, 30:] = 0.0  # samples that are not there
+    inside, counted = 0, 0
+    for r in range(RECORDS):
+        theta, _, _, covariance = linear.fit(np.flatnonzero(GROUPS != GROUPS[r]))
+        z = linear.hold_out(r, theta)[0] if adjust else np.zeros(OWN)
+        own, shared = linear.nuisances[r], linear.jacobian[r]
+        known = np.linalg.inv(own.T @ own + np.eye(OWN)) if adjust else np.eye(OWN)
+        variance = 1.0 + np.diag(own @ known @ own.T) + np.diag(shared @ covariance @ shared.T)
+        there = np.any(own != 0, axis=1)
+        moved = (linear.error[r] + shared @ theta + own @ z)[there]
+        inside += int(np.sum(np.abs(moved) <= 1.959964 * np.sqrt(variance[there])))
+        counted += int(there.sum())
+    assert counted == RECORDS * ROWS - 10 and 0.5 * counted < inside < 0.95 * counted
+    assert predict_linear(linear, adjust)[0].coverage == pytest.approx(inside / counted, rel=1e-12)
+
+
+def test_a_model_without_parameters_predicts_what_it_predicted():
+    """Nothing is learnt from other conditions: the loss of a left-out one is that under its settings' priors."""
+    linear = Linear(14, shared=0)
+    loss, (_, seen) = leave_out(linear.solve(), GROUPS), predict_linear(linear, True)
+    for r in range(RECORDS):
+        z, chi2 = linear.hold_out(r, np.zeros(0))
+        assert loss[r] == pytest.approx(chi2, rel=1e-9) and seen["z"][r] == pytest.approx(z, abs=1e-9)
+
+
 @pytest.mark.parametrize(("adjust", "noise", "low", "high"), [
     (False, 1.0, 0.93, 0.97), (False, 3.0, 0.4, 0.93), (False, 0.3, 0.97, 1.0), (True, 0.3, 0.97, 1.0)])
 def test_coverage_of_predictions(adjust, noise, low, high):
@@ -203,6 +233,10 @@ def test_a_direction_that_parameters_imitate_scores_nothing():
     assert all(one.z == 0.0 and one.step == 0.0 and one.information == 0.0 for one in score(linear, columns))
 
 
+def test_no_direction_scores_nothing():
+    assert score_directions(None, Linear(7).solve(), []) == []
+
+
 def assert_uniform(p_values, levels=(0.01, 0.05, 0.1, 0.3, 0.7)):
     """At every level as many p-values lie below as chance has it, within four standard deviations."""
     n = len(p_values)
@@ -260,12 +294,19 @@ def test_smooth_misfit_is_chi_square(free_running):
     assert_uniform(p_values)
 
 
-def test_smooth_misfit_sees_what_is_smooth():
-    """A smooth wave adds its whole square; one of the other sign from sample to sample adds next to nothing."""
+@pytest.mark.parametrize("free_running", [False, True])
+def test_smooth_misfit_sees_what_is_smooth(free_running):
+    """A smooth wave adds its whole square; one of the other sign from sample to sample adds next to nothing.
+
+    Without noise, what is left is the part of settings that their priors hold back, and nothing of a right model.
+    """
     knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, 9), [1.0] * 3])
     x = np.linspace(0.0, 1.0, ROWS)
     basis = sparse.csr_matrix(BSpline.design_matrix(x, knots, 3))
-    problem = SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=False)))
+    problem = SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)))
+    exact = Linear(5, noise=0.0)
+    exact.error = -np.einsum("rgk,k->rg", exact.jacobian, np.ones(SHARED))
+    assert measure_smooth(problem, exact.solve(), [basis] * RECORDS)[0] == pytest.approx(0.0, abs=1e-12)
     found = []
     for wave in (np.sin(np.pi * x), (-1.0) ** np.arange(ROWS)):
         linear = Linear(5, noise=0.0)
@@ -289,6 +330,9 @@ def test_paired_difference_over_conditions():
     sums = [np.sum((loss - best)[GROUPS == g]) for g in range(4)]
     difference, error = compare_losses(loss, best, GROUPS)
     assert difference == pytest.approx(np.sum(sums)) and error == pytest.approx(np.sqrt(4) * np.std(sums, ddof=1))
+    two = np.array([0, 0, 0, 1, 1, 1])
+    halves = [np.sum((loss - best)[two == g]) for g in range(2)]
+    assert compare_losses(loss, best, two) == (pytest.approx(np.sum(halves)), pytest.approx(abs(np.subtract(*halves))))
     assert compare_losses(loss, best, np.zeros(RECORDS)) == (pytest.approx(np.sum(loss - best)), np.inf)
 
 
