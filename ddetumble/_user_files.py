@@ -1,4 +1,8 @@
-"""Python files of the user's own: effects, reference models and kinds of tests, each named `FILE.py:NAME`."""
+"""Python files of the user's own: effects, reference models and kinds of tests, each named `FILE.py:NAME`.
+
+A file that the user names is run. One that a campaign or a saved model names is run only if it was named by the user
+before, with the same content: data that came from elsewhere run nothing.
+"""
 
 import hashlib
 import os
@@ -7,6 +11,9 @@ import types
 from pathlib import Path
 
 from ._errors import InputError
+
+
+TRUST = "DDETUMBLE_TRUST"  # names the file that lists what may be run
 
 
 def split_name(text: str) -> tuple[Path, str] | None:
@@ -27,6 +34,7 @@ def run_file(path: Path) -> types.ModuleType:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
     digest = hashlib.sha256(source + str(path.resolve()).encode()).hexdigest()[:12]
     name = f"ddetumble_user_{path.stem}_{digest}"
+    trust_file(path)
     if name in sys.modules:
         return sys.modules[name]
     for module in list(sys.modules.values()):
@@ -44,6 +52,67 @@ def run_file(path: Path) -> types.ModuleType:
         line = getattr(error, "lineno", None)
         raise InputError(f"the file cannot be run: {type(error).__name__}: {error}", file=path, row=line) from error
     return module
+
+
+def find_trusted() -> Path:
+    """The file that lists the SHA-256 of what was named by the user: DDETUMBLE_TRUST, or in the user's data folder."""
+    if os.environ.get(TRUST):
+        return Path(os.environ[TRUST])
+    import platformdirs
+
+    return Path(platformdirs.user_data_dir("ddetumble", appauthor=False)) / "trusted.txt"
+
+
+def trust_file(path: Path) -> None:
+    """From now on campaigns and saved models that name this file, as it is now, may run it.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
+    digest = _hash(path)
+    if digest in _list_trusted():
+        return
+    _TRUSTED.add(digest)
+    store = find_trusted()
+    try:
+        store.parent.mkdir(parents=True, exist_ok=True)
+        with store.open("a", encoding="utf-8") as lines:
+            lines.write(f"{digest} {path.resolve()}\n")
+    except OSError:  # a read-only home: the file is trusted as long as this process runs
+        return
+
+
+def require_trust(path: Path, named_by: Path) -> None:
+    """Refuse to run a file that only data name.
+
+    Args:
+        path: of the Python file.
+        named_by: the file or folder that names it.
+
+    Raises:
+        InputError: The user has never named the file, or it has changed since.
+    """
+    if path.is_file() and _hash(path) not in _list_trusted():
+        raise InputError(f"it names the Python file {path}, which would be run, and which was never named by you as it "
+                         f"is now; read it, and if it may be run: ddetumble trust {path}", file=named_by)
+
+
+_TRUSTED: set[str] = set()  # of this process, whether or not they could be written down
+
+
+def _list_trusted() -> set[str]:
+    try:
+        written = find_trusted().read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        written = []
+    return _TRUSTED | {line.partition(" ")[0] for line in written}
+
+
+def _hash(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
 
 
 def place_file(file: Path, folder: Path) -> str:

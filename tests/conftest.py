@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Read by JAX and matplotlib when they are imported, here and in the processes that tests start.
 os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".cache" / "jax"))
+os.environ.setdefault("DDETUMBLE_TRUST", str(ROOT / ".cache" / "trusted.txt"))
 os.environ["MPLBACKEND"] = "Agg"
 os.environ.setdefault("MPLCONFIGDIR", str(ROOT / ".cache" / "matplotlib"))
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from . import caching, estimation, exam, examination, measurement, models, planning, sampling, story, striking
+from . import caching, estimation, exam, examination, measurement, models, planning, sampling, story, striking, trusting
 from .failures import run_guarded, tell_stopped
 from .interrupts import watch_interrupts
 
@@ -18,7 +18,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-for _module in (story, measurement, examination, estimation, models, sampling, planning, striking, exam, caching):
+for _module in (story, measurement, examination, estimation, models, sampling, planning, striking, exam, caching,
+                trusting):
     _module.register(app)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pydantic
 
 from .._errors import InputError
-from .._user_files import place_file, split_name
+from .._user_files import place_file, require_trust, split_name, trust_file
 from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, list_choices
 from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, name_family
@@ -288,6 +288,7 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     model = content.model
     if content.model_sha256 is not None:
         file, _, name = model.rpartition(":")
+        require_trust(path.parent / file, path)
         model = f"{path.parent / file}:{name}"
         notes += _compare_source(path.parent / file, content.model_sha256)
     reference = _choose(resolve_model(model, family).reference, content.choices, path)
@@ -406,6 +407,7 @@ def _describe_effect(effect: type[AbstractEffect], folder: Path) -> dict[str, An
     file = getattr(sys.modules.get(effect.__module__), "__file__", None)
     if file is None or not Path(file).is_file():
         return {"id": effect.id, "source": None}
+    trust_file(Path(file))
     return {"id": effect.id, "source": f"{place_file(Path(file), folder)}:{effect.__qualname__}",
             "source_sha256": hash_file(Path(file))}
 
@@ -414,6 +416,7 @@ def _place_model(name: str, folder: Path) -> tuple[str, str | None]:
     """A model's name as seen from the folder, and the hash of its file where it has one."""
     file, colon, attribute = name.rpartition(":")
     if colon and file.endswith(".py") and Path(file).is_file():
+        trust_file(Path(file))
         return f"{place_file(Path(file), folder)}:{attribute}", hash_file(Path(file))
     return name, None
 
@@ -432,6 +435,7 @@ def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEf
         raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; "
                          "give its class to load(extra=...)", file=path, key="effects")
     file, _, name = entry.source.rpartition(":")
+    require_trust(path.parent / file, path)
     return resolve_effect(f"{path.parent / file}:{name}")
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._errors import InputError
-from .._user_files import place_file, run_file, split_name
+from .._user_files import place_file, require_trust, run_file, split_name, trust_file
 from .sizes import Measure, measure_impact, measure_nothing, measure_slip, measure_tumbling
 
 
@@ -211,6 +211,7 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
         if not file.is_file():
             raise InputError(f"the kind of tests is {given!r}, counted from this folder, and that file is not there; "
                              "move it along, or correct the path", file=folder, key="family")
+        require_trust(file, folder)
     found = run_file(file).__dict__.get(variable)
     if found is None:
         raise InputError(f"there is no {variable!r} in the file", file=file)
@@ -229,6 +230,7 @@ def write_kind(name: str, folder: Path) -> str:
     if not own.file:
         raise InputError(f"the kind of tests {name!r} stands in no file that could be named beside the data; give it "
                          "as FILE.py:NAME")
+    trust_file(Path(own.file))
     return f"{place_file(Path(own.file), folder)}:{own.variable}"
 
 
