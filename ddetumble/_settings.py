@@ -85,6 +85,31 @@ def find_data() -> Path:
     return installed if installed.is_dir() else package.parent / "data"
 
 
+def list_shipped() -> list[str]:
+    """Names of the campaigns that come with the toolkit."""
+    data = find_data()
+    return sorted(path.parent.relative_to(data).as_posix() for path in data.glob("**/records.csv"))
+
+
+def locate_campaign(path: str | Path) -> Path:
+    """Path of a campaign: as given, or, where there is nothing, of the shipped campaign of that name.
+
+    Raises:
+        InputError: Neither is there.
+    """
+    given = Path(path)
+    if given.exists() or given.is_absolute() or given.suffix == ".json":
+        return given
+    if (find_data() / given / "datapackage.json").is_file():
+        return find_data() / given
+    shipped = list_shipped()
+    near = [name for name in shipped if name.rpartition("/")[2] == given.as_posix()]
+    raise InputError(f"there is no such folder; did you mean {near[0]}, which comes with the toolkit?" if near else
+                     f"there is no such folder; check the path, or name a campaign that comes with the toolkit: "
+                     f"{', '.join(shipped)}",
+                     file=str(path))
+
+
 def name_folder(folder: Path) -> str:
     """A folder as commands take it: from the working folder on, or from the shipped data on; else as it was given."""
     for start in (Path.cwd(), find_data()):

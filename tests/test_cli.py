@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 import typer
 
+import ddetumble as dd
 from ddetumble._errors import ComputationError, InputError
-from ddetumble._settings import find_data
+from ddetumble._settings import find_data, list_shipped
 from ddetumble.cli import app, main
 from ddetumble.cli.failures import run_guarded
-from ddetumble.cli.places import list_shipped, locate_campaign, write_table
+from ddetumble.cli.places import locate_campaign, write_table
 from ddetumble.cli.progress import show_progress
 
 
@@ -196,6 +197,9 @@ def test_shipped_campaigns(capsys, monkeypatch, tmp_path):
     assert "impact-a" in list_shipped() and "paper/figure-8" in list_shipped()
     assert locate_campaign("impact-a") == find_data() / "impact-a"
     assert "comes with the toolkit" in capsys.readouterr().err
+    assert dd.read_campaign("impact-a").name == "impact-a"
+    with pytest.raises(dd.InputError, match="paper/table-4"):
+        dd.read_campaign("table-4")
     (tmp_path / "impact-a").mkdir()
     assert locate_campaign("impact-a") == Path("impact-a")
 

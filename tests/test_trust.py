@@ -54,7 +54,7 @@ def test_what_the_user_names_is_run(foreign, tmp_path):
     """And may be run by data from then on."""
     file, mark = foreign
     with pytest.raises(dd.InputError, match="THING"):
-        dd.compare(dd.find_data() / "impact-a", f"{file}:THING")
+        dd.compare("impact-a", f"{file}:THING")
     assert mark.exists()
     with pytest.raises(dd.InputError, match="no kind of tests"):
         dd.read_campaign(write_campaign(tmp_path / "tests", "../own.py:THING"))
@@ -65,7 +65,7 @@ def test_what_the_user_names_is_run(foreign, tmp_path):
 def test_a_saved_model_runs_nothing(foreign, tmp_path, where):
     """Neither its reference model's file nor that of an effect, where these came from elsewhere."""
     file, mark = foreign
-    dd.fit(dd.find_data() / "impact-a", dd.Ball()).save(tmp_path / "fit")
+    dd.fit("impact-a", dd.Ball()).save(tmp_path / "fit")
     path = tmp_path / "fit" / "model.json"
     saved = json.loads(path.read_text(encoding="utf-8"))
     if where == "model":

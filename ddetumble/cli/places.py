@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .. import _settings
 from .._errors import InputError
 from .._settings import find_data
 from .interrupts import undone_by
@@ -31,32 +32,17 @@ RECORD, SCHEMA = ".ddetumble.json", "ddetumble.output/1"
 
 
 def locate_campaign(text: str) -> Path:
-    """Path of a campaign: as given, or, where there is nothing, of the shipped campaign of that name."""
-    path = Path(text)
-    if path.exists() or path.is_absolute():
-        return path
-    shipped = find_data() / path
-    if not (shipped / "datapackage.json").is_file():
-        near = [name for name in list_shipped() if name.rpartition("/")[2] == text.strip("/")]
-        if near:
-            problem = f"there is no such folder; did you mean {near[0]}, which comes with the toolkit?"
-            raise InputError(problem, file=text)
-        names = ", ".join(list_shipped())
-        raise InputError(f"there is no such folder, and no such campaign comes with the toolkit ({names})", file=text)
-    print(f"ddetumble: note: {text} is the campaign that comes with the toolkit.", file=sys.stderr)
-    return shipped
+    """Path of a campaign: as given, or, said so, of the shipped campaign of that name."""
+    path = _settings.locate_campaign(text)
+    if path != Path(text):
+        print(f"ddetumble: note: {text} is the campaign that comes with the toolkit.", file=sys.stderr)
+    return path
 
 
 def locate_fit(path: Path) -> Path:
     """Folder of a fit: as given, or, where there is nothing, of the shipped fit of that name."""
     shipped = find_data() / path
     return shipped if not path.exists() and (shipped / "model.json").is_file() else path
-
-
-def list_shipped() -> list[str]:
-    """Names of the campaigns that come with the toolkit."""
-    data = find_data()
-    return sorted(path.parent.relative_to(data).as_posix() for path in data.glob("**/records.csv"))
 
 
 @dc.dataclass(frozen=True)

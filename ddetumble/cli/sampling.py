@@ -20,7 +20,7 @@ from .options import (
     name_own,
     read_source,
 )
-from .places import list_shipped, locate_campaign, open_folder
+from .places import locate_campaign, open_folder
 from .progress import show_progress
 
 
@@ -155,6 +155,8 @@ def _name_campaign(folder: Path) -> str:
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError("this is no result of discover, or a damaged one; run discover again",
                          file=folder / "result.json") from None
+    from .._settings import list_shipped
+
     if name not in list_shipped():
         raise InputError(f"the result does not hold the campaign {name!r} that it is about; name its folder with "
                          "--campaign", file=folder)

@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from .._errors import InputError
+from .._settings import locate_campaign
 from .._user_files import split_name
 from .kinds import ELSEWHERE, KINDS
 from .tables import decode, read_bytes
@@ -120,13 +121,13 @@ class DescriptorModel(_Open):
 
 
 def find_descriptor(path) -> Path:
-    """The descriptor of a campaign given as its folder or as the descriptor itself.
+    """The descriptor of a campaign given as its folder, as the descriptor itself, or by the name of a shipped one.
 
     Raises:
         InputError: There is no such folder or file, or the folder holds no `datapackage.json`.
     """
-    path = Path(path)
     try:
+        path = locate_campaign(path)
         if path.is_dir():
             path = path / "datapackage.json"
             if not path.exists():

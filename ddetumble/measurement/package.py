@@ -52,7 +52,8 @@ def read_campaign(path) -> Campaign:
     """Read a campaign and check it.
 
     Args:
-        path: Its folder, or the `datapackage.json` in it.
+        path: Its folder, the `datapackage.json` in it, or the name of a campaign that comes with the toolkit
+            ("impact-b"), where there is no folder of that name.
 
     Returns:
         The campaign, all numbers in SI, gauge pressures made absolute.
