@@ -309,8 +309,12 @@ def _identify(reference: Any) -> tuple:
 
 
 def choose_reference(path: Path, rivals: Sequence[Rival]) -> Rival | None:
-    """The rival that leaves no misfit with the fewest parameters, where the first model leaves one; else None."""
-    good = [r for r in rivals if is_explained(r.path)]
+    """The rival that leaves no misfit with the fewest parameters, where the first model leaves one; else None.
+
+    Where no condition can be left out, nothing confirms the effects beside another reference model: only one that needs
+    none of them counts.
+    """
+    good = [r for r in rivals if is_explained(r.path) and (r.path.selection.holds_out or len(r.path.steps) == 1)]
     if is_explained(path) or not good:
         return None
     last = {r.name: r.path.steps[-1].fitted for r in good}

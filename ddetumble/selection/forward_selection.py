@@ -96,27 +96,33 @@ def select_effects(selection: SelectionProblem, reference: Fitted, report: Progr
 def extend_path(path: Path, most: int, report: Progress = _silent) -> Path:
     """The same with up to `most` additions."""
     selection, steps = path.selection, list(path.steps)
-    first = path.tried if len(steps) == 1 else None
+    tried = path.tried if len(steps) == 1 else None
     while steps[-1].lack.rejected and len(steps) <= most:
         report("growing the model", min(0.6 + 0.1 * len(steps), 0.85))
-        selection, more = add_effect(selection, steps[-1], first)
-        first = None
+        before = selection
+        tried = tried or try_additions(selection, steps[-1])
+        selection, more = add_effect(selection, steps[-1], tried)
         if more is None:
             break
         if more.lack.rejected:
             selection, more = free_shapes(selection, more)
         if len(more.fitted.effects) > 1:
             selection, more = prune(selection, more)
-        more = dc.replace(more, fitted=selection.finish(more.fitted))
+        more = finish_step(selection, more)
         if more.fitted.effects == steps[-1].fitted.effects:
             # The addition only helped a fit along that had stopped short.
             gain = steps[-1].fitted.score - more.fitted.score
             steps[-1] = dc.replace(steps[-1], fitted=more.fitted, lack=more.lack, scores=more.scores)
             if gain < selection.settings.significant:
                 break
+            tried = None
             continue
         if not predicts_better(selection, steps[-1].fitted, more.fitted):
-            break
+            selection, tried = before, pass_over(tried)
+            if tried is None:
+                break
+            continue
+        tried = None
         steps.append(more)
         again = selection.measure_again(more.fitted)
         if again is not None:
@@ -333,18 +339,42 @@ def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted)
     return not selection.holds_out or selection.cross_validate(grown) <= selection.cross_validate(current)
 
 
-def add_effect(selection: SelectionProblem, current: FittedStep, first: CandidateFits | None = None
+def try_additions(selection: SelectionProblem, current: FittedStep) -> CandidateFits:
+    """Every effect of the catalogue that a model does not have, added to it."""
+    others = [e.id for e in selection.catalogue if e.id not in current.fitted.effects]
+    return try_effects(selection, current.fitted, current.scores, others)
+
+
+def pass_over(tried: CandidateFits) -> CandidateFits | None:
+    """The same with the best candidate last, where it predicts left-out conditions worse although its linearised loss
+    is the smallest; None where no other was fitted to the end."""
+    best, *rest = tried.order
+    if not any(effect in tried.refined for effect in rest):
+        return None
+    order = sorted(rest, key=lambda effect: effect not in tried.refined)
+    return dc.replace(tried, refined={e: tried.refined[e] for e in order if e in tried.refined}, order=(*order, best))
+
+
+def finish_step(selection: SelectionProblem, step: FittedStep) -> FittedStep:
+    """A step fitted to a tight tolerance, and judged again where that changed the fit: a fit that has stopped short
+    leaves a misfit of its own, in residuals and settings."""
+    fitted = selection.finish(step.fitted)
+    if step.fitted.solution.chi2 - fitted.solution.chi2 < selection.settings.same_fit:
+        return dc.replace(step, fitted=fitted)
+    lack, scores = selection.test_lack_of_fit(fitted)
+    return dc.replace(step, fitted=fitted, lack=lack, scores=scores)
+
+
+def add_effect(selection: SelectionProblem, current: FittedStep, tried: CandidateFits
                ) -> tuple[SelectionProblem, FittedStep | None]:
     """Add the effect that helps most; None where none helps. With two or more effects, exchanges are tried too.
 
     Args:
         selection: the problem.
         current: model that is extended.
-        first: its additions, where they are known.
+        tried: its additions.
     """
     base = current.fitted
-    others = [e.id for e in selection.catalogue if e.id not in base.effects]
-    tried = first if first is not None else try_effects(selection, base, current.scores, others)
     chosen = tried.refined[tried.order[0]]
     if not helps(selection, base, chosen):
         return selection, None

@@ -102,6 +102,7 @@ class SelectionSettings:
         screening_samples: samples of a record on which candidates are screened.
         screening_steps: Gauss-Newton steps of a screening fit.
         strayed: typical changes that a parameter has moved from its guess, from which on fits start from the guess too.
+        same_fit: drop of chi-square, to the end of a fit, within which its lack of fit is not judged again.
         early: share of a left-out record that gives what it starts from, where records run on from where they start.
         bootstrap: draws of the parametric bootstrap of the score statistic of few long records.
         certain: p-value of the smooth misfit below which one effect that removes all of it is no imitation.
@@ -133,6 +134,7 @@ class SelectionSettings:
     screening_samples: int = 768
     screening_steps: int = 8
     strayed: float = 3.0
+    same_fit: float = 1.0
     early: float = 0.25
     bootstrap: int = 4000
     certain: float = 1e-6
