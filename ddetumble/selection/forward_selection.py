@@ -118,7 +118,7 @@ def extend_path(path: Path, most: int, report: Progress = _silent) -> Path:
             tried = None
             continue
         if not predicts_better(selection, steps[-1].fitted, more.fitted):
-            selection, tried = before, pass_over(tried)
+            selection, tried = before, pass_over(before, steps[-1].fitted, tried)
             if tried is None:
                 break
             continue
@@ -345,14 +345,17 @@ def try_additions(selection: SelectionProblem, current: FittedStep) -> Candidate
     return try_effects(selection, current.fitted, current.scores, others)
 
 
-def pass_over(tried: CandidateFits) -> CandidateFits | None:
-    """The same with the best candidate last, where it predicts left-out conditions worse although its linearised loss
-    is the smallest; None where no other was fitted to the end."""
+def pass_over(selection: SelectionProblem, current: Fitted, tried: CandidateFits) -> CandidateFits | None:
+    """The same without the best candidate, which predicts left-out conditions worse although its linearised loss is the
+    smallest; None where no other does anything."""
     best, *rest = tried.order
-    if not any(effect in tried.refined for effect in rest):
+    rest = [effect for effect in rest if tried.screened[effect].solution is not tried.before.solution]
+    if not rest:
         return None
-    order = sorted(rest, key=lambda effect: effect not in tried.refined)
-    return dc.replace(tried, refined={e: tried.refined[e] for e in order if e in tried.refined}, order=(*order, best))
+    refined = {effect: tried.refined[effect] for effect in rest if effect in tried.refined}
+    refined = refined or refine(selection, current, tried.screened, tried.before, rest)
+    first = sorted(refined, key=lambda effect: (is_beyond(selection, current, refined[effect]), refined[effect].merit))
+    return dc.replace(tried, refined=refined, order=(*first, *(effect for effect in rest if effect not in refined)))
 
 
 def finish_step(selection: SelectionProblem, step: FittedStep) -> FittedStep:
