@@ -146,7 +146,7 @@ def run_ours(campaign):
     return {
         "seconds": seconds, "compilations": len(spent), "compiling": round(sum(spent), 3), "verdict": found.verdict,
         "effects": list(found.effects), "ranking": [one.effect for one in found.candidates[:3]],
-        "records": found.settings["records"], "samples": found.settings["samples"],
+        "records": found.counts["records"], "samples": found.counts["samples"],
     }  # fmt: skip
 
 

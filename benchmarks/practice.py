@@ -79,7 +79,7 @@ def judge(folder, truth):
         "width": width, "where": [[w.variable, *w.range] for w in found.where],
         "prediction": round(float(np.sqrt(np.mean((grown - wanted) ** 2)) / noise), 3),
         "reference": round(float(np.sqrt(np.mean((alone - wanted) ** 2)) / noise), 3),
-        "seconds": found.settings["seconds"],
+        "seconds": found.counts["seconds"],
     }
 
 

@@ -1,7 +1,7 @@
 """Python files of the user's own: effects, reference models and kinds of tests, each named `FILE.py:NAME`.
 
-A file that the user names is run. One that a campaign or a saved model names is run only if it was named by the user
-before, with the same content: data that came from elsewhere run nothing.
+A file that the user names is run. One that a campaign or a saved model names is run only if the user named it before,
+at the same place or with the same content: data that came from elsewhere run nothing.
 """
 
 import hashlib
@@ -55,7 +55,7 @@ def run_file(path: Path) -> types.ModuleType:
 
 
 def find_trusted() -> Path:
-    """The file that lists the SHA-256 of what was named by the user: DDETUMBLE_TRUST, or in the user's data folder."""
+    """The file that lists SHA-256 and path of what the user named: DDETUMBLE_TRUST, or in the user's data folder."""
     if os.environ.get(TRUST):
         return Path(os.environ[TRUST])
     import platformdirs
@@ -64,20 +64,20 @@ def find_trusted() -> Path:
 
 
 def trust_file(path: Path) -> None:
-    """From now on campaigns and saved models that name this file, as it is now, may run it.
+    """From now on campaigns and saved models that name this file may run it, and copies of what it is now.
 
     Raises:
         InputError: The file cannot be read.
     """
-    digest = _hash(path)
-    if digest in _list_trusted():
+    line = f"{_hash(path)} {path.resolve()}"
+    if line in _list_lines():
         return
-    _TRUSTED.add(digest)
+    _TRUSTED.add(line)
     store = find_trusted()
     try:
         store.parent.mkdir(parents=True, exist_ok=True)
         with store.open("a", encoding="utf-8") as lines:
-            lines.write(f"{digest} {path.resolve()}\n")
+            lines.write(f"{line}\n")
     except OSError:  # a read-only home: the file is trusted as long as this process runs
         return
 
@@ -90,22 +90,25 @@ def require_trust(path: Path, named_by: Path) -> None:
         named_by: the file or folder that names it.
 
     Raises:
-        InputError: The user has never named the file, or it has changed since.
+        InputError: The user has never named the file.
     """
-    if path.is_file() and _hash(path) not in _list_trusted():
-        raise InputError(f"it names the Python file {path}, which would be run, and which was never named by you as it "
-                         f"is now; read it, and if it may be run: ddetumble trust {path}", file=named_by)
+    if not path.is_file():
+        return
+    digest, place = _hash(path), str(path.resolve())
+    if not any(line.startswith(digest) or line.partition(" ")[2] == place for line in _list_lines()):
+        raise InputError(f"it names the Python file {path}, which would be run, and which you have never named "
+                         f"yourself; read it, and if it may be run: ddetumble trust {path}", file=named_by)
 
 
 _TRUSTED: set[str] = set()  # of this process, whether or not they could be written down
 
 
-def _list_trusted() -> set[str]:
+def _list_lines() -> set[str]:
+    """What is trusted, a line each: SHA-256 and path."""
     try:
-        written = find_trusted().read_text(encoding="utf-8").splitlines()
+        return _TRUSTED | set(find_trusted().read_text(encoding="utf-8").splitlines())
     except (OSError, UnicodeDecodeError):
-        written = []
-    return _TRUSTED | {line.partition(" ")[0] for line in written}
+        return _TRUSTED
 
 
 def _hash(path: Path) -> str:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
@@ -83,6 +84,16 @@ def test_what_was_written_comes_back(saved, campaign):
     assert model.outside({"approach_speed": 0.3, "initial_pressure": 8e5}) == []
     assert "initial_pressure" in model.outside({"approach_speed": 0.3, "initial_pressure": 5e6})[0]
     assert model.directions.shape == (2, 5)
+
+
+def test_a_model_of_every_family_comes_back(tmp_path):
+    """Of oblique impacts, too, whose records are of the kind of impacts."""
+    for name in ("impact-a", "slip-a", "oblique-a", "tumble-a"):
+        found = dd.fit(name)
+        found.save(tmp_path / name)
+        again = dd.load(tmp_path / name)
+        assert again.family == found.fitted_model().family
+        assert again.u == pytest.approx(found.fitted_model().u, rel=1e-12)
 
 
 def test_a_folder_is_a_model(saved):

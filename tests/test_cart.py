@@ -28,7 +28,7 @@ def table():
     random, rows = np.random.default_rng(3), []
     for thickness in (0.004, 0.028, 0.04, 0.052):
         for run in range(1, 4):
-            speed = 0.87 + 0.02 * random.standard_normal()
+            speed = 0.66 + 0.1 * run + 0.01 * random.standard_normal()  # three conditions
             time, force = strike(thickness, speed)
             time, force = np.concatenate([np.arange(-1.2, 0.0, 0.01) + 0.0037, time]), np.pad(force, (120, 0))
             velocity = np.where(np.arange(len(time)) % 4 == 0, speed, np.nan)

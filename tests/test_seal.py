@@ -76,7 +76,9 @@ def test_loop_recovers_what_was_put_in(study):
     errors = [rung.held_out["all"] for rung in study.rungs]
     assert all(a > b for a, b in zip(errors[:-1], errors[1:], strict=True))
     assert first.held_out["all"] > 5.0 and last.held_out["all"] < 1.2 * NOISE
-    assert {"adhesive-offset", "seal-lag"} <= set(study.found.effects) and study.found.verdict == "improved"
+    # `discover` may stop before the weakest of the four, which is a hundredth of the others' misfit.
+    assert {"adhesive-offset", "seal-lag"} <= set(study.found.effects) <= set(last.effects)
+    assert study.found.verdict in ("explained", "improved")
 
 
 def test_repeated_run_is_off_by_its_level(study):

@@ -31,7 +31,7 @@ def write_campaign(folder, family):
 
 
 def test_a_campaign_runs_nothing(foreign, tmp_path, capsys):
-    """It is refused, exit 2, until the user has allowed the file; one that has changed since is refused again."""
+    """It is refused, exit 2, until the user has allowed the file; so is another file of that name elsewhere."""
     file, mark = foreign
     folder = write_campaign(tmp_path / "tests", "../own.py:THING")
     with pytest.raises(dd.InputError, match="ddetumble trust"):
@@ -42,9 +42,11 @@ def test_a_campaign_runs_nothing(foreign, tmp_path, capsys):
         dd.read_campaign(folder)
     assert mark.exists()
     mark.unlink()
-    file.write_text(file.read_text(encoding="utf-8") + "MORE = 2\n", encoding="utf-8")
+    (tmp_path / "elsewhere").mkdir()
+    changed = tmp_path / "elsewhere" / "own.py"
+    changed.write_text(file.read_text(encoding="utf-8") + "MORE = 2\n", encoding="utf-8")
     with pytest.raises(dd.InputError, match="ddetumble trust"):
-        dd.read_campaign(folder)
+        dd.read_campaign(write_campaign(tmp_path / "elsewhere" / "tests", "../own.py:THING"))
     assert not mark.exists()
     assert main(["trust", str(tmp_path / "nothing.py")]) == 2
     capsys.readouterr()

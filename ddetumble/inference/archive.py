@@ -15,7 +15,7 @@ from .._errors import InputError
 from .._user_files import place_file, require_trust, split_name, trust_file
 from ..contact.effect import AbstractEffect, AbstractLaw, AbstractModel, list_choices
 from ..effects import CATALOGUE
-from ..families import DEFAULT_FAMILY, name_family
+from ..families import DEFAULT_FAMILY, find_family, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
 from .files import hash_file, list_versions, make_plain, read_json, refuse_peaks, write_json
@@ -282,7 +282,8 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     path = path if path.suffix == ".json" else path / FILE
     content = _read(path)
     notes = []
-    family, own = take_kind(content.family, path.parent), split_name(content.family)
+    own = split_name(content.family)
+    family = find_family(content.family).name if own is None else take_kind(content.family, path.parent)
     if own is not None and content.family_sha256 is not None:
         notes += _compare_source(path.parent / own[0], content.family_sha256)
     model = content.model

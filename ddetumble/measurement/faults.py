@@ -207,7 +207,8 @@ def find_truncated(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
     """Find impacts whose record ends while the force is still well above noise.
 
     The mean of the last readings is held against the level before first touch, where the record shows one, the noise
-    (as stated, or that of the readings' second differences) and the peak.
+    (as stated, or that of the readings' second differences) and the peak; below half of the peak it has to be falling
+    still, by a tenth over as many readings, as a zero that has moved does not.
     """
     channel = "normal_force"
     if campaign.samples is None or campaign.independent is None or channel not in campaign.channels:
@@ -222,7 +223,10 @@ def find_truncated(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         level = float(np.median(before)) if len(before) >= settings.last else 0.0
         peak, last = float(force.max()) - level, float(force[-settings.last:].mean()) - level
         sd = uncertainty.sd(peak) if uncertainty is not None else np.median(np.abs(np.diff(force, 2))) / 0.6745 / 6**0.5
-        if last > max(settings.pressed * peak, settings.ended * float(sd) / settings.last**0.5):
+        noise = settings.ended * float(sd) / settings.last**0.5
+        fall = float(force[-2 * settings.last: -settings.last].mean()) - level - last
+        falling = fall > max(0.1 * last, 0.5 * noise)
+        if last > max(settings.pressed * peak, noise) and (falling or last > 0.5 * peak):
             keys.append(key)
             shares.append(last / peak)
     if not keys:
