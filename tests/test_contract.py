@@ -146,28 +146,27 @@ def test_contract_is_kept(effect):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect, clause, words", [
-    (Present, "absent at its null", "the force changes by"),
-    (Drifting, "absent at its null", "changes by"),
-    (Dead, "k alive", "no reading moves with it at its null"),
-    (Steep, "k alive", "not finite at the null"),
-    (NotANumber, "finite at its starts", "not finite at {'k': 1000.0}"),
-    (Branching, "compiled = eager", "write `jnp.where(...)`"),
-    (Unheard, "compiled = eager", "name the condition in `requires`"),
-    (Numpy, "k alive", "ConcretizationTypeError"),
-    (BadUnit, "units", "pint cannot read the unit 'newtonish/m' of k"),
-    (NoUnit, "units", "`extra` has no unit"),
-    (Unnamed, "complete", "`reference` is empty"),
-    (Useless, "shape alive", "nothing reads it"),
-    (TwoStages, "complete", "it has 2 stages"),
-    (Unfinished, "complete", "force"),
-    (int, "complete", "an effect is a class derived from one of the stages"),
+@pytest.mark.parametrize("effect, clause", [
+    (Present, "absent at its null"),
+    (Drifting, "absent at its null"),
+    (Dead, "k alive"),
+    (Steep, "k alive"),
+    (NotANumber, "finite at its starts"),
+    (Branching, "compiled = eager"),
+    (Unheard, "compiled = eager"),
+    (Numpy, "k alive"),
+    (BadUnit, "units"),
+    (NoUnit, "units"),
+    (Unnamed, "complete"),
+    (Useless, "shape alive"),
+    (TwoStages, "complete"),
+    (Unfinished, "complete"),
+    (int, "complete"),
 ], ids=lambda value: getattr(value, "__name__", None))
-def test_broken_effects_are_caught(effect, clause, words):
+def test_broken_effects_are_caught(effect, clause):
     report = check_effect(effect)
     assert not report.ok
-    found = {check.name: check.sentence for check in report.failures}
-    assert words in found.get(clause, ""), report
+    assert clause in {check.name for check in report.failures}, report
     with pytest.raises(InputError, match="breaks its contract"):
         report.require()
 

@@ -43,7 +43,6 @@ def test_a_unit_wrong_throughout_is_named(name, column, actual, stated, factor):
     doubts = dd.check_plausibility(scale(dd.read_campaign(dd.find_data() / name), column, factor))
     assert len(doubts) == 1 and (column, actual, stated) in doubts[0].mistakes
     assert not doubts[0].low <= doubts[0].value <= doubts[0].high
-    assert column in str(doubts[0])
 
 
 @pytest.mark.parametrize("name", [f"impact-{letter}" for letter in "abcefgh"])

@@ -30,8 +30,7 @@ def test_the_written_test_runs(tmp_path):
     run = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(test)]
     assert subprocess.run(run, cwd=tmp_path, capture_output=True, check=False).returncode == 0
     source.write_text(source.read_text(encoding="utf-8").replace("self.k * ", "1.0 + self.k * "), encoding="utf-8")
-    spoilt = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert spoilt.returncode == 1 and "absent at its null" in spoilt.stdout
+    assert subprocess.run(run, cwd=tmp_path, capture_output=True, check=False).returncode == 1
 
 
 @pytest.mark.parametrize("name, stage, words", [

@@ -30,11 +30,6 @@ class Bins:
     floor: np.ndarray
 
 
-def list_channels(traces: Sequence[Trace]) -> tuple[str, ...]:
-    """Channels of the traces, in the order of their first appearance."""
-    return tuple(dict.fromkeys(trace.channel for trace in traces))
-
-
 def pick_channel(traces: Sequence[Trace], channel: str) -> list[Trace]:
     """The traces of one channel."""
     return [trace for trace in traces if trace.channel == channel]

@@ -4,23 +4,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
+from ..inference.findings import Fitted
 from ..measurement.quantities import clean, format_value, typeset
+from ..selection.result import Estimate
 from .style import AFTER, BEFORE, FAINT, GREY, INK, NARROW, OTHER, WIDTH, dress, head_figure, new_figure, styled
 
 
-class _Estimate(Protocol):
-    """A parameter with its interval, in its public unit."""
-
-    @property
-    def estimate(self) -> float: ...
-    @property
-    def sd(self) -> float: ...
-    @property
-    def q025(self) -> float: ...
-    @property
-    def q975(self) -> float: ...
-    @property
-    def unit(self) -> str: ...
+_Estimate = Estimate | Fitted
 
 
 class _Fitted(Protocol):
@@ -73,8 +63,7 @@ def draw_parameters(steps: Mapping[str, _Fitted], count: int = 8, narrow: bool =
             drawn += [low, high, estimate.estimate / scale]
         axes.set_ylim(len(steps) - 0.4, -0.6)
         axes.set_yticks([])
-        for side in ("left",):
-            axes.spines[side].set_visible(False)
+        axes.spines["left"].set_visible(False)
         pad = 0.12 * (max(drawn) - min(drawn)) if drawn and max(drawn) > min(drawn) else 1.0
         if drawn:
             axes.set_xlim(min(drawn) - pad, max(drawn) + pad)

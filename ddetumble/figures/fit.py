@@ -43,6 +43,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         A matplotlib figure.
     """
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
     view = choose_view(next(iter(models.values())))
@@ -108,7 +109,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
             lower.set_ylabel("residual\n/ noise")
         if row >= rows - 2:  # all panels of a row leave the same room
             lower.set_xlabel(along.label if i + columns >= len(chosen) else " " if len(chosen) % columns else "")
-    band = _band()
+    band = Patch(facecolor=FLOOR, alpha=0.35, lw=0)
     head_figure(figure, [*handles, band], ["measured", *labels, "± 2 × noise"])
     return figure
 
@@ -207,9 +208,3 @@ def _average(residual: np.ndarray, width: int) -> np.ndarray:
     count = np.convolve(good.astype(float), kernel, mode="same")
     total = np.convolve(np.where(good, residual, 0.0), kernel, mode="same")
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def _band():
-    from matplotlib.patches import Patch
-
-    return Patch(facecolor=FLOOR, alpha=0.35, lw=0)

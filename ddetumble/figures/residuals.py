@@ -8,10 +8,10 @@ import numpy as np
 
 from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
 from ..selection.result import Trace
+from ..selection.series import list_channels
 from ..selection.text import choose_view
 from .binning import (
     group_values,
-    list_channels,
     list_levels,
     measure_error,
     pick_channel,
@@ -80,11 +80,8 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]], narrow: bool = Fals
                 axes.set_xlabel(view.share)
             for side in axes.spines.values():
                 side.set_visible(False)
-        bar = figure.colorbar(image, ax=list(panels[row]), shrink=0.9,
-                              aspect=24 * (len(models) if narrow else 1), pad=0.015, extend="both")
-        bar.outline.set_visible(False)
-        bar.set_label("mean residual / noise", fontsize=9)
-        bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
+        _label_bar(figure.colorbar(image, ax=list(panels[row]), shrink=0.9, aspect=24 * (len(models) if narrow else 1),
+                                   pad=0.015, extend="both"), "mean residual / noise")
     return figure
 
 
@@ -135,11 +132,16 @@ def draw_record_errors(models: Mapping[str, Sequence[Trace]], narrow: bool = Fal
             axes.set_yticks(np.arange(len(up) + 1) - 0.5, minor=True)
             axes.grid(which="minor", color="white", lw=2)
             axes.tick_params(which="minor", length=0)
-        bar = figure.colorbar(image, ax=list(panels[row]), aspect=14 * (len(models) if narrow else 1), pad=0.015)
-        bar.outline.set_visible(False)
-        bar.set_label("rms residual / noise", fontsize=9)
-        bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
+        _label_bar(figure.colorbar(image, ax=list(panels[row]), aspect=14 * (len(models) if narrow else 1), pad=0.015),
+                   "rms residual / noise")
     return figure
+
+
+def _label_bar(bar, label: str):
+    """Give a colour bar its label and the house's ticks."""
+    bar.outline.set_visible(False)
+    bar.set_label(label, fontsize=9)
+    bar.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
 
 
 def _average(trace: Trace | None, edges: np.ndarray) -> np.ndarray:

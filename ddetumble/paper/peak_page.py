@@ -19,6 +19,7 @@ from ..figures.style import (
     head_figure,
     new_figure,
     styled,
+    wrap_text,
 )
 from .friction import FrictionJudgement
 from .judgement import PeakJudgement
@@ -65,31 +66,36 @@ def draw_growth(judged: PeakJudgement):
 
 
 @styled
-def draw_ladder(judged: PeakJudgement | FrictionJudgement, most: int = 26):
+def draw_ladder(judged: PeakJudgement | FrictionJudgement, most: int = 26, narrow: bool = False):
     """Left-out errors of all models, best first, with the polynomial's as the line to reach."""
     rows = sorted((row for row in judged.rows if np.isfinite(row.heldout)), key=lambda row: row.heldout)
     rows = [row for k, row in enumerate(rows) if k < most or row is judged.reference][::-1]
     line = 100 * judged.polynomial.heldout
-    figure = new_figure(0.9 + 0.24 * len(rows))
+    figure = new_figure(0.9 + (0.56 if narrow else 0.24) * len(rows), NARROW if narrow else WIDTH)
     axes = dress(figure.subplots(), "x")
     colours = {"printed": GREY, "polynomial": OTHER, "reference": AFTER, "reading": KIN, "choice": INK,
                "constant": INK}
     for i, row in enumerate(rows):
         colour = colours.get(row.kind, BEFORE)
-        axes.barh(i, 100 * min(row.heldout, 1.0), color=colour if row.physical else "white", edgecolor=colour,
-                  height=0.7, hatch="" if row.physical else "////")
+        axes.barh(i - 0.25 * narrow, 100 * min(row.heldout, 1.0), height=0.3 if narrow else 0.7, edgecolor=colour,
+                  color=colour if row.physical else "white", hatch="" if row.physical else "////")
         note = f"{100 * row.heldout:.1f} %, {row.free} fitted" + ("" if row.physical else ", " + row.remark)
+        if narrow:  # words above each bar
+            axes.annotate(wrap_text(f"{row.label}: {note}", NARROW - 0.4, 8), (0, i - 0.06), fontsize=8, va="bottom",
+                          xycoords=("axes fraction", "data"), bbox={"facecolor": "white", "lw": 0, "pad": 0.5})
+            continue
         axes.annotate(note, (max(100 * min(row.heldout, 1.0), line), i), (4, 0), fontsize=8.5,
                       textcoords="offset points", va="center")
     axes.axvline(line, color=INK, lw=0.9, ls="--")
     axes.set_ylim(-0.6, len(rows) - 0.4)
-    axes.set_yticks(range(len(rows)), [row.label for row in rows], fontsize=8.5)
+    axes.set_yticks(range(len(rows)), [""] * len(rows) if narrow else [row.label for row in rows], fontsize=8.5)
     axes.set_xscale("log")
     axes.set_xlim(0.8, 300)
     axes.set_xticks([1, 2, 5, 10, 20, 50, 100])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
-    axes.set_xlabel("rms error of what was left out [%]; dashed: the low polynomial")
+    label = "rms error of what was left out [%]; dashed: the low polynomial"
+    axes.set_xlabel(wrap_text(label, NARROW - 0.4) if narrow else label)
     return figure
 
 
@@ -157,7 +163,7 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
     Raises:
         InputError: The folder cannot be written.
     """
-    from ..reports.page import Picture, Section, write_page
+    from ..reports.page import Section, draw_picture, write_page
     from ..selection.text import say_verdict
 
     if isinstance(judged, FrictionJudgement):
@@ -175,10 +181,11 @@ def write_peaks(judged: PeakJudgement | FrictionJudgement, folder, name: str = "
         Section(f"{count} {forces} and the models", [
             "Above: the measured values and fits to all of them. Below: each value predicted by a fit without it; the "
             "band is twice the size of a single value's error.", f"Errors of single values: {judged.noise.text}"],
-            figures=[Picture("peaks-models", f"Measured {forces} beside the models, and errors with each value left "
-                             "out.", draw_values(judged), "", draw_values(judged, narrow=True)),
-                     ("peaks-ladder", "Every model, best first, by the error of what was left out. Hatched: an "
-                      "estimate outside its physical range, so that the model does not count.", draw_ladder(judged))],
+            figures=[draw_picture("peaks-models", f"Measured {forces} beside the models, and errors with each value "
+                                  "left out.", draw_values, judged),
+                     draw_picture("peaks-ladder", "Every model, best first, by the error of what was left out. "
+                                  "Hatched: an estimate outside its physical range, so that the model does not count.",
+                                  draw_ladder, judged)],
             tables=[judged.table()]),
         Section("What this does not show", [f"{lacking} (`ddetumble import`) to have these judged."],
                 points=[*judged.notes, *seen]),

@@ -9,8 +9,8 @@ import pandas as pd
 from ..measurement.quantities import clean, describe_quantity, format_error, format_number, format_share
 from ..selection.compare import Comparison, Comparisons
 from ..selection.result import Place, Trace
-from .findings import STEPS_CAPTION, draw_both, show_failures, show_fits
-from .page import Picture, Section, Table, write_page
+from .findings import STEPS_CAPTION, show_failures, show_fits
+from .page import Section, Table, draw_picture, write_page
 
 
 # Columns of the errors in words; those of residuals in the channel's unit are named with it.
@@ -92,8 +92,9 @@ def _show_models(found: Comparisons) -> Section:
     alt = f"Error of {len(found)} models against the noise floor of {format_error(floor)}."
     caption = ("Root mean square of the residual over that of the signal: of all records, and of conditions left out "
                "one after the other. No model can do better than the noise floor.")
-    return Section("The error, step by step", figures=[Picture("error-by-step", caption, *draw_both(
-        lambda narrow: figures.draw_error_by_step(found.names, found.models, floor, narrow), alt))], tables=[table])
+    return Section("The error, step by step", figures=[draw_picture(
+        "error-by-step", caption, figures.draw_error_by_step, found.names, found.models, floor, alt=alt)],
+        tables=[table])
 
 
 def _show_signatures(found: Comparisons) -> Section:
@@ -106,8 +107,8 @@ def _show_signatures(found: Comparisons) -> Section:
     caption = (f"Dots: measured minus {first}, {word}, single samples faint. Lines: what each other model changes of "
                "its prediction after the fit. What is missing runs along the dots.")
     alt = f"Residual of {first} and the change that {len(found) - 1} models make to it, where it is largest."
-    return Section("Why an effect fits", figures=[Picture("signatures", caption, *draw_both(
-        lambda narrow: figures.draw_signatures(models, channel, narrow=narrow), alt))])
+    picture = draw_picture("signatures", caption, figures.draw_signatures, models, channel, alt=alt)
+    return Section("Why an effect fits", figures=[picture])
 
 
 def tabulate_errors(result: Comparison) -> Section:

@@ -3,12 +3,13 @@
 import dataclasses as dc
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from ..families import View, find_family
-from ..figures.binning import is_peaks, list_channels
+from ..figures.binning import is_peaks, standardise
 from ..figures.views import find_span, find_stretch
 from ..measurement.quantities import (
     clean,
@@ -18,17 +19,18 @@ from ..measurement.quantities import (
     format_p,
     format_share,
     format_value,
+    join_words,
     name_step,
     name_steps,
     say_p,
 )
 from ..selection.discovery import Discovery
 from ..selection.result import Place, SettingShift, Step, Trace
+from ..selection.series import list_channels
 from ..selection.settings import DEFAULT
 from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
 from .missing import show_missing
-from .page import Picture, Section, Table, write_page
-from .words import count_records, flatten, say_model
+from .page import Picture, Section, Table, draw_picture, flatten, write_page
 
 
 def write_report(discovery: Discovery, folder, name: str = "report.html") -> Path:
@@ -45,7 +47,8 @@ def write_report(discovery: Discovery, folder, name: str = "report.html") -> Pat
     Raises:
         InputError: The folder cannot be written.
     """
-    records, level = count_records(discovery), discovery.settings.level
+    records = len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
+    level = discovery.settings.level
     status = [
         f"campaign {clean(discovery.campaign, 60)}",
         clean(discovery.title, 120) if discovery.title != discovery.campaign else "",
@@ -58,6 +61,12 @@ def write_report(discovery: Discovery, folder, name: str = "report.html") -> Pat
         folder, name, verdict=discovery.verdict, badge=say_verdict(discovery.verdict), status=status,
         facts=list_facts(discovery),
     )  # fmt: skip
+
+
+def say_model(discovery: Discovery) -> str:
+    """The grown model in a few words: `with adhesion and gas-leak`."""
+    effects = [clean(effect, 40) for effect in discovery.effects]
+    return f"with {join_words(effects)}" if effects else ""
 
 
 def list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
@@ -125,9 +134,8 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
     first = next(iter(models.values()))
     if is_peaks(first):
         pictures = [
-            Picture(f"peaks-{channel}", f"{_begin(channel)} of each record, measured and modelled; below, the residual "
-                    "in units of the noise.", figures.draw_peaks(models, channel), "",
-                    figures.draw_peaks(models, channel, narrow=True))
+            draw_picture(f"peaks-{channel}", f"{_begin(channel)} of each record, measured and modelled; below, the "
+                         "residual in units of the noise.", figures.draw_peaks, models, channel)
             for channel in list_channels(first)
         ]  # fmt: skip
         return Section("Model against measurement", figures=pictures)
@@ -156,24 +164,22 @@ def show_failures(
     first = next(iter(models.values()))
     view, channels = choose_view(first), list_channels(first)
     pictures = [
-        Picture("record-errors", "Root mean square of the residual over the noise at each condition, repeats pooled. "
-                "1 is as good as a model can be.", figures.draw_record_errors(models),
-                "Grid of the error over the noise by condition.", figures.draw_record_errors(models, narrow=True)),
+        draw_picture("record-errors", "Root mean square of the residual over the noise at each condition, repeats "
+                     "pooled. 1 is as good as a model can be.", figures.draw_record_errors, models,
+                     alt="Grid of the error over the noise by condition."),
     ]  # fmt: skip
     if not is_peaks(first):
-        pictures.insert(0, Picture(
+        pictures.insert(0, draw_picture(
             "residual-map", "Mean residual over the noise, one row a record in the order of its conditions. Stripes "
             "that many rows share are physics; scattered colour is noise, or a setting that is off in one record.",
-            figures.draw_residual_map(models), f"Heat map of the residuals by record and {view.share}.",
-            figures.draw_residual_map(models, narrow=True)))
+            figures.draw_residual_map, models, alt=f"Heat map of the residuals by record and {view.share}."))
         apart = f"{view.apart} apart, " if view.phases else ""
         for channel in channels:
-            pictures.append(Picture(
+            pictures.append(draw_picture(
                 f"dependence-{channel}", f"{_begin(channel)}: mean residual against state and condition, {apart}with "
                 "two standard errors from the scatter between records.",
-                figures.draw_dependence(models, channel, (noise or {}).get(channel), where or ()),
-                f"Mean residual of the {describe_quantity(channel).name} against state and conditions.",
-                figures.draw_dependence(models, channel, (noise or {}).get(channel), where or (), narrow=True)))
+                figures.draw_dependence, models, channel, (noise or {}).get(channel), where or (),
+                alt=f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
         if view.force in channels:
             pictures.append(_show_missing(models, view))
     points = [] if where is None else [say_place(place, view) for place in where] or ["No place stands out."]
@@ -198,7 +204,7 @@ def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
         "they scatter more than stated."
     )
     alt = "Shift of every setting in every record, in stated deviations."
-    picture = Picture("settings", caption, figures.draw_shifts(models), alt, figures.draw_shifts(models, narrow=True))
+    picture = draw_picture("settings", caption, figures.draw_shifts, models, alt=alt)
     return Section("How far the settings were moved", figures=[picture], tables=[Table(header, rows)])
 
 
@@ -209,10 +215,6 @@ def describe_shift(name: str) -> str:
 
 def _measure_miss(traces: Sequence[Trace], channel: str) -> float:
     """Mean square of the residuals of a channel over its noise."""
-    import numpy as np
-
-    from ..figures.binning import standardise
-
     return float(np.mean(np.concatenate([np.nan_to_num(standardise(t)) ** 2 for t in traces if t.channel == channel])))
 
 
@@ -232,9 +234,8 @@ def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
     )
     if "backward" in view.phases:
         caption += " On a stroke backward the force is negative, so friction that is missing is too."
-    return Picture("missing-force", caption, figures.draw_missing_force(models, channel),
-                   f"Measured minus modelled {word} against {state}.",
-                   figures.draw_missing_force(models, channel, narrow=True))  # fmt: skip
+    return draw_picture("missing-force", caption, figures.draw_missing_force, models, channel,
+                        alt=f"Measured minus modelled {word} against {state}.")
 
 
 STEPS_CAPTION = (
@@ -261,14 +262,9 @@ def _show_steps(discovery: Discovery) -> Section:
     )
     alt = f"Error of {len(discovery.steps)} models against the noise floor of {format_error(discovery.noise_nrmse)}."
     return Section("The error, step by step", figures=[
-        Picture("error-by-step", caption, *draw_both(lambda narrow: figures.draw_error_by_step(
-            name_steps(discovery), discovery.steps, discovery.noise_nrmse, narrow), alt)),
+        draw_picture("error-by-step", caption, figures.draw_error_by_step, name_steps(discovery), discovery.steps,
+                     discovery.noise_nrmse, alt=alt),
     ], tables=[table])
-
-
-def draw_both(draw: Callable[[bool], Any], alt: str) -> tuple[Any, str, Any]:
-    """A figure, what a reader who cannot see it should hear, and the same for a telephone."""
-    return draw(False), alt, draw(True)
 
 
 def _show_ranking(discovery: Discovery) -> Section:
@@ -314,12 +310,11 @@ def _show_ranking(discovery: Discovery) -> Section:
     elif discovery.effects:
         paragraphs.append("No other effect of the catalogue can be mistaken for what was added.")
     caption = "Bars: share of the misfit that each effect removes. Diamonds: how much of it this campaign can see."
-    figure, narrow = (figures.draw_ranking(discovery.candidates, discovery.effects, narrow=one)
-                      for one in (False, True))
     best = discovery.candidates[0]
     alt = f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, removes {format_share(best.explains)}."
     title = "Which effect is missing" if discovery.effects else "The catalogue, ranked"
-    return Section(title, paragraphs, [Picture("ranking", caption, figure, alt, narrow)], tables)
+    picture = draw_picture("ranking", caption, figures.draw_ranking, discovery.candidates, discovery.effects, alt=alt)
+    return Section(title, paragraphs, [picture], tables)
 
 
 def _show_parameters(discovery: Discovery) -> Section:
@@ -345,8 +340,8 @@ def _show_parameters(discovery: Discovery) -> Section:
     caption = "Estimates with their 95 % intervals, each on its own scale, and the strongest correlations."
     if len(steps) > 1:
         caption += " Where those of the two models lie apart, the missing physics had pulled the parameter away."
-    picture = Picture("parameters", caption, figures.draw_parameters(steps), f"Intervals of {len(rows)} parameters.",
-                      figures.draw_parameters(steps, narrow=True))
+    picture = draw_picture("parameters", caption, figures.draw_parameters, steps,
+                           alt=f"Intervals of {len(rows)} parameters.")
     return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
 
 

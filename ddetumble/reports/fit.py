@@ -8,8 +8,8 @@ from ..inference.findings import Fit, Fitted
 from ..measurement.quantities import clean, format_number, format_value
 from ..selection.lack_of_fit import measure_shifts
 from ..selection.series import make_traces
-from .findings import draw_both, show_failures, show_fits, show_shifts
-from .page import Picture, Section, Table, write_page
+from .findings import show_failures, show_fits, show_shifts
+from .page import Section, Table, draw_picture, write_page
 
 
 @dc.dataclass(frozen=True)
@@ -57,9 +57,8 @@ def _show_parameters(fit: Fit) -> Section:
     pairs = sorted(((a, b, float(fit.correlations[i, j])) for i, a in enumerate(names) for j, b in enumerate(names)
                     if i < j), key=lambda one: -abs(one[2]))
     shown = {"this fit": _Drawn(dict(fit.parameters), tuple(pairs))}
-    picture = Picture("parameters", "Estimates with their 95 % intervals, each on its own scale, and the strongest "
-                      "correlations.", *draw_both(lambda narrow: draw_parameters(shown, narrow=narrow),
-                                                  f"Intervals of {len(rows)} parameters."))
+    caption = "Estimates with their 95 % intervals, each on its own scale, and the strongest correlations."
+    picture = draw_picture("parameters", caption, draw_parameters, shown, alt=f"Intervals of {len(rows)} parameters.")
     points = [clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes)]
     table = Table(("parameter", "estimate", "sd", "2.5 %", "97.5 %", "unit", ""), rows)
     return Section("Parameters", points=points, figures=[picture] if rows else [], tables=[table])

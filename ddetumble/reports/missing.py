@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..measurement.quantities import clean, describe_quantity, format_number, format_share, format_value
 from ..selection.result import MissingForce, Shape
-from .page import Picture, Section, Table, write_page
+from .page import Section, Table, draw_picture, write_page
 
 
 def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = (), name: str = "missing.html"
@@ -33,19 +33,17 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
     if not missing.shapes:
         return [Section("The missing force", paragraphs, points=missing.notes)]
     best = missing.shapes[0]
-    pictures = [Picture(
+    pictures = [draw_picture(
         "missing-shape", "The force that is missing, fitted inside the equation of motion, with two posterior standard "
         "deviations, a simple law that describes it (dashed, where it holds beside the same values of the model's "
         "parameters), and below, grey, where the samples lie. Beside it: how much "
         "of the misfit of left-out conditions each removes" + (", and the force's spectrum (grey: two standard "
         "deviations of what noise leaves)." if best.spectrum.shape[1] > 2 else "."),
-        figures.draw_missing_shape(missing), f"Missing {clean(best.way)} over {clean(best.variable)}.",
-        figures.draw_missing_shape(missing, narrow=True))]
+        figures.draw_missing_shape, missing, alt=f"Missing {clean(best.way)} over {clean(best.variable)}.")]
     if len(missing.shapes) > 1:
-        pictures.append(Picture(
+        pictures.append(draw_picture(
             "missing-rivals", "The same over the other variables that came near, each fitted alone; how far behind the "
-            "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals(missing), "",
-            figures.draw_missing_rivals(missing, narrow=True)))
+            "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals, missing))
     tables = [Table(("free force", "knots", "misfit removed", "behind the best", "visible", "differs from zero from"), [
         (clean(f"{s.way} over {s.variable}" + (f", {' and '.join(s.parts)}" if s.parts[0] else "")), s.intervals,
          format_share(missing.share(s.loss)),

@@ -8,7 +8,7 @@ import numpy as np
 from ..figures.plan import draw_outlook, draw_prospect
 from ..planning.ambiguity import Assessment, Outlook, Spread
 from ..planning.prospect import Prospect
-from .page import Picture, Section, Table
+from .page import Section, Table, draw_picture
 
 
 WORDS = {
@@ -52,16 +52,15 @@ def show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = N
          "wrong plan costs [%]"], rows,
         "Of the first impact. The last column: what is lost, of what was wanted small, by a plan for another model.")
     shares = {name: one.shares for name, one in found.models.items()}
-    wide, narrow = (draw_outlook(shares, found.whole.nominal, found.whole.momentum.tail, narrow=small)
-                    for small in (False, True))
-    pictures = [Picture("outlook", "How much of the angular momentum the first impact leaves, under draws of the "
-                        "contact law. Dashed: the mean of the worst share.", wide, "", narrow)]
+    caption = ("How much of the angular momentum the first impact leaves, under draws of the contact law. Dashed: the "
+               "mean of the worst share.")
+    pictures = [draw_picture("outlook", caption, draw_outlook, shares, found.whole.nominal, found.whole.momentum.tail)]
     sentences = list(found.sentences)
     if prospect is not None:
         low, high, tail = (np.array([getattr(one, name) for one in prospect.after]) for name in ("q05", "q95", "tail"))
-        wide, narrow = (draw_prospect(prospect.best, low, high, tail, share, narrow=small) for small in (False, True))
-        pictures.append(Picture("prospect", "How much of the angular momentum is left after each impact, under the "
-                                "same draws and with nothing planned again.", wide, "", narrow))
+        caption = ("How much of the angular momentum is left after each impact, under the same draws and with nothing "
+                   "planned again.")
+        pictures.append(draw_picture("prospect", caption, draw_prospect, prospect.best, low, high, tail, share))
         sentences.insert(1, prospect.sentence)
     return Section("How sure this is", [*sentences, WORDS[plan_for], found.note], figures=pictures, tables=[table])
 

@@ -6,7 +6,7 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,11 @@ class Picture:
     figure: Any
     alt: str = ""
     narrow: Any = None
+
+
+def draw_picture(name: str, caption: str, draw: Callable[..., Any], *arguments, alt: str = "", **options) -> Picture:
+    """A picture by a function of `ddetumble.figures`, drawn for a wide page and, `narrow`, for a telephone."""
+    return Picture(name, caption, draw(*arguments, **options), alt, draw(*arguments, **options, narrow=True))
 
 
 @dc.dataclass(frozen=True)
@@ -137,6 +142,20 @@ def write_page(
     except OSError as error:
         raise InputError(f"the report cannot be written: {error.strerror}", file=error.filename or folder) from None
     return folder / name
+
+
+def flatten(settings: Mapping, prefix: str = "") -> list[tuple[str, str]]:
+    """Nested settings as rows of name and value."""
+    rows = []
+    for key, value in settings.items():
+        name = f"{prefix}{clean(str(key).replace('_', ' '), 60)}"
+        if isinstance(value, Mapping):
+            rows += flatten(value, f"{name}, ")
+        elif isinstance(value, (list, tuple)):
+            rows.append((name, ", ".join(clean(item, 80) for item in value) or "none"))
+        else:
+            rows.append((name, f"{value:.4g}" if isinstance(value, float) else clean(value, 200)))
+    return rows
 
 
 def split_sentence(text: str) -> tuple[str, str]:

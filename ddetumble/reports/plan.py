@@ -27,7 +27,7 @@ from ..planning.sequence import Sequence, measure_share
 from ..planning.strike_plan import StrikePlan
 from ..planning.strike_problem import StrikeProblem
 from .outlook import list_outlook, show_outlook
-from .page import Picture, Section, Table, write_page, write_whole
+from .page import Section, Table, draw_picture, write_page, write_whole
 
 
 SCHEMA = "ddetumble.plan-result/2"
@@ -172,17 +172,16 @@ def write_plan(plan: Plan, folder) -> Path:
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
     time, momentum, nutation = follow_plan(problem, sequence)
-    figures = [Picture("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
-                       draw_motion(time, momentum, nutation, sequence.instants), "",
-                       draw_motion(time, momentum, nutation, sequence.instants, narrow=True))]
+    figures = [draw_picture("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
+                            draw_motion, time, momentum, nutation, sequence.instants)]
     if impacts:
         chosen = sorted({0, len(impacts) // 2, len(impacts) - 1})
         courses = [sequence.impacts[k].collision.course for k in chosen]
         drawn = ([np.asarray(c.time) for c in courses], [np.asarray(c.normal_force) for c in courses],
                  [np.linalg.norm(np.asarray(c.friction), axis=1) for c in courses], [f"impact {k + 1}" for k in chosen])
         alike = " Where there are fewer lines than impacts, some coincide." if len(chosen) > 1 else ""
-        figures.append(Picture("contacts", f"Normal force and friction during contact.{alike}", draw_contacts(*drawn),
-                               "", draw_contacts(*drawn, narrow=True)))
+        figures.append(draw_picture("contacts", f"Normal force and friction during contact.{alike}", draw_contacts,
+                                    *drawn))
     unit, factor = choose_time_unit(find_end(sequence))
     table = Table(
         ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",

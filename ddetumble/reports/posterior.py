@@ -17,8 +17,7 @@ from ..posterior.loo import WAYS
 from ..posterior.predictive_check import STATISTICS
 from ..posterior.result import Posterior
 from ..posterior.target import CampaignTarget
-from .page import Picture, Section, Table, write_page
-from .words import flatten
+from .page import Picture, Section, Table, flatten, write_page
 
 
 HEADLINE = 105  # characters of intervals in the first sentence

@@ -65,12 +65,11 @@ def _fits(selection: SelectionProblem, misfit: Misfit, aside: Aside) -> bool:
     return misfit.p_value > limits.fits or misfit.excess < min(max(limits.small, others), 0.02 * aside.own.excess)
 
 
-def _hold(selection: SelectionProblem, aside: Aside, stack: Stack, z: np.ndarray | None = None) -> Misfit | None:
+def _hold(selection: SelectionProblem, aside: Aside, stack: Stack) -> Misfit | None:
     """Misfit of the record with other numbers."""
     problem = replace_stack(selection.problem, stack)
-    start = aside.stated.z.copy()
     try:
-        at = settle(problem, aside.solution.names, aside.solution.u, start if z is None else z)
+        at = settle(problem, aside.solution.names, aside.solution.u, aside.stated.z.copy())
     except ComputationError:
         return None
     if selection.records.keys[aside.record] in at.failed:

@@ -143,7 +143,7 @@ def _rows(selection: SelectionProblem, fitted: Fitted) -> float:
     return float((np.asarray(selection.records.stack.weights) > 0).sum()) - fitted.solution.shared.shape[2]
 
 
-def _place(selection: SelectionProblem, direction: str, fitted: Fitted, share: float = 1.0) -> Place:
+def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place:
     """The place that a direction stands for, its share still to be measured."""
     effect = selection.find_effect(direction)
     variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every direction has one
@@ -157,17 +157,17 @@ def _place(selection: SelectionProblem, direction: str, fitted: Fitted, share: f
         period = float(np.exp(-solution.u[index[line]]))
     if variable == selection.family.rate:
         rate = np.sign(solution.state_rate) if variable == "direction" else solution.state_rate
-        return Place(channel, variable, (float(rate.min()), float(rate.max())), "both", share)
+        return Place(channel, variable, (float(rate.min()), float(rate.max())), "both", 1.0)
     if variable in selection.campaign.records:
         values = selection.campaign.records[variable].to_numpy(dtype=float)
-        return Place(channel, variable, (float(values.min()), float(values.max())), "both", share)
+        return Place(channel, variable, (float(values.min()), float(values.max())), "both", 1.0)
     if variable in selection.records.channels and selection.family.free_running:
         own = solution.channels[:, selection.records.channels.index(variable)]
-        return Place(channel, variable, (float(own.min()), float(own.max())), "both", share)
+        return Place(channel, variable, (float(own.min()), float(own.max())), "both", 1.0)
     if variable in ("slip", "slip_speed", "normal_force") and variable != selection.family.state:
-        return Place(channel, variable, (0.0, _reach(selection, fitted, variable)), "both", share)
+        return Place(channel, variable, (0.0, _reach(selection, fitted, variable)), "both", 1.0)
     high = float((solution.state if variable == selection.family.state else solution.end).max())
-    return Place(channel, variable, (low, high), "both", share, period)
+    return Place(channel, variable, (low, high), "both", 1.0, period)
 
 
 def _reach(selection: SelectionProblem, fitted: Fitted, variable: str) -> float:

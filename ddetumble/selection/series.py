@@ -56,26 +56,19 @@ def measure_error(records: Records, channels: np.ndarray, used: np.ndarray | Non
         channels: model, shape (records, channels, samples), SI.
         used: samples that count beside those that the fit leaves out, shape (records, samples); all where not given.
     """
-    count = records.count
-    values = np.asarray(records.stack.values)[:count]
-    there = np.asarray(records.stack.weights)[:count] > 0
-    if used is not None:
-        there = there & used[:, None, :]
-    above = np.sum(np.where(there, values - channels, 0.0) ** 2, axis=(0, 2))
-    below = np.sum(np.where(there, values, 0.0) ** 2, axis=(0, 2))
-    return _combine({str(c): float(np.sqrt(a / b)) if b > 0 else float("nan")
-                     for c, (a, b) in enumerate(zip(above, below, strict=True))})
+    return float(np.sqrt(np.sum(split_error(records, channels, used))))
 
 
 def split_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> np.ndarray:
-    """Square of `measure_error` by record, shape (records,): their sum is its square."""
+    """Square of `measure_error` by record, shape (records,): their sum is its square; nan where there is no signal."""
     values = np.asarray(records.stack.values)[: records.count]
     there = np.asarray(records.stack.weights)[: records.count] > 0
     if used is not None:
         there = there & used[:, None, :]
     below = np.sum(np.where(there, values, 0.0) ** 2, axis=(0, 2))
     above = np.sum(np.where(there, values - channels, 0.0) ** 2, axis=2)
-    return np.sum(above[:, below > 0] / below[below > 0], axis=1) / max(int(np.sum(below > 0)), 1)
+    with np.errstate(invalid="ignore"):
+        return np.sum(above[:, below > 0] / below[below > 0], axis=1) / np.sum(below > 0)
 
 
 def list_channels(traces: Sequence[Trace]) -> tuple[str, ...]:

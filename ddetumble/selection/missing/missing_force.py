@@ -12,7 +12,7 @@ from ..._sentences import Sentence, join_sentences, say
 from ...contact.effect import AbstractEffect
 from ...families import find_family, name_family
 from ...inference.archive import Model, resolve_model
-from ...inference.assembly import require_samples
+from ...inference.assembly import default_starts, require_samples
 from ...measurement.campaign import Campaign
 from ...measurement.package import read_campaign
 from ...measurement.quantities import describe_quantity, format_quantity
@@ -78,7 +78,9 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
     if effects:
         report("fitting the effects", 0.1)
         found = selection.fit([e.id for e in effects], [{}], reference.solution.u, reference.solution.z)
-        start = _start_inside(selection, effects)
+        start: dict[str, float] = {}  # inside, of all effects together
+        for effect in effects:
+            start |= default_starts(selection.find_effect(effect.id))[0]
         again = selection.fit([e.id for e in effects], [start], reference.solution.u, reference.solution.z)
         fits = [f for f in (found, again) if f is not None]
         if not fits:
@@ -100,16 +102,6 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         found = MissingForce(selection.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
                              (), (), say("missing.nothing_to_draw", noise=float(noise), p=lack.p_value))
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
-
-
-def _start_inside(selection: SelectionProblem, effects: Sequence[type[AbstractEffect]]) -> dict[str, float]:
-    """Interior start of all effects together."""
-    from ...inference.assembly import default_starts
-
-    start: dict[str, float] = {}
-    for effect in effects:
-        start |= default_starts(selection.find_effect(effect.id))[0]
-    return start
 
 
 def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fitted, best: tuple[str, float] | None,

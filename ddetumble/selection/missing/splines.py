@@ -57,10 +57,6 @@ class Term:
         """Unique among the terms of a campaign."""
         return f"{self.way} over {self.variable}" + (f" ({' and '.join(self.parts)} apart)" if self.parts[0] else "")
 
-    def intervals(self) -> list[int]:
-        """Numbers of intervals to choose from: those whose knots are among the finest."""
-        return [m for m in range(3, self.finest + 1) if self.finest % m == 0]
-
     def size(self, intervals: int) -> int:
         """How many splines it takes."""
         return len(self.parts) * (intervals + DEGREE)
@@ -221,10 +217,6 @@ class Normal:
         return Normal(np.einsum("ki,gkl,lj->gij", matrix, self.blocks, matrix, optimize=True), self.sides @ matrix,
                       self.squares)
 
-    def pick(self, columns: np.ndarray) -> "Normal":
-        """Some of the columns."""
-        return Normal(self.blocks[:, columns][:, :, columns], self.sides[:, columns], self.squares)
-
 
 def gather_normal(solution: Solution, more: np.ndarray | None, groups: np.ndarray,
                   offset: np.ndarray | None = None) -> Normal:
@@ -291,16 +283,11 @@ def list_deviations(normal: Normal, base: int) -> np.ndarray:
     return 10.0 ** np.arange(-0.5, 4.01, 0.5) / typical
 
 
-def choose_ridge(normal: Normal, base: int, deviations: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+def choose_ridge(normal: Normal, base: int) -> tuple[float, np.ndarray]:
     """Deviation of the prior that predicts left-out conditions best, and their losses; the first `base` have none."""
     best = (np.inf, 0.0, np.zeros(0))
-    for deviation in list_deviations(normal, base) if deviations is None else deviations:
-        losses = hold_out(normal, weigh_columns(normal, base, deviation))
+    for deviation in list_deviations(normal, base):
+        losses = hold_out(normal, np.where(np.arange(len(normal.sides[0])) < base, 0.0, 1.0 / deviation))
         if losses.sum() < best[0]:
             best = (float(losses.sum()), float(deviation), losses)
     return best[1], best[2]
-
-
-def weigh_columns(normal: Normal, base: int, deviation: float) -> np.ndarray:
-    """Weights of the prior: none on the first `base` columns."""
-    return np.where(np.arange(len(normal.sides[0])) < base, 0.0, 1.0 / deviation)
