@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.inference.noise import BELOW, estimate_noise, whiten, whitening
+from ddetumble.inference.noise import whiten, whitening
+from ddetumble.inference.noise_estimation import BELOW, estimate_noise
 
 
 REPEATS = 60
