@@ -458,7 +458,8 @@ class Bench:
             if effect.id in effects or size > DIRECTIONS or size > len(self.data.peaks) - 2:
                 continue
             start = base or reference
-            here = {n: self.program.space.parameter(n).transform.find_field(start.estimates[n]["estimate"]) for n in free}
+            here = {n: self.program.space.parameter(n).transform.find_field(start.estimates[n]["estimate"])
+                    for n in free}
             starts = self.starts_of(effect)
             # From the null too, so that a larger model never fits worse; never only from there.
             starts = [{}, *(starts[:2] if base else starts)]
