@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from ddetumble.contact.effect import AbstractEffect, AbstractModel, parameter
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.inference.arrow import profile_own
+from ddetumble.inference.levenberg_marquardt import eliminate_nuisances
 from ddetumble.inference.noise import TAPS, Noise, whiten, whitening
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, Solution
@@ -171,7 +171,7 @@ class ToyProblem(Problem):
             eye = np.broadcast_to(np.eye(z.shape[1]), (count, z.shape[1], z.shape[1]))
             rows, right = np.concatenate([own, eye], axis=1), np.concatenate([residual, z], axis=1)
             wide = np.concatenate([shared, np.zeros((*z.shape, len(free)))], axis=1)
-            columns, side = profile_own(wide, rows, right)
+            columns, side = eliminate_nuisances(wide, rows, right)
             flat = np.concatenate([columns.reshape(side.size, len(free)), np.diag(weight[places])])
             size = np.maximum(np.linalg.norm(flat, axis=0), 1e-9)
             step = -np.linalg.lstsq(flat / size, np.append(side.ravel(), prior), rcond=1e-10)[0] / size

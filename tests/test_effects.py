@@ -62,7 +62,7 @@ def set_coordinates(effects):
     for owner, parameters in effects.items():
         for name, value in parameters.items():
             declared = SPACE.slots[SPACE.index[f"{owner}.{name}"]].parameter
-            values[f"{owner}.{name}"] = 1.0 / value if declared.coordinate == "inverse" else value
+            values[f"{owner}.{name}"] = declared.transform.find_field(value)
     return SPACE.coordinates(values)
 
 
@@ -136,5 +136,5 @@ def test_nulls_are_those_of_the_catalogue():
         for one in parameters_of(effect):
             if one.kind == "amplitude":
                 null = independent.NULLS[effect.id][one.name]
-                assert one.default == (1.0 / null if one.coordinate == "inverse" else null)
+                assert one.default == one.transform.find_field(null)
                 assert one.transform.from_field(one.default) == one.default

@@ -14,7 +14,7 @@ from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
 from ddetumble.inference.estimation import fit
-from ddetumble.inference.noise import estimate_from_pairs, estimate_noise
+from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_noise
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign

@@ -24,10 +24,7 @@ def test_every_parameter_states_what_physics_allows(name):
     for one in found:
         low, high = one.limits
         assert low < high and (np.isfinite(low) or np.isfinite(high)) and one.limits_reason
-        values = [one.default, *one.starts]
-        if one.coordinate == "inverse":
-            values = [1 / value if value else np.inf for value in values]
-        assert all(low <= value <= high for value in values)
+        assert all(low <= one.transform.publish(value) <= high for value in (one.default, *one.starts))
         assert not one.excludes(low, high) and one.excludes(low - 2.0, low - 1.0)
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.inference.noise import BELOW, estimate_noise, whiten, whitening
+from ddetumble.inference import noise_estimation
+from ddetumble.inference.noise import Noise, whiten, whitening, whitening_matrix
+from ddetumble.inference.noise_estimation import BELOW, changed, differs_from_stated, estimate_noise, spline_columns
 
 
 REPEATS = 60
@@ -50,3 +52,95 @@ def test_whitened_noise_is_white():
     power = np.mean(np.abs(np.fft.rfft(white, axis=0)) ** 2, axis=1)[1:-1] / 400
     slow, fast = power[:40].mean(), power[-40:].mean()
     assert np.var(white) == pytest.approx(1.0, rel=0.02) and slow == pytest.approx(fast, rel=0.06)
+
+
+def make_noise(sd=2.0, rho=0.6, white=0.0, interval=0.1, stated=2.0):
+    return Noise(sd, rho, white, interval, stated, 0.0, "")
+
+
+@pytest.mark.parametrize(("rho", "white"), [(0.6, 0.0), (0.6, 0.3), (0.0, 0.0)])
+def test_autocovariance(rho, white):
+    lag = np.array([0.0, 0.1, -0.2, 0.05])
+    expected = 4.0 * (1.0 - white) * np.array([1.0, rho, rho**2, rho**0.5]) * (rho > 0)
+    expected[0] = 4.0
+    np.testing.assert_allclose(make_noise(rho=rho, white=white).covariance(lag), expected, atol=1e-12)
+
+
+def test_filter_of_autoregressive_noise():
+    """The first tap is the correlation, and what it cannot predict has the variance sd² (1 - rho²); rho² over a gap."""
+    time, valid = 0.1 * np.arange(40), np.ones(40, bool)
+    valid[20] = False
+    weights, taps = whitening(make_noise(), time, valid)
+    assert weights[0] == 0.5 and not taps[0].any() and weights[20] == 0.0 and not taps[20].any()
+    np.testing.assert_allclose(weights[[1, 19, 22]], 0.5 / np.sqrt(1.0 - 0.36), rtol=1e-6)
+    assert weights[21] == pytest.approx(0.5 / np.sqrt(1.0 - 0.6**4), rel=1e-6)
+    np.testing.assert_allclose(taps[[1, 19, 22], 0], 0.6, rtol=1e-6)
+    assert taps[21, 1] == pytest.approx(0.36, rel=1e-6) and taps[21, 0] == 0.0
+    np.testing.assert_allclose(taps[5, 1:], 0.0, atol=1e-6)
+    white, none = whitening(make_noise(rho=0.0), time, valid)
+    np.testing.assert_array_equal(white, np.where(valid, 0.5, 0.0))
+    assert not none.any()
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_filter_is_the_factor_of_the_covariance(uneven):
+    """Of no more samples than taps: rows of the inverse of its Cholesky factor."""
+    time = 0.1 * np.arange(9) + (0.02 * np.sin(np.arange(9)) if uneven else 0.0)
+    noise = make_noise(white=0.3)
+    weights, taps = whitening(noise, time, np.ones(9, bool))
+    matrix = whitening_matrix(weights, taps).toarray()
+    factor = np.linalg.cholesky(noise.covariance(time[:, None] - time[None, :]))
+    np.testing.assert_allclose(matrix, np.linalg.inv(factor), atol=1e-8)
+    x = np.random.default_rng(0).normal(size=(9, 2))
+    np.testing.assert_allclose(whiten(weights, taps, x), matrix @ x, atol=1e-12)
+
+
+def test_spectrum_and_stray_are_those_of_the_autocovariance():
+    noise, lag = make_noise(1.0, 0.7, 0.25, 1.0), np.arange(-400, 401)
+    for f in (0.01, 0.2, 0.45):
+        power = np.sum(noise.covariance(lag) * np.cos(2 * np.pi * f * lag))
+        assert noise_estimation._spectrum(f, 1.0, 0.7, 0.25) == pytest.approx(power)
+        assert noise_estimation._spectrum(f / 0.1, 0.1, 0.7, 0.25) == pytest.approx(power)
+    covariance = noise.covariance(np.arange(12)[:, None] - np.arange(12)[None, :])
+    about = np.trace(covariance @ (np.eye(12) - 1.0 / 12.0)) / 11.0
+    assert noise_estimation._stray(0.7, 0.25, 12) == pytest.approx(about)
+
+
+@pytest.mark.parametrize("expected", [None, 1.3])
+def test_size_of_every_node_is_the_likeliest(expected):
+    """Beside a fine grid: the loss, where it is least, and its curvature."""
+    generator = np.random.default_rng(4)
+    shape, counts = generator.uniform(0.5, 2.0, (3, 40)), generator.integers(1, 5, 40) * 0.5
+    means = generator.exponential(2.0, 40)
+    loss, log_sd, error = noise_estimation._profile(shape, counts, means, expected)
+    grid = np.linspace(-1.0, 1.5, 500_001)
+    for k in range(3):
+        total, ratio = counts.sum(), np.sum(counts * means / shape[k])
+        tried = np.sum(counts * np.log(shape[k])) + 2.0 * total * grid + ratio * np.exp(-2.0 * grid)
+        if expected is not None:
+            tried = tried + 0.5 * ((grid - np.log(expected)) / noise_estimation.STATED) ** 2
+        best = int(np.argmin(tried))
+        assert log_sd[k] == pytest.approx(grid[best], abs=1e-5) and loss[k] == pytest.approx(tried[best], abs=1e-6)
+        curvature = (tried[best + 2000] - 2 * tried[best] + tried[best - 2000]) / (grid[2000] - grid[0]) ** 2
+        assert error[k] == pytest.approx(1.0 / np.sqrt(curvature), rel=2e-3)
+
+
+def test_splines_add_to_one():
+    """Inside each span, four at a time; nothing outside, nor where a span has too few samples."""
+    time = np.linspace(0.0, 2.0, 201)
+    found = spline_columns(time, [(0.2, 0.7, 8), (1.0, 1.5, 6), (1.9, 1.95, 9)]).toarray()
+    assert found.shape == (201, 14)
+    inside = ((time > 0.2) & (time <= 0.7)) | ((time > 1.0) & (time <= 1.5))
+    np.testing.assert_allclose(found.sum(axis=1), inside, atol=1e-12)
+    assert (found > 1e-12).sum(axis=1).max() == 4 and not found[:60, 8:].any()
+
+
+def test_when_noise_counts_as_changed():
+    one = {"x": make_noise(1.0, 0.5, 0.2, stated=1.0)}
+    for sd, rho, white, is_changed in ((1.02, 0.5, 0.2, False), (1.05, 0.5, 0.2, True), (0.95, 0.5, 0.2, True),
+                                       (1.0, 0.56, 0.2, True), (1.0, 0.46, 0.2, False), (1.0, 0.5, 0.36, True),
+                                       (1.0, 0.5, 0.06, False)):
+        assert changed(one, {"x": make_noise(sd, rho, white)}) is is_changed
+    for sd, rho, stated, differs in ((1.0, 0.0, 1.0, False), (1.11, 0.0, 1.0, True), (0.91, 0.0, 1.0, False),
+                                     (1.0, 0.1, 1.0, True), (3.0, 0.5, None, False)):
+        assert differs_from_stated({"x": make_noise(sd, rho, 0.0, stated=stated)}) is differs

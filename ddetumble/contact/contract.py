@@ -425,10 +425,8 @@ def _check_limits(bench: Bench) -> Found:
             continue
         if not one.limits_reason.strip():
             return f"limits of {one.name} have no reason: say why in `limits_reason`."
-        values = [one.default, *one.starts]
-        if one.coordinate == "inverse":
-            values = [1.0 / value if value else np.inf for value in values]
-        outside = [value for value in values if not low <= value <= high]
+        outside = [value for value in map(one.transform.publish, (one.default, *one.starts))
+                   if not low <= value <= high]
         if outside:
             return f"limits of {one.name} leave out {outside[0]:g}, its null or a start of its fits."
         stated.append(f"{one.name} {low:g} to {high:g}")
@@ -495,7 +493,7 @@ def _compare_null(bench: Bench) -> Found:
 
 def _find_slope(bench: Bench, k: int) -> Found:
     one = bench.parameters[k]
-    scanned = one.kind == "shape" or one.coordinate == "inverse" or one.singular
+    scanned = one.kind == "shape" or one.transform.reciprocal or one.singular
     points = bench.starts if scanned else [bench.null]
     if one.kind == "shape":
         points = [np.where(np.arange(len(bench.parameters)) == k, v, p)

@@ -57,11 +57,13 @@ class Transform:
         with np.errstate(divide="ignore"):
             return 1.0 / np.asarray(field, dtype=float)
 
+    def find_field(self, value: float) -> float:
+        """Field of a value."""
+        return (1.0 / value if value else math.inf) if self.reciprocal else value
+
     def to_unconstrained(self, value: float) -> float:
         """Coordinate of a value."""
-        if self.reciprocal:
-            return 1.0 / value if value else math.inf
-        return self.from_field(value)
+        return self.find_field(value) if self.reciprocal else self.from_field(value)
 
     def from_unconstrained(self, u: Any) -> Any:
         """Value at a coordinate: a float of a float, an array of a numpy array."""

@@ -19,14 +19,14 @@ from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts, list_origins
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .findings import Fit, summarise_fit
-from .horizon import MOST, is_lost, solve_growing
 from .models import ResolvedModel, resolve_effect
 from .noise import Noise
+from .noise_estimation import differs_from_stated, measure_noise
 from .parameters import ParameterSpace
 from .problem import Problem, Solution
+from .progressive_horizon import MOST, is_lost, solve_progressively
 from .specification import Prior, Specification, read_specification
 from .stack import Records, stack_records
-from .whiteness import differs_from_stated, measure_noise
 
 
 STARTS = 12  # tried at most
@@ -146,7 +146,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
                 raise
             continue
         if is_lost(problem, found.solution):
-            near = solve_growing(problem, names, u, tolerance=1e-2)
+            near = solve_progressively(problem, names, u, tolerance=1e-2)
             if not near.failed and not near.chi2 > found.solution.chi2:
                 found = solve_bounded(problem, names, near.u, near.z, limits, 1e-2)
         if not found.solution.failed and (best is None or found.solution.chi2 < best.solution.chi2):
@@ -198,7 +198,7 @@ def fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.n
     broken: tuple[ComputationError | None, Solution | None] = (None, None)
     for u in origins:
         try:
-            found = solve_growing(problem, names, u)
+            found = solve_progressively(problem, names, u)
         except ComputationError as error:
             broken = (error, broken[1])
             continue

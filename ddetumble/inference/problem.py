@@ -1,7 +1,7 @@
 """The compiled model: residuals, Jacobian and Levenberg-Marquardt of many records in one program.
 
 All parameters of a space are present; a fit moves a few of them. Each record's nuisances (conditions, time origin) are
-unknowns with their stated uncertainty as prior, eliminated by the arrow structure of the problem.
+unknowns with their stated uncertainty as prior, eliminated by the bordered structure of the normal equations.
 """
 
 import dataclasses as dc
@@ -18,7 +18,7 @@ from jaxtyping import Array
 from .._errors import ComputationError
 from .._numerics import map_threads
 from .._settings import reserve_memory
-from .arrow import ArrowMarquardt, profile_own
+from .levenberg_marquardt import BorderedLevenbergMarquardt, eliminate_nuisances
 from .parameters import ParameterSpace
 from .stack import DRIFT, ZERO, Records, Stack
 
@@ -201,7 +201,7 @@ def _solve(space, names, channels, stack, base, directions, low, high, prior_mea
     def fn(y, args):
         return model(*y)
 
-    solver = ArrowMarquardt(tolerance, max_steps)
+    solver = BorderedLevenbergMarquardt(tolerance, max_steps)
     start = (jnp.zeros((count,)), jnp.zeros_like(z0))
     found = optx.least_squares(fn, solver, start, has_aux=True, max_steps=None, throw=False)
     theta, z = found.value
@@ -260,7 +260,7 @@ class Solution:
         records, _, own = self.own.shape
         shared = self.shared if shared is None else shared
         rows = np.concatenate([self.own, np.broadcast_to(np.eye(own), (records, own, own))], axis=1)
-        return profile_own(np.concatenate([shared, np.zeros((records, own, shared.shape[2]))], axis=1),
+        return eliminate_nuisances(np.concatenate([shared, np.zeros((records, own, shared.shape[2]))], axis=1),
                            rows if more is None else np.concatenate([rows, more], axis=2),
                            np.concatenate([self.residual, self.z], axis=1) if right is None else right)
 

@@ -458,7 +458,8 @@ class Bench:
             if effect.id in effects or size > DIRECTIONS or size > len(self.data.peaks) - 2:
                 continue
             start = base or reference
-            here = {n: _field(start.estimates[n]["estimate"], self.program, n) for n in free}
+            here = {n: self.program.space.parameter(n).transform.find_field(start.estimates[n]["estimate"])
+                    for n in free}
             starts = self.starts_of(effect)
             # From the null too, so that a larger model never fits worse; never only from there.
             starts = [{}, *(starts[:2] if base else starts)]
@@ -551,7 +552,8 @@ class Bench:
 
     def read_best_as_gauge(self, row: PeakRow) -> PeakRow:
         """A row's model fitted again with the pressures read as gauge, in vacuum."""
-        start = {name: _field(value["estimate"], self.program, name) for name, value in row.estimates.items()}
+        start = {name: self.program.space.parameter(name).transform.find_field(value["estimate"])
+                 for name, value in row.estimates.items()}
         return self.solve([Recipe(f"{' + '.join(row.effects)}, pressures read as gauge", "reading", row.effects,
                                   tuple(row.estimates), (start,))], self._shift())[0]
 
@@ -565,12 +567,6 @@ def _made(folds: np.ndarray | None) -> np.ndarray:
     if folds is None:
         raise ValueError("`hold_out` has to come before a choice inside the folds.")
     return folds
-
-
-def _field(value: float, program: PeakProgram, name: str) -> float:
-    """Field value of a public estimate."""
-    inverse = program.space.slots[program.space.index[name]].parameter.coordinate == "inverse"
-    return (1.0 / value if value else np.inf) if inverse else value
 
 
 def choose_effects(effects: Sequence[type[AbstractEffect]], reference: AbstractReference,

@@ -18,7 +18,8 @@ from ..families import FAMILIES, find_family, name_family
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.files import make_plain
 from ..inference.models import ResolvedModel
-from ..inference.noise import Noise, estimate_noise
+from ..inference.noise import Noise
+from ..inference.noise_estimation import estimate_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.stack import default_noise
 from ..measurement.campaign import Campaign

@@ -95,9 +95,7 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
 
 def reach_limit(p: Parameter) -> float:
     """Farthest that the field of an amplitude may be from its null: within bounds, what physics allows, and reason."""
-    low, high = p.limits
-    if p.coordinate == "inverse":
-        low, high = (1.0 / high if high else math.inf), (1.0 / low if low > 0 else math.inf)
+    low, high = p.transform.interval(*p.limits) if p.transform.reciprocal else p.limits
     low, high = max(low, p.bounds[0]), min(high, p.bounds[1])
     reach = high - p.default if (p.sign or 1) > 0 else p.default - low
     return min(HUGE * p.typical, 0.999 * reach)

@@ -16,9 +16,9 @@ from scipy import sparse, stats
 
 from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix
+from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
 from ..inference.stack import DRIFT, ZERO, Records
-from ..inference.whiteness import list_spans, spline_columns
 from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import whiten
 from ..inference.problem import Problem, Solution
+from ..inference.progressive_horizon import is_lost, solve_progressively
 from ..inference.stack import Stack
 from .problem import SelectionProblem
 
@@ -118,7 +118,7 @@ def set_aside(selection: SelectionProblem, solution: Solution, record: int, out:
               for k, u in enumerate(selection.list_origins(solution.u))]
     rest = min((masked.solve(names, u, z, tolerance=1e-2) for u, z in starts), key=lambda found: found.chi2)
     if is_lost(masked, rest):
-        again = solve_growing(masked, names, selection.guess, tolerance=1e-2)
+        again = solve_progressively(masked, names, selection.guess, tolerance=1e-2)
         rest = again if again.chi2 < rest.chi2 else rest
     spread = rest.covariance() / np.outer(rest.scales, rest.scales)
     at = settle(selection.problem, names, rest.u, rest.z)

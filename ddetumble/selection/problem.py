@@ -12,12 +12,12 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
-from ..inference.horizon import is_lost, solve_growing
 from ..inference.noise import Noise
+from ..inference.noise_estimation import changed, differs_from_stated, measure_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
+from ..inference.progressive_horizon import is_lost, solve_progressively
 from ..inference.stack import Records, stack_records
-from ..inference.whiteness import changed, differs_from_stated, measure_noise
 from ..measurement.campaign import Campaign
 from ..measurement.grouping import can_leave_out, count_conditions, group_conditions
 from .cross_validation import forecast, leave_out, predict_left_out
@@ -214,7 +214,7 @@ class SelectionProblem:
         best = None
         jobs = [(problem.solve, o, s, z) for o in self.list_origins(base) for s in starts]
         if self.lost:
-            jobs += [(partial(solve_growing, problem), self.guess, s, None) for s in starts]
+            jobs += [(partial(solve_progressively, problem), self.guess, s, None) for s in starts]
         for solve, origin, start, own in jobs:
             u = origin.copy()
             for name, value in start.items():
@@ -371,7 +371,7 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     """
     # From a start guessed from the contact times, else from the defaults.
     guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
-    solution = _require(selection, solve_growing(selection.problem, selection.base, guess))
+    solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
     noise = measure_noise(selection.campaign, selection.records, solution)
     selection = dc.replace(selection, guess=guess, noise=noise)
     if differs_from_stated(noise):

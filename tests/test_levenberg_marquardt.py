@@ -6,7 +6,7 @@ import optimistix as optx
 import pytest
 from scipy.optimize import least_squares
 
-from ddetumble.inference.arrow import ArrowMarquardt
+from ddetumble.inference.levenberg_marquardt import BorderedLevenbergMarquardt
 from ddetumble.inference.problem import Solution
 
 
@@ -33,7 +33,7 @@ def test_minimum_is_that_of_scipy():
         return np.concatenate([np.ravel(predict(theta, z, np) - measured) / 0.01, np.ravel(z)])
 
     start = (jnp.asarray([0.8, 6.0]), jnp.zeros((RECORDS, 2)))
-    solver = ArrowMarquardt(jnp.asarray(1e-10), jnp.asarray(40))
+    solver = BorderedLevenbergMarquardt(jnp.asarray(1e-10), jnp.asarray(40))
     found = optx.least_squares(fn, solver, start, has_aux=True, throw=False)
     expected = least_squares(flat, np.concatenate([[0.8, 6.0], np.zeros(2 * RECORDS)]), xtol=1e-15, ftol=1e-15,
                              gtol=1e-12)  # fmt: skip
@@ -49,7 +49,7 @@ def test_a_parameter_without_effect_does_no_harm():
         return (y[1] - 2.0 + y[0][0], y[1], jnp.zeros(2) * y[0]), None
 
     start = (jnp.asarray([5.0, 3.0]), jnp.zeros((4, 1)))
-    solver = ArrowMarquardt(jnp.asarray(1e-12), jnp.asarray(60))
+    solver = BorderedLevenbergMarquardt(jnp.asarray(1e-12), jnp.asarray(60))
     found = optx.least_squares(fn, solver, start, has_aux=True, throw=False)
     assert np.all(np.isfinite(found.value[0])) and np.all(np.isfinite(found.value[1]))
     np.testing.assert_allclose(found.value[0][0], 2.0, atol=1e-5)
@@ -65,7 +65,7 @@ def test_a_parameter_that_is_asleep_holds_nobody_up(asleep):
         first = jnp.where(jnp.arange(20) == 0, 40.0, 0.0)
         return ((slope * (y[0][0] - 3.0) * 10.0 + dead + first)[None], y[1], 0.0 * y[0]), None
 
-    solver = ArrowMarquardt(jnp.asarray(1e-6), jnp.asarray(30))
+    solver = BorderedLevenbergMarquardt(jnp.asarray(1e-6), jnp.asarray(30))
     found = optx.least_squares(fn, solver, (jnp.zeros(2), jnp.zeros((1, 1))), has_aux=True, throw=False)
     expected = 3.0 - 40.0 * slope[0] / (10.0 * np.sum(slope**2))
     np.testing.assert_allclose(found.value[0][0], expected, atol=2e-3)
@@ -79,11 +79,11 @@ def test_gives_up_after_the_stated_number_of_trials(most):
         x, r = y[0][0], y[0][1]
         return (jnp.stack([1.0 - x, 10.0 * (r - x * x)])[None], y[1], 0.0 * y[0]), None
 
-    solver = ArrowMarquardt(jnp.asarray(1e-12), jnp.asarray(most))
+    solver = BorderedLevenbergMarquardt(jnp.asarray(1e-12), jnp.asarray(most))
     start = (jnp.asarray([-1.2, 1.0]), jnp.zeros((1, 1)))
     found = optx.least_squares(fn, solver, start, has_aux=True, throw=False)
     assert found.stats["num_steps"] == most and not solver.has_converged(found.state)
-    longer = ArrowMarquardt(jnp.asarray(1e-12), jnp.asarray(100))
+    longer = BorderedLevenbergMarquardt(jnp.asarray(1e-12), jnp.asarray(100))
     found = optx.least_squares(fn, longer, start, has_aux=True, throw=False)
     assert longer.has_converged(found.state)
     np.testing.assert_allclose(found.value[0], 1.0, rtol=1e-5)

@@ -1,4 +1,4 @@
-"""Fits from afar: records that run on from where they start are fitted to a growing horizon.
+"""Progressive horizon: records that run on from where they start are fitted over ever longer stretches.
 
 A wrong inertia ratio turns the model out of step with the measurement, by many turns at the end of a long record, and
 the sum of squares has a minimum at every turn. Over the first radian there is but one; what is learnt there keeps the
@@ -60,7 +60,7 @@ def _spread(places: np.ndarray) -> np.ndarray:
     return places[np.unique(np.linspace(0, len(places) - 1, min(len(places), MOST)).astype(int))]
 
 
-def solve_growing(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
+def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
                   **options) -> Solution:
     """Fit as `Problem.solve` does, free-running records over a growing horizon first.
 

@@ -1,7 +1,7 @@
-"""Levenberg-Marquardt, in optimistix, for a few shared parameters and a few nuisances of every record.
+"""Bordered Levenberg-Marquardt, in optimistix: a few shared parameters and a few nuisances of every record.
 
-No record feels another's nuisances, so the normal equations have the shape of an arrow: the Schur complement solves
-them at a cost that grows with the number of records, not with its cube.
+No record feels another's nuisances: the normal equations are block-diagonal with a border, and the Schur complement
+solves them at a cost that grows with the number of records, not with its cube.
 """
 
 from collections.abc import Callable
@@ -94,7 +94,7 @@ class _DescentState(eqx.Module):
     expected: Array
 
 
-class ArrowDescent(optx.AbstractDescent):
+class BorderedDescent(optx.AbstractDescent):
     """The damped step; damping is relative to the diagonal, as Marquardt had it."""
 
     def init(self, y: Any, f_info_struct: Any) -> _DescentState:
@@ -130,7 +130,7 @@ class GainSearch(optx.AbstractSearch):
     tolerance: Array
 
     def init(self, y: Any, f_info_struct: Any) -> _SearchState:
-        """Gentle at first."""
+        """Initial damping."""
         return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0))
 
     def step(self, first_step: Bool[Array, ""], y: Any, y_eval: Any, f_info: Any, f_eval_info: Any,
@@ -149,7 +149,7 @@ class GainSearch(optx.AbstractSearch):
         return 1.0 / damping, accept, optx.RESULTS.successful, _SearchState(damping, growth, state.trials + 1)
 
 
-class ArrowMarquardt(optx.AbstractGaussNewton):
+class BorderedLevenbergMarquardt(optx.AbstractGaussNewton):
     """Levenberg-Marquardt that ends where the sum of squares is expected to fall by less than `tolerance`.
 
     That expected decrease is the squared distance to the minimum in standard errors, so a tolerance of 1e-4 means 1 %
@@ -162,7 +162,7 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     rtol: float
     atol: float
     norm: Callable
-    descent: ArrowDescent
+    descent: BorderedDescent
     search: GainSearch
     verbose: Callable[..., None]
     tolerance: Array
@@ -171,7 +171,7 @@ class ArrowMarquardt(optx.AbstractGaussNewton):
     def __init__(self, tolerance: Array, most: Array):
         self.rtol = self.atol = 0.0
         self.norm = optx.max_norm
-        self.descent = ArrowDescent()
+        self.descent = BorderedDescent()
         self.search = GainSearch(tolerance)
         self.verbose = _say_nothing
         self.tolerance = tolerance
@@ -194,7 +194,7 @@ def _say_nothing(**more):
     pass
 
 
-def profile_own(shared, own, right):
+def eliminate_nuisances(shared, own, right):
     """Eliminate each record's nuisances (numpy): residual and shared columns orthogonal to the nuisance columns.
 
     Args:

@@ -1,0 +1,373 @@
+"""Noise estimation: the noise of a campaign from what a model of it leaves above the frequencies of the contact.
+
+The size comes from what the campaign states, the correlation from frequencies above those of any contact, never from
+the low-frequency residuals of a model under suspicion. Above the contact's frequencies white noise, autoregressive
+noise and their sum often look alike; below, where a missing force would act, they differ. So none is chosen before the
+level there is known: it is averaged over all, and its error holds their differences.
+"""
+
+import dataclasses as dc
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy import sparse
+from scipy.interpolate import BSpline
+
+from ..families import Span, find_family
+from ..measurement.campaign import Campaign
+from .noise import Noise
+from .problem import Solution
+from .stack import Records, default_noise
+
+
+PAIRS = 6  # samples apart, at most
+MOST = 2000  # frequencies kept apart
+WORTH = 4.0  # in the logarithm of the likelihood, that a further parameter of the noise has to bring
+BELOW = np.array([0.05, 0.15, 0.35, 0.6, 0.9])  # of the lowest frequency used: where the contact's own are
+DRIFT = 3.0  # correlation times over the period of the lowest frequency used: what is slower is no noise
+SLOW = np.array([0.02])  # the same in cycles a sample, where differences of samples are all that is looked at
+SHORTEST = 0.3  # correlation time [samples]
+NODES = (48, 24)  # in correlation time and in the share that is white
+ROUNDS = 8
+FAR = 12.0  # below the best in the logarithm of the likelihood: no longer looked at
+STATED = 0.01  # relative standard deviation of a size that a campaign states
+LARGE = 1_000_000  # numbers of a spline basis beyond which its zeros are left out
+LEAST = 24  # samples without a gap that tell something about the noise
+Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def list_spans(records: Records, row: int, end: float) -> list[Span]:
+    """Stretches of a record over which a missing force is smooth."""
+    n = records.lengths[row]
+    strokes = records.strokes[row] if records.strokes else np.zeros(n, dtype=int)
+    return find_family(records.family).lay_spans(np.asarray(records.stack.time)[row, :n],
+                                                 np.asarray(records.stack.values)[row, :, :n], strokes, end)
+
+
+def spline_columns(time: np.ndarray, spans: list[Span]) -> sparse.csr_matrix:
+    """Cubic B-splines over each span, shape (samples, columns); four of a span are not zero at a time."""
+    found = [sparse.csr_matrix((len(time), 0))]
+    for low, high, number in spans:
+        inside = np.flatnonzero((time > low) & (time <= high))
+        number = min(number, len(inside) // 4)
+        if number < 4:
+            continue
+        knots = np.concatenate([[low] * 3, np.linspace(low, high, number - 2), [high] * 3])
+        own = BSpline.design_matrix(time[inside], knots, 3).tocoo()
+        found.append(sparse.csr_matrix((own.data, (inside[own.row], own.col)), shape=(len(time), number)))
+    return sparse.csr_matrix(sparse.hstack(found))
+
+
+def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
+    """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
+    found, family = {}, find_family(records.family)
+    contact = family.has_contact
+    values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
+    for c, channel in enumerate(records.channels):
+        traces, steps, pairs = [], [], []
+        for r, n in enumerate(records.lengths):
+            difference = np.diff(time[r, :n])
+            # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
+            # the parts of a tumbling record between its gaps.
+            used = np.asarray(records.stack.weights)[r, c, :n] > 0
+            if contact and records.complete[r, c]:
+                used = np.ones(n, dtype=bool)
+            if used.sum() < LEAST:
+                continue
+            trace = (values[r, c] - solution.channels[r, c])[:n]
+            smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
+            # What is smooth over a contact may be missing physics: it tells nothing about the noise.
+            trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
+            pairs.append((time[r, :n][used], trace[used], float(np.median(difference))))
+            if not np.allclose(difference, difference[0], rtol=2e-3):
+                continue
+            for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
+                if used[run[0]] and (len(run) >= LEAST or len(run) == n):
+                    traces.append(trace[run])
+                    steps.append(difference[0])
+        stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
+        if sum(map(len, traces)) < 0.5 * sum(len(pair[0]) for pair in pairs):
+            found[channel] = estimate_from_pairs([pair[:2] for pair in pairs], float(np.median([p[2] for p in pairs])),
+                                                 stated.stated_sd)
+            continue
+        if not traces:
+            found[channel] = dc.replace(stated, log_level_sd=0.1,
+                                        text="too few samples: taken as white, of the stated size")
+            continue
+        # Strokes at two speeds have two sampling intervals: one of them, not the mean.
+        interval = float(np.median(steps) if contact else np.sort(steps)[len(steps) // 2])
+        same = [r for r in range(records.count)
+                if contact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
+        lengths = [high - low for r in same
+                   for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if contact else None]]
+        lowest = 10.0 / float(np.median(lengths))
+        if family.free_running:
+            spans = [list_spans(records, r, 0.0)[0] for r in same]
+            numbers = [min(number, records.lengths[r] // 4) / (b - a) for r, (a, b, number) in zip(same, spans,
+                                                                                                  strict=True)]
+            lowest = 0.6 * float(np.max(numbers))
+        found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
+                                         if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
+                                        _quiet_deviation(records, c))
+    return found
+
+
+def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
+    """Coefficients of least squares; those of long records by the normal equations, which splines leave banded."""
+    if np.prod(np.shape(columns)) < LARGE:
+        return np.linalg.lstsq(columns.toarray(), values, rcond=None)[0]
+    square = (columns.T @ columns).toarray()
+    square[np.diag_indices_from(square)] += 1e-9 * np.trace(square) / len(square)
+    return np.linalg.solve(square, columns.T @ values)
+
+
+def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] | None:
+    """Standard deviation of the samples before first touch, each record about its own mean; how many there are of all
+    records, and of one; None where there are none.
+    """
+    if not find_family(records.family).has_contact:
+        return None
+    values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
+    squares, count, lengths = 0.0, 0, []
+    for r, n in enumerate(records.lengths):
+        before = values[r, channel, :n][time[r, :n] < -1e-4]
+        if len(before) > 3 and records.complete[r, channel]:
+            squares += float(np.sum((before - before.mean()) ** 2))
+            count += len(before) - 1
+            lengths.append(len(before))
+    return (float(np.sqrt(squares / count)), count, int(np.median(lengths))) if count and squares > 0 else None
+
+
+def changed(before: Mapping[str, Noise], after: dict[str, Noise]) -> bool:
+    """Whether a second measurement of the noise differs enough from the first to fit again."""
+    return any(abs(np.log(after[c].sd / before[c].sd)) > 0.03
+               or abs(after[c].correlation - before[c].correlation) > 0.05
+               or abs(after[c].white_share - before[c].white_share) > 0.15 for c in after)
+
+
+def differs_from_stated(noise: dict[str, Noise]) -> bool:
+    """Whether any channel's noise is correlated, or of another size than the campaign states by more than a tenth."""
+    return any(n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > 0.1 for n in noise.values() if n.stated_sd)
+
+
+def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.ndarray,
+              white: float | np.ndarray) -> np.ndarray:
+    """Power per sample at unit variance."""
+    phase = np.cos(2 * np.pi * frequency * interval)
+    coloured = (1 - correlation**2) / (1 - 2 * correlation * phase + correlation**2)
+    return (1 - white) * coloured + white
+
+
+def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
+                   quiet_sd: tuple[float, int, int] | None = None) -> Noise:
+    """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
+
+    Args:
+        traces: residuals of each record (no gaps), SI.
+        interval: sampling interval [s].
+        lowest: lowest frequency that is used [Hz].
+        stated_sd: standard deviation that the campaign states, or None.
+        quiet_sd: standard deviation of samples without contact about the mean of each stretch, how many they are, and
+            how long a stretch is; it replaces what is stated where the two disagree beyond doubt, unless noise of the
+            stated size would stray as little over so short a while.
+    """
+    expected, doubtful = stated_sd, False
+    if quiet_sd is not None and stated_sd is not None and quiet_sd[1] >= 30:
+        doubtful = abs(np.log(quiet_sd[0] / stated_sd)) > max(0.15, 10.0 / np.sqrt(2.0 * quiet_sd[1]))
+    power, frequency = [], []
+    for trace in traces:
+        n = len(trace)
+        if n < LEAST:
+            continue
+        window = np.hanning(n + 2)[1:-1]
+        window = window / np.sqrt(np.mean(window**2))
+        x = np.fft.rfft((trace - np.mean(trace)) * window)
+        f = np.fft.rfftfreq(n, interval)
+        keep = (f >= lowest) & (f < 0.49 / interval)
+        power.append(np.abs(x[keep]) ** 2 / n)
+        frequency.append(f[keep])
+    count = sum(len(p) for p in power)
+    if count < LEAST:
+        sd = expected if expected is not None else float(np.std(np.concatenate(traces)))
+        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2,
+                     "too few samples to measure its correlation: taken as white")
+    power, frequency = np.concatenate(power), np.concatenate(frequency)
+    # A Hann window makes neighbouring ordinates correlated: about half of them are independent.
+    weight = 0.5
+
+    def weigh(sd, rho, white):
+        s = sd**2 * _spectrum(frequency, interval, rho, white)
+        return weight * np.sum(np.log(s) + power / s)
+
+    frequencies, counts, means = _gather(frequency, power)
+
+    def choose(expected):
+        return weigh_kinds(
+            lambda rho, white: _spectrum(frequencies, interval, rho[:, None], white[:, None]),
+            lambda rho, white: np.log(_spectrum(lowest * BELOW, interval, rho[:, None], white[:, None])).mean(axis=1),
+            weight * counts, means, expected, DRIFT / (lowest * interval), interval, stated_sd)
+
+    found = choose(expected)
+    if not doubtful or quiet_sd is None:
+        return found
+    quiet, count, length = quiet_sd
+
+    def judge(noise):
+        spread = noise.sd**2 * _stray(noise.correlation, noise.white_share, length)
+        free = 0.5 * count * (1.0 - noise.correlation) / (1.0 + noise.correlation)
+        return (weigh(noise.sd, noise.correlation, noise.white_share)
+                + 0.5 * free * (np.log(spread / quiet**2) + quiet**2 / spread - 1.0)
+                + WORTH * ((noise.correlation > 0) + (noise.white_share > 0)))
+
+    # A slow drift beside white noise of another size would say the same: the simpler account is believed.
+    other = choose(quiet)
+    return other if judge(other) < judge(found) else found
+
+
+def _stray(correlation: float, white: float, length: int) -> float:
+    """Expected variance of so many neighbours about their own mean, at unit variance."""
+    lag = np.arange(1, length)
+    return 1.0 - 2.0 * (1.0 - white) * float(np.sum((length - lag) * correlation**lag)) / (length * (length - 1.0))
+
+
+def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None) -> Noise:
+    """The same where samples are missing or unevenly taken: likelihood of the differences of near samples.
+
+    Differences over a few intervals hardly feel what is slow, such as a missing force.
+
+    Args:
+        traces: times [s] and residuals [SI] of each record's samples.
+        interval: for which the correlation is given [s].
+        stated_sd: standard deviation that the campaign states, or None.
+    """
+    lags, squares = [], []
+    for time, x in traces:
+        for k in range(1, PAIRS + 1):
+            lag = time[k:] - time[:-k]
+            near = lag < 2.0 * PAIRS * interval
+            lags.append(lag[near])
+            squares.append((x[k:] - x[:-k])[near] ** 2)
+    lag, square = np.concatenate(lags), np.concatenate(squares)
+    if len(lag) < LEAST * PAIRS:
+        sd = stated_sd if stated_sd is not None else float(np.sqrt(np.mean(square) / 2.0))
+        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2,
+                     "too few samples to measure its correlation: taken as white")
+    weight = 0.5 / PAIRS  # every sample is in so many pairs
+
+    lags, counts, squares = _gather(lag / interval, square)
+    found = weigh_kinds(
+        lambda rho, white: 2.0 * (1.0 - (1.0 - white[:, None]) * rho[:, None] ** lags),
+        lambda rho, white: np.log(_spectrum(SLOW / interval, interval, rho[:, None], white[:, None])).mean(axis=1),
+        weight * counts, squares, stated_sd, DRIFT / SLOW[0], interval, stated_sd)
+    return dc.replace(found, text=found.text + "; from pairs of samples, as some are missing or unevenly taken")
+
+
+def _gather(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean `values` of every `x` that occurs, with neighbours taken together where there are many; how many each is."""
+    unique, place = np.unique(np.round(x / max(x.max(), 1e-300), 6), return_inverse=True)
+    place = place * min(MOST, len(unique)) // len(unique)
+    counts = np.bincount(place)
+    return np.bincount(place, x) / counts, counts, np.bincount(place, values) / counts
+
+
+@dc.dataclass(frozen=True)
+class _Nodes:
+    """Noises of one kind, each standing for a part of the prior `volume` together with what the samples say."""
+
+    correlation: np.ndarray
+    white_share: np.ndarray
+    loss: np.ndarray
+    log_sd: np.ndarray
+    log_sd_error: np.ndarray
+    volume: float
+
+    @property
+    def log_evidence(self) -> float:
+        low = self.loss.min()
+        return float(np.log(self.volume * np.sum(np.exp(low - self.loss))) - low)
+
+
+def weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np.ndarray,
+                expected: float | None, longest: float, interval: float, stated_sd: float | None) -> Noise:
+    r"""Average over white noise, AR(1) noise and their sum, each as likely as the others beforehand.
+
+    The logarithm of the likelihood is $-\sum_k n_k(\log s_k + p_k/s_k)$ with $s_k = \sigma^2 S_k(\rho, w)$. The
+    size $\sigma$ is profiled; correlation times are as likely in every decade, shares in every tenth.
+
+    Args:
+        shape: $S$ of correlations and shares, shape (nodes,) each, at unit variance: shape (nodes, terms).
+        log_level: logarithm of the power at unit variance where it has to be known: shape (nodes,).
+        counts: weights $n_k$, shape (terms,).
+        means: observed $p_k$, shape (terms,).
+        expected: standard deviation that is stated, or None.
+        longest: correlation time [samples] beyond which noise would be a drift.
+        interval, stated_sd: as in `Noise`.
+    """
+    def weigh(correlation, white_share, volume):
+        return _Nodes(correlation, white_share, *_profile(shape(correlation, white_share), counts, means, expected),
+                      volume)
+
+    kinds = [weigh(np.zeros(1), np.zeros(1), 1.0), *(_search(weigh, longest, mixed) for mixed in (False, True))]
+    evidence = np.array([kind.log_evidence for kind in kinds])
+    chance = np.exp(evidence - np.logaddexp.reduce(evidence))
+    within = [np.exp(kind.loss.min() - kind.loss) for kind in kinds]
+    weight = np.concatenate([c * w / w.sum() for c, w in zip(chance, within, strict=True)])
+    level = np.concatenate([2.0 * k.log_sd + log_level(k.correlation, k.white_share) for k in kinds])
+    mean = float(np.sum(weight * level))
+    error = np.concatenate([2.0 * k.log_sd_error for k in kinds])
+    variance = float(np.sum(weight * (error**2 + (level - mean) ** 2)))
+    # It stands for all: near their mean level, of a likely kind, and likely within it.
+    unlikely = np.concatenate([k.loss - k.loss.min() - np.log(c) for c, k in zip(np.maximum(chance, 1e-300), kinds,
+                                                                                 strict=True)])
+    best = int(np.argmin((level - mean) ** 2 / variance + 2.0 * unlikely))
+    sd, rho, white = (np.concatenate([getattr(k, name) for k in kinds])[best]
+                      for name in ("log_sd", "correlation", "white_share"))
+    sd, rho, white = float(np.exp(sd)), float(rho), float(white)
+    text = (f"correlated along the trace ({rho:.2f}), {100 * white:.0f} % of its power white" if white else
+            f"correlated along the trace ({rho:.2f} from sample to sample)") if rho > 0 else "white"
+    if stated_sd is not None and abs(np.log(sd / stated_sd)) > 0.1:
+        text += f"; its size {sd:.3g} is not the stated {stated_sd:.3g}"
+    return Noise(sd, rho, white, interval, stated_sd, float(np.sqrt(variance + (level[best] - mean) ** 2)), text)
+
+
+def _search(weigh, longest: float, mixed: bool) -> _Nodes:
+    """Nodes over the part of the prior that the samples leave, found by looking ever closer."""
+    box = np.array([[np.log(SHORTEST), np.log(longest)], [0.0, 1.0]])
+    whole = box[0, 1] - box[0, 0]
+    for left in reversed(range(ROUNDS)):
+        size = (box[:, 1] - box[:, 0]) / NODES
+        axes = [low + step * (np.arange(count) + 0.5)
+                for low, step, count in zip(box[:, 0], size, NODES, strict=True)]
+        time, share = np.meshgrid(axes[0], axes[1] if mixed else np.zeros(1), indexing="ij")
+        volume = size[0] / whole * (size[1] if mixed else 1.0)
+        found = weigh(np.exp(-np.exp(-time.ravel())), share.ravel(), volume)
+        near = (found.loss < found.loss.min() + FAR).reshape(time.shape)
+        inside = [np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))][: 1 + mixed]
+        if left == 0 or all(i[-1] - i[0] > 0.5 * n for i, n in zip(inside, NODES, strict=False)):
+            return found
+        for k, i in enumerate(inside):
+            low, high = box[k]
+            box[k] = max(low, axes[k][i[0]] - 2.0 * size[k]), min(high, axes[k][i[-1]] + 2.0 * size[k])
+    raise AssertionError
+
+
+def _profile(shape: np.ndarray, counts: np.ndarray, means: np.ndarray,
+             expected: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Loss at the best size of every node, the logarithm of that size and its error, shape (nodes,) each."""
+    total = counts.sum()
+    loss = np.log(shape) @ counts
+    ratio = (1.0 / shape) @ (counts * means)
+    log_sd = 0.5 * np.log(ratio / total)
+    if expected is not None:  # it weighs 1 / STATED^2; the loss is convex in it: Newton's method from above
+        log_sd = np.full_like(log_sd, np.log(expected))
+        for _ in range(50):
+            part = ratio * np.exp(-2.0 * log_sd)
+            slope = 2.0 * (total - part) + (log_sd - np.log(expected)) / STATED**2
+            step = slope / (4.0 * part + 1.0 / STATED**2)
+            log_sd = log_sd - np.clip(step, -0.5, 0.5)
+            if np.max(np.abs(step)) < 1e-10:
+                break
+        loss = loss + 0.5 * ((log_sd - np.log(expected)) / STATED) ** 2
+    part = ratio * np.exp(-2.0 * log_sd)
+    loss = loss + 2.0 * total * log_sd + part
+    return loss, log_sd, 1.0 / np.sqrt(4.0 * part + (STATED**-2 if expected is not None else 0.0))
