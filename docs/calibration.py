@@ -21,6 +21,7 @@ import pandas as pd
 from scipy import stats
 
 from ddetumble.effects import parameters_of
+from ddetumble.exam.simulators.campaigns import Campaign as SimulatedCampaign
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures.style import AFTER, BEFORE, GREY, dress, new_figure, render_png, styled
@@ -108,7 +109,7 @@ def draw_truth(case: Case, space: ParameterSpace, generator) -> dict[str, float]
     return found
 
 
-def make_raw(case: Case, truth: Mapping[str, float], seed: int) -> dict[str, Any]:
+def make_raw(case: Case, truth: Mapping[str, float], seed: int) -> SimulatedCampaign:
     """A campaign by the independent simulator."""
     base = {**{k: v for k, v in truth.items() if "." not in k}, **case.known}
     effects: dict[str, dict[str, float]] = {}
@@ -116,33 +117,32 @@ def make_raw(case: Case, truth: Mapping[str, float], seed: int) -> dict[str, Any
         if "." in name:
             effect, _, own = name.partition(".")
             effects.setdefault(effect, {})[own] = value
-    maker: Callable[..., dict[str, Any]] = make_campaign if case.family == "impact" else make_slip_campaign
+    maker: Callable[..., SimulatedCampaign] = make_campaign if case.family == "impact" else make_slip_campaign
     return maker("calibration", seed, effects, base, **case.plan)
 
 
-def read_raw(case: Case, raw: Mapping[str, Any]) -> Campaign:
+def read_raw(case: Case, raw: SimulatedCampaign) -> Campaign:
     """The campaign that reading its folder would give, without the folder."""
-    stated = raw["uncertainties"]
-    records = pd.DataFrame([r["written"] for r in raw["records"]], index=[r["record"] for r in raw["records"]])
+    stated = raw.uncertainties
+    records = pd.DataFrame([r.written for r in raw.records], index=[r.label for r in raw.records])
     records.index.name = "record"
     units = {"initial_pressure": "Pa", "approach_speed": "m/s", "normal_load": "N", "internal_pressure": "Pa",
              "slip_speed": "m/s", "sequence": "1"}
     conditions = {c: Column(c, units[c], Uncertainty(relative=stated[c]) if c in stated else None)
                   for c in records.columns}
     if case.family == "impact":
-        parts = [pd.DataFrame({"record": s["record"], "time": s["times"], "normal_force": s["values"][:, 0]})
-                 for s in raw["samples"]]
-        axis, channel, noise = Column("time", "s", Uncertainty(stated["time"])), "normal_force", raw["noise"]
+        axis, channel = Column("time", "s", Uncertainty(stated["time"])), "normal_force"
         known: dict[str, float | None] = {"outer_diameter": 0.060, "effective_mass": None, "restitution": None}
     else:
-        parts = [pd.DataFrame({"record": r["record"], "slip": raw["path"], "tangential_force": r["force"]})
-                 for r in raw["records"]]
-        axis, channel, noise = Column("slip", "m"), "tangential_force", {"tangential_force": raw["noise"]}
+        axis, channel = Column("slip", "m"), "tangential_force"
         known = {"tensile_strength": 10e6, "real_contact_pressure": 20e6, "elastic_modulus": 7.8e6,
                  "poisson_ratio": 0.47, "adhesion_constant": None, "loss_factor": None, "slip_scale": None}
         known |= dict(case.known)
+    parts = [pd.DataFrame({"record": r.label, axis.name: r.along[axis.name], channel: r.values[:, 0]})
+             for r in raw.records]  # fmt: skip
     return Campaign("calibration", "calibration", case.family, None, known, records, conditions, axis,
-                    {channel: Column(channel, "N", Uncertainty(noise[channel]))}, pd.concat(parts, ignore_index=True))
+                    {channel: Column(channel, "N", Uncertainty(raw.noise[channel]))},
+                    pd.concat(parts, ignore_index=True))
 
 
 @cache

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from ddetumble.cli.failures import run_guarded
-from ddetumble.exam.drawing import Case, Exam
+from ddetumble.exam.cases import Case, Exam
+from ddetumble.exam.examination import judge_case
 from ddetumble.exam.running import run_all
-from ddetumble.exam.sitting import sit_case
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.reports.page import write_whole
 
@@ -52,7 +52,7 @@ def sit_one(exams: dict[str, Exam], questions: list[tuple[str, dict[str, Any]]],
     """One case of the sample, as its committed row describes it."""
     name, row = questions[job]
     asked = {field.name: row[field.name] for field in dc.fields(Case)}
-    return sit_case(exams[name], Case(**asked)) | {"exam": name}
+    return judge_case(exams[name], Case(**asked)) | {"exam": name}
 
 
 def compare_rows(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ Writes `result.json` and `README.md`.
 """
 
 import argparse
-import copy
+import dataclasses as dc
 import json
 import os
 import sys
@@ -27,8 +27,10 @@ from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder  # noqa: E402
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder  # noqa: E402
+from ddetumble.exam.simulators.campaigns import Campaign as SimulatedCampaign  # noqa: E402
+from ddetumble.exam.simulators.campaigns import write_package  # noqa: E402
+from ddetumble.exam.simulators.impact_campaigns import make_campaign  # noqa: E402
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign  # noqa: E402
 from ddetumble.planning.limits import Limit  # noqa: E402
 from ddetumble.planning.nexttest import design  # noqa: E402
 from ddetumble.selection.discover import discover  # noqa: E402
@@ -48,7 +50,8 @@ BASE = {
 MOST = 24  # records of a test at most; none was asked for more
 
 
-def make_case(family: str, effects: dict, seed: int, name: str, settings: tuple | None = None, count: int = 2) -> dict:
+def make_case(family: str, effects: dict, seed: int, name: str, settings: tuple | None = None, count: int = 2
+              ) -> SimulatedCampaign:
     """A campaign with settings close together, or `count` records at one setting."""
     if family == "impact":
         pressures, speeds = ([1.0e6, 1.1e6], [0.38, 0.42]) if settings is None else ([settings[0]] * 2, [settings[1]])
@@ -58,24 +61,14 @@ def make_case(family: str, effects: dict, seed: int, name: str, settings: tuple 
     return make_slip_campaign(name, seed, effects, BASE[family], loads, pressures, speeds, count, noise=0.08)
 
 
-def write_case(case: dict, family: str, folder: Path) -> Path:
-    """Write a campaign of either family."""
-    (write_campaign_folder if family == "impact" else write_slip_folder)(folder, case)
-    return folder
-
-
-def extend_case(case: dict, more: dict, count: int) -> dict:
+def extend_case(case: SimulatedCampaign, more: SimulatedCampaign, count: int) -> SimulatedCampaign:
     """The campaign with the first `count` records of another one after its own."""
-    whole = copy.deepcopy(case)
-    number = len(case["records"])
-    for k in range(count):
-        row = copy.deepcopy(more["records"][k])
-        row["record"] = f"r{number + k + 1:02d}"
-        row["true"]["sequence"] = row["written"]["sequence"] = number + k + 1
-        whole["records"].append(row)
-        if "samples" in more:
-            whole["samples"].append({**more["samples"][k], "record": row["record"]})
-    return whole
+    records = list(case.records)
+    for row in more.records[:count]:
+        number = {"sequence": len(records) + 1}
+        records.append(dc.replace(row, label=f"r{len(records) + 1:02d}", true=row.true | number,
+                                  written=row.written | number))
+    return dc.replace(case, records=records)
 
 
 def draw_conditions(limits: tuple[Limit, ...], generator: np.random.Generator) -> dict[str, float]:
@@ -98,7 +91,8 @@ def judge_case(number: int, seed: int, folder: Path) -> dict:
     family, name, values = HIDDEN[number % len(HIDDEN)]
     effects = {name: values}
     case = make_case(family, effects, 100 * seed + number, f"case-{number:02d}")
-    first = discover(write_case(case, family, folder / "campaign"))
+    write_package(folder / "campaign", case)
+    first = discover(folder / "campaign")
     rivals = confuse(first)
     row: dict[str, Any] = {"case": number, "family": family, "hidden": effects, "verdict": first.verdict,
                            "rivals": rivals}
@@ -124,7 +118,8 @@ def judge_case(number: int, seed: int, folder: Path) -> dict:
             if often == "repeated" and records == 1:
                 row[kind][often] = row[kind]["once"]
                 continue
-            again = discover(write_case(extend_case(case, more, records), family, folder / f"{kind}-{often}"))
+            write_package(folder / f"{kind}-{often}", extend_case(case, more, records))
+            again = discover(folder / f"{kind}-{often}")
             left = sorted(set(confuse(again)) & set(rivals))
             row[kind][often] = {"records": records, "verdict": again.verdict, "effects": list(again.effects),
                                 "left": left, "split": left == [name]}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def make_row(index, kind="nothing", verdict="nothing-missing", effects=(), found=(), others=(), strength=3.0, **more):
-    """A row as `sit` writes it; `others` are in the confusion set of the first effect found."""
+    """A row as `run_case` writes it; `others` are in the confusion set of the first effect found."""
     sets = [[name, *(others if k == 0 else ())] for k, name in enumerate(found)]
     return {
         "index": index, "kind": kind, "verdict": verdict, "effects": {name: {"k": 2.0} for name in effects},

@@ -9,7 +9,8 @@ import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.archive import load, make_fitted, resolve_model, save_model
 from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.noise import Noise
@@ -53,7 +54,7 @@ def make_solution(space, names, values):
 def campaign(tmp_path_factory):
     place = tmp_path_factory.mktemp("archive") / "c"
     made = make_campaign("c", 3, {}, {"effective_mass": 1.3, "restitution": 0.7}, [6e5, 1e6], [0.3], 1, interval=2e-3)
-    write_campaign_folder(place, made)
+    write_package(place, made)
     return read_campaign(place)
 
 

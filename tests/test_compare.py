@@ -10,7 +10,8 @@ from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
 from ddetumble.effects.wall import WallStiffness
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.families import FAMILIES
 from ddetumble.inference.archive import make_fitted, resolve_model, save_model
 from ddetumble.inference.models import is_fitted
@@ -30,7 +31,7 @@ WALL = {"wall-stiffness": {"k_w": 900.0, "q": 1.0}}
 def make(folder, seed, effects=None):
     """Simulate and write a campaign of twelve records."""
     made = make_campaign("made", seed, effects or {}, BASE, (5e5, 1e6, 2e6), (0.2, 0.45), 2, interval=1e-3)
-    write_campaign_folder(folder, made)
+    write_package(folder, made)
     return read_campaign(folder)
 
 

@@ -10,7 +10,8 @@ import pytest
 from ddetumble.cli import main
 from ddetumble.contact.sliding import RubberFriction
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures import draw_map, draw_next_test
 from ddetumble.inference.archive import load, make_fitted, save_model
 from ddetumble.inference.parameters import ParameterSpace
@@ -87,7 +88,7 @@ def rivals(tmp_path_factory):
     folder = tmp_path_factory.mktemp("design")
     made = make_slip_campaign("one-speed", 5, {"viscous-friction": {"c_t": 4.0}}, BASE, LOADS, PRESSURES, [SPEED], 1,
                               interval=2e-4)
-    write_slip_folder(folder / "campaign", made)
+    write_package(folder / "campaign", made)
     campaign = read_campaign(folder / "campaign")
     noise = {"tangential_force": default_noise(campaign, "tangential_force", np.arange(9) * 2e-4)}
     space = ParameterSpace(RubberFriction(), (ViscousFriction, AdhesiveOffset))
@@ -245,7 +246,7 @@ def test_map_sizes_are_found(tmp_path, capsys):
         for seed in range(8):
             made = make_slip_campaign("one", 300 + seed, {"viscous-friction": {"c_t": share * size}}, BASE, LOADS,
                                       PRESSURES, [0.1, 0.4])
-            write_slip_folder(tmp_path / f"{share}-{seed}", made)
+            write_package(tmp_path / f"{share}-{seed}", made)
             bench = pose_selection(read_campaign(tmp_path / f"{share}-{seed}"), RubberFriction())
             bench, fitted = fit_reference(bench)
             lack, _ = bench.test_lack_of_fit(fitted)
@@ -266,11 +267,11 @@ def test_a_channel_is_proposed(tmp_path):
     from ddetumble.contact.law import Ball
     from ddetumble.effects.sensor import SensorGain
     from ddetumble.effects.wall import MembraneArea
-    from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+    from ddetumble.exam.simulators.impact_campaigns import make_campaign
 
     made = make_campaign("held", 3, {"sensor-gain": {"g": 1.08}}, {"effective_mass": 1.4, "restitution": 0.75},
                          [1.0e6, 1.1e6], [0.4], 2, interval=1e-3)
-    write_campaign_folder(tmp_path / "campaign", made)
+    write_package(tmp_path / "campaign", made)
     campaign = read_campaign(tmp_path / "campaign")
     space = ParameterSpace(Ball(), (SensorGain, MembraneArea))
     problem = Problem(space, stack_records(campaign))
@@ -295,7 +296,7 @@ def make_spins(folder, monkeypatch, effects, starts):
     monkeypatch.setattr(tumbling_campaigns, "draw_rates", lambda generator, count: np.asarray(starts, dtype=float))
     made = tumbling_campaigns.make_tumble_campaign("spins", 6, effects, {"inertia_ratio": 0.5}, len(starts),
                                                    interval=4.0)
-    tumbling_campaigns.write_tumble_folder(folder, made)
+    tumbling_campaigns.write_campaign(folder, made)
     return read_campaign(folder)
 
 
@@ -353,7 +354,7 @@ def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
             monkeypatch.setattr(tumbling_campaigns, "draw_rates", lambda generator, n: np.asarray(starts))
             made = tumbling_campaigns.make_tumble_campaign("spins", 60 + seed, {"eddy-current": {"k_e": share * size}},
                                                            {"inertia_ratio": 0.5}, 3, interval=4.0)
-            tumbling_campaigns.write_tumble_folder(tmp_path / f"{share}-{seed}", made)
+            tumbling_campaigns.write_campaign(tmp_path / f"{share}-{seed}", made)
             bench = pose_selection(read_campaign(tmp_path / f"{share}-{seed}"), RigidBody())
             bench, fitted = fit_reference(bench)
             lack, _ = bench.test_lack_of_fit(fitted)

@@ -1,11 +1,13 @@
 """The smallest effect that a campaign would have shown: what a refit finds, or not said at all."""
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 
 import ddetumble as dd
-from ddetumble.exam.simulators.tumbling import simulate_tumbling
-from ddetumble.exam.simulators.tumbling_campaigns import write_tumble_folder
+from ddetumble.exam.simulators.campaigns import draw_records, write_package
+from ddetumble.exam.simulators.tumbling_campaigns import describe_tumbling
 
 
 NOISE = 0.005  # rad/s, of a phone's gyroscope
@@ -16,13 +18,9 @@ BASE = {"inertia_ratio": 1.6}
 def write_phone(folder, starts, effects=None, noise=NOISE):
     """A phone thrown or spun by hand: three records of 10 s at 100 Hz."""
     generator = np.random.default_rng(1)
-    rows = []
-    for k, start in enumerate(starts):
-        rates = simulate_tumbling(BASE, effects or {}, start, TIMES, 0.0)[0]
-        rates = rates + noise * generator.standard_normal(rates.shape)
-        rows.append({"record": f"r{k}", "start": start, "rates": rates})
-    write_tumble_folder(folder, {"name": "phone", "title": "phone", "noise": NOISE, "records": rows, "times": TIMES,
-                                 "attitude": False})
+    phone = describe_tumbling("phone", 1, effects or {}, BASE, TIMES, noise=noise, orbit_rate=0.0)
+    campaign = draw_records(phone, generator, [{"w0": start} for start in starts])
+    write_package(folder, dc.replace(campaign, noise=dict.fromkeys(campaign.noise, NOISE)))
     return folder
 
 

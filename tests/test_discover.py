@@ -6,7 +6,8 @@ import pytest
 
 from ddetumble._settings import find_data
 from ddetumble.cli import main
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection.discover import discover
 
@@ -19,7 +20,7 @@ def judge(tmp_path, name, effects, seed, **options):
     """Simulate a campaign, write it, and let `discover` judge the folder."""
     options = {"repeats": 1, "interval": 4e-4, **options}
     campaign = make_campaign(name, seed, effects, BASE, PRESSURES, SPEEDS, **options)
-    write_campaign_folder(tmp_path / name, campaign)
+    write_package(tmp_path / name, campaign)
     return discover(tmp_path / name)
 
 

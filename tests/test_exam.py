@@ -16,28 +16,38 @@ from ddetumble import InputError, read_campaign
 from ddetumble._errors import ComputationError
 from ddetumble.cli import main
 from ddetumble.exam import running, scoring
-from ddetumble.exam.benches import BENCHES, Hidden
-from ddetumble.exam.drawing import PATTERN, STRONGEST, TRUTHS, WEAKEST, Exam, draw_case, find_kind, write_case
-from ddetumble.exam.examination import examine
+from ddetumble.exam.cases import (
+    GENERATORS,
+    PATTERN,
+    STRONGEST,
+    TRUTHS,
+    WEAKEST,
+    Exam,
+    find_kind,
+    sample_case,
+    write_case,
+)
+from ddetumble.exam.examination import examine, join_truth, name_truth
 from ddetumble.exam.faults import FAULTS
 from ddetumble.exam.scorecard import write_scorecard
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.generator import Hidden
 from ddetumble.exam.simulators.impact import NULLS
-from ddetumble.exam.simulators.impact_campaigns import NOISE, UNCERTAINTIES, order_tests
+from ddetumble.exam.simulators.impact_campaigns import NOISE, UNCERTAINTIES, order_impacts, refer_impacts
 from ddetumble.exam.simulators.slip_campaigns import (
     SLIP_NOISE,
     SLIP_UNCERTAINTIES,
-    measure_slip_misfit,
     order_slip_tests,
     place_path,
+    refer_slip,
 )
 from ddetumble.exam.simulators.strength import measure_misfit, reach_strength
 from ddetumble.exam.simulators.tumbling_campaigns import draw_rates, measure_tumble_misfit
-from ddetumble.exam.sitting import hold_to_truth, name_truth
 from tests.helpers_exam import die_always, die_once, finish, make_row
 
 
 ROOT = Path(__file__).resolve().parent.parent
-FAMILIES = tuple(BENCHES)
+FAMILIES = tuple(GENERATORS)
 
 
 def pcg(seed):
@@ -63,9 +73,9 @@ def test_kinds_come_in_a_fixed_pattern():
 def test_a_case_is_the_same_whichever_others_run(family):
     """The same seed and number give the same case, other numbers and seeds another; null cases cost no simulation."""
     exam = Exam(family, 5, truths=("nothing",))
-    cases = [draw_case(exam, index) for index in range(6)]
-    assert draw_case(exam, 4) == cases[4] and len({case.seed for case in cases}) == 6
-    assert draw_case(Exam(family, 6, truths=("nothing",)), 4).setting != cases[4].setting
+    cases = [sample_case(exam, index) for index in range(6)]
+    assert sample_case(exam, 4) == cases[4] and len({case.seed for case in cases}) == 6
+    assert sample_case(Exam(family, 6, truths=("nothing",)), 4).setting != cases[4].setting
     for case in cases:
         assert case.effects == {} and case.fault in (None, *FAULTS)
         assert case.noise["rho"] == 0.0 or 0.3 <= case.noise["rho"] <= 0.9
@@ -74,24 +84,24 @@ def test_a_case_is_the_same_whichever_others_run(family):
 def test_noise_and_faults_are_those_asked_for():
     """One kind of noise, one fault or none; drawn ones come at about the odds stated."""
     for kind in ("white", "ar1"):
-        rows = [draw_case(Exam("slip", 1, ("nothing",), kind, "clipping"), k) for k in range(20)]
+        rows = [sample_case(Exam("slip", 1, ("nothing",), kind, "clipping"), k) for k in range(20)]
         assert {row.noise["rho"] > 0 for row in rows} == {kind == "ar1"} and {row.fault for row in rows} == {"clipping"}
-    rows = [draw_case(Exam("slip", 1, ("nothing",)), k) for k in range(400)]
+    rows = [sample_case(Exam("slip", 1, ("nothing",)), k) for k in range(400)]
     assert 0.4 < np.mean([row.noise["rho"] > 0 for row in rows]) < 0.6
     assert 0.18 < np.mean([row.fault is not None for row in rows]) < 0.32
     assert {row.fault for row in rows} == {None, *FAULTS}
-    assert {draw_case(Exam("slip", 1, ("nothing",), fault="none"), k).fault for k in range(20)} == {None}
+    assert {sample_case(Exam("slip", 1, ("nothing",), fault="none"), k).fault for k in range(20)} == {None}
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_benches_hide_what_the_simulators_know(family):
+@pytest.mark.parametrize("name", FAMILIES)
+def test_generators_hide_what_the_simulators_know(name):
     """Nothing but catalogued effects in the catalogue and nothing catalogued outside it; amplitude 1 can be built."""
-    bench, generator = BENCHES[family], np.random.default_rng(1)
-    assert all(name.startswith("x-") for name in bench.outside)
-    assert not any(name.startswith("x-") for name in bench.catalogue)
-    if family == "impact":
-        assert set(bench.catalogue) | set(bench.outside) == set(NULLS)
-    for hidden in {**bench.catalogue, **bench.outside}.values():
+    family, generator = GENERATORS[name], np.random.default_rng(1)
+    assert all(effect.startswith("x-") for effect in family.outside)
+    assert not any(effect.startswith("x-") for effect in family.catalogue)
+    if name == "impact":
+        assert set(family.catalogue) | set(family.outside) == set(NULLS)
+    for hidden in {**family.catalogue, **family.outside}.values():
         drawn = hidden.draw(generator)
         assert all(np.isfinite(x).all() for x in hidden.build(1.0, drawn).values()) and hidden.most >= 1.0
 
@@ -107,16 +117,17 @@ def test_hidden_effects_scale_as_stated():
 
 @pytest.mark.parametrize("index", [0, 1, 4, 7])
 def test_slip_strengths_are_as_asked(index):
-    """A full refit of all nuisances by another method finds the strength that a case states."""
+    """A full refit with derivatives found anew at every step finds the strength that a case states."""
     exam = Exam("slip", 11, truths=("one", "two", "outside"))
-    case = draw_case(exam, index)
+    case = sample_case(exam, index)
     s = case.setting
     path = place_path(s["length"], s["interval"])[0][::2]
     tests = order_slip_tests(pcg(case.seed), s["loads"], s["pressures"], s["speeds"])
     assert len(case.effects) == {"two": 2}.get(case.kind, 1) and (case.kind == "outside") == any(
         name.startswith("x-") for name in case.effects)  # fmt: skip
+    reference = refer_slip(s["base"], tests, path, SLIP_NOISE, SLIP_UNCERTAINTIES)
     for name, values in case.effects.items():
-        full = measure_slip_misfit(s["base"], {name: values}, tests, path, SLIP_NOISE, SLIP_UNCERTAINTIES)
+        full = measure_misfit(reference, {name: values})
         assert case.strengths[name] == pytest.approx(full, rel=0.05)
         assert WEAKEST * 0.97 < case.strengths[name] < STRONGEST * 1.03
         if name != "presliding":  # which takes the sample at zero slip however short it is
@@ -126,18 +137,18 @@ def test_slip_strengths_are_as_asked(index):
 @pytest.mark.slow
 def test_impact_strengths_are_as_asked():
     """The same for an impact case, with a finer integrator and derivatives found anew at every step."""
-    case = draw_case(Exam("impact", 2, truths=("one",)), 4)
+    case = sample_case(Exam("impact", 2, truths=("one",)), 4)
     s = case.setting
-    tests = order_tests(pcg(case.seed), s["pressures"], s["speeds"], s["repeats"])[:12]
-    full = measure_misfit(s["base"], case.effects, tests, [NOISE["normal_force"]], UNCERTAINTIES, steps=3, rtol=1e-8,
-                          parts=10)
+    tests = order_impacts(pcg(case.seed), s["pressures"], s["speeds"], s["repeats"])[:12]
+    reference = refer_impacts(s["base"], tests, [NOISE["normal_force"]], UNCERTAINTIES, rtol=1e-8, parts=10)
+    full = measure_misfit(reference, case.effects, steps=3)
     ((asked, reached),) = zip(case.asked.values(), case.strengths.values(), strict=True)
     assert reached == pytest.approx(asked, rel=0.03) and full == pytest.approx(reached, rel=0.05)
 
 
 def test_tumble_strengths_are_as_asked():
     """The same for a tumbling case, on all samples of its records."""
-    case = draw_case(Exam("tumble", 3, truths=("one",)), 0)
+    case = sample_case(Exam("tumble", 3, truths=("one",)), 0)
     s = case.setting
     times = np.arange(round(s["duration"] / s["interval"]) + 1) * s["interval"]
     starts = draw_rates(pcg(case.seed), s["records"])
@@ -161,10 +172,10 @@ def test_the_campaign_says_nothing_of_the_truth(family, tmp_path):
     words = set()
     for index, truth in enumerate(TRUTHS if family == "slip" else ("nothing", "outside")):
         exam = Exam(family, 4, truths=(truth,), fault="none")
-        case = draw_case(exam, index)
+        case = sample_case(exam, index)
         write_case(exam, case, tmp_path / truth)
         text = (tmp_path / truth / "datapackage.json").read_text(encoding="utf-8")
-        assert not any(name in text for name in {**exam.bench.catalogue, **exam.bench.outside})
+        assert not any(name in text for name in {**exam.generator.catalogue, **exam.generator.outside})
         descriptor = json.loads(text)
         assert descriptor["name"] == f"case-{index:04d}" and read_campaign(tmp_path / truth).family == family
         columns = [field["name"] for table in descriptor["resources"] for field in table["schema"]["fields"]
@@ -178,12 +189,12 @@ def test_the_campaign_says_nothing_of_the_truth(family, tmp_path):
 def test_faults_do_what_they_say(family, fault, tmp_path):
     """The faulty campaign differs from the sound one in the samples that the fault names, and is read all the same."""
     sound, faulty = (Exam(family, 9, ("nothing",), "white", kind) for kind in ("none", fault))
-    case = draw_case(faulty, 2)
-    made = sound.bench.make("case", case.seed, {}, case.setting, case.noise)
+    case = sample_case(faulty, 2)
+    made = sound.generator.make("case", case.seed, {}, **case.setting, **case.noise)
     told = write_case(faulty, case, tmp_path / "faulty")
-    sound.bench.write(tmp_path / "sound", made)
+    write_package(tmp_path / "sound", made)
     campaigns = [read_campaign(tmp_path / name) for name in ("sound", "faulty")]
-    channels = list(sound.bench.channels)
+    channels = list(sound.generator.channels)
     before, after = (c.samples[channels].to_numpy() for c in campaigns if c.samples is not None)
     changed = ~np.isclose(before, after, atol=1e-12, equal_nan=True)
     assert changed.any()
@@ -269,7 +280,7 @@ def test_truth_has_the_names_that_results_use():
     truth = name_truth({"inertia_ratio": 0.5}, {"gyro-bias": {"bias": [1.0, 2.0, 3.0]}, "stribeck": {"A": 0.2}})
     assert truth == {"inertia_ratio": 0.5, "gyro-bias.bias.0": 1.0, "gyro-bias.bias.1": 2.0, "gyro-bias.bias.2": 3.0,
                      "stribeck.A": 0.2}
-    assert hold_to_truth({"stribeck.A": [0.3, 0.1, 0.5], "other": [1, 2, 3]}, truth) == {
+    assert join_truth({"stribeck.A": [0.3, 0.1, 0.5], "other": [1, 2, 3]}, truth) == {
         "stribeck.A": [0.2, 0.3, 0.1, 0.5]}  # fmt: skip
 
 
@@ -292,7 +303,7 @@ def test_scorecard_lists_every_failure(tmp_path):
 
 def test_an_exam_goes_on_where_it_was_killed(tmp_path):
     """A process killed in the middle, and a torn last line: every case is there once in the end, in order."""
-    code = ("from ddetumble.exam.drawing import Exam; from ddetumble.exam.examination import examine; "
+    code = ("from ddetumble.exam.cases import Exam; from ddetumble.exam.examination import examine; "
             "from tests.helpers_exam import dawdle; import sys; "
             "examine(Exam('slip', 1), range(30), sys.argv[1], workers=1, work=dawdle)")
     process = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT,

@@ -9,10 +9,11 @@ import pytest
 from ddetumble import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
-from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
+from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_noise
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
@@ -40,13 +41,13 @@ SHIPPED = sorted(p.name for p in find_data().glob("*-?") if p.name != "README")
 def write(folder, family, effects, *, repeats=2):
     """A campaign of a family by the independent simulator."""
     if family == "impact":
-        write_campaign_folder(folder, make_campaign("f", 21, effects, BALL, [0.5e6, 1.1e6, 2.2e6], [0.16, 0.38, 0.66],
+        write_package(folder, make_campaign("f", 21, effects, BALL, [0.5e6, 1.1e6, 2.2e6], [0.16, 0.38, 0.66],
                                                     repeats, interval=4e-4))
     elif family == "slip":
-        write_slip_folder(folder, make_slip_campaign("f", 22, effects, RUBBER, [6.0, 13.0, 25.0], [0.8e6, 1.9e6],
+        write_package(folder, make_slip_campaign("f", 22, effects, RUBBER, [6.0, 13.0, 25.0], [0.8e6, 1.9e6],
                                                      [0.02, 0.1, 0.4], 1))
     else:
-        write_tumble_folder(folder, make_tumble_campaign("f", 23, effects, {"inertia_ratio": 0.53}, 5))
+        write_package(folder, make_tumble_campaign("f", 23, effects, {"inertia_ratio": 0.53}, 5))
     return folder
 
 
@@ -441,7 +442,7 @@ def test_a_gain_at_a_corner_that_nothing_beside_it_shares_is_a_fault(clean, tmp_
 def test_a_wrong_record_and_a_missing_effect_hide_each_other(tmp_path):
     """Neither the model without the effect nor the effects found with the record see what is wrong."""
     folder = tmp_path / "both"
-    write_slip_folder(folder, make_slip_campaign("f", 25, {"viscous-friction": {"c_t": 2.8}}, RUBBER, [7.5, 12.3, 19.6],
+    write_package(folder, make_slip_campaign("f", 25, {"viscous-friction": {"c_t": 2.8}}, RUBBER, [7.5, 12.3, 19.6],
                                                  [0.73e6, 1.71e6], [0.048, 0.285], 1))
     load, speed, pressure = (list_column(folder, name) for name in ("normal_load", "slip_speed", "internal_pressure"))
     key = min(load, key=lambda k: load[k] / speed[k] / pressure[k])
@@ -463,7 +464,7 @@ def test_a_steep_trend_towards_the_largest_load_loses_no_record(clean, tmp_path,
 @pytest.mark.study
 def test_two_records_stand_against_a_third(tmp_path):
     folder = tmp_path / "three"
-    write_tumble_folder(folder, make_tumble_campaign("f", 24, {}, {"inertia_ratio": 0.53}, 3))
+    write_package(folder, make_tumble_campaign("f", 24, {}, {"inertia_ratio": 0.53}, 3))
     found = discover(spoil(folder, tmp_path / "f", (faults.scale, RATES, "r02", 1.35)))
     check(found, "nothing-missing", (), {"inertia_ratio": 0.53})
     assert [(f.records, f.left_out) for f in found.faults] == [(("r02",), True)]
@@ -472,7 +473,7 @@ def test_two_records_stand_against_a_third(tmp_path):
 @pytest.mark.study
 def test_an_end_stop_that_only_the_deepest_tests_feel_loses_no_record(tmp_path):
     folder = tmp_path / "stop"
-    write_campaign_folder(folder, make_campaign(
+    write_package(folder, make_campaign(
         "stop", 41, {"x-end-stop": {"k": 2e5, "depth": 7.5e-3}}, BALL, [0.5e6, 1.1e6, 2.2e6], [0.16, 0.38, 0.66], 1,
         interval=4e-4))
     found = discover(folder)

@@ -12,7 +12,8 @@ from scipy import stats
 import ddetumble as dd
 from ddetumble._errors import InputError
 from ddetumble.cli import main
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.bounded import truncate_normal
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.goodness import judge_goodness
@@ -29,7 +30,7 @@ PLAN = dict(pressures=[6e5, 1.6e6], speeds=[0.3, 0.55], repeats=2, interval=8e-4
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("fit") / "wall"
     made = make_campaign("wall", 11, {"wall-stiffness": {"k_w": 1500.0}}, BASE, **PLAN)
-    write_campaign_folder(place, made)
+    write_package(place, made)
     return place
 
 
@@ -49,7 +50,7 @@ def test_intervals_hold_the_truth(fitted, tmp_path):
     inside = total = 0
     for seed in (12, 13):
         place = tmp_path / str(seed)
-        write_campaign_folder(place, make_campaign("c", seed, {"wall-stiffness": {"k_w": 1500.0}}, BASE, **PLAN))
+        write_package(place, make_campaign("c", seed, {"wall-stiffness": {"k_w": 1500.0}}, BASE, **PLAN))
         result = fit(place, effects=["wall-stiffness"])
         for found in (result, fitted) if seed == 12 else (result,):
             assert found.converged and 0.8 < found.chi2_reduced < 1.25
@@ -299,7 +300,7 @@ def test_the_committed_fit_belongs_to_its_data():
 def curved(tmp_path_factory):
     """A wall whose force grows as the power 1.5 of the depression."""
     place = tmp_path_factory.mktemp("curved") / "wall"
-    write_campaign_folder(place, make_campaign("wall", 21, {"wall-stiffness": {"k_w": 1.5e4, "q": 1.5}}, BASE, **PLAN))
+    write_package(place, make_campaign("wall", 21, {"wall-stiffness": {"k_w": 1.5e4, "q": 1.5}}, BASE, **PLAN))
     return place
 
 

@@ -7,8 +7,9 @@ import pytest
 
 from ddetumble._errors import InputError
 from ddetumble.cli import main
+from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import simulate
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference.noise import Noise
 from ddetumble.measurement.package import read_campaign
@@ -23,17 +24,17 @@ ALL = ("normal_force", "depression", "pressure")
 def make(folder, seed, effects=None, base=BASE, **options):
     """Simulate a campaign of twelve records and write it; returns both."""
     made = make_campaign("made", seed, effects or {}, base, (4e5, 1e6, 2.3e6), (0.2, 0.5), 2, channels=ALL, **options)
-    write_campaign_folder(folder, made)
+    write_package(folder, made)
     return made, read_campaign(folder)
 
 
 def measure_truth(made, found):
     """Error of the identified force over its stated deviation, where the ball touches."""
     errors = []
-    for row, samples in zip(made["records"], made["samples"], strict=True):
-        times = samples["times"] - row["time_shift"]
-        truth = simulate(made["base"], made["effects"], row["true"], times, rtol=1e-9)[:, 0]
-        own = found.table[found.table.record == row["record"]]
+    for row in made.records:
+        times = row.along["time"] - row.shift
+        truth = simulate(made.base, made.effects, row.true, times, rtol=1e-9)[:, 0]
+        own = found.table[found.table.record == row.label]
         inside = (own.normal_force_sd.to_numpy() > 0) & (truth > 0.5)
         errors.append(((own.normal_force - truth) / own.normal_force_sd).to_numpy()[inside])
     return np.concatenate(errors)
@@ -60,7 +61,7 @@ def test_within_uncertainty(case, tmp_path):
     assert 0.9 < found.rms_z < 1.12 and 0.93 < found.coverage < 0.975, str(found)
     z = measure_truth(made, found)
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3 and np.mean(np.abs(z) < 1.96) > 0.9
-    assert abs(found.restitution - made["base"]["restitution"]) < 3.5 * found.restitution_sd < 0.02
+    assert abs(found.restitution - made.base["restitution"]) < 3.5 * found.restitution_sd < 0.02
     assert found.notes == () and "agrees" in found.sentence and len(found.table) == len(campaign.samples)
     assert (found.table["normal_force_sd"] >= 0).all()
 
@@ -99,7 +100,7 @@ def test_gauge_unused(tmp_path, capsys):
 def test_refused(tmp_path, capsys):
     """Without depression there is nothing to identify from."""
     made = make_campaign("made", 1, {}, BASE, (5e5, 1e6), (0.3,), 2, interval=1e-3)
-    write_campaign_folder(tmp_path, made)
+    write_package(tmp_path, made)
     campaign = read_campaign(tmp_path)
     with pytest.raises(InputError, match="no channel 'depression'"):
         identify(campaign)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import beta
 
+from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import (
     Impact,
     integrate_contact,
@@ -14,7 +15,7 @@ from ddetumble.exam.simulators.impact import (
     simulate,
     solve_damping,
 )
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.impact_campaigns import make_campaign, refer_impacts
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.exam.simulators.slip import (
     Rub,
@@ -24,13 +25,8 @@ from ddetumble.exam.simulators.slip import (
     measure_slip_coefficient,
     simulate_slip,
 )
-from ddetumble.exam.simulators.slip_campaigns import (
-    SLIP_UNCERTAINTIES,
-    make_slip_campaign,
-    measure_slip_misfit,
-    write_slip_folder,
-)
-from ddetumble.exam.simulators.strength import measure_misfit, scale_amplitude
+from ddetumble.exam.simulators.slip_campaigns import SLIP_UNCERTAINTIES, make_slip_campaign, refer_slip
+from ddetumble.exam.simulators.strength import measure_misfit, reach_strength
 
 
 BASE = {"effective_mass": 1.4, "restitution": 0.72}
@@ -239,11 +235,11 @@ def test_campaign_scatters_as_stated_and_repeats_bit_for_bit(tmp_path):
     options = {"pressures": [1e6] * 6, "speeds": [0.6] * 5, "repeats": 4, "interval": 4e-3}
     first = make_campaign("trial", 5, {}, BASE, **options)
     for name, width in (("initial_pressure", 0.005), ("approach_speed", 0.003)):
-        error = [row["written"][name] / row["true"][name] - 1.0 for row in first["records"]]
+        error = [row.written[name] / row.true[name] - 1.0 for row in first.records]
         assert np.std(error) == pytest.approx(width, rel=0.2)
-    assert np.std([row["time_shift"] for row in first["records"]]) == pytest.approx(5e-5, rel=0.2)
+    assert np.std([row.shift for row in first.records]) == pytest.approx(5e-5, rel=0.2)
     for label in ("one", "two"):
-        write_campaign_folder(tmp_path / label, make_campaign("trial", 5, {}, BASE, **options))
+        write_package(tmp_path / label, make_campaign("trial", 5, {}, BASE, **options))
     for path in (tmp_path / "one").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
 
@@ -253,15 +249,12 @@ def test_misfit_after_refit():
     """What the reference parameters can take leaves nothing; a scaled amplitude leaves what was wanted."""
     conditions = [CONDITIONS | {"initial_pressure": p} for p in (5e5, 2e6)]
     stated = {"initial_pressure": 5e-3, "approach_speed": 3e-3, "time": 5e-5}
-    arguments = (BASE, conditions, [0.25], stated)
+    reference = refer_impacts(BASE, conditions, [0.25], stated, rtol=1e-9)
     # a pressure law this weak is a factor on each record's pressure, small against its prior: the nuisances take it
-    assert measure_misfit(BASE, {"x-pressure-power": {"s": 1e-4}}, *arguments[1:]) < 1e-2
-
-    def build(tau_a):
-        return {"adhesion": {"tau_a": tau_a}}
-
-    amplitude = scale_amplitude(build, 2.0, (1e4, 2e5), *arguments, steps=3)
-    assert measure_misfit(BASE, build(amplitude), *arguments[1:]) == pytest.approx(2.0, rel=0.05)
+    assert measure_misfit(reference, {"x-pressure-power": {"s": 1e-4}}) < 1e-2
+    amplitude, _ = reach_strength(
+        lambda a: measure_misfit(reference, {"adhesion": {"tau_a": a * 4e4}}, steps=3), 2.0, 5.0)  # fmt: skip
+    assert measure_misfit(reference, {"adhesion": {"tau_a": amplitude * 4e4}}) == pytest.approx(2.0, rel=0.05)
 
 
 @pytest.mark.parametrize("load", [6.0, 14.0, 27.0])
@@ -377,12 +370,12 @@ def test_slip_campaign_scatters_as_stated_and_repeats_bit_for_bit(tmp_path):
     plan = {"loads": [8.0, 20.0], "pressures": [1e6] * 6, "speeds": [0.05] * 5, "repeats": 4, "interval": 2e-3}
     first = make_slip_campaign("trial", 5, {}, SLIP_BASE, **plan, strokes=[6e-3, 4e-3], numbered=True)
     for name, width in SLIP_UNCERTAINTIES.items():
-        error = [row["written"][name] / row["true"][name] - 1.0 for row in first["records"]]
+        error = [row.written[name] / row.true[name] - 1.0 for row in first.records]
         assert np.std(error) == pytest.approx(width, rel=0.2)
-    assert all(np.isnan(row["force"]).nonzero()[0].tolist() == [3] for row in first["records"])
+    assert all(np.isnan(row.values[:, 0]).nonzero()[0].tolist() == [3] for row in first.records)
     for label in ("one", "two"):
         again = make_slip_campaign("trial", 5, {}, SLIP_BASE, **plan, strokes=[6e-3, 4e-3], numbered=True)
-        write_slip_folder(tmp_path / label, again)
+        write_package(tmp_path / label, again)
     for path in (tmp_path / "one").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
     lines = (tmp_path / "one" / "samples.csv").read_text(encoding="utf-8").splitlines()
@@ -394,10 +387,10 @@ def test_slip_campaign_scatters_as_stated_and_repeats_bit_for_bit(tmp_path):
 def test_slip_misfit_after_refit():
     """What K, tan delta and slip_scale can take leaves nothing; a fine sawtooth leaves all of itself."""
     conditions = [SLIP_CONDITIONS | {"normal_load": f, "internal_pressure": p} for f in (6.0, 24.0) for p in (8e5, 2e6)]
-    arguments = (conditions, PATH, 0.04, SLIP_UNCERTAINTIES)
+    reference = refer_slip(SLIP_BASE, conditions, PATH, 0.04, SLIP_UNCERTAINTIES)
     # a speed law at one speed is a factor on K and tan delta together
-    assert measure_slip_misfit(SLIP_BASE, {"stribeck": {"A": 0.3, "u_s": 0.1}}, *arguments) < 1e-6
+    assert measure_misfit(reference, {"stribeck": {"A": 0.3, "u_s": 0.1}}) < 1e-6
     wave = {"x-stick-slip": {"ratio": 0.03, "wavelength": 1e-3}}
     force = np.array([simulate_slip(SLIP_BASE, {}, c, PATH) for c in conditions])
     saw = 0.03 * np.sqrt(np.mean(force**2) / 3.0) / 0.04  # rms of a sawtooth of unit height is 1/sqrt 3
-    assert measure_slip_misfit(SLIP_BASE, wave, *arguments) == pytest.approx(saw, rel=0.05)
+    assert measure_misfit(reference, wave) == pytest.approx(saw, rel=0.05)

@@ -9,7 +9,7 @@ import ddetumble as dd
 from ddetumble.cli import main
 from ddetumble.contact.effect import AbstractElasticEffect, Contact, Parameter, Scalar, parameter, parameters_of
 from ddetumble.effects import CATALOGUE
-from ddetumble.exam.benches import BENCHES
+from ddetumble.exam.cases import GENERATORS
 from ddetumble.families import FAMILIES
 
 
@@ -28,11 +28,11 @@ def test_every_parameter_states_what_physics_allows(name):
         assert not one.excludes(low, high) and one.excludes(low - 2.0, low - 1.0)
 
 
-@pytest.mark.parametrize("family", BENCHES)
+@pytest.mark.parametrize("family", GENERATORS)
 def test_what_the_exam_hides_is_physical(family):
     """The largest amplitude that may be drawn, every shape, and the models lie within the limits, with room."""
-    bench = BENCHES[family]
-    for effect, hidden in bench.catalogue.items():
+    cases = GENERATORS[family]
+    for effect, hidden in cases.catalogue.items():
         declared = {one.name: one for one in parameters_of(EFFECTS[effect])}
         for name, step in {**hidden.departure, **hidden.vectors}.items():
             one = declared[name if name in declared else f"{name}.0"]
@@ -46,7 +46,7 @@ def test_what_the_exam_hides_is_physical(family):
     own = {one.name: one for one in parameters_of(FAMILIES[family].models["paper"].make())}
     generator = np.random.default_rng(1)
     for _ in range(50):
-        for name, value in bench.draw_setting(generator)["base"].items():
+        for name, value in cases.draw_setting(generator)["base"].items():
             assert own[name].limits[0] <= value <= own[name].limits[1]
 
 

@@ -29,8 +29,9 @@ from ddetumble.effects.free import (
     evaluate_spline,
 )
 from ddetumble.effects.free import FORMS as KINDS
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures import draw_missing_shape
 from ddetumble.reports import write_missing
 from ddetumble.selection.cross_validation import compare_losses
@@ -227,7 +228,7 @@ SLIP_BASE = {"adhesion_constant": 0.92, "loss_factor": 0.17, "tensile_strength":
 def test_end_stop_is_drawn_where_it_is(tmp_path):
     """An end stop at another depth, stiffness and power than any shipped: ceiling, shape, place and law."""
     truth = {"k": 2.0e6, "depth": 4.6e-3, "exponent": 1.5}
-    write_campaign_folder(tmp_path, make_campaign("stop", 7, {"x-end-stop": truth}, BASE, *IMPACT))
+    write_package(tmp_path, make_campaign("stop", 7, {"x-end-stop": truth}, BASE, *IMPACT))
     found = draw_missing_force(tmp_path, catalogue=False)
     assert found.ceiling is not None
     assert found.share(found.ceiling[1]) > 0.9
@@ -247,7 +248,7 @@ def test_end_stop_is_drawn_where_it_is(tmp_path):
 def test_end_stop_that_one_condition_reaches(tmp_path):
     """Left-out conditions cannot tell laws apart there; the place and the power are drawn all the same."""
     truth = {"k": 2.0e5, "depth": 6.4e-3, "exponent": 1.5}
-    write_campaign_folder(tmp_path, make_campaign("stop", 5, {"x-end-stop": truth}, BASE, *IMPACT))
+    write_package(tmp_path, make_campaign("stop", 5, {"x-end-stop": truth}, BASE, *IMPACT))
     found = draw_missing_force(tmp_path, catalogue=False)
     law = found.laws[0]
     assert found.lone and law.forms[0].startswith("onset")
@@ -257,7 +258,7 @@ def test_end_stop_that_one_condition_reaches(tmp_path):
 
 @pytest.mark.slow
 def test_nothing_hidden_nothing_drawn(tmp_path):
-    write_campaign_folder(tmp_path, make_campaign("null", 8, {}, BASE, *IMPACT))
+    write_package(tmp_path, make_campaign("null", 8, {}, BASE, *IMPACT))
     found = draw_missing_force(tmp_path, catalogue=False)
     assert found.ceiling is None and not found.shapes
 
@@ -268,7 +269,7 @@ def test_stick_slip_is_drawn_with_its_wavelength(tmp_path, wavelength):
     """A sawtooth in the slip at other wavelengths than the practice's: spectrum, law, and its form among rivals."""
     made = make_slip_campaign("stick", 9, {"x-stick-slip": {"ratio": 0.05, "wavelength": wavelength}}, SLIP_BASE,
                               [6.0, 13.0, 26.0], [0.8e6, 2.1e6], [0.03, 0.12, 0.4], 1)
-    write_slip_folder(tmp_path, made)
+    write_package(tmp_path, made)
     found = draw_missing_force(tmp_path, catalogue=False)
     best = found.shapes[0]
     assert best.variable == "slip" and best.way == "share"

@@ -6,8 +6,9 @@ from helpers_measurement import pulse, raw_text, raw_trace
 from scipy import signal
 
 import ddetumble as dd
+from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import Impact, simulate
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.measurement import find_onsets
 from ddetumble.measurement.alignment import find_offset
 
@@ -110,9 +111,9 @@ def write_raw(folder, seed, **options):
     campaign = make_campaign("x", seed, options.pop("effects", {}), BASE, (1e6, 1.6e6, 2.4e6), (0.3, 0.45),
                              interval=2.5e-4, before=LEAD, uncertainties={"time": 1e-12}, **options)
     rows = ["file,p0 [MPa],v [m/s],sequence"]
-    for record, trace in zip(campaign["records"], campaign["samples"], strict=True):
-        name, written = f"{record['record']}.csv", record["written"]
-        columns = [trace["times"] + LEAD, trace["values"][:, 0] + 1.7]
+    for record in campaign.records:
+        name, written = f"{record.label}.csv", record.written
+        columns = [record.along["time"] + LEAD, record.values[:, 0] + 1.7]
         (folder / name).write_text(raw_text(columns, ["t [s]", "Fz [N]"]))
         rows.append(f"{name},{written['initial_pressure'] / 1e6:.6f},{written['approach_speed']:.6f},"
                     f"{written['sequence']}")
@@ -142,9 +143,9 @@ def late(tmp_path_factory):
     """A campaign whose time origins all are 0.15 ms late, and which states what they share."""
     folder = tmp_path_factory.mktemp("late")
     campaign = make_campaign("late", 5, {}, BASE, (1e6, 1.6e6, 2.4e6), (0.3, 0.45), uncertainties={"time": 2e-5})
-    for trace in campaign["samples"]:
-        trace["times"] = trace["times"] - 0.15e-3
-    write_campaign_folder(folder, campaign)
+    for record in campaign.records:
+        record.along["time"] -= 0.15e-3
+    write_package(folder, campaign)
     path = folder / "datapackage.json"
     stated = '"uncertainty": "0.02 ms"'
     path.write_text(path.read_text().replace(stated, f'{stated}, "common_uncertainty": "0.2 ms"'))

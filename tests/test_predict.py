@@ -13,8 +13,9 @@ from ddetumble.contact.law import Ball
 from ddetumble.dynamics import simulate_impact as simulate_impact
 from ddetumble.dynamics.impact import bound_depression
 from ddetumble.effects.wall import StressSoftening, WallStiffness
+from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import simulate
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.archive import load, make_fitted, save_model
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
@@ -32,7 +33,7 @@ PRESSURES, SPEEDS = (5e5, 1e6, 2e6), (0.2, 0.45)
 def fit_folder(folder, seed, effects=None, classes=(), channels=("normal_force",)):
     """Simulate a small campaign, fit it, and save the model; returns the folder and the campaign as simulated."""
     made = make_campaign("made", seed, effects or {}, BASE, PRESSURES, SPEEDS, 2, channels=channels, interval=1e-3)
-    write_campaign_folder(folder / f"campaign-{seed}", made)
+    write_package(folder / f"campaign-{seed}", made)
     campaign = read_campaign(folder / f"campaign-{seed}")
     space = ParameterSpace(Ball(), classes)
     problem = Problem(space, stack_records(campaign))

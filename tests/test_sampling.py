@@ -14,7 +14,8 @@ from scipy.special import logsumexp
 from ddetumble import fit, sample
 from ddetumble._errors import InputError
 from ddetumble.cli import main
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures.posterior import _push_ellipses, _push_marginal
 from ddetumble.inference.problem import simulate_records
 from ddetumble.measurement import read_campaign
@@ -33,7 +34,7 @@ PLAN = dict(loads=[8.0, 18.0], pressures=[4e5, 2e6], speeds=[0.02], length=6e-3,
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("sampling") / "offset"
-    write_slip_folder(place, make_slip_campaign("offset", 5, {"adhesive-offset": {"f_a": 0.3}}, BASE, **PLAN))
+    write_package(place, make_slip_campaign("offset", 5, {"adhesive-offset": {"f_a": 0.3}}, BASE, **PLAN))
     return place
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign, write_campaign
 from ddetumble.cli.application import main
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, write_slip_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 
 
 BASE = {"adhesion_constant": 0.92, "loss_factor": 0.17, "tensile_strength": 10e6, "real_contact_pressure": 20e6,
@@ -35,7 +36,7 @@ def case(request, tmp_path_factory):
     effects, options = CASES[request.param]
     folder = tmp_path_factory.mktemp("slip") / "campaign"
     made = make_slip_campaign("campaign", 40 + list(CASES).index(request.param), effects, BASE, *PLAN, **options)
-    write_slip_folder(folder, made)
+    write_package(folder, made)
     return effects, folder, discover(folder)
 
 
@@ -57,7 +58,7 @@ def test_verdict(case):
 def test_presliding_far_below_the_spacing(tmp_path):
     """Only the first sample of every stroke feels it: named, with its size left open below the spacing."""
     made = make_slip_campaign("campaign", 51, {"presliding": {"s_0": 4e-8}}, BASE, *PLAN)
-    write_slip_folder(tmp_path / "campaign", made)
+    write_package(tmp_path / "campaign", made)
     found = discover(tmp_path / "campaign")
     assert (found.verdict, found.effects) == ("explained", ("presliding",)), found.sentence
     estimate = found.steps[-1].parameters["presliding.s_0"]
@@ -88,7 +89,7 @@ def test_a_fit_that_stops_short_gains_no_effect(tmp_path):
     strong = {"stribeck": {"A": 2.6007038135223097, "u_s": 0.04690796180666758}}
     made = make_slip_campaign("campaign", 1306007763, strong, base, [6.621, 8.697, 13.86, 23.7], [911100.0, 1455000.0],
                               [0.05214, 0.2503], length=8e-3, interval=5e-5, numbered=True, rho=0.7255737936307904)
-    write_slip_folder(tmp_path / "campaign", made)
+    write_package(tmp_path / "campaign", made)
     found = discover(tmp_path / "campaign")
     assert (found.verdict, found.effects) == ("explained", ("stribeck",)), found.sentence
 
@@ -114,7 +115,7 @@ def test_prediction_at_other_conditions(case, tmp_path):
 def test_outside_the_catalogue(tmp_path):
     """A saw tooth along the slip is not explained, and its wavelength is found."""
     made = make_slip_campaign("c", 77, {"x-stick-slip": {"ratio": 0.03, "wavelength": 2.3e-3}}, BASE, *PLAN)
-    write_slip_folder(tmp_path / "c", made)
+    write_package(tmp_path / "c", made)
     found = discover(tmp_path / "c")
     assert found.verdict in ("unexplained", "improved")
     periods = [place.period for place in found.where if place.variable == "slip" and place.period]
@@ -178,7 +179,7 @@ def test_one_pressure_cannot_tell_k_from_the_loss_angle():
 def test_loads_beyond_the_polynomials_are_flagged(tmp_path):
     """Every result says where Eq. 10 does not hold."""
     made = make_slip_campaign("far", 5, {}, BASE, [10.0, 35.0, 46.0], [1e6, 2e6], [0.1], 2, length=3e-3)
-    write_slip_folder(tmp_path / "far", made)
+    write_package(tmp_path / "far", made)
     campaign = read_campaign(tmp_path / "far")
     for notes in (discover(campaign).notes, compare(campaign).notes, fit(campaign).notes):
         text = " ".join(notes)

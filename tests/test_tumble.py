@@ -8,8 +8,9 @@ import pytest
 
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign
 from ddetumble.cli.application import main
+from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.tumbling import RATES, simulate_tumbling
-from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign, write_tumble_folder
+from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign
 from ddetumble.families.starts import guess_body, straighten
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from tests.helpers_tumble import NOISE, make_long
@@ -102,7 +103,7 @@ def test_prediction(found, tmp_path):
 def test_command_line(tmp_path, capsys):
     """discover writes result, model and report of a short campaign; compare says where the model stands."""
     made = make_tumble_campaign("short", 5, {"eddy-current": {"k_e": 4e-6}}, {"inertia_ratio": 0.5}, 3, duration=240.0)
-    write_tumble_folder(tmp_path / "short", made)
+    write_package(tmp_path / "short", made)
     assert main(["discover", str(tmp_path / "short"), "-o", str(tmp_path / "out")]) in (0, None)
     result = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert result["verdict"] == "explained" and result["effects"] == ["eddy-current"]
@@ -139,7 +140,7 @@ def test_guesses():
 def folder(tmp_path):
     """A small campaign on disk, to be spoilt."""
     made = make_tumble_campaign("small", 3, {}, {"inertia_ratio": 0.5}, 2, duration=40.0)
-    write_tumble_folder(tmp_path / "small", made)
+    write_package(tmp_path / "small", made)
     return tmp_path / "small"
 
 
@@ -203,10 +204,10 @@ def test_missing_samples_and_attitude(folder, tmp_path):
     """Gaps are left out; with an attitude of any sign that starts anywhere, the scale factor is found."""
     made = make_tumble_campaign("turned", 4, {"gyro-scale": {"g": 2e-3}}, {"inertia_ratio": 0.5}, 3, duration=200.0,
                                 attitude=True)
-    for row in made["records"]:
-        row["rates"][10:13] = np.nan
-        row["attitude"][20:] *= -1.0
-    write_tumble_folder(tmp_path / "turned", made)
+    for row in made.records:
+        row.values[10:13, :3] = np.nan
+        row.values[20:, 3:] *= -1.0
+    write_package(tmp_path / "turned", made)
     text = (tmp_path / "turned" / "samples.csv").read_text(encoding="utf-8").replace("nan", "")
     (tmp_path / "turned" / "samples.csv").write_text(text, encoding="utf-8")
     found = fit(tmp_path / "turned", effects=["gyro-scale"])

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import ddetumble as dd
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, write_campaign_folder
+from ddetumble.exam.simulators.campaigns import write_package
+from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.goodness import combine_p_values
 from ddetumble.selection.discover import list_exact
 from ddetumble.selection.lack_of_fit import is_moved, measure_shifts
@@ -22,7 +23,7 @@ PRESSURES, SPEEDS = [0.5e6, 1.0e6, 1.6e6, 2.4e6], [0.2, 0.4, 0.6]
 
 def write(folder, effects, seed, pressures=PRESSURES, speeds=SPEEDS, repeats=2, base=BASE, **options):
     """A campaign of the independent simulator as a folder."""
-    write_campaign_folder(folder, make_campaign("tests", seed, effects, base, pressures, speeds, repeats, **options))
+    write_package(folder, make_campaign("tests", seed, effects, base, pressures, speeds, repeats, **options))
     return folder
 
 

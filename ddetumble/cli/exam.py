@@ -50,7 +50,7 @@ def sit_exam(
     """Put discover to a sealed exam: hidden truths of known strength, simulated by a second implementation and judged
     blind. Writes a scorecard; what stopped it, the same command goes on.
     """
-    from ..exam.drawing import TRUTHS, Exam
+    from ..exam.cases import TRUTHS, Exam
 
     if scheduler is not None and workers is not None:
         raise InputError("a scheduler has workers of its own; leave out --workers", option="--scheduler")

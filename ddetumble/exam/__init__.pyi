@@ -1,6 +1,6 @@
 """Public names of the exam and where they live."""
 
-from .drawing import Exam as Exam
+from .cases import Exam as Exam
 from .examination import examine as examine
 from .scorecard import write_scorecard as write_scorecard
 

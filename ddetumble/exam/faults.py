@@ -6,34 +6,34 @@ from typing import Any
 import numpy as np
 
 
-def clip(traces: Sequence[np.ndarray], generator: np.random.Generator) -> dict[str, Any]:
+def clip(readings: Sequence[np.ndarray], generator: np.random.Generator) -> dict[str, Any]:
     """The gauge's range ends below the largest reading of the campaign, at 75 to 95 % of it."""
     share = float(generator.uniform(0.75, 0.95))
-    limits = share * np.max([np.nanmax(np.abs(trace), axis=0) for trace in traces], axis=0)
+    limits = share * np.max([np.nanmax(np.abs(one), axis=0) for one in readings], axis=0)
     clipped = 0
-    for k, trace in enumerate(traces):
-        clipped += bool((np.abs(trace) > limits).any())
-        traces[k][...] = np.clip(trace, -limits, limits)
+    for k, one in enumerate(readings):
+        clipped += bool((np.abs(one) > limits).any())
+        readings[k][...] = np.clip(one, -limits, limits)
     return {"share": share, "limits": limits.tolist(), "records": clipped}
 
 
-def drop_out(traces: Sequence[np.ndarray], generator: np.random.Generator) -> dict[str, Any]:
+def drop_out(readings: Sequence[np.ndarray], generator: np.random.Generator) -> dict[str, Any]:
     """A run of 5 to 15 % of one record's samples is missing, or reads zero."""
-    record = int(generator.integers(len(traces)))
-    count = len(traces[record])
+    record = int(generator.integers(len(readings)))
+    count = len(readings[record])
     length = max(int(generator.uniform(0.05, 0.15) * count), 1)
     first = int(generator.integers(int(0.1 * count), max(int(0.7 * count) - length, int(0.1 * count) + 1)))
     missing = bool(generator.random() < 0.5)
-    traces[record][first : first + length] = np.nan if missing else 0.0
+    readings[record][first : first + length] = np.nan if missing else 0.0
     return {"record": record, "first": first, "samples": length, "missing": missing}
 
 
-def spoil(traces: Sequence[np.ndarray], generator: np.random.Generator) -> dict[str, Any]:
+def spoil(readings: Sequence[np.ndarray], generator: np.random.Generator) -> dict[str, Any]:
     """The amplifier stood in another range for one record: its readings are 0.5 to 0.8 or 1.25 to 2 times as large."""
-    record = int(generator.integers(len(traces)))
+    record = int(generator.integers(len(readings)))
     factor = float(np.exp(generator.uniform(np.log(1.25), np.log(2.0))))
     factor = 1.0 / factor if generator.random() < 0.5 else factor
-    traces[record][...] = factor * traces[record]
+    readings[record][...] = factor * readings[record]
     return {"record": record, "factor": factor}
 
 

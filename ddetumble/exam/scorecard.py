@@ -9,7 +9,7 @@ from ..figures.power import draw_power
 from ..figures.style import render_png
 from ..inference.files import list_versions, write_json
 from ..reports.page import Picture, Section, Table, write_page, write_whole
-from .drawing import Exam
+from .cases import Exam
 from .scoring import AIMS, SURE_STRENGTH, Row, Share, describe_failure, score
 
 

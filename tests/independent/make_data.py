@@ -7,16 +7,20 @@ campaign stands in PLANS, SLIP_PLANS, OBLIQUE_PLANS, TUMBLE_PLANS and ``truth.js
 import sys
 from pathlib import Path
 
+import numpy as np
+
+from ddetumble.exam.simulators.campaigns import write_json, write_package
 from ddetumble.exam.simulators.impact import CHANNELS
-from ddetumble.exam.simulators.impact_campaigns import make_campaign, reveal_campaign, write_campaign_folder
-from ddetumble.exam.simulators.oblique_campaigns import make_oblique_campaign, reveal_oblique_campaign
-from ddetumble.exam.simulators.packages import write_json
-from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign, reveal_slip_campaign, write_slip_folder
-from ddetumble.exam.simulators.tumbling_campaigns import (
-    make_tumble_campaign,
-    reveal_tumble_campaign,
-    write_tumble_folder,
+from ddetumble.exam.simulators.impact_campaigns import choose_heldout, make_campaign, refer_impacts
+from ddetumble.exam.simulators.oblique_campaigns import choose_oblique_heldout, make_oblique_campaign
+from ddetumble.exam.simulators.slip_campaigns import (
+    choose_slip_heldout,
+    make_slip_campaign,
+    place_path,
+    refer_slip,
 )
+from ddetumble.exam.simulators.strength import measure_misfit
+from ddetumble.exam.simulators.tumbling_campaigns import HELDOUT, make_tumble_campaign, measure_tumble_misfit
 
 from .paper_tables import write_paper
 
@@ -211,12 +215,65 @@ TUMBLE_PLANS = {
 }
 
 
+def measure_impact(campaign, plan):
+    """Return the function effects -> rms over noise that a refitted reference model leaves."""
+    reference = refer_impacts(campaign.base, [row.true for row in campaign.records], list(campaign.noise.values()),
+                              campaign.uncertainties, tuple(campaign.noise), rtol=1e-9)
+    return lambda effects: measure_misfit(reference, effects, 4)
+
+
+def measure_slip(campaign, plan):
+    """The same of friction."""
+    strokes = plan.get("strokes")
+    path, turns = place_path(12e-3, 1e-4, strokes)
+    reference = refer_slip(campaign.base, [row.true for row in campaign.records], path,
+                           campaign.noise["tangential_force"], campaign.uncertainties, strokes, turns)
+    return lambda effects: measure_misfit(reference, effects)
+
+
+def measure_tumble(campaign, plan):
+    """The same of tumbling."""
+    starts = [row.true["w0"] for row in campaign.records]
+    times, noise = campaign.place({})[0], next(iter(campaign.noise.values()))
+    return lambda effects: measure_tumble_misfit(campaign.base, effects, starts, times, noise)
+
+
+# plans, what makes a campaign, conditions held out, what measures strengths, digits of readings, what is told
 FAMILIES = (
-    (PLANS, make_campaign, write_campaign_folder, reveal_campaign),
-    (SLIP_PLANS, make_slip_campaign, write_slip_folder, reveal_slip_campaign),
-    (OBLIQUE_PLANS, make_oblique_campaign, write_campaign_folder, reveal_oblique_campaign),
-    (TUMBLE_PLANS, make_tumble_campaign, write_tumble_folder, reveal_tumble_campaign),
-)
+    (PLANS, make_campaign, lambda plan, count: choose_heldout(plan["pressures"], plan["speeds"], count + 1),
+     measure_impact, 6, ("rho", "white_share", "setting_scatter")),
+    (SLIP_PLANS, make_slip_campaign,
+     lambda plan, _: choose_slip_heldout(plan["loads"], plan["pressures"], plan["speeds"]), measure_slip, 6,
+     ("rho", "white_share", "setting_scatter")),
+    (OBLIQUE_PLANS, make_oblique_campaign,
+     lambda plan, _: choose_oblique_heldout(plan["pressures"], plan["speeds"], plan["slides"]), None, 6,
+     ("rho", "setting_scatter")),
+    (TUMBLE_PLANS, make_tumble_campaign, lambda *_: [{"w0": start} for start in HELDOUT], measure_tumble, 9,
+     ("rho", "white_share")),
+)  # fmt: skip
+
+
+def reveal(campaign, plan, heldout, measure, digits, same):
+    """Return what is hidden in a campaign, with noise-free readings at conditions that it does not hold.
+
+    x is time (s) or slip (m); beside time in strokes `slip` (m) stands, and y holds null at a reversal. Of impacts y
+    is the normal force alone, of tumbling the rates.
+    """
+    told = {"family": campaign.family} | {name: getattr(campaign, name) for name in ("effects", "base", "seed", *same)}
+    if "strokes" in plan:
+        told["strokes"] = list(plan["strokes"])
+    if measure is not None:
+        misfit = measure(campaign, plan)
+        told["strength"] = [round(misfit({name: one}), 2) for name, one in campaign.effects.items()] or [0.0]
+    count = {"impact": 1, "tumble": 3}.get(campaign.family, 1) if measure is not None else len(campaign.noise)
+    told["heldout"] = []
+    for conditions in heldout:
+        places, along = campaign.place(conditions)
+        columns = [[round(float(x), 9) + 0.0 for x in column] for column in along.values()]
+        readings = campaign.read(conditions, places)[:, :count]
+        y = [[None if np.isnan(x) else round(float(x), digits) + 0.0 for x in row] for row in readings]
+        told["heldout"].append({"conditions": conditions, **dict(zip(("x", "slip"), columns, strict=False)), "y": y})
+    return told
 
 
 def make_data(folder):
@@ -224,12 +281,13 @@ def make_data(folder):
     folder = Path(folder)
     write_paper(folder / "paper")
     truth = {}
-    for plans, make, write, reveal in FAMILIES:
+    for plans, make, choose, measure, digits, same in FAMILIES:
         for name, plan in plans.items():
             campaign = make(name, **plan)
-            write(folder / name, campaign, SOURCE)
-            truth[name] = reveal(campaign)
-            print(f"{name}: {len(campaign['records'])} records", file=sys.stderr)
+            write_package(folder / name, campaign, SOURCE)
+            heldout = choose(plan, len(campaign.records))
+            truth[name] = reveal(campaign, plan, heldout, measure, digits, same)
+            print(f"{name}: {len(campaign.records)} records", file=sys.stderr)
     write_json(folder / "truth.json", truth, indent=None)
 
 

@@ -7,7 +7,7 @@ computed by this project; what the paper does not print and a package needs is m
 
 from pathlib import Path
 
-from ddetumble.exam.simulators.packages import write_json, write_table
+from ddetumble.exam.simulators.campaigns import write_json, write_table
 
 
 PAPER = (

@@ -1,156 +1,147 @@
-"""Synthetic impact campaigns: a plan of tests, what was really done, what was written down, and the folder."""
+"""Campaigns of impacts: a ball strikes a plate at several pressures and speeds; its force is read."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
-from .impact import simulate
-from .noise import draw_noise
-from .packages import SOURCE, describe_number, describe_package, format_cells, write_package
-from .strength import measure_misfit, place_times
+from .campaigns import Campaign, draw_records, name_conditions, order_tests, place_between
+from .generator import CaseGenerator, HeldOut, Hidden, spread
+from .impact import Impact, simulate
+from .strength import Reference, hold_slopes
 
 
+CONDITIONS = ("initial_pressure", "approach_speed")
 # one standard deviation: relative for the two conditions, s for the time origin, SI for the channels
 UNCERTAINTIES = {"initial_pressure": 0.005, "approach_speed": 0.003, "time": 5e-5}
 NOISE = {"normal_force": 0.25, "depression": 2e-5, "pressure": 2e3}
-# channel or condition -> unit in files, SI value of that unit
-UNITS = {"normal_force": ("N", 1.0), "tangential_force": ("N", 1.0), "depression": ("mm", 1e-3), "slip": ("mm", 1e-3),
-         "pressure": ("MPa", 1e6), "initial_pressure": ("MPa", 1e6), "approach_speed": ("m/s", 1.0),
-         "tangential_speed": ("m/s", 1.0)}  # fmt: skip
-TITLE = "Synthetic impact campaign with an undisclosed physical effect, or none"
+KNOWN = {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None}
+MEASURED = 12  # tests on which strengths are measured: the first of the random order
+COARSE = {"rtol": 1e-7, "parts": 6}  # of the integrator, good to 1e-3 of the noise: for strengths only
+CATALOGUE = {
+    "polytropic-gas": Hidden({"n": 0.5}, {"n": 1.0}, most=1.2),
+    "ambient-pressure": Hidden({"p_a": 1.0e5}, most=1.1),
+    "wall-stiffness": Hidden({"k_w": 1000.0}, shapes={"q": (1.0, 1.0)}),
+    "membrane-area": Hidden({"alpha": 0.2}, most=5.0),
+    "inflation-growth": Hidden({"beta": 1.0}, most=1.4),
+    "gas-leak": Hidden({"lambda": 4.0}),
+    "viscoelastic-wall": Hidden({"k_v": 2500.0}, shapes={"tau": (3e-3, 1.2e-2)}),
+    "viscous-dashpot": Hidden({"c_v": 6.0}),
+    "adhesion": Hidden({"tau_a": 4.0e4}, most=8.0),
+    "arm-servo": Hidden({"k_s": 250.0}, most=4.0),
+    "speed-dependent-restitution": Hidden({"p": 0.08}, most=2.3),
+    "pressure-dependent-restitution": Hidden({"p": 0.08}, most=2.3),
+    "stress-softening": Hidden({"sigma_m": 0.12}, shapes={"j_0": (2.0, 8.0)}, most=6.0),
+    "sensor-highpass": Hidden(inverse={"tau_s": 0.8}),
+    "sensor-lag": Hidden({"T": 1.0e-3}, most=4.0),
+    "sensor-gain": Hidden({"g": 0.06}, {"g": 1.0}),
+}
+OUTSIDE = {
+    "x-end-stop": Hidden({"k": 1.0e5}, shapes={"depth": (4.5e-3, 6.0e-3)}, most=30.0),
+    "x-ringing": Hidden({"A": 0.04}, shapes={"f": (60.0, 150.0), "decay": (5.0, 50.0)}),
+    "x-arm-vibration": Hidden({"force": 3.0}, shapes={"f": (50.0, 120.0)}, most=5.0),
+    "x-rate-hardening": Hidden({"h": 0.1}, shapes={"w_0": (0.08, 0.25)}, most=5.0),
+    "x-pressure-power": Hidden({"s": 0.1}, most=5.0),
+}
+
+
+def draw_setting(generator: np.random.Generator) -> dict[str, Any]:
+    """A ball and arm, and a plan of 12 to 24 tests; records stay below 768 samples."""
+    pick = generator.uniform
+    pressures, speeds = [(3, 2), (4, 2), (3, 3), (4, 3)][generator.integers(4)]
+    repeats = 2 if pressures * speeds <= 9 or generator.random() < 0.5 else 1
+    return {
+        "base": {"effective_mass": float(pick(1.0, 1.8)), "restitution": float(pick(0.6, 0.8))},
+        "pressures": spread(generator, 0.4e6, 2.5e6, pressures), "speeds": spread(generator, 0.15, 0.75, speeds),
+        "repeats": repeats, "interval": float(generator.choice([2.5e-4, 4.0e-4])),
+        "setting_scatter": float(generator.choice([0.0, 0.01])),
+    }  # fmt: skip
+
+
+def place_times(base, conditions, interval=1e-3, before=0.0, factor=1.45):
+    """Return sampling times (s): from `before` the touch to `factor` guessed contact times, every `interval`."""
+    end = factor * Impact(base, {}, conditions).guess_contact_time()
+    first = -round(before / interval)
+    return np.arange(first, int(end / interval) + 1) * interval
+
+
+def order_impacts(generator, pressures, speeds, repeats):
+    """Return the nominal conditions of every test in the random order in which they are done."""
+    return order_tests(generator, CONDITIONS, [(p, v) for p in pressures for v in speeds] * repeats)
 
 
 def choose_heldout(pressures, speeds, sequence):
-    """Return three conditions at none of the campaign's own, one impact after its last.
-
-    Pressures are geometric means of the two lowest and the two highest; speeds the geometric mean of the two
-    lowest and 0.9 times the highest.
-    """
-    p, v = sorted(pressures), sorted(speeds)
-    low, high = (p[0] * p[min(1, len(p) - 1)]) ** 0.5, (p[-min(2, len(p))] * p[-1]) ** 0.5
-    slow, fast = (v[0] * v[min(1, len(v) - 1)]) ** 0.5, 0.9 * v[-1]
-    pairs = ((low, fast), (high, slow), (high, fast))
-    names = ("initial_pressure", "approach_speed", "sequence")
-    return [dict(zip(names, (float(f"{a:.6g}"), float(f"{b:.6g}"), sequence), strict=True)) for a, b in pairs]
-
-
-def order_tests(generator, pressures, speeds, repeats):
-    """Return the nominal conditions of every test in the random order in which they are done."""
-    plan = [(p, v) for p in pressures for v in speeds] * repeats
-    names = ("initial_pressure", "approach_speed", "sequence")
-    order = generator.permutation(len(plan))
-    return [dict(zip(names, (*plan[k], j), strict=True)) for j, k in enumerate(order, start=1)]
+    """Return three conditions at none of the campaign's own, one impact after its last."""
+    low, high, _ = place_between(pressures)
+    slow, _, fast = place_between(speeds)
+    return name_conditions(CONDITIONS, ((low, fast), (high, slow), (high, fast)), sequence=sequence)
 
 
 def make_campaign(
     name, seed, effects, base, pressures, speeds, repeats=2, *, channels=("normal_force",), interval=2.5e-4,
     before=2e-3, length=1.45, uncertainties=None, setting_scatter=0.0, noise=None, rho=0.0, white_share=0.0,
-    title=TITLE,
 ):  # fmt: skip
     """Return a campaign: every pressure (Pa) with every speed (m/s), `repeats` times, in random order.
 
-    A test's true condition is nominal x (1 + setting_scatter x N(0, 1)); what is written down is the true one
-    x (1 + uncertainty x N(0, 1)). Written times run from -before to `length` guessed contact times every
-    `interval` (s) and lag the true ones by a shift drawn with the uncertainty of `time`. Noise of each channel is
+    Written times run from -before to `length` guessed contact times every `interval` (s). Noise of each channel is
     AR(1) with coefficient rho, of which `white_share` of the variance is white instead. All draws come from one
-    PCG64 generator seeded with `seed`, in a fixed order.
+    PCG64 generator seeded with `seed`, in a fixed order: see `draw_records`.
     """
-    deviations = NOISE | (noise or {})
     generator = np.random.Generator(np.random.PCG64(seed))
-    tests = order_tests(generator, pressures, speeds, repeats)
-    campaign = {
-        "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "channels": tuple(channels),
-        "uncertainties": UNCERTAINTIES | (uncertainties or {}), "noise": {c: deviations[c] for c in channels},
-        "rho": rho, "white_share": white_share, "setting_scatter": setting_scatter, "interval": interval,
-        "before": before, "length": length, "heldout": choose_heldout(pressures, speeds, len(tests) + 1),
-        "known": {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None},
-        "digits": 3 if tuple(channels) == ("normal_force",) else 5,
-    }  # fmt: skip
-    return add_records(campaign, generator, tests, lambda true, times: simulate(base, effects, true, times, channels))
+    tests = order_impacts(generator, pressures, speeds, repeats)
+    deviations = NOISE | (noise or {})
+
+    def place(conditions):
+        times = place_times(base, conditions, interval, before, length)
+        return times, {"time": times}
+
+    campaign = Campaign(
+        name, "impact", seed, effects, base, KNOWN, ("sequence", *CONDITIONS), UNCERTAINTIES | (uncertainties or {}),
+        {c: deviations[c] for c in channels}, [3 if tuple(channels) == ("normal_force",) else 5] * len(channels), place,
+        lambda true, times: simulate(base, effects, true, times, channels), rho, white_share, setting_scatter,
+    )  # fmt: skip
+    return draw_records(campaign, generator, tests)
 
 
-def add_records(campaign, generator, tests, read):
-    """Return the campaign with what was really done in the tests, what was written down and what was measured.
+def refer_impacts(base, tests, deviations, uncertainties, channels=("normal_force",), **options):
+    """Return the `Reference` of tests at these conditions, which shares effective_mass and restitution.
 
-    tests: nominal conditions; those with a stated uncertainty are set and written down inexactly. read: channels,
-    shape (samples, channels), from true conditions and times (s).
+    Each record's own are its relative pressure and speed errors and its time shift, which have their stated
+    uncertainty as a prior. deviations: noise of each channel; options: of `simulate`.
     """
-    stated, records, samples = campaign["uncertainties"], [], []
-    for number, nominal in enumerate(tests, start=1):
-        names = [condition for condition in nominal if condition in stated]
-        draw = generator.standard_normal(2 * len(names) + 1)
-        true, written = dict(nominal), dict(nominal)
-        for i, condition in enumerate(names):
-            true[condition] = nominal[condition] * (1.0 + campaign["setting_scatter"] * draw[i])
-            written[condition] = true[condition] * (1.0 + stated[condition] * draw[len(names) + i])
-        shift = stated["time"] * draw[-1]
-        times = place_times(campaign["base"], nominal, campaign["interval"], campaign["before"], campaign["length"])
-        values = read(true, times - shift)
-        for j, deviation in enumerate(campaign["noise"].values()):
-            values[:, j] += draw_noise(generator, times.size, deviation, campaign["rho"], campaign["white_share"])
-        label = f"r{number:02d}"
-        records.append({"record": label, "true": true, "written": written, "time_shift": shift})
-        samples.append({"record": label, "times": times, "values": values})
-    return campaign | {"records": records, "samples": samples}
+    scale = np.asarray(deviations, dtype=float)
+    prior = np.array([uncertainties[name] for name in (*CONDITIONS, "time")])
+    times = [place_times(base, c) for c in tests]
+
+    def move(shared):
+        return dict(base, effective_mass=np.exp(shared[0]), restitution=shared[1])
+
+    def read(i, model, effects, own):
+        moved = tests[i] | {c: tests[i][c] * (1.0 + x) for c, x in zip(CONDITIONS, (prior * own)[:2], strict=True)}
+        return (simulate(model, effects, moved, times[i] + prior[2] * own[2], channels, **options) / scale).ravel()
+
+    start = np.array([np.log(base["effective_mass"]), base["restitution"]])
+    return Reference(base, start, move, read, len(tests), 3)
 
 
-def describe_campaign(campaign, source=SOURCE):
-    """Return the descriptor of the Data Package of a campaign of straight or oblique impacts."""
-    stated, channels = campaign["uncertainties"], []
-    for channel in campaign["channels"]:
-        unit, size = UNITS[channel]
-        channels.append(describe_number(channel, unit, f"{campaign['noise'][channel] / size:g} {unit}"))
-    records = [describe_number(name, UNITS[name][0], f"{100 * stated[name]:g} %") if name in stated
-               else {"name": name, "type": "integer"} for name in list_columns(campaign)]  # fmt: skip
-    time = describe_number("time", "s", f"{stated['time'] * 1e3:g} ms")
-    return describe_package(campaign["name"], campaign["title"], "impact", campaign["known"], records,
-                            [time, *channels], source)  # fmt: skip
+def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
+    """The function effects -> misfit over noise, with the reference model's derivatives found once."""
+    generator = np.random.Generator(np.random.PCG64(seed))
+    tests = order_impacts(generator, setting["pressures"], setting["speeds"], setting["repeats"])[:MEASURED]
+    return hold_slopes(refer_impacts(setting["base"], tests, [NOISE["normal_force"]], UNCERTAINTIES, **COARSE), 3)
 
 
-def list_columns(campaign):
-    """Return the conditions in the order of the table's columns, the place in the series first."""
-    return sorted(campaign["records"][0]["written"], key=lambda name: name != "sequence")
+def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
+    """Three tests at other pressures and speeds, after the campaign's last."""
+    count = len(setting["pressures"]) * len(setting["speeds"]) * setting["repeats"]
+    found = []
+    for conditions in choose_heldout(setting["pressures"], setting["speeds"], count + 1):
+        times = place_times(setting["base"], conditions, 5e-4)
+        found.append(HeldOut(conditions, times, simulate(setting["base"], effects, conditions, times)))
+    return found
 
 
-def write_campaign_folder(folder, campaign, source=SOURCE):
-    """Write the campaign's Data Package; values are rounded as the columns' format says."""
-    records, samples = [], []
-    sizes = np.array([UNITS[channel][1] for channel in campaign["channels"]])
-    for row in campaign["records"]:
-        written = row["written"]
-        cells = [f"{written[name] / UNITS[name][1]:.5f}" if name in UNITS else written[name]
-                 for name in list_columns(campaign)]  # fmt: skip
-        records.append([row["record"], *cells])
-    for trace in campaign["samples"]:
-        for time, values in zip(trace["times"], trace["values"] / sizes, strict=True):
-            samples.append([trace["record"], f"{time + 0.0:g}", *format_cells(values, campaign["digits"])])
-    write_package(folder, describe_campaign(campaign, source), records, samples)
-
-
-def measure_strength(campaign):
-    """Return for each effect, on its own, the rms over noise that a refitted reference model leaves."""
-    conditions = [row["true"] for row in campaign["records"]]
-    deviations = list(campaign["noise"].values())
-    arguments = (conditions, deviations, campaign["uncertainties"], campaign["channels"], 4)
-    return [
-        round(measure_misfit(campaign["base"], {name: values}, *arguments), 2)
-        for name, values in campaign["effects"].items()
-    ] or [0.0]
-
-
-def reveal_heldout(campaign, read):
-    """Return noise-free readings at the conditions held out; read: as of `add_records`."""
-    heldout = []
-    for conditions in campaign["heldout"]:
-        times = place_times(campaign["base"], conditions, campaign["interval"], campaign["before"], campaign["length"])
-        heldout.append({"conditions": conditions, "x": [round(float(t), 9) + 0.0 for t in times],
-                        "y": [[round(float(x), 6) + 0.0 for x in row] for row in read(conditions, times)]})
-    return heldout
-
-
-def reveal_campaign(campaign):
-    """Return what is hidden in a campaign, with noise-free force (N) at conditions that it does not hold."""
-    base, effects = campaign["base"], campaign["effects"]
-    same = ("effects", "base", "seed", "rho", "white_share", "setting_scatter")
-    return {"family": "impact"} | {name: campaign[name] for name in same} | {
-        "strength": measure_strength(campaign),
-        "heldout": reveal_heldout(campaign, lambda conditions, times: simulate(base, effects, conditions, times)),
-    }  # fmt: skip
+IMPACT = CaseGenerator(
+    "impact", {"normal_force": NOISE["normal_force"]}, "time", CATALOGUE, OUTSIDE, draw_setting, make_campaign,
+    prepare, hold_out, edition=2,  # 1 drew values beyond physics: gases of an exponent up to 3, an atmosphere of 3 bar
+)  # fmt: skip

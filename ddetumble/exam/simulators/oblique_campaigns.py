@@ -1,57 +1,114 @@
-"""Synthetic campaigns of oblique impacts: a plan of tests, what was really done, what was written down, the folder."""
+"""Campaigns of oblique impacts: the ball strikes while it moves along the plate; both forces are read."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from . import impact_campaigns as straight
+from . import slip_campaigns as friction
+from .campaigns import Campaign, draw_records, name_conditions, order_tests, place_between
+from .generator import CaseGenerator, HeldOut, Hidden, spread
 from .oblique import CREEP, ROLLING, simulate_strike
+from .strength import Reference, hold_slopes, share_logarithms
 
 
 # one standard deviation: relative for the conditions, s for the time origin, N and m for the channels
 UNCERTAINTIES = straight.UNCERTAINTIES | {"tangential_speed": 0.003}
 NOISE = straight.NOISE | {"tangential_force": 0.08, "slip": 2e-5}
-CONDITIONS = ("initial_pressure", "approach_speed", "tangential_speed")
+CONDITIONS = (*straight.CONDITIONS, "tangential_speed")
+FORCES = ("normal_force", "tangential_force")
+STEPS, COARSE = 100, 25  # of the simulator along the plate: 1e-5 N off, and 3e-4 N for strengths
+SHARED = ("effective_mass", "restitution", "tangential_mass", "adhesion_constant")
+CATALOGUE = {
+    "tangential-compliance": Hidden({"compliance": 4e-5}, most=5.0),
+    "off-centre-reaction": Hidden({"share": 0.15}, most=5.0),
+    **{name: friction.CATALOGUE[name] for name in ("stribeck", "viscous-friction", "load-exponent", "adhesive-offset")},
+    **{name: straight.CATALOGUE[name] for name in ("wall-stiffness", "viscous-dashpot", "adhesion", "sensor-highpass")},
+}
+OUTSIDE = {
+    "x-tack": Hidden({"A": 0.2}, shapes={"t_0": (4e-3, 1e-2)}),
+    "x-arm-push": Hidden({"force": 1.0}, most=5.0),
+}
+
+
+def draw_setting(generator: np.random.Generator) -> dict[str, Any]:
+    """A ball and arm, and a plan of 12 or 18 tests of at most 384 samples, from flat to steep."""
+    pick = generator.uniform
+    return {
+        "base": {"effective_mass": float(pick(1.0, 1.8)), "restitution": float(pick(0.62, 0.8)),
+                 "adhesion_constant": float(pick(0.6, 1.1)), "loss_factor": float(pick(0.12, 0.2)),
+                 "tangential_mass": float(pick(0.8, 1.6)), "rolling_mass": float(pick(0.3, 0.7))},
+        "pressures": spread(generator, 0.4e6, 2.5e6, int(generator.choice([2, 3]))),
+        "speeds": spread(generator, 0.15, 0.6, 2), "slides": spread(generator, 0.06, 0.7, 3), "interval": 4.0e-4,
+        "setting_scatter": float(generator.choice([0.0, 0.01])),
+    }  # fmt: skip
 
 
 def choose_oblique_heldout(pressures, speeds, slides):
-    """Return three conditions at none of the campaign's own: means of neighbours, and 0.9 times the highest."""
-    p, v, u = sorted(pressures), sorted(speeds), sorted(slides)
-    low, high = (p[0] * p[1]) ** 0.5, (p[-2] * p[-1]) ** 0.5
-    slow, fast = (v[0] * v[min(1, len(v) - 1)]) ** 0.5, 0.9 * v[-1]
-    flat, steep = 0.9 * u[-1], (u[0] * u[min(1, len(u) - 1)]) ** 0.5
-    triples = ((low, fast, flat), (high, slow, steep), (high, fast, steep))
-    return [dict(zip(CONDITIONS, (float(f"{x:.6g}") for x in triple), strict=True)) for triple in triples]
+    """Return three conditions at none of the campaign's own."""
+    low, high, _ = place_between(pressures)
+    slow, _, fast = place_between(speeds)
+    steep, _, flat = place_between(slides)
+    return name_conditions(CONDITIONS, ((low, fast, flat), (high, slow, steep), (high, fast, steep)))
 
 
 def make_oblique_campaign(
-    name, seed, effects, base, pressures, speeds, slides, repeats=1, *, channels=("normal_force", "tangential_force"),
-    interval=2.5e-4, before=2e-3, length=1.45, noise=None, rho=0.0, white_share=0.0, setting_scatter=0.0, steps=400,
-    title=straight.TITLE,
+    name, seed, effects, base, pressures, speeds, slides, repeats=1, *, channels=FORCES, interval=2.5e-4, before=2e-3,
+    length=1.45, noise=None, rho=0.0, white_share=0.0, setting_scatter=0.0, steps=400,
 ):  # fmt: skip
     """Return a campaign: every pressure (Pa) with every approach and tangential speed (m/s), in random order.
 
-    As `impact_campaigns.make_campaign`, whose folder is written in the same way; steps: see `oblique.integrate_strike`.
+    As `impact_campaigns.make_campaign`; steps: see `oblique.integrate_strike`.
     """
-    deviations = NOISE | (noise or {})
     generator = np.random.Generator(np.random.PCG64(seed))
     plan = [(p, v, u) for p in pressures for v in speeds for u in slides] * repeats
-    tests = [dict(zip(CONDITIONS, plan[k], strict=True)) for k in generator.permutation(len(plan))]
-    known = {"outer_diameter": "60 mm", "effective_mass": None, "restitution": None, "tangential_mass": None,
-             "rolling_mass": f"{base.get('rolling_mass', ROLLING):g} kg",
-             "creep_speed": f"{base.get('creep_speed', CREEP):g} m/s", "adhesion_constant": None,
-             "loss_factor": base["loss_factor"]}  # fmt: skip
-    campaign = {
-        "name": name, "title": title, "seed": seed, "effects": effects, "base": base, "channels": tuple(channels),
-        "uncertainties": UNCERTAINTIES, "noise": {c: deviations[c] for c in channels}, "rho": rho,
-        "white_share": white_share, "setting_scatter": setting_scatter, "interval": interval, "before": before,
-        "length": length, "heldout": choose_oblique_heldout(pressures, speeds, slides), "known": known, "digits": 3,
-    }  # fmt: skip
-    return straight.add_records(campaign, generator, tests, lambda true, times: simulate_strike(
-        base, effects, true, times, channels, steps))  # fmt: skip
+    deviations = NOISE | (noise or {})
+    known = straight.KNOWN | {"tangential_mass": None, "rolling_mass": f"{base.get('rolling_mass', ROLLING):g} kg",
+                              "creep_speed": f"{base.get('creep_speed', CREEP):g} m/s", "adhesion_constant": None,
+                              "loss_factor": base["loss_factor"]}  # fmt: skip
+
+    def place(conditions):
+        times = straight.place_times(base, conditions, interval, before, length)
+        return times, {"time": times}
+
+    campaign = Campaign(
+        name, "impact", seed, effects, base, known, CONDITIONS, UNCERTAINTIES, {c: deviations[c] for c in channels},
+        [3] * len(channels), place, lambda true, times: simulate_strike(base, effects, true, times, channels, steps),
+        rho, white_share, setting_scatter,
+    )  # fmt: skip
+    return draw_records(campaign, generator, order_tests(generator, CONDITIONS, plan))
 
 
-def reveal_oblique_campaign(campaign):
-    """Return what is hidden in a campaign, with noise-free channels at conditions that it does not hold."""
-    heldout = straight.reveal_heldout(campaign, lambda conditions, times: simulate_strike(
-        campaign["base"], campaign["effects"], conditions, times, campaign["channels"]))  # fmt: skip
-    same = ("effects", "base", "seed", "rho", "setting_scatter")
-    return {"family": "impact"} | {name: campaign[name] for name in same} | {"heldout": heldout}
+def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
+    """The function effects -> misfit over noise; four nuisances a record: pressure, two speeds, time origin."""
+    base = setting["base"]
+    tests = [dict(zip(CONDITIONS, (p, v, u), strict=True)) for p in setting["pressures"] for v in setting["speeds"]
+             for u in setting["slides"]][seed % 2 :: 2]  # fmt: skip
+    times = [straight.place_times(base, c, 1.5e-3) for c in tests]
+    scale = np.array([NOISE[channel] for channel in FORCES])
+    prior = np.array([UNCERTAINTIES[name] for name in (*CONDITIONS, "time")])
+
+    def read(i, model, effects, own):
+        moved = {c: x * (1.0 + s) for (c, x), s in zip(tests[i].items(), prior * own, strict=False)}
+        found = simulate_strike(model, effects, moved, times[i] + prior[3] * own[3], FORCES, COARSE)
+        return (found / scale).ravel()
+
+    return hold_slopes(Reference(base, *share_logarithms(base, SHARED), read, len(tests), 4), 2)
+
+
+def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
+    """Three tests at other pressures and speeds."""
+    found = []
+    for conditions in choose_oblique_heldout(setting["pressures"], setting["speeds"], setting["slides"]):
+        times = straight.place_times(setting["base"], conditions, 5e-4)
+        readings = simulate_strike(setting["base"], effects, conditions, times, FORCES, STEPS)
+        found.append(HeldOut(conditions, times, readings))
+    return found
+
+
+OBLIQUE = CaseGenerator(
+    "oblique", {channel: NOISE[channel] for channel in FORCES}, "time", CATALOGUE, OUTSIDE, draw_setting,
+    partial(make_oblique_campaign, steps=STEPS), prepare, hold_out,
+)  # fmt: skip

@@ -1,11 +1,12 @@
-"""A test bench: how one family's campaigns and hidden effects are drawn, simulated, measured and written."""
+"""A case generator: how cases of one family are drawn, simulated and measured, and how large hidden effects are."""
 
 import dataclasses as dc
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from .campaigns import Campaign
 
 
 @dc.dataclass(frozen=True)
@@ -48,13 +49,7 @@ class Hidden:
 
 
 class HeldOut(NamedTuple):
-    """A noise-free test at conditions that the campaign does not hold.
-
-    Attributes:
-        conditions: as `predict` wants them, SI.
-        along: time or slip, shape (samples,), SI.
-        readings: shape (samples, channels), SI.
-    """
+    """A noise-free test at conditions that the campaign does not hold: these, time or slip, and readings; SI."""
 
     conditions: Mapping[str, float]
     along: np.ndarray
@@ -62,8 +57,8 @@ class HeldOut(NamedTuple):
 
 
 @dc.dataclass(frozen=True)
-class Bench:
-    """One family's bench; a setting is a plain dictionary, `base` in it the parameters of the reference model.
+class CaseGenerator:
+    """One family's cases; settings are a plain dictionary, `base` in it the parameters of the reference model.
 
     Attributes:
         name: of the family.
@@ -72,11 +67,9 @@ class Bench:
         catalogue: effects that the package lists, as the exam hides them.
         outside: effects that it lacks.
         draw_setting: base parameters and conditions, from a generator.
-        make: a campaign with noise, from name, seed, effects, setting and noise (`rho`, `white_share`).
-        write: the campaign's folder.
-        traces: the campaign's readings as views, one a record, shape (samples, channels): faults act on them.
-        prepare: for a setting and a seed, the function effects -> rms over noise that a refitted reference leaves.
-        hold_out: noise-free tests elsewhere, from effects and setting.
+        make: a campaign, from name, seed and effects, and by name the settings, `rho` and `white_share`.
+        prepare: for settings and a seed, the function effects -> rms over noise that a refitted reference leaves.
+        hold_out: noise-free tests elsewhere, from effects and settings.
         edition: of the way in which cases are drawn: another one asks other questions under the same seed.
     """
 
@@ -86,9 +79,13 @@ class Bench:
     catalogue: Mapping[str, Hidden]
     outside: Mapping[str, Hidden]
     draw_setting: Callable[[np.random.Generator], dict[str, Any]]
-    make: Callable[[str, int, Mapping[str, Any], Mapping[str, Any], Mapping[str, float]], dict[str, Any]]
-    write: Callable[[Path, dict[str, Any]], None]
-    traces: Callable[[dict[str, Any]], list[np.ndarray]]
+    make: Callable[..., Campaign]
     prepare: Callable[[Mapping[str, Any], int], Callable[[Mapping[str, Any]], float]]
     hold_out: Callable[[Mapping[str, Any], Mapping[str, Any]], list[HeldOut]]
     edition: int = 1
+
+
+def spread(generator: np.random.Generator, low: float, high: float, count: int) -> list[float]:
+    """So many settings between two limits, one in the middle half of each of as many even parts in the logarithm."""
+    place = (np.arange(count) + generator.uniform(0.25, 0.75, count)) / count
+    return [float(f"{x:.4g}") for x in low * (high / low) ** place]

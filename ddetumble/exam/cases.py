@@ -1,4 +1,4 @@
-"""What an exam asks: every case drawn from the exam's seed and its own number alone."""
+"""Cases of an exam: every one sampled from the exam's seed and its own number alone."""
 
 import dataclasses as dc
 from collections.abc import Callable, Mapping
@@ -8,11 +8,17 @@ from typing import Any
 import numpy as np
 
 from .._errors import InputError
-from .benches import BENCHES, Bench, Hidden
 from .faults import FAULTS
+from .simulators.campaigns import write_package
+from .simulators.generator import CaseGenerator, Hidden
+from .simulators.impact_campaigns import IMPACT
+from .simulators.oblique_campaigns import OBLIQUE
+from .simulators.slip_campaigns import SLIP
 from .simulators.strength import reach_strength
+from .simulators.tumbling_campaigns import TUMBLE
 
 
+GENERATORS: dict[str, CaseGenerator] = {one.name: one for one in (IMPACT, SLIP, OBLIQUE, TUMBLE)}
 TRUTHS = ("nothing", "one", "two", "outside")
 PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside")
 NOISES = ("white", "ar1")
@@ -30,7 +36,7 @@ class Exam:
         truths: kinds of what is hidden, out of TRUTHS.
         noise: `white`, `ar1` (correlation 0.3 to 0.9, partly white in a third of the cases) or `drawn`: even odds.
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
-        edition: of the drawing; the present one of the family's bench where not given.
+        edition: of the drawing; the present one of the family's generator where not given.
     """
 
     family: str
@@ -41,7 +47,7 @@ class Exam:
     edition: int = 0
 
     def __post_init__(self):
-        for name, value, allowed in (("--family", self.family, BENCHES), ("--noise", self.noise, (*NOISES, "drawn")),
+        for name, value, allowed in (("--family", self.family, GENERATORS), ("--noise", self.noise, (*NOISES, "drawn")),
                                      ("--fault", self.fault, ("none", "drawn", *FAULTS))):
             if value not in allowed:
                 raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=name)
@@ -52,12 +58,12 @@ class Exam:
             raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
         if self.seed < 0:
             raise InputError("the seed is a whole number from 0 on", option="--seed")
-        object.__setattr__(self, "edition", self.edition or self.bench.edition)
+        object.__setattr__(self, "edition", self.edition or self.generator.edition)
 
     @property
-    def bench(self) -> Bench:
-        """Where its campaigns are made."""
-        return BENCHES[self.family]
+    def generator(self) -> CaseGenerator:
+        """Of its cases."""
+        return GENERATORS[self.family]
 
 
 @dc.dataclass(frozen=True)
@@ -67,28 +73,28 @@ class Case:
     Attributes:
         index: its number in the exam.
         kind: of what is hidden, out of TRUTHS.
-        seed: of the campaign's random numbers.
-        setting: of the bench; `base` in it are the reference model's parameters.
         effects: that are hidden, with their parameters.
         asked, strengths: of every effect, the strength drawn and the one that its parameters have.
         noise: `rho` and `white_share`.
         fault: one of FAULTS, or None.
+        setting: of the generator; `base` in it are the reference model's parameters.
+        seed: of the campaign's random numbers.
     """
 
     index: int
     kind: str
-    seed: int
-    setting: Mapping[str, Any]
     effects: Mapping[str, Mapping[str, Any]]
     asked: Mapping[str, float]
     strengths: Mapping[str, float]
     noise: Mapping[str, float]
     fault: str | None
+    setting: Mapping[str, Any]
+    seed: int
 
 
-def start_generator(exam: Exam, *more: int) -> np.random.Generator:
+def start_random(exam: Exam, *more: int) -> np.random.Generator:
     """Random numbers of their own for every exam, case and purpose."""
-    return np.random.default_rng([exam.edition, exam.seed, list(BENCHES).index(exam.family), *more])
+    return np.random.default_rng([exam.edition, exam.seed, list(GENERATORS).index(exam.family), *more])
 
 
 def find_kind(exam: Exam, index: int) -> tuple[str, int]:
@@ -99,28 +105,28 @@ def find_kind(exam: Exam, index: int) -> tuple[str, int]:
     return kind, rounds * pattern.count(kind) + pattern[:place].count(kind)
 
 
-def draw_case(exam: Exam, index: int) -> Case:
-    """Draw one case; the others do not matter to it.
+def sample_case(exam: Exam, index: int) -> Case:
+    """Sample one case; the others do not matter to it.
 
     Single and outside effects come in turn, in an order drawn once for the exam; pairs are drawn at random.
     """
-    generator = start_generator(exam, 1, index)
+    random, family = start_random(exam, 1, index), exam.generator
     kind, rank = find_kind(exam, index)
-    seed = int(generator.integers(2**31))
-    bench, setting = exam.bench, exam.bench.draw_setting(generator)
-    noise = draw_noise_kind(exam, generator)
-    faulty = generator.random() < FAULTY
-    fault = str(generator.choice(list(FAULTS)))
+    seed = int(random.integers(2**31))
+    setting = family.draw_setting(random)
+    noise = draw_noise_kind(exam, random)
+    faulty = random.random() < FAULTY
+    fault = str(random.choice(list(FAULTS)))
     fault = {"none": None, "drawn": fault if faulty else None}.get(exam.fault, exam.fault)
-    pool = dict(bench.outside if kind == "outside" else bench.catalogue)
+    pool = dict(family.outside if kind == "outside" else family.catalogue)
     if kind == "two":
-        order = [str(name) for name in generator.permutation(list(pool))]
+        order = [str(name) for name in random.permutation(list(pool))]
     else:
-        order = [str(name) for name in start_generator(exam, 2).permutation(list(pool))]
+        order = [str(name) for name in start_random(exam, 2).permutation(list(pool))]
         order = order[rank % len(order) :] + order[: rank % len(order)]
     wanted = {"nothing": 0, "two": 2}.get(kind, 1)
-    effects, asked, strengths = hide(order, pool, wanted, bench.prepare, setting, seed, generator)
-    return Case(index, kind, seed, setting, effects, asked, strengths, noise, fault)
+    effects, asked, strengths = hide(order, pool, wanted, family.prepare, setting, seed, random)
+    return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed)
 
 
 def draw_noise_kind(exam: Exam, generator: np.random.Generator) -> dict[str, float]:
@@ -168,9 +174,11 @@ def hide(order: list[str], pool: Mapping[str, Hidden], wanted: int, prepare: Cal
 
 def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any] | None:
     """Simulate a case and write its campaign, which says nothing of what is hidden; returns what the fault did."""
-    campaign = exam.bench.make(f"case-{case.index:04d}", case.seed, case.effects, case.setting, case.noise)
+    family = exam.generator
+    campaign = family.make(f"case-{case.index:04d}", case.seed, case.effects, **case.setting, **case.noise)
     done = None
     if case.fault is not None:
-        done = FAULTS[case.fault](exam.bench.traces(campaign), start_generator(exam, 3, case.index))
-    exam.bench.write(folder, campaign)
+        readings = [record.values[:, : len(family.channels)] for record in campaign.records]
+        done = FAULTS[case.fault](readings, start_random(exam, 3, case.index))
+    write_package(folder, campaign)
     return done

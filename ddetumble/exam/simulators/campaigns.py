@@ -1,0 +1,199 @@
+"""A simulated campaign of any family: what was really done, what was written down and measured, and its folder."""
+
+import csv
+import dataclasses as dc
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .noise import draw_noise
+
+
+SOURCE = "Simulated by ddetumble.exam.simulators"
+TITLE = "Synthetic {} campaign with an undisclosed physical effect, or none"
+UNITS = {"time": ("s", 1.0), "normal_force": ("N", 1.0), "tangential_force": ("N", 1.0), "depression": ("mm", 1e-3),
+         "slip": ("mm", 1e-3), "pressure": ("MPa", 1e6), "initial_pressure": ("MPa", 1e6),
+         "approach_speed": ("m/s", 1.0), "tangential_speed": ("m/s", 1.0), "normal_load": ("N", 1.0),
+         "internal_pressure": ("MPa", 1e6), "slip_speed": ("m/s", 1.0)}  # fmt: skip
+UNITS |= {f"angular_velocity_{axis}": ("rad/s", 1.0) for axis in "xyz"}
+UNITS |= {f"attitude_{axis}": ("1", 1.0) for axis in "wxyz"}
+DIGITS = {"normal_load": 4, "slip_speed": 4}  # after the point, of conditions in files; 5 of the others
+
+
+@dc.dataclass(frozen=True)
+class Record:
+    """One test: its label, the true conditions and the written ones, the shift of its clock (s), and its samples.
+
+    Attributes:
+        along: columns that have no noise (time, slip), by name, SI.
+        values: of the channels with noise, shape (samples, channels), SI.
+    """
+
+    label: str
+    true: dict[str, Any]
+    written: dict[str, Any]
+    shift: float
+    along: dict[str, np.ndarray]
+    values: np.ndarray
+
+
+@dc.dataclass(frozen=True)
+class Campaign:
+    """What a campaign is made of; `records` are empty until `draw_records` has made them.
+
+    Attributes:
+        name, family: of the package.
+        seed: of everything that is drawn.
+        effects, base: hidden effects and parameters of the reference model.
+        known: what the package states of these parameters, None where a fit has to find them.
+        conditions: columns of the table of records.
+        uncertainties: one standard deviation by condition, relative, and of `time`, s; conditions without are exact.
+        noise: standard deviation by channel, SI.
+        white: the same of channels whose noise is always white, which come after the others.
+        digits: after the point, by channel, in the files' units.
+        place: from conditions, where the simulator reads (time or path), and the columns `Record.along`.
+        read: from true conditions and such places, noise-free channels, shape (samples, channels).
+        rho, white_share: of `draw_noise`.
+        setting_scatter: relative scatter of true conditions about nominal ones.
+    """
+
+    name: str
+    family: str
+    seed: int
+    effects: Mapping[str, Mapping[str, Any]]
+    base: Mapping[str, float]
+    known: Mapping[str, Any]
+    conditions: tuple[str, ...]
+    uncertainties: Mapping[str, float]
+    noise: Mapping[str, float]
+    digits: Sequence[int]
+    place: Callable[[Mapping[str, Any]], tuple[np.ndarray, dict[str, np.ndarray]]]
+    read: Callable[[Mapping[str, Any], np.ndarray], np.ndarray]
+    rho: float = 0.0
+    white_share: float = 0.0
+    setting_scatter: float = 0.0
+    white: Mapping[str, float] = dc.field(default_factory=dict)
+    title: str = ""
+    records: Sequence[Record] = ()
+
+
+def draw_records(campaign: Campaign, generator: np.random.Generator, tests: Sequence[Mapping[str, Any]]) -> Campaign:
+    """The campaign with its records, from the nominal conditions of the tests in their order.
+
+    A true condition is nominal x (1 + setting_scatter x N(0, 1)); what is written down is the true one
+    x (1 + uncertainty x N(0, 1)). Written times lag the true ones by a shift drawn with the uncertainty of `time`.
+    """
+    stated, records = campaign.uncertainties, []
+    for number, nominal in enumerate(tests, start=1):
+        names = [condition for condition in nominal if condition in stated]
+        draw = generator.standard_normal(2 * len(names) + ("time" in stated))
+        true, written = dict(nominal), dict(nominal)
+        for i, condition in enumerate(names):
+            true[condition] = nominal[condition] * (1.0 + campaign.setting_scatter * draw[i])
+            written[condition] = true[condition] * (1.0 + stated[condition] * draw[len(names) + i])
+        shift = stated["time"] * draw[-1] if "time" in stated else 0.0
+        places, along = campaign.place(nominal)
+        values = campaign.read(true, places - shift)
+        for j, deviation in enumerate(campaign.noise.values()):
+            values[:, j] += draw_noise(generator, places.size, deviation, campaign.rho, campaign.white_share)
+        if campaign.white:
+            rest = generator.standard_normal((places.size, len(campaign.white)))
+            values[:, len(campaign.noise) :] += np.array(list(campaign.white.values())) * rest
+        records.append(Record(f"r{number:02d}", true, written, shift, along, values))
+    return dc.replace(campaign, records=records)
+
+
+def order_tests(generator: np.random.Generator, names: Sequence[str], plan: Sequence[Sequence[float]]
+                ) -> list[dict[str, Any]]:
+    """Nominal conditions of the planned tests in the random order in which they are done, numbered by `sequence`."""
+    return [dict(zip(names, plan[k], strict=True)) | {"sequence": j}
+            for j, k in enumerate(generator.permutation(len(plan)), start=1)]  # fmt: skip
+
+
+def place_between(values: Sequence[float]) -> tuple[float, float, float]:
+    """Geometric means of the two lowest and of the two highest of some settings, and 0.9 times the highest."""
+    v = sorted(values)
+    return (v[0] * v[min(1, len(v) - 1)]) ** 0.5, (v[-min(2, len(v))] * v[-1]) ** 0.5, 0.9 * v[-1]
+
+
+def name_conditions(names: Sequence[str], rows: Sequence[Sequence[float]], **more: Any) -> list[dict[str, Any]]:
+    """Conditions by name, to six digits."""
+    return [dict(zip(names, (float(f"{x:.6g}") for x in row), strict=True)) | more for row in rows]
+
+
+def describe_number(name: str, uncertainty: str | None = None) -> dict[str, str]:
+    """Descriptor of a column of numbers; `uncertainty` is one standard deviation with its unit."""
+    found = {"name": name, "type": "number", "unit": UNITS[name][0]}
+    return found if uncertainty is None else found | {"uncertainty": uncertainty}
+
+
+def describe_campaign(campaign: Campaign, source: str = SOURCE) -> dict[str, Any]:
+    """Data Package descriptor; source: who made the campaign."""
+    stated = campaign.uncertainties
+    records = [{"name": name, "type": "integer"} if name not in UNITS else
+               describe_number(name, f"{100 * stated[name]:g} %" if name in stated else None)
+               for name in campaign.conditions]  # fmt: skip
+    samples = [describe_number(name, f"{stated['time'] * 1e3:g} ms" if name == "time" and name in stated else None)
+               for name in campaign.records[0].along]  # fmt: skip
+    for channel, deviation in {**campaign.noise, **campaign.white}.items():
+        unit, size = UNITS[channel]
+        samples.append(describe_number(channel, f"{deviation / size:g}" + (f" {unit}" if unit != "1" else "")))
+    key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
+    label = {"name": "record", "type": "string"}
+    schemas = {
+        "records": {"fields": [label, *records], "primaryKey": "record"},
+        "samples": {"fields": [label, *samples], "foreignKeys": [key]},
+    }
+    return {
+        "name": campaign.name,
+        "title": campaign.title or TITLE.format(campaign.family),
+        "licenses": [{"name": "CC0-1.0"}],
+        "sources": [{"title": source}],
+        "family": campaign.family,
+        "known": campaign.known,
+        "resources": [
+            {"name": table, "path": f"{table}.csv", "format": "csv", "schema": schema}
+            for table, schema in schemas.items()
+        ],
+    }
+
+
+def write_package(folder: Path, campaign: Campaign, source: str = SOURCE) -> None:
+    """Write the Data Package: datapackage.json, records.csv and samples.csv."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = describe_campaign(campaign, source)
+    write_json(folder / "datapackage.json", descriptor)
+    records, samples = [], []
+    for row in campaign.records:
+        records.append([row.label, *(
+            f"{row.written[name] / UNITS[name][1]:.{DIGITS.get(name, 5)}f}" if name in UNITS else row.written[name]
+            for name in campaign.conditions)])  # fmt: skip
+        along = [np.round(column, 12) / UNITS[name][1] + 0.0 for name, column in row.along.items()]
+        sizes = [UNITS[channel][1] for channel in (*campaign.noise, *campaign.white)]
+        for *places, values in zip(*along, row.values / sizes, strict=True):
+            samples.append([row.label, *(f"{x:g}" for x in places), *map(format_cell, values, campaign.digits)])
+    for table, rows in zip(descriptor["resources"], (records, samples), strict=True):
+        write_table(folder / table["path"], [field["name"] for field in table["schema"]["fields"]], rows)
+
+
+def format_cell(value: float, digits: int) -> str:
+    """A number as text with so many digits after the point; nothing for nan, no minus zero."""
+    return "" if np.isnan(value) else f"{np.round(value, digits) + 0.0:.{digits}f}"
+
+
+def write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Write one CSV file with Unix line ends."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_json(path: Path, content: Any, indent: int | None = 2) -> None:
+    """Write one JSON file with a final line end."""
+    text = json.dumps(content, indent=indent, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
