@@ -70,12 +70,14 @@ def test_an_effect_whose_first_fit_stops_short_is_found(tmp_path):
     """Settings close together and six repeats of one test: the quick fit of the true effect ends half way, where its
     linearised loss on left-out conditions is a thousand times too large; it is fitted to the end all the same.
     """
-    from docs.next_test import extend_case, make_case, write_case
+    from ddetumble.exam.simulators.campaigns import write_package
+    from docs.next_test import extend_case, make_case
 
     hidden = {"load-exponent": {"m": 0.08}}
     more = make_case("slip", hidden, 75, "more", (27.0, 602e3, 0.2), 6)
     case = extend_case(make_case("slip", hidden, 5, "case"), more, 6)
-    found = discover(write_case(case, "slip", tmp_path / "campaign"))
+    write_package(tmp_path / "campaign", case)
+    found = discover(tmp_path / "campaign")
     assert found.verdict == "explained" and found.effects == ("load-exponent",), found.sentence
     size = found.steps[-1].parameters["load-exponent.m"]
     assert size.q025 < 0.08 < size.q975
