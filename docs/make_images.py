@@ -8,7 +8,7 @@ from pathlib import Path
 import ddetumble as dd
 from ddetumble import discover, find_data
 from ddetumble.figures import draw_error_by_step, draw_fit, draw_ranking, draw_signatures, render_png
-from ddetumble.figures.plan import draw_motion
+from ddetumble.figures.planning import draw_motion
 from ddetumble.measurement.quantities import name_steps
 from ddetumble.reports.plan import follow_plan
 

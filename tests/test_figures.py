@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ddetumble import figures
-from ddetumble.figures import plan
+from ddetumble.figures import planning
 from ddetumble.figures.style import apply_style
-from ddetumble.figures.views import find_stretch
+from ddetumble.figures.traces import find_stretch
 from ddetumble.measurement.quantities import describe_quantity, name_steps, shorten_names, typeset
 from ddetumble.measurement.units import format_time
 from ddetumble.reports import Picture, Section, Table, write_page
@@ -139,13 +139,13 @@ def test_findings_have_room(narrow):
 def test_plans_have_room(narrow):
     time = np.linspace(0.0, 130.0, 400)
     momentum = np.stack([250.0 - time, np.sin(time), 200.0 - time], axis=1)
-    check_layout(plan.draw_motion(time, momentum, np.full(time.size, 0.9), [28.0, 59.0, 97.0], narrow=narrow))
+    check_layout(planning.draw_motion(time, momentum, np.full(time.size, 0.9), [28.0, 59.0, 97.0], narrow=narrow))
     pulse = 1500.0 * np.sin(np.linspace(0.0, np.pi, 50))
-    check_layout(plan.draw_contacts([np.linspace(0.0, 0.05, 50)] * 3, [pulse] * 3, [0.2 * pulse] * 3,
+    check_layout(planning.draw_contacts([np.linspace(0.0, 0.05, 50)] * 3, [pulse] * 3, [0.2 * pulse] * 3,
                                     ["impact 1", "impact 3", "impact 5"], narrow=narrow))
     draws = {"gas-leak": np.linspace(0.343, 0.347, 32), "pressure-dependent-restitution": np.linspace(0.341, 0.345, 32)}
-    check_layout(plan.draw_outlook(draws, 0.345, 0.347, narrow=narrow))
-    assert plan.draw_motion(100.0 * time, momentum, time, [28.0]).axes[1].get_xlabel() == "time [h]"
+    check_layout(planning.draw_outlook(draws, 0.345, 0.347, narrow=narrow))
+    assert planning.draw_motion(100.0 * time, momentum, time, [28.0]).axes[1].get_xlabel() == "time [h]"
 
 
 def test_names_are_short_and_distinct():

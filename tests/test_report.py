@@ -12,8 +12,16 @@ import pytest
 
 from ddetumble import figures
 from ddetumble._errors import InputError
-from ddetumble.figures.binning import bin_residuals, choose_records, group_values, is_peaks, sort_traces
-from ddetumble.figures.views import find_phase, find_strokes, share_span
+from ddetumble.figures.traces import (
+    bin_residuals,
+    choose_records,
+    find_phase,
+    find_strokes,
+    group_values,
+    is_peaks,
+    share_span,
+    sort_traces,
+)
 from ddetumble.measurement.quantities import (
     describe_conditions,
     describe_quantity,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..figures.power import draw_power
+from ..figures import draw_power
 from ..figures.style import render_png
 from ..inference.files import list_versions, write_json
 from ..reports.page import Picture, Section, Table, write_page, write_whole

@@ -1,19 +1,12 @@
-"""Figures of a campaign and of what was found in it: records in, a matplotlib figure out; matplotlib is loaded late."""
+"""Figures of a campaign and of what was found in it: records in, a matplotlib figure out."""
 
 from .dependence import draw_dependence, draw_missing_force
-from .error_by_step import draw_error_by_step
-from .estimates import draw_parameters
-from .fit import draw_fit, draw_peaks
+from .fit import draw_fit, draw_peaks, draw_prediction, draw_signatures
 from .missing import draw_missing_rivals, draw_missing_shape
-from .planning import draw_map, draw_next_test
-from .posterior import draw_corner, draw_ranks, draw_traces
-from .power import draw_power
-from .prediction import draw_prediction
-from .predictive import draw_left_out, draw_predictive
-from .ranking import draw_ranking
-from .residuals import draw_record_errors, draw_residual_map
-from .shifts import draw_shifts
-from .signatures import draw_signatures
+from .planning import draw_map, draw_next_test, draw_power
+from .posterior import draw_corner, draw_left_out, draw_predictive, draw_ranks, draw_traces
+from .residuals import draw_record_errors, draw_residual_map, draw_shifts
+from .selection import draw_error_by_step, draw_parameters, draw_ranking
 from .style import new_figure, render_png, styled
 
 

@@ -1,31 +1,43 @@
 """What the misfit depends on: binned residuals against state and condition, and the force that is missing."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
+import matplotlib
 import numpy as np
 
 from ..families import View
-from ..measurement.quantities import Quantity, clean, describe_quantity, format_number, format_share, vary
+from ..measurement.quantities import Quantity, clean, describe_quantity, format_number, format_share
 from ..selection.result import Place, Trace
 from ..selection.text import choose_view
-from .binning import bin_residuals, group_values, list_levels, pick_channel, standardise
 from .style import (
     FLOOR,
     GREY,
-    INK,
     NARROW,
     PLACE,
     WIDTH,
     colour_models,
     dress,
     head_figure,
+    key_band,
+    key_line,
     new_figure,
-    space_ticks,
     styled,
     wrap_text,
 )
-from .views import find_phase, find_strokes, find_values
+from .traces import (
+    average_bins,
+    bin_residuals,
+    find_phase,
+    find_strokes,
+    find_values,
+    group_condition,
+    list_levels,
+    list_varying,
+    pick_channel,
+    standardise,
+)
 
 
 @styled
@@ -47,13 +59,7 @@ def draw_dependence(
         noise: `correlation` and `white_share` of the channel's noise.
         where: places of the misfit, marked where they name one of the variables drawn.
         narrow: draw for a telephone.
-
-    Returns:
-        A matplotlib figure.
     """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     view = choose_view(next(iter(models.values())))
     channel = channel or view.force
     traces = {name: pick_channel(all_, channel) for name, all_ in models.items()}
@@ -64,24 +70,23 @@ def draw_dependence(
         low, high = -0.5, 0.5
         for variable, axes in row.items():
             edges, shown = _choose_edges(first, variable, view)
-            low, high = _draw_means(axes, traces, variable, edges, shown, noise, view, (low, high))
+            for bins, error in _draw_means(axes, traces, variable, edges, shown, noise, view):
+                low, high = min(low, np.min(bins - error)), max(high, np.max(bins + error))
             places = [place for place in where if place.channel == channel]
             marked |= _mark_places(axes, places, variable, shown, view.wide or narrow)
             _label_variable(axes, variable, shown, view, 1.5 if narrow else 3.0)
         for i, axes in enumerate(row.values()):
             axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
             axes.set_ylabel("" if i else "mean residual / noise")
-    handles = [Line2D([], [], color=colour, marker="o", ms=4, lw=1.1) for colour in colour_models(len(traces))]
-    labels = [clean(name, 60) for name in traces]
+    look = {"width": 1.1, "marker": "o", "ms": 4}
+    entries = [(clean(name, 60), key_line(colour, **look))
+               for name, colour in zip(traces, colour_models(len(traces)), strict=True)]
     if view.phases:
-        handles += [Line2D([], [], color=GREY, marker="o", ms=4, lw=1.1, ls=":", mfc="white")]
-        labels += [f"open: {view.phases[1]}"]
-    handles += [Patch(facecolor=FLOOR, alpha=0.35, lw=0)]
-    labels += ["from noise alone, 95 %"]
+        entries.append((f"open: {view.phases[1]}", key_line(GREY, ls=":", mfc="white", **look)))
+    entries.append(("from noise alone, 95 %", key_band()))
     if marked:
-        handles.append(Patch(facecolor=PLACE, lw=0))
-        labels.append("where the misfit sits")
-    head_figure(figure, handles, labels)
+        entries.append(("where the misfit sits", key_band(PLACE, None)))
+    head_figure(figure, [handle for _, handle in entries], [label for label, _ in entries])
     return figure
 
 
@@ -89,22 +94,19 @@ def draw_dependence(
 def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
     """What a model leaves of the measured force, over the depression or slip, phases apart.
 
+    One line a level of a condition, with two standard errors; of slip records of the condition that the misfit depends
+    on most, of impacts of the first.
+
     Args:
         models: one or two models by name; one row each, or one panel each where there is but one phase.
         channel: what to draw; the family's force where it is not given.
         narrow: draw for a telephone.
-
-    Returns:
-        A matplotlib figure: one line a level of a condition, with two standard errors; of slip records of the one that
-        the misfit depends on most, of impacts of the first.
     """
-    import matplotlib
-
     first = next(iter(models.values()))
     view = choose_view(first)
     channel, phases = channel or view.force, view.phases or ("",)
     own = pick_channel(first, channel)
-    varying = [name for name in vary(trace.conditions for trace in own) if len(list_levels(own, name)) > 1]
+    varying = list_varying(own)
     deepest = max(float(np.nan_to_num(trace.state).max(initial=0.0)) for trace in own)
     edges = np.linspace(0, max(deepest, 1e-9), _count_bins(own, view))
     strongest = view.strongest or channel != view.force
@@ -120,30 +122,28 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     figure = new_figure(0.5 + 2.6 * lines, width)
     panels = figure.subplots(lines, len(models) * len(phases) // lines, squeeze=False, sharex=True, sharey=True)
     shades = matplotlib.colormaps["viridis"](np.linspace(0.05, 0.8, len(levels)))
-    handles, lowest, highest = [], 0.0, 0.0
-    for k, (label, traces) in enumerate(models.items()):
+    handles, labels, lowest, highest = [], [], 0.0, 0.0
+    for axes, ((label, traces), phase) in zip(panels.ravel(), itertools.product(models.items(), phases), strict=True):
         traces = pick_channel(traces, channel)
-        groups = group_values([trace.conditions.get(name, math.nan) for trace in traces]) if name else []
-        for column, phase in enumerate(phases):
-            axes = dress(panels.ravel()[k * len(phases) + column])
-            axes.axhline(0, color=FLOOR, lw=0.9)
-            for level, shade in zip(levels, shades, strict=True):
-                near = 1e-9 * abs(level)
-                chosen = [trace for i, trace in enumerate(traces) if not name or abs(groups[i] - level) <= near]
-                keep = [find_phase(trace, phase) for trace in chosen]
-                bins = bin_residuals(chosen, [trace.state for trace in chosen], edges, None, keep)
-                if not bins.centre.size:
-                    continue
-                scale = shown.scale * chosen[0].sd
-                mean, error = scale * bins.mean, scale * bins.error
-                line = axes.errorbar(state.scale * bins.centre, mean, 2 * error, color=shade, lw=1.4, elinewidth=0.9,
-                                     marker="o", ms=3.5)
-                lowest, highest = min(lowest, float(np.min(mean - error))), max(highest, float(np.max(mean + error)))
-                if k == 0 and column == 0 and name:
-                    text = f"{condition.name} " if not handles else ""
-                    handles.append((line, f"{text}{condition.format(level)} {condition.unit}".strip()))
-            title = f"{clean(label, 80)}: {phase}" if phase else clean(label, 80)
-            axes.set_title(wrap_text(title, width / panels.shape[1] - 0.6))
+        groups = group_condition(traces, name)
+        dress(axes).axhline(0, color=FLOOR, lw=0.9)
+        for level, shade in zip(levels, shades, strict=True):
+            chosen = [trace for trace, group in zip(traces, groups, strict=True)
+                      if not name or abs(group - level) <= 1e-9 * abs(level)]
+            keep = [find_phase(trace, phase) for trace in chosen]
+            bins = bin_residuals(chosen, [trace.state for trace in chosen], edges, None, keep)
+            if not bins.centre.size:
+                continue
+            scale = shown.scale * chosen[0].sd
+            mean, error = scale * bins.mean, scale * bins.error
+            line = axes.errorbar(state.scale * bins.centre, mean, 2 * error, color=shade, lw=1.4, elinewidth=0.9,
+                                 marker="o", ms=3.5)
+            lowest, highest = min(lowest, float(np.min(mean - error))), max(highest, float(np.max(mean + error)))
+            if axes is panels[0, 0] and name:
+                labels.append(f"{'' if labels else condition.name} {condition.format(level)} {condition.unit}".strip())
+                handles.append(line)
+        title = f"{clean(label, 80)}: {phase}" if phase else clean(label, 80)
+        axes.set_title(wrap_text(title, width / panels.shape[1] - 0.6))
     for axes in panels[-1]:
         axes.set_xlabel(state.label)
     for axes in panels[:, 0]:
@@ -152,13 +152,13 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
     panels[0, 0].set_ylim(lowest - pad, highest + pad)
     panels[0, 0].set_xlim(0, None)
     if handles:
-        head_figure(figure, [line for line, _ in handles], [text for _, text in handles], columns=8)
+        head_figure(figure, handles, labels, columns=8)
     return figure
 
 
 def _lay_out(view: View, traces: Sequence[Trace], narrow: bool):
     """An empty figure, and its axes by variable, one row after the other; axes of a row share what is up."""
-    conditions = [name for name in vary(trace.conditions for trace in traces) if len(list_levels(traces, name)) > 1]
+    conditions = list_varying(traces)
     if all("sequence" in trace.conditions for trace in traces) and len(traces) > 3:
         conditions.append("sequence")
     variables = [*view.variables, *conditions[: view.conditions + 1]]
@@ -178,12 +178,11 @@ def _lay_out(view: View, traces: Sequence[Trace], narrow: bool):
     return figure, rows
 
 
-def _draw_means(axes, traces: Mapping[str, Sequence[Trace]], variable: str, edges, shown: Quantity, noise, view: View,
-                reach: tuple[float, float]) -> tuple[float, float]:
-    """Draw the mean residuals of every model in bins of a variable; returns the reach, widened to hold them."""
-    low, high = reach
+def _draw_means(axes, traces: Mapping[str, Sequence[Trace]], variable: str, edges, shown: Quantity, noise, view: View
+                ) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Draw the mean residuals of every model in bins of a variable; returns them with their errors."""
     axes.axhline(0, color=FLOOR, lw=0.7)
-    apart = view.phases if variable not in (view.rate, "time") and view.phases else ("",)
+    drawn, apart = [], view.phases if variable not in (view.rate, "time") and view.phases else ("",)
     for i, (own, colour) in enumerate(zip(traces.values(), colour_models(len(traces)), strict=True)):
         values = [find_values(trace, variable, view) for trace in own]
         for phase in apart:
@@ -191,13 +190,12 @@ def _draw_means(axes, traces: Mapping[str, Sequence[Trace]], variable: str, edge
             if not bins.centre.size:
                 continue
             x, open_ = shown.scale * bins.centre, phase != apart[0]
-            if i == len(traces) - 1 and not open_:
-                _draw_band(axes, x, 2 * bins.floor)
+            if i == len(traces) - 1 and not open_:  # the band that noise alone fills
+                axes.fill_between(x, -2 * bins.floor, 2 * bins.floor, color=FLOOR, alpha=0.3, lw=0, zorder=1)
             axes.errorbar(x, bins.mean, 2 * bins.error, color=colour, lw=1.1, elinewidth=0.9, capsize=0,
                           ls=":" if open_ else "-", marker="o", ms=4, mfc="white" if open_ else colour, zorder=3 + i)
-            low = min(low, float(np.min(bins.mean - bins.error)))
-            high = max(high, float(np.max(bins.mean + bins.error)))
-    return low, high
+            drawn.append((bins.mean, bins.error))
+    return drawn
 
 
 def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, inside: bool) -> bool:
@@ -205,7 +203,8 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
 
     The words stay within the panel's width, which is a narrow one's where it is `inside` a row of many.
     """
-    places = [place for place in places if _same(place.variable, variable) and variable not in ("time", "direction")]
+    names = {variable, "rate"} if variable == "depression_rate" else {variable}
+    places = [place for place in places if place.variable in names and variable not in ("time", "direction")]
     told: list[tuple[float, float]] = []
     for place in places:
         start, end = (shown.scale * edge for edge in place.range)
@@ -213,17 +212,16 @@ def _mark_places(axes, places: Sequence[Place], variable: str, shown: Quantity, 
         if any(start < high and low < end for low, high in told):
             continue  # two lines of words in one place cannot be read
         told.append((start, end))
-        middle, side = 0.5 * (start + end), "center"
-        low, high = axes.get_xlim()
+        (low, high), middle = axes.get_xlim(), 0.5 * (start + end)
         share = (middle - low) / (high - low)
-        middle, side = (low, "left") if share < 0.4 else (high, "right") if share > 0.6 else (middle, side)
+        place_, side = (low, "left") if share < 0.4 else (high, "right") if share > 0.6 else (middle, "center")
         text = f"{format_share(place.share)} of the misfit"
         if place.removes is not None and place.share > 0.995:  # a range that is all there is says nothing
             text = f"{format_share(place.removes)} of the misfit removed by a simple force"
         if place.period is not None and math.isfinite(place.period):
             text += f", every {format_number(shown.scale * place.period)} {shown.unit}".rstrip()
         text = wrap_text(text, 1.7 if inside and variable != "slip" else 3.0, 8)
-        axes.annotate(text, (middle, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom", fontsize=8,
+        axes.annotate(text, (place_, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom", fontsize=8,
                       color=GREY)
     return bool(places)
 
@@ -232,7 +230,7 @@ def _label_variable(axes, variable: str, shown: Quantity, view: View, width: flo
     """Say what lies along the axes, which are `width` [inch] wide, and where it stands for a phase, which."""
     axes.set_xlabel(wrap_text(view.share if variable == "time" else shown.label, width))
     if variable == "sequence":
-        space_ticks(axes).xaxis.get_major_locator().set_params(integer=True)
+        axes.xaxis.get_major_locator().set_params(integer=True)
     if variable == "direction":
         axes.set_xlim(-1.6, 1.6)
         axes.set_xticks([-1, 1], view.phases[::-1])
@@ -243,30 +241,21 @@ def _label_variable(axes, variable: str, shown: Quantity, view: View, width: flo
                       fontsize=8)
 
 
-def _same(one: str, other: str) -> bool:
-    return {one, other} <= {"rate", "depression_rate"} or one == other
-
-
 def _find_strongest(traces: Sequence[Trace], names: Sequence[str], edges: np.ndarray, view: View) -> str:
     """The condition whose levels leave the least scatter between the misfits of their records over the state."""
-    profiles = np.array([_profile(trace, edges, view) for trace in traces])
+    # Turned so that friction which is missing is positive.
+    profiles = np.array([
+        np.nan_to_num(average_bins(np.clip(trace.state, edges[0], edges[-1]),
+                                   np.nan_to_num(standardise(trace) * find_values(trace, "direction", view)), edges))
+        for trace in traces])
 
     def spread(name: str) -> float:
-        groups = np.array(group_values([trace.conditions.get(name, math.nan) for trace in traces]))
-        levels = list_levels(traces, name)
+        groups, levels = group_condition(traces, name), list_levels(traces, name)
         parts = [profiles[groups == level] for level in levels]
         within = sum(float(np.sum((part - part.mean(axis=0)) ** 2)) for part in parts)
         return within / max(len(traces) - len(levels), 1)
 
     return min(names, key=spread)
-
-
-def _profile(trace: Trace, edges: np.ndarray, view: View) -> np.ndarray:
-    """Mean misfit of one record in bins of the state, turned so that friction which is missing is positive."""
-    residual = np.nan_to_num(standardise(trace) * find_values(trace, "direction", view))
-    index = np.clip(np.searchsorted(edges, trace.state, side="right") - 1, 0, edges.size - 2)
-    count = np.bincount(index, minlength=edges.size - 1)
-    return np.bincount(index, residual, minlength=edges.size - 1) / np.maximum(count, 1)
 
 
 def _count_bins(traces: Sequence[Trace], view: View) -> int:
@@ -292,10 +281,3 @@ def _choose_edges(traces: Sequence[Trace], variable: str, view: View):
         levels = np.linspace(levels[0], levels[-1], 8)
     middle = 0.5 * (levels[1:] + levels[:-1])
     return np.concatenate([[levels[0] - abs(levels[0]) - 1], middle, [levels[-1] + abs(levels[-1]) + 1]]), shown
-
-
-def _draw_band(axes, x: np.ndarray, half: np.ndarray):
-    """The band that noise alone fills."""
-    order = np.argsort(x)
-    axes.fill_between(x[order], -half[order], half[order], color=FLOOR, alpha=0.3, lw=0, zorder=1)
-    axes.tick_params(labelcolor=INK)

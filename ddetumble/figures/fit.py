@@ -1,32 +1,55 @@
-"""Model against measurement: small multiples of records with their residuals in units of the noise."""
+"""Model against measurement: records with their residuals, peaks, what an effect changes, and predicted records."""
 
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
+from ..measurement.units import si_unit
 from ..selection.result import Trace
 from ..selection.text import choose_view
-from .binning import choose_records, group_values, pick_channel, sort_traces, standardise
 from .style import (
+    AFTER,
+    BEFORE,
     FLOOR,
     GREY,
     INK,
+    KIN,
+    MORE,
     NARROW,
+    PALE,
+    STEPS,
     WIDTH,
     colour_models,
     count_characters,
     dress,
     head_figure,
+    key_band,
+    key_dot,
+    key_line,
     new_figure,
     styled,
     wrap_text,
 )
-from .views import find_span, find_stretch, find_strokes
+from .traces import (
+    average_bins,
+    choose_records,
+    find_span,
+    find_stretch,
+    find_strokes,
+    group_values,
+    pick_channel,
+    sort_traces,
+    standardise,
+)
 
 
 KEY = 18  # characters of a record's name
+BINS = 40  # of a record, for the mean of what is left
+MOST, COLUMNS = 12, 4  # predicted records that are drawn
+LINES = (AFTER, BEFORE, MORE[0])  # channels of one unit in one panel
 
 
 @styled
@@ -38,14 +61,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         channel: what to draw; the family's force where it is not given.
         count: how many records at most.
         narrow: draw for a telephone, one record below the other.
-
-    Returns:
-        A matplotlib figure.
     """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-    from matplotlib.ticker import MaxNLocator
-
     view = choose_view(next(iter(models.values())))
     channel = channel or view.force
     traces = {name: {trace.record: trace for trace in pick_channel(all_, channel)} for name, all_ in models.items()}
@@ -63,8 +79,8 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
     beside = max(len(f"{title}  {short[own]}") for own, title in titles.items()) <= count_characters(panel, 9.0)
     figure = new_figure(0.5 + (2.75 if beside else 2.9) * rows, width, gap=0.045)
     grid = figure.add_gridspec(rows, columns)
-    limit = _limit_residuals(traces, chosen)
-    handles, labels, lower = [], [], None
+    limit = _limit_residuals([own[trace.record] for own in traces.values() for trace in chosen if trace.record in own])
+    handles, lower = [], None
     for i, trace in enumerate(chosen):
         row, column = divmod(i, columns)
         inner = grid[row, column].subgridspec(2, 1, height_ratios=(2.6, 1), hspace=0.06)
@@ -73,20 +89,17 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         # One time axis for all: each model has shifted the record's time origin by as much as suits it.
         time = along.scale * np.asarray(last.get(trace.record, trace).time)
         upper.plot(time, shown.scale * trace.measured, ".", color=INK, ms=2.4, mew=0, zorder=2)
-        lower.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
-        lower.axhline(0, color=FLOOR, lw=0.7)
+        _draw_noise(lower)
         lines = []
-        for (name, own), colour in zip(traces.items(), colour_models(len(traces)), strict=True):
+        for own, colour in zip(traces.values(), colour_models(len(traces)), strict=True):
             if trace.record not in own:
                 continue
             model = own[trace.record]
             style = "--" if len(traces) == 2 and not lines else "-"
             lines += upper.plot(time, shown.scale * model.model, style, color=colour, lw=1.4, zorder=3)
-            residual = standardise(model)
-            lower.plot(time, np.clip(residual, -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
+            lower.plot(time, np.clip(standardise(model), -limit, limit), ".", color=colour, ms=1.6, mew=0, alpha=0.45)
             lower.plot(time, np.clip(_smooth(model), -limit, limit), color=colour, lw=1.3)
-            labels += [clean(name, 60)] if i == 0 else []
-        handles = handles or [Line2D([], [], ls="none", marker=".", ms=7, color=INK), *lines]
+        handles = handles or [key_dot(INK, 7, "."), *lines]
         start, end = find_stretch(last.get(trace.record, trace))
         margin = 0.06 * (end - start)
         upper.set_xlim(max(along.scale * (start - margin), time[0]), min(along.scale * (end + 2.5 * margin), time[-1]))
@@ -94,12 +107,13 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
         size = 9.5 if len(title) < 24 else 8.5 if len(title) < 28 else 8.0
         title = wrap_text(title, panel, 0.95 * size)
         upper.set_title(title, fontsize=size)
-        if titles[trace.record]:  # the record's name beside its conditions, or in a line above them
-            key = short[trace.record] if beside else short[trace.record] + "\n" * (title.count("\n") + 1)
-            upper.set_title(key, loc="right" if beside else "center", color=GREY, fontsize=8, **({} if beside else
-                            {"x": 0.0, "ha": "left", "linespacing": 1.6}))
+        if titles[trace.record] and beside:
+            upper.set_title(short[trace.record], loc="right", color=GREY, fontsize=8)
+        elif titles[trace.record]:  # in a line above the conditions
+            upper.set_title(short[trace.record] + "\n" * (title.count("\n") + 1), loc="center", color=GREY, fontsize=8,
+                            x=0.0, ha="left", linespacing=1.6)
         upper.tick_params(labelbottom=False)
-        upper.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+        upper.yaxis.set_major_locator(MaxNLocator(5, steps=STEPS))
         lower.set_ylim(-1.1 * limit, 1.1 * limit)
         lower.set_yticks([-_tick(limit), 0, _tick(limit)])
         if column:
@@ -109,8 +123,8 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
             lower.set_ylabel("residual\n/ noise")
         if row >= rows - 2:  # all panels of a row leave the same room
             lower.set_xlabel(along.label if i + columns >= len(chosen) else " " if len(chosen) % columns else "")
-    band = Patch(facecolor=FLOOR, alpha=0.35, lw=0)
-    head_figure(figure, [*handles, band], ["measured", *labels, "± 2 × noise"])
+    labels = [clean(name, 60) for name, own in traces.items() if chosen[0].record in own]
+    head_figure(figure, [*handles, key_band()], ["measured", *labels, "± 2 × noise"])
     return figure
 
 
@@ -122,17 +136,13 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
         models: one or two models by name, the reference model first.
         channel: what to draw; the first channel where it is not given.
         narrow: draw for a telephone.
-
-    Returns:
-        A matplotlib figure.
     """
-    everything = [trace for traces in models.values() for trace in traces]
-    channel = channel or everything[0].channel
+    channel = channel or next(trace.channel for traces in models.values() for trace in traces)
     traces = {name: sort_traces(pick_channel(all_, channel)) for name, all_ in models.items()}
     first = next(iter(traces.values()))
-    names = vary(trace.conditions for trace in first)
     shown = describe_quantity(channel, [float(trace.measured[0]) for trace in first], first[0].unit)
-    values = {name: np.array([trace.conditions.get(name, np.nan) for trace in first], float) for name in names}
+    values = {name: np.array([trace.conditions.get(name, np.nan) for trace in first], float)
+              for name in vary(trace.conditions for trace in first)}
     spread = {name: np.ptp(v) / max(np.abs(v).max(), 1e-300) for name, v in values.items() if np.isfinite(v).all()}
     name = max(spread, key=lambda key: spread[key]) if spread else ""
     along = describe_quantity(name, values[name]) if name else None
@@ -143,40 +153,168 @@ def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None
     dress(lower, grid="")
     measured = shown.scale * np.array([trace.measured[0] for trace in first])
     noise = shown.scale * np.array([trace.sd for trace in first])
-    dots = upper.errorbar(x, measured, 2 * noise, fmt="o", color=INK, ms=5, lw=1.1, capsize=3, zorder=4)
-    lower.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
-    lower.axhline(0, color=FLOOR, lw=0.7)
-    handles, labels = [dots], ["measured, ± 2 × noise"]
+    handles = [upper.errorbar(x, measured, 2 * noise, fmt="o", color=INK, ms=5, lw=1.1, capsize=3, zorder=4)]
+    _draw_noise(lower)
     shift = 0.006 * np.ptp(x) if len(traces) > 1 else 0.0
-    lines = _find_lines(x, [values[other] for other in names if other != name])
-    for i, ((label, own), colour) in enumerate(zip(traces.items(), colour_models(len(traces)), strict=True)):
+    lines = _find_lines(x, [own for other, own in values.items() if other != name])
+    for i, (own, colour) in enumerate(zip(traces.values(), colour_models(len(traces)), strict=True)):
         model = shown.scale * np.array([trace.model[0] for trace in own])
-        line, marker = ("--", "s") if i == 0 and len(traces) > 1 else ("-", "D")
-        drawn = [upper.plot(x[k], model[k], line + marker, color=colour, lw=1.4, ms=4.5)[0] for k in lines]
-        handles += drawn[:1]
-        labels.append(clean(label, 60))
+        style = "--s" if i == 0 and len(traces) > 1 else "-D"
+        handles += [upper.plot(x[k], model[k], style, color=colour, lw=1.4, ms=4.5)[0] for k in lines][:1]
         lower.plot(x + (2 * i - 1) * shift, [standardise(trace)[0] for trace in own], "o", color=colour, ms=5)
     upper.set_ylabel(shown.label)
     lower.set_ylabel("residual / noise")
     lower.set_xlabel(along.label if along else "record")
-    head_figure(figure, handles, labels)
+    head_figure(figure, handles, ["measured, ± 2 × noise", *(clean(label, 60) for label in traces)])
     return figure
+
+
+@styled
+def draw_signatures(models: Mapping[str, Sequence[Trace]], channel: str, count: int = 4, narrow: bool = False):
+    """Measured minus the first model, and the change that every other model makes to it, record by record.
+
+    An effect that is what is missing runs along the dots; one that merely removes a part of them has another shape.
+
+    Args:
+        models: traces by the model's name, the one that the others extend first.
+        channel: that is drawn.
+        count: records drawn, of different conditions: those with the largest change.
+        narrow: draw for a telephone.
+    """
+    name, *names = models
+    first = pick_channel(models[name], channel)
+    others = [{trace.record: trace for trace in pick_channel(models[other], channel)} for other in names]
+    change = {t.record: max(_size(own[t.record].model - t.model) / t.sd for own in others) for t in first}
+    largest: dict[str, Trace] = {}  # of every condition the record with the largest change
+    varying = vary(trace.conditions for trace in first)[:3]
+    for trace in sorted(first, key=lambda t: -change[t.record]):
+        largest.setdefault(describe_conditions(trace.conditions, varying), trace)
+    chosen = list(largest.values())[: 2 if narrow else count]
+    columns = 1 if narrow else min(2, len(chosen))
+    width = NARROW if narrow else WIDTH
+    figure = new_figure(0.8 + 2.2 * -(-len(chosen) // columns), width, gap=0.06)
+    grid = figure.add_gridspec(-(-len(chosen) // columns), columns)
+    colours, settings = colour_models(len(models))[1:], vary(t.conditions for t in chosen)[:3]
+    along = describe_quantity(first[0].independent, np.concatenate([t.time for t in chosen]))
+    shown = describe_quantity(channel, np.concatenate([t.measured - t.model for t in chosen]))
+    for k, trace in enumerate(chosen):
+        axes = dress(figure.add_subplot(grid[k // columns, k % columns]))
+        low, high = find_span(trace)
+        inside = (trace.time >= low) & (trace.time <= high)
+        x, left = along.scale * trace.time, shown.scale * (trace.measured - trace.model)
+        axes.axhline(0.0, color=GREY, lw=0.8)
+        axes.plot(x[inside], left[inside], ".", ms=2.0, color=PALE, zorder=1, rasterized=True)
+        edges = np.linspace(along.scale * low, along.scale * high, BINS + 1)
+        mean = average_bins(x[inside], left[inside], edges)
+        axes.plot(0.5 * (edges[1:] + edges[:-1]), mean, "o", ms=3.5, color=INK, zorder=3)
+        for own, colour in zip(others, colours, strict=True):
+            axes.plot(x[inside], shown.scale * (own[trace.record].model - trace.model)[inside], color=colour, lw=1.5,
+                      zorder=2)
+        said = describe_conditions(trace.conditions, settings)
+        axes.set_title("\n".join([clean(trace.record, 24), wrap_text(said, (width - 0.8) / columns - 0.2)]))
+        if k + columns >= len(chosen):
+            axes.set_xlabel(along.label)
+        if k % columns == 0:
+            axes.set_ylabel(shown.label)
+    labels = [f"measured − {clean(name, 24)}", *(f"{clean(other, 30)} − {clean(name, 24)}" for other in names)]
+    head_figure(figure, [key_dot(INK, 4), *map(key_line, colours)], labels, columns=1 if narrow else 3)
+    return figure
+
+
+@styled
+def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
+    """Predictions over time or slip, one column a record, with two standard deviations of the mean and of a new test.
+
+    Channels of one unit are drawn together. Of more than four records only the main ones are drawn, and twelve records
+    at most.
+
+    Args:
+        table: what `predict` returned.
+        settings: conditions of every record, for the panels' titles.
+    """
+    abscissa = "slip" if "slip" in table.columns[:2] else "time"
+    channels = [name.removesuffix("_sd_new") for name in table.columns if name.endswith("_sd_new")]
+    keys = list(dict.fromkeys(table["record"]))[:MOST]
+    units: dict[str, list[str]] = {}
+    for channel in channels:
+        units.setdefault(si_unit(channel), []).append(channel)
+    groups = [own[k : k + len(LINES)] for own in units.values() for k in range(0, len(own), len(LINES))]
+    groups = groups if len(keys) <= COLUMNS else groups[:1]
+    columns = min(COLUMNS, len(keys))
+    rows = math.ceil(len(keys) / columns) * len(groups)
+    wide = columns > 1 or len(groups[0]) > 1  # one panel is narrower, if its legend has room
+    width, short = WIDTH if wide else 7.0, shorten_names(keys, 22)
+    figure = new_figure(0.6 + 2.9 * rows, width, gap=0.045)
+    grid = figure.add_gridspec(rows, columns)
+    names = vary(settings.values())[:3]
+    along = describe_quantity(abscissa, table[abscissa])
+    first: dict[int, tuple] = {}  # panels of one row share their scales
+    for i, key in enumerate(keys):
+        own = table[table["record"] == key].sort_values(abscissa)
+        for g, group in enumerate(groups):
+            row, column = (g, i) if len(groups) > 1 else divmod(i, columns)
+            inner = grid[row, column].subgridspec(2, 1, height_ratios=(2.8, 1), hspace=0.08)
+            same = first.get(row, (None, None))
+            upper = dress(figure.add_subplot(inner[0], sharey=same[0]))
+            lower = dress(figure.add_subplot(inner[1], sharex=upper, sharey=same[1]))
+            first.setdefault(row, (upper, lower))
+            for channel, colour in zip(group, LINES, strict=False):
+                _draw_channel(upper, lower, own, abscissa, channel, along.scale, colour)
+            upper.tick_params(labelbottom=False, labelleft=column == 0)
+            lower.tick_params(labelleft=column == 0)
+            if g == 0:
+                said = describe_conditions(settings[key], names)
+                lines = [short[str(key)], wrap_text(said, (width - 0.8) / columns - 0.2)]
+                upper.set_title("\n".join(line for line in lines if line))
+            if row == rows - 1 or i + columns >= len(keys):
+                lower.set_xlabel(along.label)
+            if column == 0:
+                upper.set_ylabel(_name_group(table, group))
+                lower.set_ylabel("± 2 sd")
+    shown = groups[0] if len(groups) == 1 else max(groups, key=len)
+    words = ["mean"] if len(shown) == 1 else [describe_quantity(c).name for c in shown]
+    head_figure(figure, [*map(key_line, LINES[: len(shown)]), key_band(KIN, 0.8), key_band(alpha=0.25)],
+                [*words, "± 2 sd of the mean", "± 2 sd of a new measurement"])
+    return figure
+
+
+def _draw_channel(upper, lower, own, abscissa: str, channel: str, scale: float, colour: str) -> None:
+    """The mean with its bands, and below the bands alone, which are often thinner than the line."""
+    shown = describe_quantity(channel, own[channel])
+    x, mean = scale * own[abscissa].to_numpy(), shown.scale * own[channel].to_numpy()
+    for ending, fill, alpha in (("_sd_new", FLOOR, 0.25), ("_sd", KIN, 0.8)):
+        sd = 2.0 * shown.scale * own[channel + ending].to_numpy()
+        upper.fill_between(x, mean - sd, mean + sd, color=fill, alpha=alpha, lw=0)
+        lower.fill_between(x, -sd, sd, color=fill, alpha=alpha, lw=0)
+    upper.plot(x, mean, "-" if len(x) > 1 else "o", color=colour, lw=1.4)
+
+
+def _name_group(table, group: Sequence[str]) -> str:
+    shown = [describe_quantity(channel, table[channel]) for channel in group]
+    if len(shown) == 1:
+        return shown[0].label
+    word = group[0].rsplit("_", 1)[0].replace("_", " ") if group[0].startswith(("angular", "attitude")) else "force"
+    return f"{word} [{shown[0].unit}]" if shown[0].unit else word
+
+
+def _draw_noise(axes):
+    """Two standard deviations of the noise, below residuals."""
+    axes.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
+    axes.axhline(0, color=FLOOR, lw=0.7)
 
 
 def _find_lines(x: np.ndarray, others: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Which points a line joins, in their order: all of them, or those that are alike in every other condition."""
     if np.all(np.diff(x) > 0):
         return [np.arange(x.size)]
-    keys = list(zip(*(group_values(other) for other in others), strict=True)) or [()] * x.size
+    keys = list(zip(*map(group_values, others), strict=True)) or [()] * x.size
     lines = [np.array([i for i, own in enumerate(keys) if own == key]) for key in dict.fromkeys(keys)]
     return [line[np.argsort(x[line], kind="stable")] for line in lines if line.size]
 
 
-def _limit_residuals(traces, chosen) -> float:
+def _limit_residuals(traces: Sequence[Trace]) -> float:
     """Half height of the residual strips, in units of the noise: nearly all points of the drawn records."""
-    kept = {trace.record for trace in chosen}
-    values = [np.abs(standardise(trace)) for own in traces.values() for trace in own.values() if trace.record in kept]
-    values = np.concatenate(values)
+    values = np.abs(np.concatenate(list(map(standardise, traces))))
     values = values[np.isfinite(values)]
     return float(max(4.0, math.ceil(np.quantile(values, 0.995)))) if values.size else 4.0
 
@@ -190,21 +328,22 @@ def _tick(limit: float) -> int:
 
 
 def _smooth(trace: Trace) -> np.ndarray:
-    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke.
+    """Running mean of the residual over about a twenty-fifth of the trace, stroke by stroke, without missing samples.
 
     Where only the end of many turns is drawn, over three samples: a mean over turns would hide what turns with them.
     """
     residual = standardise(trace)
     width = max(3, residual.size // 25) | 1 if find_stretch(trace) == find_span(trace) else 3
-    return np.concatenate([_average(residual[part], width) for part in find_strokes(trace)])
+    smooth, kernel = residual.copy(), np.ones(width)
+    for part in find_strokes(trace):
+        good = np.isfinite(residual[part])
+        if good.size > width:
+            count = np.convolve(good.astype(float), kernel, mode="same")
+            total = np.convolve(np.where(good, residual[part], 0.0), kernel, mode="same")
+            smooth[part] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    return smooth
 
 
-def _average(residual: np.ndarray, width: int) -> np.ndarray:
-    """Running mean without the missing samples."""
-    if residual.size <= width:
-        return residual
-    kernel = np.ones(width)
-    good = np.isfinite(residual)
-    count = np.convolve(good.astype(float), kernel, mode="same")
-    total = np.convolve(np.where(good, residual, 0.0), kernel, mode="same")
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+def _size(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0

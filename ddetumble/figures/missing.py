@@ -15,6 +15,7 @@ from .style import (
     GREY,
     INK,
     KIN,
+    MORE,
     NARROW,
     OTHER,
     PALE,
@@ -22,12 +23,13 @@ from .style import (
     WIDTH,
     dress,
     head_figure,
+    key_band,
     new_figure,
     styled,
 )
 
 
-_COLOURS = (AFTER, BEFORE, "#009e73")
+_COLOURS = (AFTER, BEFORE, MORE[0])
 _DASHES = ("--", ":", "-.")
 _SEEN = 0.02  # share of an even spread of samples below which a place counts as not visited
 
@@ -39,64 +41,48 @@ def draw_missing_shape(missing: MissingForce, narrow: bool = False):
     Args:
         missing: of `draw_missing_force` or `discover`, with at least one shape.
         narrow: draw for a telephone.
-
-    Returns:
-        A matplotlib figure.
     """
     best = missing.shapes[0]
     spectrum = best.spectrum.shape[1] > 2
     if narrow:
         figure = new_figure(8.4 if spectrum else 6.2, NARROW)
-        grid = figure.add_gridspec(3 if spectrum else 2, 1, height_ratios=(1.7, 1.0, 1.0)[: 3 if spectrum else 2])
-        places = [grid[k] for k in range(3 if spectrum else 2)]
+        places = list(figure.add_gridspec(2 + spectrum, 1, height_ratios=(1.7, 1.0, 1.0)[: 2 + spectrum]))
     else:
-        figure = new_figure(5.6, WIDTH)
+        figure = new_figure(5.6)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.75, 1.0))
         places = [grid[:, 0], grid[0, 1], grid[1, 1]] if spectrum else [grid[:, 0], grid[:, 1]]
-    main = dress(figure.add_subplot(places[0]))
-    bars = dress(figure.add_subplot(places[1]), "x")
-    handles, labels = _draw_curves(main, best, missing.laws[:1])
-    _draw_bars(bars, missing)
+    handles, labels = _draw_curves(figure.add_subplot(places[0]), best, missing.laws[:1])
+    _draw_bars(figure.add_subplot(places[1]), missing)
     if spectrum:
-        _draw_spectrum(dress(figure.add_subplot(places[2])), best)
+        _draw_spectrum(figure.add_subplot(places[2]), best)
     head_figure(figure, handles, labels)
     return figure
 
 
 @styled
 def draw_missing_rivals(missing: MissingForce, narrow: bool = False):
-    """The missing force over every variable that was fitted to the end, best first, each with its held-out loss.
-
-    Args:
-        missing: with at least one shape.
-        narrow: draw for a telephone.
-
-    Returns:
-        A matplotlib figure.
-    """
+    """The missing force over every variable that was fitted to the end, best first, each with its held-out loss."""
     shapes = missing.shapes[:4]
     columns = min(2, len(shapes)) if narrow else len(shapes)
-    figure = new_figure(3.0 * math.ceil(len(shapes) / columns), NARROW if narrow else WIDTH)
-    panels = [figure.add_subplot(math.ceil(len(shapes) / columns), columns, k + 1) for k in range(len(shapes))]
-    for axes, shape in zip(panels, shapes, strict=True):
-        _draw_curves(dress(axes), shape, ())
-        behind = "best" if shape is shapes[0] else f"{format_number(shape.difference)} behind"
-        axes.set_title(f"{clean(shape.way, 24)}: {behind}")
+    rows = math.ceil(len(shapes) / columns)
+    figure = new_figure(3.0 * rows, NARROW if narrow else WIDTH)
+    for k, shape in enumerate(shapes):
+        axes = figure.add_subplot(rows, columns, k + 1)
+        _draw_curves(axes, shape, ())
+        axes.set_title(f"{clean(shape.way, 24)}: {f'{format_number(shape.difference)} behind' if k else 'best'}")
     return figure
 
 
 def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
     """Curves of a shape with their bands, where it was visited, and simple laws; returns handles and labels."""
-    from matplotlib.patches import Patch
-
     shown = describe_quantity(shape.variable, shape.x)
     factor, unit = _scale(shape)
     x, handles, labels = shown.scale * shape.x, [], []
+    label = f"missing {clean(shape.way, 24)}"
+    dress(axes, xlabel=shown.label, ylabel=f"{label} [{unit}]" if unit else label, xlim=(x[0], x[-1]))
     axes.axhline(0, color=FLOOR, lw=0.8)
-    empty = shape.visited < _SEEN / len(shape.x)
-    seen = np.ones(len(x), dtype=bool)
-    if empty.any() and (~empty).any():
-        seen = (np.arange(len(x)) <= np.flatnonzero(~empty)[-1]) & (np.arange(len(x)) >= np.flatnonzero(~empty)[0])
+    visited = np.flatnonzero(shape.visited >= _SEEN / len(x))
+    seen = slice(visited[0], visited[-1] + 1) if visited.size else slice(None)
     for k, (part, f, sd) in enumerate(zip(shape.parts, shape.values, shape.sd, strict=True)):
         colour = _COLOURS[k % len(_COLOURS)]
         low, high = factor * (f - 2 * sd), factor * (f + 2 * sd)
@@ -106,24 +92,21 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
         labels.append(clean(part, 20) or "free force, ±2 sd")
         for law, dash in zip(laws, _DASHES, strict=False):
             values = sketch_law(law, shape, k)
-            if values is not None and lies_on(values[seen], f[seen], sd[seen]):
+            if values is not None and _lies_on(values[seen], f[seen], sd[seen]):
                 drawn, = axes.plot(x[seen], factor * values[seen], color=INK, lw=1.2, ls=dash)
                 if k == 0:
                     handles.append(drawn)
                     labels.append(typeset(clean(law.text, 70)))
     if shape.begins is not None:
         axes.axvspan(shown.scale * shape.begins, x[-1], color=PLACE, lw=0, zorder=0)
-        handles.append(Patch(facecolor=PLACE, lw=0))
+        handles.append(key_band(PLACE, None))
         labels.append(f"differs from zero, from {shown.format(shape.begins)} {shown.unit}".rstrip())
     top = shape.visited / max(shape.visited.max(), 1e-300)
     axes.fill_between(x, 0, 0.06 * top, step="mid", color=PALE, lw=0, transform=axes.get_xaxis_transform(), zorder=0)
-    axes.set_xlabel(shown.label)
-    axes.set_ylabel(f"missing {clean(shape.way, 24)} [{unit}]" if unit else f"missing {clean(shape.way, 24)}")
-    axes.set_xlim(x[0], x[-1])
     return handles, labels
 
 
-def lies_on(law: np.ndarray, curve: np.ndarray, sd: np.ndarray) -> bool:
+def _lies_on(law: np.ndarray, curve: np.ndarray, sd: np.ndarray) -> bool:
     """Whether a law lies within three deviations of nearly all of a curve.
 
     Elsewhere it holds beside other values of the model's own parameters, and one picture cannot show both.
@@ -156,15 +139,13 @@ def _draw_bars(axes, missing: MissingForce):
     if missing.ceiling is not None:
         rows.append(("ceiling", missing.ceiling[1], INK))
     shares = [missing.share(loss) for _, loss, _ in rows]
+    dress(axes, "x", xlim=(0, 118), xticks=[0, 50, 100], xlabel="share of the held-out misfit removed [%]")
     axes.barh(range(len(rows)), [100 * s for s in shares], color=[colour for *_, colour in rows], height=0.6)
     axes.set_yticks(range(len(rows)), [text for text, *_ in rows])
     axes.invert_yaxis()
     for k, share in enumerate(shares):
         axes.annotate(format_share(share), (100 * share, k), xytext=(3, 0), textcoords="offset points", va="center",
                       fontsize=8.5)
-    axes.set_xlim(0, 118)
-    axes.set_xticks([0, 50, 100])
-    axes.set_xlabel("share of the held-out misfit removed [%]")
 
 
 def _draw_spectrum(axes, shape: Shape):
@@ -173,13 +154,12 @@ def _draw_spectrum(axes, shape: Shape):
     factor, unit = _scale(shape)
     number, amplitude, sd = shape.spectrum
     number = number / shown.scale
+    dress(axes, xlabel=f"waves per {shown.unit}" if shown.unit else "wave number", xlim=(0, number[-1]),
+          ylabel=f"amplitude [{unit}]" if unit else "amplitude")
     axes.fill_between(number, 0, 2 * factor * sd, color=FLOOR, alpha=0.3, lw=0)
     axes.plot(number, factor * amplitude, color=AFTER, lw=1.4)
     k = int(np.argmax(amplitude))
     if 0 < k < len(number) - 1 and amplitude[k] > 4 * sd[k]:
         axes.annotate(f"every {1 / number[k]:.3g} {shown.unit}".rstrip(), (number[k], factor * amplitude[k]),
                       xytext=(6, -2), textcoords="offset points", fontsize=8.5)
-    axes.set_xlabel(f"waves per {shown.unit}" if shown.unit else "wave number")
-    axes.set_ylabel(f"amplitude [{unit}]" if unit else "amplitude")
-    axes.set_xlim(0, number[-1])
     axes.set_ylim(0, None)

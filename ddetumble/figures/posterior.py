@@ -1,38 +1,60 @@
-"""Draws from a posterior: marginals and pairs, the way of the chains, and the ranks of their ensembles."""
+"""Draws from a posterior: marginals, pairs, chains and their ranks; replicated records; conditions left out."""
 
 import math
 import textwrap
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
+from scipy import ndimage, stats
 
-from ..measurement.quantities import clean
+from ..families import DEFAULT_FAMILY, find_family
+from ..measurement.quantities import clean, describe_conditions, describe_quantity, shorten_names, vary
+from ..posterior.loo import Scores
+from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
 from ..posterior.result import Posterior
 from ..posterior.target import AbstractTarget
-from .style import AFTER, BEFORE, FLOOR, GREY, KIN, PALE, SHADES, WIDTH, dress, head_figure, new_figure, styled
+from .style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GREY,
+    INK,
+    KIN,
+    MORE,
+    OTHER,
+    PALE,
+    SHADES,
+    STEPS,
+    WIDTH,
+    dress,
+    dress_rows,
+    head_figure,
+    key_band,
+    key_dot,
+    key_line,
+    name_ticks,
+    new_figure,
+    styled,
+    wrap_text,
+)
 
 
 _MASSES = (0.6827, 0.9545)  # inside the contours
 _MOST = 10  # parameters of a figure
 _DRAWN = 20000  # draws at most
+_DASHED = (0, (4, 2))  # lines of the fit's Gaussian
+_MARKS = {"chi_square": ("o", AFTER), "largest": ("^", BEFORE), "lag": ("s", SHADES[6])}  # of a predictive check
+_LEAST = 1e-7  # p-values below are drawn there
 
 
 @styled
 def draw_corner(posterior: Posterior):
     """Marginals and pairs of the draws with contours of 1 and 2 sigma, the fit's Gaussian drawn over them.
 
-    Args:
-        posterior: at most its first ten parameters are drawn.
-
-    Returns:
-        A matplotlib figure.
+    At most the first ten parameters are drawn, here and in the other figures of draws.
     """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    names = posterior.target.names[:_MOST]
-    count = len(names)
+    count = len(posterior.target.names[:_MOST])
     x = posterior.x.reshape(-1, posterior.x.shape[-1])
     values = posterior.target.publish(x if len(x) <= _DRAWN else posterior.draw(_DRAWN))
     curves = [_push_marginal(posterior.target, k) for k in range(count)]
@@ -40,31 +62,33 @@ def draw_corner(posterior: Posterior):
     size = WIDTH * (0.55 if count == 1 else 0.8 if count == 2 else 1.0)
     figure = new_figure(0.45 + 0.92 * size if count > 1 else 0.62 * size, size, gap=0.03)
     panels = figure.subplots(count, count, squeeze=False)
-    font = 9.5 if count <= 4 else 8.5 if count <= 6 else 7.0
-    wide = 24 if count <= 4 else 18 if count <= 6 else 14
-    for row in range(count):
-        for column in range(count):
-            axes = panels[row, column]
-            if column > row:
-                axes.set_axis_off()
-                continue
-            dress(axes, grid="")
-            axes.set_xlim(*spans[column])
-            if row == column:
-                _draw_marginal(axes, values[:, row], curves[row], spans[row])
-            else:
-                _draw_pair(axes, values[:, [column, row]])
-                for ellipse in _push_ellipses(posterior.target, column, row):
-                    axes.plot(*ellipse.T, color=BEFORE, lw=1.2, ls=(0, (4, 2)))
-                axes.set_ylim(*spans[row])
-            _number(axes, count, row, column)
-            if row == count - 1:
-                axes.set_xlabel(_label(posterior, column, wide), fontsize=font)
-            if column == 0 and row > 0:
-                axes.set_ylabel(_label(posterior, row, wide), fontsize=font)
-    handles: list[Any] = [Patch(facecolor=KIN, edgecolor=AFTER), Line2D([], [], color=BEFORE, lw=1.4, ls=(0, (4, 2)))]
-    words = ["draws; contours hold 68 and 95 %" if count > 1 else "draws", "the fit's Gaussian"]
-    head_figure(figure, handles, words)
+    # The more panels, the smaller their type, and the fewer ticks and characters a line.
+    font, wide, small = (9.5, 24, 8.5) if count <= 4 else (8.5, 18, 7.5) if count <= 6 else (7.0, 14, 6.5)
+    ticks = 4 if count <= 3 else 3 if count <= 6 else 2
+    for (row, column), axes in np.ndenumerate(panels):
+        if column > row:
+            axes.set_axis_off()
+            continue
+        dress(axes, "", xlim=spans[column])
+        _set_ticks(axes.xaxis, ticks)
+        lowest = row == count - 1
+        if row == column:
+            _draw_marginal(axes, values[:, row], curves[row], spans[row])
+        else:
+            _draw_pair(axes, values[:, [column, row]])
+            for ellipse in _push_ellipses(posterior.target, column, row):
+                axes.plot(*ellipse.T, color=BEFORE, lw=1.2, ls=_DASHED)
+            axes.set_ylim(*spans[row])
+            _set_ticks(axes.yaxis, ticks)
+        axes.tick_params(labelsize=small, labelbottom=lowest, labelleft=column == 0 < row)
+        axes.spines["bottom"].set_color(GREY if lowest else PALE)
+        if lowest:
+            axes.tick_params(axis="x", labelrotation=0 if count <= 3 else 40)
+            axes.set_xlabel(_label(posterior, column, wide), fontsize=font)
+        if column == 0 < row:
+            axes.set_ylabel(_label(posterior, row, wide), fontsize=font)
+    head_figure(figure, [key_band(KIN, None, edgecolor=AFTER, lw=None), key_line(BEFORE, 1.4, ls=_DASHED)],
+                ["draws; contours hold 68 and 95 %" if count > 1 else "draws", "the fit's Gaussian"])
     return figure
 
 
@@ -72,94 +96,163 @@ def draw_corner(posterior: Posterior):
 def draw_traces(posterior: Posterior, count: int = 600):
     """The way of every parameter through the steps: mean of each ensemble's walkers, and the range of 90 % of them.
 
-    Args:
-        posterior: its draws; at most its first ten parameters are drawn.
-        count: of steps at most.
-
-    Returns:
-        A matplotlib figure.
+    At most `count` steps are drawn.
     """
-    from matplotlib.lines import Line2D
-
-    names = posterior.target.names[:_MOST]
     ensembles, steps, walkers, _ = posterior.x.shape
     every = max(1, steps // count)
     values = posterior.target.publish(posterior.x[:, ::every])
     along = np.arange(0, steps, every)
-    figure = new_figure(0.75 + 1.0 * len(names), WIDTH, gap=0.03)
+    names = posterior.target.names[:_MOST]
+    figure = new_figure(0.75 + 1.0 * len(names), gap=0.03)
     panels = figure.subplots(len(names), 1, squeeze=False, sharex=True).ravel()
     shades = SHADES[:ensembles]
     for k, axes in enumerate(panels):
         dress(axes)
-        for e in range(len(shades)):
-            own = values[e, :, :, k]
+        for own, shade in zip(values[..., k], shades, strict=False):
             if walkers > 1:
-                low, high = np.quantile(own, [0.05, 0.95], axis=1)
-                axes.fill_between(along, low, high, color=shades[e], alpha=0.10, lw=0)
-            axes.plot(along, own.mean(axis=1), color=shades[e], lw=0.9)
+                axes.fill_between(along, *np.quantile(own, [0.05, 0.95], axis=1), color=shade, alpha=0.10, lw=0)
+            axes.plot(along, own.mean(axis=1), color=shade, lw=0.9)
         axes.set_ylabel(_label(posterior, k), rotation=0, ha="right", va="center", labelpad=8)
-        _few(axes.yaxis, 3)
-    panels[-1].set_xlabel("step after the burn-in")
-    panels[-1].set_xlim(0, max(steps - 1, 1))
+        _set_ticks(axes.yaxis, 3)
+    panels[-1].set(xlabel="step after the burn-in", xlim=(0, max(steps - 1, 1)))
     word = "ensemble" if walkers > 1 else "chain"
-    what = f"{word} {{}}: mean of its walkers, 90 % of them shaded" if walkers > 1 else "chain {}"
-    labels = [what.format(1), *(f"{word} {e + 1}" for e in range(1, len(shades)))]
-    head_figure(figure, [Line2D([], [], color=shade, lw=1.6) for shade in shades], labels)
+    labels = [f"{word} {e + 1}" for e in range(len(shades))]
+    labels[0] += ": mean of its walkers, 90 % of them shaded" if walkers > 1 else ""
+    head_figure(figure, list(map(key_line, shades)), labels)
     return figure
 
 
 @styled
 def draw_ranks(posterior: Posterior, bins: int = 20):
-    """Ranks of each ensemble's draws among all: even where the ensembles agree; the band holds 99 % of even bins.
-
-    Args:
-        posterior: its draws; at most its first ten parameters are drawn.
-        bins: of ranks.
-
-    Returns:
-        A matplotlib figure.
-    """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-    from scipy import stats
-
+    """Ranks of each ensemble's draws among all: even where the ensembles agree; the band holds 99 % of even bins."""
+    ensembles, _, walkers, _ = posterior.x.shape
     names = posterior.target.names[:_MOST]
-    ensembles = posterior.x.shape[0]
     columns = min(len(names), 2 if len(names) < 5 else 3)
     rows = -(-len(names) // columns)
-    figure = new_figure(0.9 + 1.35 * rows, WIDTH, gap=0.04)
+    figure = new_figure(0.9 + 1.35 * rows, gap=0.04)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
-    shades = SHADES[:ensembles]
-    for k, axes in enumerate(panels):
-        if k >= len(names):
-            axes.set_axis_off()
-            continue
-        dress(axes, grid="")
+    shades, edges = SHADES[:ensembles], np.linspace(0, 1, bins + 1)
+    for axes in panels[len(names) :]:
+        axes.set_axis_off()
+    for k, axes in enumerate(panels[: len(names)]):
+        dress(axes, "", xlim=(0, 1), title=_label(posterior, k).replace("\n", " "))
         flat = posterior.x[..., k].reshape(ensembles, -1)
         ranks = stats.rankdata(flat, axis=None).reshape(flat.shape) / flat.size
         independent = max(float(posterior.convergence.sizes[k]) / ensembles, 1.0)
         width = stats.norm.ppf(0.995) * math.sqrt((bins - 1) / independent)
         axes.axhspan(1 - width, 1 + width, color=FLOOR, alpha=0.18, lw=0)
         axes.axhline(1, color=GREY, lw=0.8)
-        edges = np.linspace(0, 1, bins + 1)
-        for e, shade in enumerate(shades):
-            share = np.histogram(ranks[e], bins=edges)[0] * bins / flat.shape[1]
-            axes.stairs(share, edges, color=shade, lw=1.3, baseline=None)
+        for own, shade in zip(ranks, shades, strict=False):
+            axes.stairs(np.histogram(own, edges)[0] * bins / own.size, edges, color=shade, lw=1.3, baseline=None)
         reach = max(1.3 * width, 0.1)
         low, high = axes.get_ylim()
         axes.set_ylim(max(min(low, 1 - reach), 0), max(high, 1 + reach))
-        axes.set_xlim(0, 1)
-        axes.set_title(_label(posterior, k).replace("\n", " "))
         if k % columns == 0:
             axes.set_ylabel("share / even")
         if k >= len(names) - columns:
             axes.set_xlabel("rank among all draws")
             axes.tick_params(labelbottom=True)
-        _few(axes.yaxis, 4)
-    word = "ensemble" if posterior.x.shape[2] > 1 else "chain"
-    handles: list[Any] = [Line2D([], [], color=shade, lw=1.6) for shade in shades]
-    handles.append(Patch(facecolor=FLOOR, alpha=0.35))
-    head_figure(figure, handles, [*(f"{word} {e + 1}" for e in range(len(shades))), "99 % of even draws"])
+        _set_ticks(axes.yaxis, 4)
+    word = "ensemble" if walkers > 1 else "chain"
+    head_figure(figure, [*map(key_line, shades), key_band(lw=None)],
+                [*(f"{word} {e + 1}" for e in range(len(shades))), "99 % of even draws"])
+    return figure
+
+
+@styled
+def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4):
+    """p-values of every record, and for a few of them what was measured beside what the model would make.
+
+    Args:
+        checks: of the posterior.
+        family: of the records.
+        count: of records whose replicates are drawn.
+    """
+    records = checks.records
+    height = 1.75 * -(-min(count, len(records)) // 2)
+    figure = new_figure(2.7 + height)
+    above, below = figure.subfigures(2, 1, height_ratios=(2.3, height + 0.4))
+    axes = dress(above.add_subplot(), yscale="log", ylim=(_LEAST / 3, 1.6), xlim=(-0.7, len(records) - 0.3),
+                 ylabel="p-value of a replicate")
+    for name, (mark, colour) in _MARKS.items():
+        axes.scatter(np.arange(len(records)), [max(one.p_values[name], _LEAST) for one in records], s=20, marker=mark,
+                     color=colour, alpha=0.85, lw=0, zorder=3)
+    axes.axhspan(_LEAST / 3, LEVEL / (2 * len(STATISTICS) * len(records)), color=FLOOR, alpha=0.18, lw=0)
+    axes.set_yticks([1, 1e-2, 1e-4, 1e-6, _LEAST], ["1", "0.01", "1e−4", "1e−6", "≤ 1e−7"])
+    axes.minorticks_off()
+    short = shorten_names((one.record for one in records), 14)
+    name_ticks(axes, [short[str(one.record)] for one in records], WIDTH - 1.2, 8)
+    _draw_replicates(below, checks, family, count)
+    head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
+                         key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
+                [*STATISTICS.values(), "stands out by itself", "measured", "90 % of replicates"])
+    return figure
+
+
+def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
+    """Measured minus the mean of the replicates, over their range: for the strangest records, and some that are not."""
+    own = checks.replicates
+    order = np.argsort([min(one.p_values.values()) for one in checks.records])
+    wanted = [*order[: -(-count // 2)], *order[-(count // 2):]] if len(order) > count else order
+    chosen = sorted(int(g) for g in wanted)
+    names = vary(one.conditions for one in checks.records)
+    short = shorten_names((one.record for one in checks.records), 20)
+    panels = figure.subplots(-(-len(chosen) // 2), 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
+    shown = describe_quantity(own.channels[0], unit="")
+    for axes in panels[len(chosen):]:
+        axes.set_axis_off()
+    for k, (axes, g) in enumerate(zip(panels, chosen, strict=False)):
+        good = np.isfinite(own.measured[g, 0])
+        measured, values = own.measured[g, 0, good], own.values[:, g, 0][:, good]
+        along = describe_quantity(find_family(family).independent, own.time[g])
+        x = own.time[g][good] * along.scale
+        middle = values.mean(axis=0)
+        band = np.quantile(values - middle, [0.05, 0.95], axis=0) * shown.scale
+        if len(x) >= 15:  # quantiles of a few replicates are rough
+            band = ndimage.uniform_filter1d(band, 5, mode="nearest")
+        dress(axes).fill_between(x, *band, color=KIN, alpha=0.5, lw=0)
+        axes.plot(x, (measured - middle) * shown.scale, color=INK, lw=0.7)
+        axes.axhline(0, color=PALE, lw=0.8, zorder=1)
+        record = checks.records[g]
+        title = f"{short[str(record.record)]}   {describe_conditions(record.conditions, names)}"
+        axes.set_title(wrap_text(title, WIDTH / 2 - 0.8, 9), fontsize=9)
+        axes.margins(x=0)
+        if k % 2 == 0:
+            axes.set_ylabel(f"measured − model\n[{shown.unit or '–'}]", fontsize=8.5)
+        if k >= len(chosen) - 2:
+            axes.set_xlabel(along.label)
+
+
+@styled
+def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
+    """Mean logarithm of the predictive density of the records of every condition, left out; of one or more models.
+
+    Args:
+        scores: of the models, the best first, from which others are drawn as differences.
+        names: of the models.
+    """
+    first = scores[0]
+    varying = vary(one.conditions for one in first.scores)
+    labels = [describe_conditions(one.conditions, varying) or clean(", ".join(one.records), 20)
+              for one in first.scores]
+    shades = [AFTER, BEFORE, *MORE[:2], SHADES[6], OTHER]
+    figure = new_figure(0.9 + 0.235 * len(labels))
+    axes = dress_rows(figure.add_subplot(), labels, fontsize=8.5 if len(labels) <= 24 else 7)
+    label = "logarithm of the predictive density"
+    if len(scores) > 1:
+        axes.axvline(0, color=shades[0], lw=1.4)
+        label += ", minus that of the first model"
+    for one, shade in list(zip(scores, shades, strict=False))[len(scores) > 1 :]:
+        value = one.values if len(scores) == 1 else one.values - first.values
+        axes.scatter(value, range(len(labels)), s=34, edgecolor=shade, zorder=3,
+                     facecolor=[shade if s.trusted else "white" for s in one.scores])
+    axes.set_xlabel(label)
+    handles = [key_dot(shade, 6) for shade in shades[: len(scores)]]
+    words = [clean(name, 40) for name in names][: len(handles)] or ["left-out condition"]
+    if any(not s.trusted for one in scores for s in one.scores):
+        handles.append(key_dot(GREY, 6, mfc="white"))
+        words.append("weights not to be trusted")
+    head_figure(figure, handles, words)
     return figure
 
 
@@ -221,7 +314,7 @@ def _draw_marginal(axes, values: np.ndarray, curve: np.ndarray, span: tuple[floa
     density = np.histogram(values, bins=edges, density=True)[0]
     axes.stairs(density, edges, fill=True, color=KIN, alpha=0.6)
     axes.stairs(density, edges, color=AFTER, lw=1.0)
-    axes.plot(*curve.T, color=BEFORE, lw=1.4, ls=(0, (4, 2)))
+    axes.plot(*curve.T, color=BEFORE, lw=1.4, ls=_DASHED)
     for q in np.quantile(values, [0.025, 0.975]):
         axes.axvline(q, color=GREY, lw=0.7, ls=(0, (2, 2)))
     axes.set_ylim(0, 1.15 * max([density.max(), *curve[:, 1]]))
@@ -240,10 +333,11 @@ def _draw_pair(axes, values: np.ndarray) -> None:
     reach = np.maximum(np.quantile(np.abs(round_), 0.999, axis=1), 3.2) + 0.4
     edges = [np.linspace(-r, r, 41) for r in reach]
     density = np.histogram2d(*round_, bins=edges)[0]
-    for axis in (0, 1):
-        density = np.apply_along_axis(_smooth, axis, density, 1.8)
-    levels = _find_levels(density)
-    if levels is None:
+    density = ndimage.gaussian_filter(density, 1.8, mode="reflect", radius=6)
+    # Densities above which 95 and 68 % lie; where they cannot be told apart, nothing is drawn.
+    ordered = np.sort(density.ravel())[::-1]
+    levels = ordered[np.searchsorted(np.cumsum(ordered), np.array(_MASSES[::-1]) * ordered.sum())]
+    if not levels[1] > levels[0] > 0:
         return
     grid = np.stack(np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in edges), indexing="ij"))
     x, y = mean[:, None, None] + np.einsum("ij,jkl->ikl", factor, grid)
@@ -251,40 +345,8 @@ def _draw_pair(axes, values: np.ndarray) -> None:
     axes.contour(x, y, density, levels=levels, colors=AFTER, linewidths=0.9)
 
 
-def _find_levels(density: np.ndarray) -> list[float] | None:
-    """Densities above which 95 and 68 % lie; None where they cannot be told apart."""
-    ordered = np.sort(density.ravel())[::-1]
-    total = np.cumsum(ordered)
-    if not total[-1] > 0:
-        return None
-    levels = [float(ordered[np.searchsorted(total, mass * total[-1])]) for mass in reversed(_MASSES)]
-    return levels if levels[1] > levels[0] > 0 else None
-
-
-def _smooth(values: np.ndarray, width: float) -> np.ndarray:
-    reach = np.arange(-6, 7)
-    kernel = np.exp(-0.5 * (reach / width) ** 2)
-    padded = np.pad(values, 6, mode="symmetric")
-    return np.convolve(padded, kernel / kernel.sum(), mode="valid")
-
-
-def _number(axes, count: int, row: int, column: int) -> None:
-    """Few ticks, and numbers at the outer panels only."""
-    ticks = 4 if count <= 3 else 3 if count <= 6 else 2
-    _few(axes.xaxis, ticks)
-    if row != column:
-        _few(axes.yaxis, ticks)
-    small = 8.5 if count <= 4 else 7.5 if count <= 6 else 6.5
-    axes.tick_params(labelsize=small, labelbottom=row == count - 1, labelleft=column == 0 and row > 0)
-    if row == count - 1:
-        axes.tick_params(axis="x", labelrotation=0 if count <= 3 else 40)
-    axes.spines["bottom"].set_color(PALE if row < count - 1 else GREY)
-
-
-def _few(axis, count: int) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    axis.set_major_locator(MaxNLocator(count, steps=[1, 2, 2.5, 5, 10], prune="both" if count < 4 else None))
+def _set_ticks(axis, count: int) -> None:
+    axis.set_major_locator(MaxNLocator(count, steps=STEPS, prune="both" if count < 4 else None))
 
 
 def _label(posterior: Posterior, k: int, width: int = 24) -> str:

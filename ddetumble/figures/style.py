@@ -9,6 +9,16 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import matplotlib
+import numpy as np
+from matplotlib import font_manager
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Pixels
@@ -29,23 +39,19 @@ SHADES = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#e69f00", "#7a
 WIDTH = 10.0  # of every figure [inch]; a report shows it about 1000 pixels wide
 NARROW = 4.2  # of a figure for a telephone [inch]
 TICKS = 8.5  # size of the numbers along axes [point]
+STEPS = (1, 2, 2.5, 5, 10)  # between numbers along axes, times a power of ten
 _EM = 0.64  # mean width of a character over the size of its type, of DejaVu Sans, the widest of the fonts
 _FONTS = ("Source Sans 3", "Helvetica Neue", "Arial", "Liberation Sans", "DejaVu Sans")
 
 
 @functools.lru_cache(maxsize=1)
-def _fonts() -> list[str]:
-    """The wanted families that this machine has; DejaVu Sans comes with matplotlib and fills in missing glyphs."""
-    from matplotlib import font_manager
-
-    here = {font.name for font in font_manager.fontManager.ttflist}
-    return [name for name in _FONTS if name in here] or ["DejaVu Sans"]
-
-
-def _settings() -> dict:
+def _read_settings() -> dict:
     """Matplotlib settings of the house; text is never parsed as mathematics, as some of it comes from data files."""
+    here = {font.name for font in font_manager.fontManager.ttflist}
     return {
-        "font.family": "sans-serif", "font.sans-serif": _fonts(), "font.size": 9.5, "text.color": INK,
+        # DejaVu Sans comes with matplotlib and fills in missing glyphs.
+        "font.family": "sans-serif", "font.sans-serif": [name for name in _FONTS if name in here] or ["DejaVu Sans"],
+        "font.size": 9.5, "text.color": INK,
         "text.parse_math": False, "axes.unicode_minus": True, "axes.formatter.use_mathtext": False,
         "axes.formatter.useoffset": False,
         "axes.edgecolor": GREY, "axes.labelcolor": INK, "axes.labelsize": 9.5, "axes.linewidth": 0.7,
@@ -53,7 +59,7 @@ def _settings() -> dict:
         "axes.spines.top": False, "axes.spines.right": False, "axes.grid": False, "axes.axisbelow": True,
         "grid.color": FAINT, "grid.linewidth": 0.8,
         "xtick.color": GREY, "ytick.color": GREY, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
-        "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "xtick.major.size": 3, "ytick.major.size": 3,
+        "xtick.labelsize": TICKS, "ytick.labelsize": TICKS, "xtick.major.size": 3, "ytick.major.size": 3,
         "xtick.major.width": 0.7, "ytick.major.width": 0.7,
         "legend.frameon": False, "legend.fontsize": 9.5, "legend.handlelength": 1.6, "legend.borderaxespad": 0.2,
         "figure.facecolor": "white", "savefig.facecolor": "white", "lines.solid_capstyle": "round",
@@ -64,9 +70,7 @@ def _settings() -> dict:
 @contextmanager
 def apply_style():
     """Draw or save in the house style; the user's own matplotlib settings are as before afterwards."""
-    import matplotlib
-
-    with matplotlib.rc_context(_settings()), warnings.catch_warnings():
+    with matplotlib.rc_context(_read_settings()), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         yield
 
@@ -82,23 +86,39 @@ def styled(function):
     return draw
 
 
-def new_figure(height: float, width: float = WIDTH, gap: float = 0.05):
+def new_figure(height: float, width: float = WIDTH, gap: float = 0.05) -> Figure:
     """An empty figure of that size [inch] that lays itself out, with a gap [inch] above and below its axes."""
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     # Room at the right for half of a last number, which may only appear after the layout is made.
     rect = (0.0, 0.0, 1.0 - 0.1 / width, 1.0)
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05, rect=rect))
 
 
-def dress(axes, grid: str = "y"):
-    """Give axes the house's ticks and a faint grid along `grid` (`x`, `y`, `both` or nothing); returns the axes."""
-    axes.tick_params(labelsize=TICKS, labelcolor=INK, color=GREY, length=3, width=0.7)
-    space_ticks(axes)
+def dress(axes, grid: str = "y", **settings):
+    """Give axes the house's ticks and a faint grid along `grid` (`x`, `y`, `both` or nothing); returns the axes.
+
+    Further settings are those of `axes.set`.
+    """
+    axes.xaxis.set_major_locator(_SpacedLocator())
     if grid:
-        axes.grid(True, axis=grid, color=FAINT, linewidth=0.8)
+        axes.grid(True, axis=grid)
+    axes.set(**settings)
     return axes
+
+
+def dress_rows(axes, labels: Sequence[str], room: float = 0.4, **look):
+    """Dress axes of horizontal rows, the first one on top, each with a label of that look; returns the axes."""
+    dress(axes, "x")
+    axes.set_yticks(range(len(labels)), labels, **look)
+    axes.set_ylim(len(labels) - room, room - 1.0)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    return axes
+
+
+def strip(axes):
+    """Take the frame from axes that hold an image, and the marks beside their labels."""
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
 
 
 def colour_models(count: int) -> list[str]:
@@ -106,41 +126,25 @@ def colour_models(count: int) -> list[str]:
     return [AFTER] if count == 1 else [[BEFORE, AFTER, *MORE][k % (2 + len(MORE))] for k in range(count)]
 
 
-def space_ticks(axes, count: int = 8):
-    """Put at most `count` numbers along the axes, fewer where they would touch; returns the axes."""
-    axes.xaxis.set_major_locator(_load_spaced()(count))
-    return axes
+class _SpacedLocator(MaxNLocator):
+    """At most eight numbers along an axis, fewer where they would touch."""
 
+    MOST = 8
 
-@functools.lru_cache(maxsize=1)
-def _load_spaced():
-    """A locator that knows how long its numbers are."""
-    from matplotlib.ticker import MaxNLocator
+    def __init__(self):
+        super().__init__(self.MOST, steps=STEPS)
 
-    class Spaced(MaxNLocator):
-        def __init__(self, most):
-            super().__init__(most, steps=[1, 2, 2.5, 5, 10])
-            self.most = most
-
-        def __call__(self):
-            places = []
-            axis: Any = self.axis
-            length = 72 * axis.axes.get_window_extent().width / axis.axes.figure.dpi  # pt
-            low, high = sorted(axis.get_view_interval())
-            for number in range(self.most, 0, -1):
-                self.set_params(nbins=number)
-                places = super().__call__()
-                words = axis.get_major_formatter().format_ticks([x for x in places if low <= x <= high])
-                if sum(_EM * TICKS * (len(word) + 3) for word in words) <= length:
-                    break
-            return places
-
-    return Spaced
-
-
-def wrap_text(text: str, width: float, size: float = 9.5) -> str:
-    """Text in lines of at most `width` [inch] in type of that size [point]."""
-    return textwrap.fill(text, max(8, count_characters(width, size)), break_on_hyphens=False)
+    def __call__(self):
+        axis: Any = self.axis
+        places, length = [], 72 * axis.axes.get_window_extent().width / axis.axes.figure.dpi  # pt
+        low, high = sorted(axis.get_view_interval())
+        for number in range(self.MOST, 0, -1):
+            self.set_params(nbins=number)
+            places = super().__call__()
+            words = axis.get_major_formatter().format_ticks([x for x in places if low <= x <= high])
+            if sum(_EM * TICKS * (len(word) + 3) for word in words) <= length:
+                break
+        return places
 
 
 def count_characters(width: float, size: float = 9.5) -> int:
@@ -148,10 +152,28 @@ def count_characters(width: float, size: float = 9.5) -> int:
     return int(72 * width / (_EM * size))
 
 
+def wrap_text(text: str, width: float, size: float = 9.5) -> str:
+    """Text in lines of at most `width` [inch] in type of that size [point]."""
+    return textwrap.fill(text, max(8, count_characters(width, size)), break_on_hyphens=False)
+
+
+def key_line(colour: str, width: float = 1.6, **look) -> Line2D:
+    """A line for a legend."""
+    return Line2D([], [], color=colour, lw=width, **look)
+
+
+def key_dot(colour: str, size: float = 5, marker: str = "o", **look) -> Line2D:
+    """A marker for a legend."""
+    return Line2D([], [], ls="none", color=colour, ms=size, marker=marker, **look)
+
+
+def key_band(colour: str = FLOOR, alpha: float | None = 0.35, **look) -> Patch:
+    """A patch for a legend."""
+    return Patch(**{"facecolor": colour, "alpha": alpha, "lw": 0} | look)
+
+
 def head_figure(figure, handles, labels, columns: int = 6):
     """Put one legend above all axes, at the left, in as many columns as the figure has room for."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     room = figure.get_size_inches()[0] - 0.15
     labels = [wrap_text(label, room - 0.5) for label in labels]
     renderer = FigureCanvasAgg(figure).get_renderer()
@@ -179,8 +201,6 @@ def name_ticks(axes, labels: Sequence[str], width: float, size: float = 8.5):
 
 def render_image(figure, dpi: int = 160) -> "Pixels":
     """A figure as pixels."""
-    import numpy as np
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
     before, canvas = figure.dpi, FigureCanvasAgg(figure)

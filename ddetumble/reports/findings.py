@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..families import View, find_family
-from ..figures.binning import is_peaks, standardise
-from ..figures.views import find_span, find_stretch
+from ..figures.traces import find_span, find_stretch, is_peaks, standardise
 from ..measurement.quantities import (
     clean,
     describe_quantity,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..figures.plan import draw_outlook, draw_prospect
+from ..figures.planning import draw_outlook, draw_prospect
 from ..planning.ambiguity import Assessment, Outlook, Spread
 from ..planning.prospect import Prospect
 from .page import Section, Table, draw_picture

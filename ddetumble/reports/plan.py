@@ -15,7 +15,7 @@ from ..dynamics.angles import measure_nutation
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
-from ..figures.plan import draw_contacts, draw_motion
+from ..figures.planning import draw_contacts, draw_motion
 from ..measurement.units import choose_time_unit
 from ..planning.measured import (
     Extrapolation,
