@@ -23,7 +23,7 @@ from ddetumble.exam.cases import Case, Exam
 from ddetumble.exam.examination import judge_case
 from ddetumble.exam.running import run_all
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.reports.page import write_whole
+from ddetumble.reports.page import write_bytes
 
 
 MOVED = 0.1  # standard deviations
@@ -126,7 +126,7 @@ def main(arguments=None):
                   key=lambda row: order[row["exam"], row["index"]])
     found = [compare_rows(before[row["exam"]][row["index"]], row) for row in done]
     write_json(options.output / "result.json", {"versions": list_versions(), "cases": found})
-    write_whole(options.output / "README.md", write_page(found).encode())
+    write_bytes(options.output / "README.md", write_page(found).encode())
     print(write_page(found))
 
 

@@ -30,7 +30,7 @@ from ddetumble.exam.scoring import (
     is_right,
     pick,
 )
-from ddetumble.reports.page import write_whole
+from ddetumble.reports.page import write_bytes
 
 
 FAMILIES = ("impact", "slip", "tumble")
@@ -191,7 +191,7 @@ def main(arguments: list[str] | None = None) -> int:
     wanted = parser.parse_args(arguments)
 
     def act() -> None:
-        write_whole(wanted.folder / "README.md", tell(wanted.folder).encode("utf-8"))
+        write_bytes(wanted.folder / "README.md", tell(wanted.folder).encode("utf-8"))
         print(wanted.folder / "README.md")
 
     return run_guarded(act, arguments or sys.argv[1:])

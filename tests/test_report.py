@@ -30,7 +30,8 @@ from ddetumble.measurement.quantities import (
     format_value,
     name_steps,
 )
-from ddetumble.reports import Picture, Section, Table, write_comparison, write_page, write_report
+from ddetumble.reports import Picture, Section, Table, write_page, write_report
+from ddetumble.reports.findings import show_failures, show_fits
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import align, choose_view, describe_place
 from tests.helpers_report import (
@@ -286,12 +287,16 @@ def test_generic_page(tmp_path):
         write_page("t", "s", [Section("x", figures=[("../up", "c", draw_line())])], tmp_path)
 
 
+def write_traces(traces, folder):
+    """A page of one model without a verdict, as fits and comparisons have it."""
+    models = {"paper": traces}
+    return write_page("t", "The model misses.", [show_fits(models), show_failures(models)], folder)
+
+
 @pytest.mark.slow
 def test_comparison(tmp_path):
     step = make_discovery("unexplained").steps[0]
-    path = write_comparison("The model misses.", {"paper": step.traces}, tmp_path, status=["campaign impact-f"])
-    assert path.name == "comparison.html"
-    check_page(path, "The model misses.")
+    check_page(write_traces(step.traces, tmp_path), "The model misses.")
 
 
 def test_commands_are_code_and_html_passes(tmp_path):
@@ -466,9 +471,9 @@ def test_comparison_of_slip_records(tmp_path):
     names = ("time", "measured", "model", "state", "state_rate")
     own = make_slip_discovery().steps[0].traces[::4]
     few = [dc.replace(trace, **{name: getattr(trace, name)[::20] for name in names}) for trace in own]
-    check_page(write_comparison("The model misses.", {"paper": few}, tmp_path / "few"), "The model misses.")
+    check_page(write_traces(few, tmp_path / "few"), "The model misses.")
     bare = [dc.replace(trace, conditions={"normal_load": 6.0}, measured=np.nan * trace.measured) for trace in few]
-    check_page(write_comparison("The model misses.", {"paper": bare}, tmp_path / "bare"), "The model misses.")
+    check_page(write_traces(bare, tmp_path / "bare"), "The model misses.")
 
 
 @pytest.mark.slow

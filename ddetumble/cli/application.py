@@ -1,32 +1,24 @@
 """The `ddetumble` command: all commands under one name, and the way in."""
 
+import importlib
 import sys
 from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
-from . import caching, estimation, exam, examination, measurement, models, planning, sampling, story, striking, trusting
 from .failures import run_guarded, tell_stopped
 from .interrupts import watch_interrupts
+from .options import app, show_examples
 
 
-app = typer.Typer(
-    name="ddetumble",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
-)
-for _module in (story, measurement, examination, estimation, models, sampling, planning, striking, exam, caching,
-                trusting):
-    _module.register(app)
+# In the order in which the help lists their commands.
+for _module in ("story", "measurement", "examination", "estimation", "catalogue", "sampling", "planning", "upkeep"):
+    importlib.import_module(f".{_module}", __package__)
 
 
-@app.callback(
-    invoke_without_command=True,
-    epilog="\b\nExamples:\n  ddetumble demo\n  ddetumble discover data/impact-c -o discovery\n  ddetumble fit --help",
-)
+@app.callback(invoke_without_command=True, epilog=show_examples(
+    "ddetumble demo", "ddetumble discover data/impact-c -o discovery", "ddetumble fit --help"))
 def _show_help(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,

@@ -1,4 +1,4 @@
-"""Commands that hold a model against a campaign: `compare`, `identify`, `discover` and `missing`."""
+"""Commands that hold a model against a campaign: `compare`, `discover`, `missing` and `identify`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from .._errors import InputError
 from ..reference_models import list_names
-from .options import CAMPAIGN, MODEL, OVERWRITE, OWN, folder_option
+from .options import CampaignName, KeepAll, Model, Overwrite, OwnFile, Texts, command, option, place, resolve_own
 from .places import Output, check_file, locate_campaign, open_folder, open_optional, write_table
 from .progress import show_progress
 
@@ -16,65 +16,31 @@ from .progress import show_progress
 if TYPE_CHECKING:
     from ..measurement.campaign import Campaign
 
-MODELS = typer.Option(
-    "-m", "--model", metavar="MODEL",
-    help=f"Model to compare (one of `ddetumble models`: {list_names()}), a folder that fit or discover wrote, or "
-    "FILE.py:NAME; may be repeated.",
-)
-STEPS = typer.Option(
-    "-e", "--effect", metavar="ID", help="Then add this effect to the last model, fit it, and compare again; may be "
-    "repeated, each on top of the ones before.",
-)
-KEEP = typer.Option("--keep-all", help="Leave out no record and no sample: faults are only reported.")
 
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command(
-        "compare",
-        short_help="Hold a model against measurements: where it fails, against the noise.",
-        epilog="\b\nExamples:\n  ddetumble compare impact-c -o comparison\n"
-        "  ddetumble compare impact-h --effect wall-stiffness --effect arm-servo -o steps\n"
-        "  ddetumble compare impact-h -m paper -m matunaga -m my-fit -o models",
-    )(compare_models)
-    app.command(
-        "discover",
-        short_help="Find the missing physics, and write the report.",
-        epilog="\b\nExamples:\n  ddetumble discover data/impact-c -o discovery\n"
-        "  ddetumble discover data/impact-h --effect my_effects.py:EndStop -o discovery",
-    )(discover_effects)
-    app.command(
-        "missing",
-        short_help="Draw the force that a model lacks, and the simple laws that would draw it.",
-        epilog="\b\nExamples:\n  ddetumble missing data/impact-f -o force\n"
-        "  ddetumble missing data/impact-f --effect wall-stiffness -o force",
-    )(draw_force)
-    app.command(
-        "identify",
-        short_help="Force from measured depression and pressure, with uncertainty.",
-        epilog="\b\nExample:\n  ddetumble identify data/impact-i -o forces.csv",
-    )(identify_force)
-
-
+@command("compare", "Hold a model against measurements: where it fails, against the noise.",
+         "compare impact-c -o comparison", "compare impact-h --effect wall-stiffness --effect arm-servo -o steps",
+         "compare impact-h -m paper -m matunaga -m my-fit -o models")
 def compare_models(
-    campaign: Annotated[str, CAMPAIGN],
-    model: Annotated[list[str] | None, MODELS] = None,
-    effect: Annotated[list[str] | None, STEPS] = None,
-    effects_from: Annotated[Path | None, OWN] = None,
-    output: Annotated[Path | None, folder_option("Also write compare.json and figures here.")] = None,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    campaign: CampaignName,
+    model: Annotated[Texts, option(
+        "MODEL", f"Model to compare (one of `ddetumble models`: {list_names()}), a folder that fit or discover wrote, "
+        "or FILE.py:NAME; may be repeated.", "-m", "--model")] = None,
+    effect: Annotated[Texts, option(
+        "ID", "Then add this effect to the last model, fit it, and compare again; may be repeated, each on top of the "
+        "ones before.", "-e", "--effect")] = None,
+    effects_from: OwnFile = None,
+    output: Annotated[Path | None, place("Also write compare.json and figures here.")] = None,
+    overwrite: Overwrite = False,
 ):
     """Hold models against measurements: error by channel, record and condition, against the noise. With several models,
     or effects added one after the other, their errors side by side, fitted and cross-validated.
     """
-    path = locate_campaign(campaign)
-    from ..measurement.package import read_campaign
-
-    measured, page, models = read_campaign(path), None, list(model or ["paper"])
+    measured, page, models = _read(campaign), None, list(model or ["paper"])
     with open_optional(output, "compare", overwrite) as out, show_progress(f"comparing {measured.name}") as report:
         if measured.samples is None:
             if len(models) > 1 or effect:
-                raise InputError("the campaign holds peaks only: compare it with one model, without effects", file=path)
+                raise InputError("the campaign holds peaks only: compare it with one model, without effects",
+                                 file=campaign)
             text, page = _judge_peaks(measured, models[0], out, "compare.json", "comparison.html")
         else:
             from ..selection.compare import compare
@@ -93,16 +59,15 @@ def compare_models(
         typer.echo(f"Report: {page}")
 
 
-def _extend(model: str, effects: Sequence[str], path: Path | None, measured: "Campaign") -> list:
+def _extend(model: str, effects: Texts, path: Path | None, measured: "Campaign") -> list:
     """A model with one effect after the other, each a model of its own."""
     from ..families import name_family
     from ..inference.archive import resolve_model
-    from ..inference.models import list_effects, resolve_effect
 
     resolved = resolve_model(model, name_family(measured))
-    held = list_effects(path) if path is not None else ()
+    named, held = resolve_own(effects, path)
     found, law = [], resolved.reference.extend(resolved.effects)
-    for one in [resolve_effect(name, held) for name in effects] or list(held):
+    for one in named or held:
         try:
             law = law + one
         except TypeError as error:
@@ -111,69 +76,33 @@ def _extend(model: str, effects: Sequence[str], path: Path | None, measured: "Ca
     return found
 
 
-def identify_force(
-    campaign: Annotated[str, CAMPAIGN],
-    model: Annotated[str, MODEL] = "paper",
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT.csv", help="Table of the force; without it, printed.")
-    ] = None,
-    overwrite: Annotated[bool, OVERWRITE] = False,
-):
-    """The paper's own task: force with uncertainty from measured depression and pressure, against the gauge where there
-    is one.
-    """
-    path = locate_campaign(campaign)
-    from ..measurement.package import read_campaign
-
-    measured = read_campaign(path)
-    file = check_file(output, overwrite)
-    from ..reconstruct.force import identify
-
-    with show_progress(f"identifying the force of {measured.name}"):
-        result = identify(measured, model=model)
-    write_table(result.table, file)
-    typer.echo(str(result), err=file is None)
-    if file is not None:
-        typer.echo(f"Written to {file}")
-
-
+@command("discover", "Find the missing physics, and write the report.", "discover data/impact-c -o discovery",
+         "discover data/impact-h --effect my_effects.py:EndStop -o discovery")
 def discover_effects(
-    campaign: Annotated[str, CAMPAIGN],
-    output: Annotated[
-        Path | None, folder_option("Folder for result.json, report.html and the grown model.")
-    ] = None,
-    model: Annotated[str, MODEL] = "paper",
-    effect: Annotated[
-        list[str] | None,
-        typer.Option("-e", "--effect", metavar="FILE.py:NAME",
-                     help="Try this effect of your own beside the catalogue; may be repeated."),
-    ] = None,
-    effects_from: Annotated[
-        Path | None, typer.Option("--effects-from", metavar="FILE.py", help="Try all effects of this file of yours.")
-    ] = None,
-    keep_all: Annotated[bool, KEEP] = False,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    campaign: CampaignName,
+    output: Annotated[Path | None, place("Folder for result.json, report.html and the grown model.")] = None,
+    model: Model = "paper",
+    effect: Annotated[Texts, option(
+        "FILE.py:NAME", "Try this effect of your own beside the catalogue; may be repeated.", "-e", "--effect")] = None,
+    effects_from: Annotated[Path | None, option("FILE.py", "Try all effects of this file of yours.")] = None,
+    keep_all: KeepAll = False,
+    overwrite: Overwrite = False,
 ):
     """Find the missing physics: compare, say where the model fails, rank the effects, add one, refit, until nothing is
     missing or nothing helps.
     """
-    path = locate_campaign(campaign)
-    from ..measurement.package import read_campaign
-
-    measured = read_campaign(path)
+    measured = _read(campaign)
     target, alike = output or Path(f"{measured.name}-discovery"), False
     with open_folder(target, "discover", overwrite) as out, show_progress(f"looking at {measured.name}") as report:
         if measured.samples is None:
             text, page = _judge_peaks(measured, model, out, "result.json", "report.html")
         else:
-            from ..inference.models import list_effects, resolve_effect
             from ..reports import write_report
             from ..selection.discover import discover
 
-            held = list_effects(effects_from) if effects_from is not None else ()
-            own = list(dict.fromkeys([*(resolve_effect(name, held) for name in effect or ()), *held]))
-            for one in own:
-                _prove_contract(one, model, measured.family)
+            named, held = resolve_own(effect, effects_from)
+            own = list(dict.fromkeys([*named, *held]))
+            _prove_contracts(own, model, measured.family)
             result = discover(measured, model=model, effects=own, keep_all=keep_all, progress=report)
             report("writing the report", 0.95)
             result.save(out.draft)
@@ -185,41 +114,33 @@ def discover_effects(
         typer.echo(f"The test that tells them apart: ddetumble design {target}")
 
 
+@command("missing", "Draw the force that a model lacks, and the simple laws that would draw it.",
+         "missing data/impact-f -o force", "missing data/impact-f --effect wall-stiffness -o force")
 def draw_force(
-    campaign: Annotated[str, CAMPAIGN],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for missing.json and missing.html.")
-    ] = None,
-    model: Annotated[str, MODEL] = "paper",
-    effect: Annotated[
-        list[str] | None,
-        typer.Option("-e", "--effect", metavar="EFFECT",
-                     help="Fit this effect with the model: an id of the catalogue, or of --effects-from, or "
-                     "FILE.py:NAME; may be repeated."),
-    ] = None,
-    effects_from: Annotated[Path | None, OWN] = None,
-    keep_all: Annotated[bool, KEEP] = False,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    campaign: CampaignName,
+    output: Annotated[Path | None, place("Folder for missing.json and missing.html.")] = None,
+    model: Model = "paper",
+    effect: Annotated[Texts, option(
+        "EFFECT", "Fit this effect with the model: an id of the catalogue, or of --effects-from, or FILE.py:NAME; may "
+        "be repeated.", "-e", "--effect")] = None,
+    effects_from: OwnFile = None,
+    keep_all: KeepAll = False,
+    overwrite: Overwrite = False,
 ):
     """Draw the missing force: how much of the misfit any force of depression, rate, slip, time or pressure could remove
     on left-out conditions, what it looks like, and which simple laws would draw it. `discover` does so itself where its
     verdict is improved or unexplained.
     """
-    path = locate_campaign(campaign)
-    from ..measurement.package import read_campaign
-
-    measured = read_campaign(path)
+    measured = _read(campaign)
     from ..inference.files import list_versions, write_json
-    from ..inference.models import list_effects, resolve_effect
     from ..reports import write_missing
     from ..selection.missing.missing_force import draw_missing_force
 
-    held = list_effects(effects_from) if effects_from is not None else ()
-    own = [resolve_effect(name, held) for name in effect or ()] or list(held)
+    named, held = resolve_own(effect, effects_from)
+    own = named or held
     with (open_folder(output or Path(f"{measured.name}-missing"), "missing", overwrite) as out,
           show_progress(f"looking at {measured.name}") as report):
-        for one in own:
-            _prove_contract(one, model, measured.family)
+        _prove_contracts(own, model, measured.family)
         found = draw_missing_force(measured, model, effects=own, keep_all=keep_all, progress=report)
         report("writing the report", 0.97)
         write_json(out.draft / "missing.json", {"campaign": measured.name, "model": model, "sha256": measured.sha256,
@@ -231,16 +152,46 @@ def draw_force(
     typer.echo(f"Report: {page}")
 
 
-def _prove_contract(effect, model: str, family: str) -> None:
-    """Refuse an effect of the user's own that breaks the contract on which verdicts rely."""
+@command("identify", "Force from measured depression and pressure, with uncertainty.",
+         "identify data/impact-i -o forces.csv")
+def identify_force(
+    campaign: CampaignName,
+    model: Model = "paper",
+    output: Annotated[Path | None, place("Table of the force; without it, printed.", "OUT.csv")] = None,
+    overwrite: Overwrite = False,
+):
+    """The paper's own task: force with uncertainty from measured depression and pressure, against the gauge where there
+    is one.
+    """
+    measured = _read(campaign)
+    file = check_file(output, overwrite)
+    from ..reconstruct.force import identify
+
+    with show_progress(f"identifying the force of {measured.name}"):
+        result = identify(measured, model=model)
+    write_table(result.table, file)
+    typer.echo(str(result), err=file is None)
+    if file is not None:
+        typer.echo(f"Written to {file}")
+
+
+def _read(campaign: str) -> "Campaign":
+    from ..measurement.package import read_campaign
+
+    return read_campaign(locate_campaign(campaign))
+
+
+def _prove_contracts(effects: Sequence, model: str, family: str) -> None:
+    """Refuse effects of the user's own that break the contract on which verdicts rely."""
     from ..contact.contract import check_effect
     from ..contact.effect import family_of
     from ..families import FAMILIES
     from ..inference.archive import resolve_model
 
     own = FAMILIES.get(family)  # the trials of the contract are those of the toolkit's own families
-    if own is not None and family_of(effect) == family and effect not in own.catalogue:
-        check_effect(effect, resolve_model(model, family).reference).require()
+    for effect in effects:
+        if own is not None and family_of(effect) == family and effect not in own.catalogue:
+            check_effect(effect, resolve_model(model, family).reference).require()
 
 
 def _judge_peaks(campaign, model: str, out: Output | None, file: str, page: str) -> tuple[str, Path | None]:

@@ -10,6 +10,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from .._errors import ComputationError, InputError
 from .interrupts import INTERRUPTED, was_interrupted
@@ -54,10 +55,8 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
 
 def tell(sentence: str, code: int) -> int:
     """Print a sentence to standard error and hand the exit code on."""
-    try:
+    with suppress(OSError):  # nobody is listening; the exit code says the rest
         print(f"ddetumble: {sentence}", file=sys.stderr, flush=True)
-    except OSError:
-        pass  # nobody is listening; the exit code says the rest
     return code
 
 
@@ -77,24 +76,20 @@ def _explain(error: Exception, words: Sequence[str]) -> int:
     if isinstance(error, ComputationError):
         return tell(_join(str(error)), FAILED)
     if hasattr(error, "format_message"):  # typer's own, about the command line
-        return tell(_explain_usage(error), BAD_INPUT)
+        message = _join(error.format_message()).rstrip(".")
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context is not None else "ddetumble"
+        return tell(f"{message[:1].lower()}{message[1:]}; `{command} --help` shows what it takes, with an example.",
+                    BAD_INPUT)
     if isinstance(error, MemoryError):
         return tell("there is not enough memory for this.", FAILED)
     if isinstance(error, OSError) and error.filename is not None:
-        place, reason = error.filename, (error.strerror or "it cannot be used").lower()
+        reason = (error.strerror or "it cannot be used").lower()
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        return tell(_join(f"{place}: {reason}."), FAILED if full else BAD_INPUT)
+        return tell(_join(f"{error.filename}: {reason}."), FAILED if full else BAD_INPUT)
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
         return tell("there is no space left on the disk.", FAILED)
     return tell(_report_bug(error, words), FAILED)
-
-
-def _explain_usage(error) -> str:
-    """One sentence on a faulty command line, with the way to help."""
-    message = _join(error.format_message()).rstrip(".")
-    context = getattr(error, "ctx", None)
-    command = context.command_path if context is not None else "ddetumble"
-    return f"{message[:1].lower()}{message[1:]}; `{command} --help` shows what it takes, with an example."
 
 
 def _report_bug(error: Exception, words: Sequence[str]) -> str:
@@ -114,10 +109,8 @@ def _report_bug(error: Exception, words: Sequence[str]) -> str:
 
 def _leave_pipe() -> int:
     """Go quietly when the reader of a pipe has left, and keep Python from complaining at exit."""
-    try:
+    with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError:
-        pass
     return PIPE_CLOSED
 
 

@@ -11,7 +11,6 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import NoReturn
 
 
 INTERRUPTED = 130  # exit code of a command that Ctrl-C ended: 128 and the number of the signal
@@ -59,24 +58,18 @@ def was_interrupted() -> bool:
 
 
 def _watch(reader: socket.socket, tell: Callable[[], object]) -> None:
+    """Wait for the interrupt, and end the process, cleared up, without asking its other threads."""
     _wait_for_interrupt(reader)
     _arrived.set()
     reader.settimeout(PATIENCE)
     with suppress(TimeoutError):
         _wait_for_interrupt(reader)
-    _end(tell)
+    for action in (*reversed(_undo), tell):
+        with suppress(Exception):
+            action()
+    os._exit(INTERRUPTED)
 
 
 def _wait_for_interrupt(reader: socket.socket) -> None:
     while signal.SIGINT not in reader.recv(64):  # a byte for each signal
         pass
-
-
-def _end(tell: Callable[[], object]) -> NoReturn:
-    """Clear up, and end the process without asking its other threads."""
-    for action in reversed(_undo):
-        with suppress(Exception):
-            action()
-    with suppress(Exception):
-        tell()
-    os._exit(INTERRUPTED)

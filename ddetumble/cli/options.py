@@ -1,12 +1,12 @@
-"""Arguments and options that several commands share, and what `fit` and `sample` read by them."""
+"""The application, and what several commands share: arguments, options, and what `fit` and `sample` read by them."""
 
 import dataclasses as dc
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -15,59 +15,54 @@ from ..reference_models import list_names
 from .places import Output, locate_campaign, open_folder
 
 
-CAMPAIGN = typer.Argument(metavar="CAMPAIGN", help="Folder of a campaign, or the name of a shipped one.")
-SOURCE = typer.Argument(metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")
-MODEL = typer.Option(
-    "-m",
-    "--model",
-    metavar="MODEL",
-    help=f"Reference model (one of `ddetumble models`: {list_names()}), a folder that fit or discover wrote, or "
-    "FILE.py:NAME.",
-)
-EFFECT = typer.Option(
-    "-e", "--effect", metavar="ID",
-    help="Add this effect of the catalogue, or of --effects-from; may be repeated.",
-)
-OVERWRITE = typer.Option(
-    "--overwrite", help="Replace what is in the place that -o names; without it, only a new or empty one is taken."
-)
-FREE = typer.Option(
-    "--free", metavar="NAME[=VALUE]",
-    help="Fit this parameter too, or start it there: 'wall-stiffness.q=1.5'; may be repeated.",
-)
-FIX = typer.Option("--fix", metavar="NAME=VALUE", help="Hold this parameter: 'effective_mass=1.3 kg'; may be repeated.")
-PRIOR = typer.Option(
-    "--prior", metavar="NAME=MEAN+-SD",
-    help="Gaussian prior of a fitted parameter: 'restitution=0.7+-0.05'; may be repeated.",
-)
-FAMILY = typer.Option(
-    "--family", metavar="NAME",
-    help="Family of records: impact, slip, oblique or tumble, or FILE.py:NAME for your own; all if not given.",
-)
-OWN = typer.Option("--effects-from", metavar="FILE.py", help="A file of yours with effects, known by their ids then.")
+app = typer.Typer(name="ddetumble", add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False,
+                  context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 
 
-def folder_option(text: str) -> Any:
-    """The option `-o DIR` with this help."""
-    return typer.Option("-o", "--output", metavar="DIR", help=text)
+def show_examples(*lines: str) -> str:
+    """The end of a command's help."""
+    return "\b\n" + "\n  ".join(["Example:" if len(lines) == 1 else "Examples:", *lines])
 
 
-def choose_families(name: str | None) -> tuple[Any, ...]:
-    """The family of that name, or `FILE.py:NAME`; all where none is named.
+def command(name: str, summary: str, *examples: str) -> Callable:
+    """Make a function a command, with a summary for the list of all of them and examples without the program's name."""
+    return app.command(name, short_help=summary, epilog=show_examples(*(f"ddetumble {one}" for one in examples)))
 
-    Raises:
-        InputError: There is no such family.
-    """
-    from .._user_files import split_name
-    from ..families import list_families
-    from ..measurement.kinds import take_kind
 
-    wanted = take_kind(name) if name is not None and split_name(name) is not None else name
-    found = tuple(one for one in list_families() if wanted in (None, one.name))
-    if not found:
-        known = ", ".join(one.name for one in list_families())
-        raise InputError(f"there is no family {name!r}; there are {known}", option="--family")
-    return found
+def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
+    """An option that takes a value, with its help."""
+    return typer.Option(*names, metavar=metavar, help=text, **more)
+
+
+def place(text: str, metavar: str = "DIR") -> Any:
+    """The option `-o`, with its help."""
+    return option(metavar, text, "-o", "--output")
+
+
+_MODEL = option("MODEL", f"Reference model (one of `ddetumble models`: {list_names()}), a folder that fit or discover "
+                "wrote, or FILE.py:NAME.", "-m", "--model")
+Texts = list[str] | None
+CampaignName = Annotated[str, typer.Argument(
+    metavar="CAMPAIGN", help="Folder of a campaign, or the name of a shipped one.")]
+Fittable = Annotated[str, typer.Argument(
+    metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")]
+Model = Annotated[str, _MODEL]
+OptionalModel = Annotated[str | None, _MODEL]
+Effects = Annotated[Texts, option(
+    "ID", "Add this effect of the catalogue, or of --effects-from; may be repeated.", "-e", "--effect")]
+OwnFile = Annotated[Path | None, option("FILE.py", "A file of yours with effects, known by their ids then.",
+                                        "--effects-from")]
+Free = Annotated[Texts, option(
+    "NAME[=VALUE]", "Fit this parameter too, or start it there: 'wall-stiffness.q=1.5'; may be repeated.")]
+Fix = Annotated[Texts, option("NAME=VALUE", "Hold this parameter: 'effective_mass=1.3 kg'; may be repeated.")]
+Prior = Annotated[Texts, option(
+    "NAME=MEAN+-SD", "Gaussian prior of a fitted parameter: 'restitution=0.7+-0.05'; may be repeated.")]
+Family = Annotated[str | None, option(
+    "NAME", "Family of records: impact, slip, oblique or tumble, or FILE.py:NAME for your own; all if not given.")]
+KeepAll = Annotated[bool, typer.Option(
+    "--keep-all", help="Leave out no record and no sample: faults are only reported.")]
+Overwrite = Annotated[bool, typer.Option(
+    "--overwrite", help="Replace what is in the place that -o names; without it, only a new or empty one is taken.")]
 
 
 @dc.dataclass(frozen=True)
@@ -77,7 +72,7 @@ class Source:
     Attributes:
         name: of the campaign, or of the folder of the specification.
         measured: the campaign, or the path of the specification.
-        chosen: `model` and `effects`; empty where the specification says them.
+        chosen: arguments of `fit`; empty where the specification says them.
         folder: for the results.
         shared: whether it is the specification's own folder.
     """
@@ -91,6 +86,41 @@ class Source:
     def open(self, command: str, overwrite: bool, own: Sequence[str], **more: Any) -> AbstractContextManager[Output]:
         """The folder for the results of a command, of which `own` are names; `more` as of `open_folder`."""
         return open_folder(self.folder, command, overwrite, beside=own if self.shared else (), **more)
+
+
+def read_source(text: str, output: Path | None, ending: str, own: Path | None, **given) -> Source:
+    """Read a campaign or find a specification, and say where the results go.
+
+    Args:
+        text: of the argument `SOURCE`.
+        output: of the option; the folder of the specification, or one named after the campaign, where it is None.
+        ending: of that name.
+        own: file of effects.
+        **given: the other options on the fit, as `_read_choice` takes them, None where they are not given.
+
+    Raises:
+        InputError: there is nothing to read, anything on the fit is given beside a specification, or a file of effects
+            without saying which of them to add.
+    """
+    if text.endswith(".toml"):
+        if own or any(given.values()):
+            raise InputError("the specification says all about the fit; leave out --model, --effect, --effects-from, "
+                             "--free, --fix and --prior", file=text)
+        path = Path(text)
+        if not path.is_file():
+            raise InputError("there is no such file", file=path)
+        return Source(path.resolve().parent.name, path, {}, output or path.parent, output is None)
+    from ..families import name_family
+    from ..inference.models import list_effects
+    from ..measurement.package import read_campaign
+
+    if own is not None and not given["effects"]:
+        ids = ", ".join(one.id for one in list_effects(own))
+        raise InputError(f"say with --effect which of its effects to add: {ids}", file=own)
+    path = locate_campaign(text)
+    name, measured = path.resolve().name, read_campaign(path)
+    chosen = _read_choice(name_family(measured), own, **given)
+    return Source(name, measured, chosen, output or Path(f"{name}-{ending}"), False)
 
 
 def name_own(names: Sequence[str], path: Path | None) -> list[str]:
@@ -107,40 +137,41 @@ def name_own(names: Sequence[str], path: Path | None) -> list[str]:
     return [own.get(name, name) for name in names]
 
 
-@dc.dataclass(frozen=True)
-class Choice:
-    """What the options say of a fit, None where they say nothing: as given on the command line."""
+def resolve_own(names: Sequence[str] | None, path: Path | None) -> tuple[list, list]:
+    """Effects of these names, of the catalogue or of the user's file, and all effects of that file.
 
-    model: str | None
-    effects: list[str] | None
-    own: Path | None
-    free: list[str] | None
-    fixed: list[str] | None
-    priors: list[str] | None
+    Raises:
+        InputError: There is no such effect, or the file cannot be read or run, or holds none.
+    """
+    from ..inference.models import list_effects, resolve_effect
 
-    def read(self, family: str) -> dict[str, Any]:
-        """Arguments of `fit` for records of a family.
+    held = list_effects(path) if path is not None else []
+    return [resolve_effect(name, held) for name in names or ()], list(held)
 
-        Raises:
-            InputError: There is no such parameter, or its value is none, or of another unit.
-        """
-        names, model = tuple(name_own(self.effects or (), self.own)), self.model or "paper"
-        chosen: dict[str, Any] = {"model": model, "effects": names}
-        if not (self.free or self.fixed or self.priors):
-            return chosen
-        from ..measurement.headings import read_pairs
 
-        units = _list_units(model, family, names)
-        free: dict[str, float | bool] = {}
-        for entry in self.free or ():
-            name, sign, value = entry.partition("=")
-            free[name.strip()] = _read_numbers("free", name.strip(), value, units)[0] if sign else True
-            _find_unit("free", name.strip(), units)
-        fixed = {name: _read_numbers("fix", name, text, units)[0]
-                 for name, text in read_pairs("fix", self.fixed).items()}
-        priors = {name: _read_numbers("prior", name, text, units, 2)
-                  for name, text in read_pairs("prior", self.priors).items()}
-        return chosen | {"free": free, "fixed": fixed, "priors": priors}
+def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequence[str] | None,
+                 free: Sequence[str] | None, fixed: Sequence[str] | None, priors: Sequence[str] | None
+                 ) -> dict[str, Any]:
+    """Arguments of `fit` for records of a family, by what the command line says; the paper's model where it is silent.
+
+    Raises:
+        InputError: There is no such parameter, or its value is none, or of another unit.
+    """
+    names, model = tuple(name_own(effects or (), own)), model or "paper"
+    chosen: dict[str, Any] = {"model": model, "effects": names}
+    if not (free or fixed or priors):
+        return chosen
+    from ..measurement.headings import read_pairs
+
+    units = _list_units(model, family, names)
+    freed: dict[str, float | bool] = {}
+    for entry in free or ():
+        name, sign, value = entry.partition("=")
+        freed[name.strip()] = _read_numbers("free", name.strip(), value, units)[0] if sign else True
+        _find_unit("free", name.strip(), units)
+    held = {name: _read_numbers("fix", name, text, units)[0] for name, text in read_pairs("fix", fixed).items()}
+    known = {name: _read_numbers("prior", name, text, units, 2) for name, text in read_pairs("prior", priors).items()}
+    return chosen | {"free": freed, "fixed": held, "priors": known}
 
 
 def _list_units(model: str, family: str, effects: Sequence[str]) -> dict[str, str]:
@@ -184,39 +215,3 @@ def _read_numbers(option: str, name: str, text: str, units: dict[str, str], coun
                              + (f"in {own}" if own else "a pure number"))
         numbers = [float(unit.convert(x)) for x in numbers]
     return tuple(numbers)
-
-
-def read_source(text: str, choice: Choice, output: Path | None, ending: str) -> Source:
-    """Read a campaign or find a specification, and say where the results go.
-
-    Args:
-        text: of the argument `SOURCE`.
-        choice: the options on the fit; the paper's model where none is named.
-        output: of the option; the folder of the specification, or one named after the campaign, where it is None.
-        ending: of that name.
-
-    Raises:
-        InputError: there is nothing to read, anything on the fit is given beside a specification, or a file of effects
-            without saying which of them to add.
-    """
-    own = choice.own
-    if not text.endswith(".toml"):
-        from ..measurement.package import read_campaign
-
-        if own is not None and not choice.effects:
-            from ..inference.models import list_effects
-
-            ids = ", ".join(one.id for one in list_effects(own))
-            raise InputError(f"say with --effect which of its effects to add: {ids}", file=own)
-        path = locate_campaign(text)
-        name, measured = path.resolve().name, read_campaign(path)
-        from ..families import name_family
-
-        return Source(name, measured, choice.read(name_family(measured)), output or Path(f"{name}-{ending}"), False)
-    if any(getattr(choice, field.name) for field in dc.fields(choice)):
-        raise InputError("the specification says all about the fit; leave out --model, --effect, --effects-from, "
-                         "--free, --fix and --prior", file=text)
-    path = Path(text)
-    if not path.is_file():
-        raise InputError("there is no such file", file=path)
-    return Source(path.resolve().parent.name, path, {}, output or path.parent, output is None)

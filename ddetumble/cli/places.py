@@ -13,8 +13,8 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,26 +87,23 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
 
     def clear_up() -> None:
         if not done and resumes and not (path / progress).exists():
-            for name in resumes:
-                _remove(path / name)
+            _remove(path, resumes)
         if draft is not None:
             shutil.rmtree(draft, ignore_errors=True)
-        for folder in made:  # none stays empty
-            with suppress(OSError):
-                if folder.is_dir() and not any(folder.iterdir()):
-                    folder.rmdir()
+        _remove_empty(made)
 
     with undone_by(clear_up):
         try:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 draft = Path(tempfile.mkdtemp(prefix=f".{path.name}-{_name_machine()}-{os.getpid()}-", dir=path.parent))
-                os.chmod(draft, 0o777 & ~_read_umask())
+                umask = os.umask(0)
+                os.umask(umask)
+                os.chmod(draft, 0o777 & ~umask)
             except OSError as error:
                 raise InputError(f"the folder cannot be made ({_reason(error)})", file=given) from None
             if overwrite:
-                for name in resumes:
-                    _remove(path / name)
+                _remove(path, resumes)
             yield Output(given, draft)
             _publish(draft, path, command, bool(beside))
             done = True
@@ -141,21 +138,16 @@ def _name_machine() -> str:
 def _is_alive(process: int) -> bool:
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
+    except OverflowError:
         return True
     return True
 
 
-@contextmanager
-def open_optional(path: Path | None, command: str, overwrite: bool) -> Iterator[Output | None]:
+def open_optional(path: Path | None, command: str, overwrite: bool) -> AbstractContextManager[Output | None]:
     """As `open_folder`, or None where no folder is named."""
-    if path is None:
-        yield None
-        return
-    with open_folder(path, command, overwrite) as out:
-        yield out
+    return nullcontext() if path is None else open_folder(path, command, overwrite)
 
 
 def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: Sequence[str]) -> None:
@@ -190,12 +182,11 @@ def _publish(draft: Path, path: Path, command: str, shared: bool) -> None:
         for name in (*new, RECORD):
             (path / name).parent.mkdir(parents=True, exist_ok=True)
             os.replace(draft / name, path / name)
-        wanted = {*new, *(file for files in kept.values() for file in files)}
-        for name in {file for files in before.values() for file in files} - wanted:
-            _remove(path / name)
-            for folder in list((path / name).parents)[: name.count("/")]:
-                if folder.is_dir() and not any(folder.iterdir()):
-                    folder.rmdir()
+        old = {file for files in before.values() for file in files}
+        old -= {*new, *(file for files in kept.values() for file in files)}
+        _remove(path, old)
+        for name in old:
+            _remove_empty(list((path / name).parents)[: name.count("/")])
     except OSError as error:
         raise InputError(f"the results cannot be put into the folder ({_reason(error)})", file=path) from None
 
@@ -210,17 +201,20 @@ def _read_record(path: Path) -> dict[str, list[str]]:
         return {}
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    for path in (folder / name for name in names):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
-def _read_umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove those of some folders that hold nothing, the innermost first."""
+    for folder in folders:
+        with suppress(OSError):
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
 
 def check_file(path: Path | None, overwrite: bool) -> Path | None:
@@ -240,14 +234,14 @@ def check_file(path: Path | None, overwrite: bool) -> Path | None:
 
 
 def write_bytes(content: bytes, path: Path) -> None:
-    """Write a file, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.part")
-    try:
-        draft.write_bytes(content)
-        os.replace(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
+    """Write a file, whole or not at all.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    from ..inference.files import write_whole
+
+    write_whole(path, lambda draft: draft.write_bytes(content))
 
 
 def write_table(table: "pd.DataFrame", path: Path | None) -> None:

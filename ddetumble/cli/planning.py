@@ -1,4 +1,4 @@
-"""Commands about tests to come: `design` and `map`."""
+"""Commands about what is to come: `design` and `map` of tests, `plan` of strikes at debris."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,45 +6,24 @@ from typing import Annotated
 import typer
 
 from .._errors import InputError
-from .options import MODEL, OVERWRITE
-from .places import locate_campaign, locate_fit, open_optional
+from .._settings import find_data
+from .options import Model, Overwrite, Texts, command, option, place
+from .places import locate_campaign, locate_fit, open_folder, open_optional
 from .progress import show_progress
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command(
-        "design",
-        short_help="The next test that best separates what is still confounded.",
-        epilog="\b\nExamples:\n  ddetumble design discovery\n"
-        '  ddetumble design discovery --limit "approach_speed=0.2..2 m/s" --channel "pressure: 200 Pa" -o next',
-    )(design_test)
-    app.command(
-        "map",
-        short_help="What a planned campaign could see, and what it could not tell apart.",
-        epilog="\b\nExamples:\n  ddetumble map plan.csv -o map\n  ddetumble map data/impact-c\n"
-        '  ddetumble map plan.csv --value "effective_mass=1.4 kg" --channel "normal_force: 0.1 N"',
-    )(map_campaign)
-
-
+@command("design", "The next test that best separates what is still confounded.", "design discovery",
+         'design discovery --limit "approach_speed=0.2..2 m/s" --channel "pressure: 200 Pa" -o next')
 def design_test(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that discover or fit wrote.")],
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=LOW..HIGH UNIT", help="Range of a condition, or one value; may be repeated. The "
-                     "campaign's own range, extended, where not given."),
-    ] = None,
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME: NOISE UNIT", help="A channel that could be added; may be repeated."),
-    ] = None,
+    limit: Annotated[Texts, option(
+        "NAME=LOW..HIGH UNIT", "Range of a condition, or one value; may be repeated. The campaign's own range, "
+        "extended, where not given.")] = None,
+    channel: Annotated[Texts, option("NAME: NOISE UNIT", "A channel that could be added; may be repeated.")] = None,
     length: Annotated[
-        float | None, typer.Option(metavar="X", help="Of the test's record, in s (of slip in m); as in the campaign.")
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Also write design.json and a figure here.")
-    ] = None,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+        float | None, option("X", "Of the test's record, in s (of slip in m); as in the campaign.")] = None,
+    output: Annotated[Path | None, place("Also write design.json and a figure here.")] = None,
+    overwrite: Overwrite = False,
 ):
     """Find the conditions, or the channel to add, that best tell apart what a discovery could not, and how many tests
     that takes. Where nothing is confounded: the test that narrows the parameters most.
@@ -64,33 +43,22 @@ def design_test(
         typer.echo(f"Written to {output}")
 
 
+@command("map", "What a planned campaign could see, and what it could not tell apart.", "map plan.csv -o map",
+         "map data/impact-c", 'map plan.csv --value "effective_mass=1.4 kg" --channel "normal_force: 0.1 N"')
 def map_campaign(
-    plan: Annotated[
-        str,
-        typer.Argument(metavar="CAMPAIGN|PLAN.csv", help="A campaign, or a table of planned tests: one row a test, "
-                       "conditions with units in the headings, optionally `repeats`."),
-    ],
-    model: Annotated[str, MODEL] = "paper",
-    channel: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME: NOISE UNIT", help="What a planned test measures; may be repeated."),
-    ] = None,
-    uncertainty: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of a condition, or of the time origin.")
-    ] = None,
-    value: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE UNIT", help="Of a parameter of the reference model.")
-    ] = None,
-    effects_from: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.py", help="A file of yours with effects, which are mapped beside the catalogue."),
-    ] = None,
-    length: Annotated[str | None, typer.Option(metavar="'30 ms'", help="Of a record.")] = None,
-    interval: Annotated[str | None, typer.Option(metavar="'0.1 ms'", help="Between samples.")] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Also write map.json and a figure here.")
-    ] = None,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    plan: Annotated[str, typer.Argument(
+        metavar="CAMPAIGN|PLAN.csv", help="A campaign, or a table of planned tests: one row a test, conditions with "
+        "units in the headings, optionally `repeats`.")],
+    model: Model = "paper",
+    channel: Annotated[Texts, option("NAME: NOISE UNIT", "What a planned test measures; may be repeated.")] = None,
+    uncertainty: Annotated[Texts, option("NAME=VALUE", "Of a condition, or of the time origin.")] = None,
+    value: Annotated[Texts, option("NAME=VALUE UNIT", "Of a parameter of the reference model.")] = None,
+    effects_from: Annotated[Path | None, option(
+        "FILE.py", "A file of yours with effects, which are mapped beside the catalogue.")] = None,
+    length: Annotated[str | None, option("'30 ms'", "Of a record.")] = None,
+    interval: Annotated[str | None, option("'0.1 ms'", "Between samples.")] = None,
+    output: Annotated[Path | None, place("Also write map.json and a figure here.")] = None,
+    overwrite: Overwrite = False,
 ):
     """Say before any test which effects a campaign would show, at which size, and which pairs it could not tell
     apart.
@@ -118,3 +86,25 @@ def map_campaign(
     typer.echo(str(found))
     if output is not None:
         typer.echo(f"Written to {output}")
+
+
+@command("plan", "Where, how fast and when to strike tumbling debris.", "plan data/scenarios/flat-spin.toml -o plan",
+         "plan flat-spin.toml")
+def plan_impacts(
+    scenario: Annotated[Path, typer.Argument(
+        metavar="SCENARIO.toml", help="What is struck, by what, and what is wanted.")],
+    output: Annotated[Path | None, place("Folder for plan.json and report.html.")] = None,
+    overwrite: Overwrite = False,
+):
+    """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes."""
+    shipped = find_data() / "scenarios" / scenario.name
+    path = scenario if scenario.exists() or scenario.parent.name or not shipped.is_file() else shipped
+    from ..planning.plan import plan
+    from ..reports.plan import write_plan
+
+    with (open_folder(output or Path(f"{path.stem}-plan"), "plan", overwrite) as out,
+          show_progress(f"planning {path.stem}") as report):
+        found = plan(path, progress=report)
+        write_plan(found, out.draft)
+    typer.echo(str(found))
+    typer.echo(f"Written to {out.path}")

@@ -1,78 +1,63 @@
 """Commands about posteriors and rival models: `sample` and `average`."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .._errors import InputError
+from .._settings import list_shipped
 from .options import (
-    EFFECT,
-    FIX,
-    FREE,
-    MODEL,
-    OVERWRITE,
-    OWN,
-    PRIOR,
-    SOURCE,
-    Choice,
-    folder_option,
+    Effects,
+    Fittable,
+    Fix,
+    Free,
+    OptionalModel,
+    Overwrite,
+    OwnFile,
+    Prior,
+    Texts,
+    command,
     name_own,
+    option,
+    place,
     read_source,
 )
 from .places import locate_campaign, open_folder
 from .progress import show_progress
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command(
-        "sample",
-        short_help="Draw from the posterior of the parameters; resumable.",
-        epilog="\b\nExamples:\n  ddetumble sample data/impact-b --effect adhesion -o posterior\n"
-        "  ddetumble sample fits/impact-b/fit.toml\n"
-        "  ddetumble sample data/slip-a --effect adhesive-offset --nuts -o nuts",
-    )(sample_posterior)
-    app.command(
-        "average",
-        short_help="Weights of rival models, by conditions left out.",
-        epilog="\b\nExamples:\n  ddetumble average data/slip-a --effect adhesive-offset --effect viscous-friction "
-        "--effect none\n  ddetumble average data/impact-b --effect adhesion --effect wall-stiffness,sensor-lag -o w\n"
-        "  ddetumble predict slip-a-weights conditions.csv",
-    )(average_models)
+Count = int | None
 
 
+@command("sample", "Draw from the posterior of the parameters; resumable.",
+         "sample data/impact-b --effect adhesion -o posterior", "sample fits/impact-b/fit.toml",
+         "sample data/slip-a --effect adhesive-offset --nuts -o nuts")
 def sample_posterior(
-    source: Annotated[str, SOURCE],
-    model: Annotated[str | None, MODEL] = None,
-    effect: Annotated[list[str] | None, EFFECT] = None,
-    effects_from: Annotated[Path | None, OWN] = None,
-    free: Annotated[list[str] | None, FREE] = None,
-    fix: Annotated[list[str] | None, FIX] = None,
-    prior: Annotated[list[str] | None, PRIOR] = None,
-    output: Annotated[Path | None, folder_option("Folder for draws and report; a specification's own.")] = None,
+    source: Fittable,
+    model: OptionalModel = None,
+    effect: Effects = None,
+    effects_from: OwnFile = None,
+    free: Free = None,
+    fix: Fix = None,
+    prior: Prior = None,
+    output: Annotated[Path | None, place("Folder for draws and report; a specification's own.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="NUTS in place of emcee; needs the extra `nuts`.")] = False,
-    effective: Annotated[
-        int | None, typer.Option(metavar="N", help="Independent draws wanted of every parameter [2000].")
-    ] = None,
-    steps: Annotated[
-        int | None, typer.Option(metavar="N", help="Stop after so many steps whatever was reached [5000].")
-    ] = None,
-    walkers: Annotated[int | None, typer.Option(metavar="N", help="Walkers of an ensemble, even.")] = None,
-    ensembles: Annotated[
-        int | None, typer.Option(metavar="N", help="Independent ensembles, or chains of NUTS [4].")
-    ] = None,
-    burn: Annotated[int | None, typer.Option(metavar="N", help="First steps, to be left out [100].")] = None,
-    checkpoint: Annotated[
-        int | None, typer.Option(metavar="N", help="Steps between two writings of the chain [50].")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="Of the random numbers [0].")] = None,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    effective: Annotated[Count, option("N", "Independent draws wanted of every parameter [2000].")] = None,
+    steps: Annotated[Count, option("N", "Stop after so many steps whatever was reached [5000].")] = None,
+    walkers: Annotated[Count, option("N", "Walkers of an ensemble, even.")] = None,
+    ensembles: Annotated[Count, option("N", "Independent ensembles, or chains of NUTS [4].")] = None,
+    burn: Annotated[Count, option("N", "First steps, to be left out [100].")] = None,
+    checkpoint: Annotated[Count, option("N", "Steps between two writings of the chain [50].")] = None,
+    seed: Annotated[Count, option("N", "Of the random numbers [0].")] = None,
+    overwrite: Overwrite = False,
 ):
     """Draw from the posterior: parameters with their uncertainty where it is no Gaussian. What stopped it, the same
     command goes on.
     """
-    read = read_source(source, Choice(model, effect, effects_from, free, fix, prior), output, "posterior")
+    read = read_source(source, output, "posterior", effects_from, model=model, effects=effect, free=free, fixed=fix,
+                       priors=prior)
     from ..posterior.result import FILE, SUMMARY
     from ..posterior.sampling import CHAIN, sample
 
@@ -92,25 +77,22 @@ def sample_posterior(
     typer.echo(f"Report: {page}")
 
 
+@command("average", "Weights of rival models, by conditions left out.",
+         "average data/slip-a --effect adhesive-offset --effect viscous-friction --effect none",
+         "average data/impact-b --effect adhesion --effect wall-stiffness,sensor-lag -o w",
+         "predict slip-a-weights conditions.csv")
 def average_models(
-    source: Annotated[
-        str, typer.Argument(metavar="CAMPAIGN|DIR", help="A campaign, or a folder that discover wrote.")
-    ],
-    model: Annotated[str | None, MODEL] = None,
-    effect: Annotated[
-        list[str] | None,
-        typer.Option("-e", "--effect", metavar="ID[,ID...]",
-                     help="One rival: its effects with commas between them, or `none` for the reference model alone."),
-    ] = None,
-    effects_from: Annotated[Path | None, OWN] = None,
-    campaign: Annotated[
-        str | None, typer.Option(metavar="CAMPAIGN", help="The campaign that discover looked at.")
-    ] = None,
-    output: Annotated[
-        Path | None,
-        folder_option("Folder for weights.json and every rival's fit; NAME-weights, if not given."),
-    ] = None,
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    source: Annotated[str, typer.Argument(
+        metavar="CAMPAIGN|DIR", help="A campaign, or a folder that discover wrote.")],
+    model: OptionalModel = None,
+    effect: Annotated[Texts, option(
+        "ID[,ID...]", "One rival: its effects with commas between them, or `none` for the reference model alone.",
+        "-e", "--effect")] = None,
+    effects_from: OwnFile = None,
+    campaign: Annotated[str | None, option("CAMPAIGN", "The campaign that discover looked at.")] = None,
+    output: Annotated[Path | None, place(
+        "Folder for weights.json and every rival's fit; NAME-weights, if not given.")] = None,
+    overwrite: Overwrite = False,
 ):
     """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages
     over them. A folder of discover has rivals where its sentence names effects that it could not tell apart.
@@ -148,15 +130,11 @@ def average_models(
 
 def _name_campaign(folder: Path) -> str:
     """Name of a shipped campaign of which a result speaks."""
-    import json
-
     try:
         name = str(json.loads((folder / "result.json").read_text(encoding="utf-8"))["campaign"])
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError("this is no result of discover, or a damaged one; run discover again",
                          file=folder / "result.json") from None
-    from .._settings import list_shipped
-
     if name not in list_shipped():
         raise InputError(f"the result does not hold the campaign {name!r} that it is about; name its folder with "
                          "--campaign", file=folder)

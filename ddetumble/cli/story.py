@@ -5,28 +5,15 @@ from typing import Annotated
 
 import typer
 
-from .options import OVERWRITE, folder_option
+from .options import Overwrite, command, place
 from .places import open_folder
 from .progress import show_progress
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands."""
-    app.command(
-        "demo",
-        short_help="The whole story on shipped data, with the report.",
-        epilog="\b\nExample:\n  ddetumble demo -o demo",
-    )(tell_story)
-    app.command(
-        "paper",
-        short_help="The paper beside the toolkit, contradiction by contradiction.",
-        epilog="\b\nExample:\n  ddetumble paper -o paper",
-    )(examine_paper)
-
-
+@command("demo", "The whole story on shipped data, with the report.", "demo -o demo")
 def tell_story(
-    output: Annotated[Path, folder_option("Folder for the report and its figures.")] = Path("ddetumble-demo"),
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    output: Annotated[Path, place("Folder for the report and its figures.")] = Path("ddetumble-demo"),
+    overwrite: Overwrite = False,
 ):
     """The whole story on shipped data: the paper's tables, a campaign with a hidden effect, and a strike planned with
     what was found; writes the reports.
@@ -37,9 +24,10 @@ def tell_story(
         run_demo(out.draft, lambda line: typer.echo(line.replace(str(out.draft), str(out.path))))
 
 
+@command("paper", "The paper beside the toolkit, contradiction by contradiction.", "paper -o paper")
 def examine_paper(
-    output: Annotated[Path, folder_option("Folder for the figures and tables.")] = Path("ddetumble-paper"),
-    overwrite: Annotated[bool, OVERWRITE] = False,
+    output: Annotated[Path, place("Folder for the figures and tables.")] = Path("ddetumble-paper"),
+    overwrite: Overwrite = False,
 ):
     """The paper beside the toolkit: each contradiction with its two numbers, each table and figure that the printed
     data allow, and what they do not allow.
@@ -49,6 +37,4 @@ def examine_paper(
         from ..paper import write_paper
 
         page = out.place(write_paper(out.draft, lines.append))
-    for line in lines:
-        typer.echo(line)
-    typer.echo(f"Report: {page}")
+    typer.echo("\n".join([*lines, f"Report: {page}"]))

@@ -8,7 +8,7 @@ from typing import Any
 from ..figures import draw_power
 from ..figures.style import render_png
 from ..inference.files import list_versions, write_json
-from ..reports.page import Picture, Section, Table, write_page, write_whole
+from ..reports.page import Picture, Section, Table, write_bytes, write_page
 from .cases import Exam
 from .scoring import AIMS, SURE_STRENGTH, Row, Share, describe_failure, score
 
@@ -38,9 +38,9 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
                           "dashed line is the level of the test (1 %), and numbers count the cases.",
                           draw_power(marks["power"]), "", draw_power(marks["power"], narrow=True))
         sections[0] = dc.replace(sections[0], figures=(picture,))
-        write_whole(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
+        write_bytes(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
     write_page(f"Exam: {exam.family}", sentence, sections, folder, PAGE)
-    write_whole(folder / TEXT, format_markdown(f"Exam of the family {exam.family}", sentence, sections).encode())
+    write_bytes(folder / TEXT, format_markdown(f"Exam of the family {exam.family}", sentence, sections).encode())
     write_json(folder / CARD, content)
     return content
 

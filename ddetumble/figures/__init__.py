@@ -1,4 +1,8 @@
-"""Figures of a campaign and of what was found in it: records in, a matplotlib figure out."""
+"""Figures of a campaign and of what was found in it: records in, a matplotlib figure out.
+
+`models` are the fitted series of one or two models by their names, the reference model first; `channel` is what is
+drawn of them, the family's force where it is not given. `narrow` draws for a telephone.
+"""
 
 from .dependence import draw_dependence, draw_missing_force
 from .fit import draw_fit, draw_peaks, draw_prediction, draw_signatures

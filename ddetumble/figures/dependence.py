@@ -54,11 +54,8 @@ def draw_dependence(
     in 95 % of cases; error bars are two standard errors from the scatter between records.
 
     Args:
-        models: one or two models by name, the reference model first.
-        channel: what to draw; the family's force where it is not given.
         noise: `correlation` and `white_share` of the channel's noise.
         where: places of the misfit, marked where they name one of the variables drawn.
-        narrow: draw for a telephone.
     """
     view = choose_view(next(iter(models.values())))
     channel = channel or view.force
@@ -99,8 +96,6 @@ def draw_missing_force(models: Mapping[str, Sequence[Trace]], channel: str | Non
 
     Args:
         models: one or two models by name; one row each, or one panel each where there is but one phase.
-        channel: what to draw; the family's force where it is not given.
-        narrow: draw for a telephone.
     """
     first = next(iter(models.values()))
     view = choose_view(first)

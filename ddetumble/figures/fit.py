@@ -57,10 +57,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
     """Records spread over the conditions, each with the models through it and, below, the residual over the noise.
 
     Args:
-        models: one or two models by the name they are to have in the legend, the reference model first.
-        channel: what to draw; the family's force where it is not given.
         count: how many records at most.
-        narrow: draw for a telephone, one record below the other.
     """
     view = choose_view(next(iter(models.values())))
     channel = channel or view.force
@@ -130,13 +127,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
 
 @styled
 def draw_peaks(models: Mapping[str, Sequence[Trace]], channel: str | None = None, narrow: bool = False):
-    """One number a record: measured and modelled against the condition that varies most, residuals below.
-
-    Args:
-        models: one or two models by name, the reference model first.
-        channel: what to draw; the first channel where it is not given.
-        narrow: draw for a telephone.
-    """
+    """One number a record: measured and modelled against the condition that varies most, residuals below."""
     channel = channel or next(trace.channel for traces in models.values() for trace in traces)
     traces = {name: sort_traces(pick_channel(all_, channel)) for name, all_ in models.items()}
     first = next(iter(traces.values()))
@@ -177,9 +168,7 @@ def draw_signatures(models: Mapping[str, Sequence[Trace]], channel: str, count: 
 
     Args:
         models: traces by the model's name, the one that the others extend first.
-        channel: that is drawn.
         count: records drawn, of different conditions: those with the largest change.
-        narrow: draw for a telephone.
     """
     name, *names = models
     first = pick_channel(models[name], channel)

@@ -40,7 +40,6 @@ def draw_missing_shape(missing: MissingForce, narrow: bool = False):
 
     Args:
         missing: of `draw_missing_force` or `discover`, with at least one shape.
-        narrow: draw for a telephone.
     """
     best = missing.shapes[0]
     spectrum = best.spectrum.shape[1] > 2

@@ -120,7 +120,6 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
     Args:
         bins: of `ddetumble.exam.scoring.measure_power`: `low`, `high`, and shares `seen` and `named`.
         level: of the test for a lack of fit, drawn in.
-        narrow: draw for a telephone.
     """
     figure = new_figure(3.6, NARROW if narrow else WIDTH)
     label = "strength: rms over noise that the refitted reference model leaves"
@@ -161,7 +160,6 @@ def draw_motion(time: np.ndarray, momentum: np.ndarray, nutation: np.ndarray, in
         momentum: inertial components, shape (times, 3) [N m s].
         nutation: shape (times,) [rad].
         instants: of the impacts [s].
-        narrow: draw for a telephone.
     """
     along = describe_quantity("time", [float(time[-1])])
     time = along.scale * np.asarray(time)
@@ -206,7 +204,6 @@ def draw_prospect(best: np.ndarray, low: np.ndarray, high: np.ndarray, tail: np.
         low, high: 5 and 95 % of the draws.
         tail: mean over the worst share of the draws.
         share: that was wanted.
-        narrow: draw for a telephone.
     """
     figure = new_figure(3.0, NARROW if narrow else WIDTH)
     axes = dress(figure.add_subplot(), xlabel="impacts", ylabel="angular momentum left [%]", yscale="log")
@@ -231,7 +228,6 @@ def draw_outlook(shares: Mapping[str, np.ndarray], nominal: float, tail: float, 
         shares: of the momentum left, one a draw, by model [-].
         nominal: under the best estimate [-].
         tail: mean over the worst share of all draws [-].
-        narrow: draw for a telephone.
     """
     figure = new_figure(3.2, NARROW if narrow else WIDTH)
     axes = dress(figure.add_subplot(), xlabel="angular momentum left after the first impact [%]",

@@ -57,12 +57,7 @@ STATED = 2.0  # stated deviations within which 95 % of true errors lie
 
 @styled
 def draw_residual_map(models: Mapping[str, Sequence[Trace]], narrow: bool = False):
-    """Mean residual over the noise, one row a record in the order of its conditions, along the record.
-
-    Args:
-        models: one or two models by name, the reference model first; all channels are drawn, one below the other.
-        narrow: draw for a telephone, the models below each other too, and rows by the record's name alone.
-    """
+    """Mean residual over the noise, one row a record in the order of its conditions, along the record."""
     first = next(iter(models.values()))
     view, channels = choose_view(first), list_channels(first)
     edges = np.linspace(*view.reach, min(_COLUMNS, max(np.size(trace.time) for trace in first)) + 1)
@@ -105,12 +100,7 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]], narrow: bool = Fals
 
 @styled
 def draw_record_errors(models: Mapping[str, Sequence[Trace]], narrow: bool = False):
-    """Root mean square of the residual over the noise at each condition; 1 is as good as it can be.
-
-    Args:
-        models: one or two models by name, the reference model first; all channels are drawn, one below the other.
-        narrow: draw for a telephone, the models below each other too.
-    """
+    """Root mean square of the residual over the noise at each condition; 1 is as good as it can be."""
     channels = list_channels(next(iter(models.values())))
     grids = {channel: [_grid_errors(pick_channel(traces, channel)) for traces in models.values()]
              for channel in channels}
@@ -219,7 +209,6 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]], narrow: bool = Fal
 
     Args:
         models: shifts by the model's name; of two, the simpler first.
-        narrow: draw for a telephone.
     """
     names = [shift.name for shift in next(iter(models.values()))]
     figure = new_figure(0.7 + (1.75 if narrow else 1.35) * len(names), NARROW if narrow else WIDTH)

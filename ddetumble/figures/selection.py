@@ -53,7 +53,6 @@ def draw_error_by_step(names: Sequence[str], steps: Sequence[Step | Comparison],
         names: of the models, in the order in which they were tried.
         steps: of a discovery, or comparisons of models with one campaign.
         floor: rms of the noise over that of the signal.
-        narrow: draw for a telephone, names and numbers above and below each row.
     """
     figure = new_figure(1.5 + 1.1 * len(steps), NARROW) if narrow else new_figure(1.15 + 0.62 * len(steps), WIDTH)
     labels = [""] * len(steps) if narrow else [wrap_text(name, 3.0, 10) for name in names]
@@ -122,7 +121,6 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
         candidates: as they stood at the first step, best first.
         chosen: effects that were added, in their order.
         confused: effects that this campaign cannot tell from the first chosen one; its own list where not given.
-        narrow: draw for a telephone.
     """
     if confused is None:
         own = [candidate for candidate in candidates if candidate.effect in tuple(chosen)[:1]]
@@ -158,26 +156,22 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     return figure
 
 
-_Estimate = Estimate | Fitted
-
-
-class _Fitted(Protocol):
+class _HasParameters(Protocol):
     """A step, a fit: parameters, and pairs of names with their correlation."""
 
     @property
-    def parameters(self) -> Mapping[str, _Estimate]: ...
+    def parameters(self) -> Mapping[str, Estimate | Fitted]: ...
     @property
     def correlations(self) -> Sequence[tuple[str, str, float]]: ...
 
 
 @styled
-def draw_parameters(steps: Mapping[str, _Fitted], count: int = 8, narrow: bool = False):
+def draw_parameters(steps: Mapping[str, _HasParameters], count: int = 8, narrow: bool = False):
     """A line a parameter with its 95 % interval, each on its own scale, and the strongest correlations beside them.
 
     Args:
         steps: one or two models by name, the reference model first; the last one's parameters are listed.
         count: how many correlations at most.
-        narrow: draw for a telephone.
     """
     final = list(steps.values())[-1]
     correlations = sorted(final.correlations, key=lambda item: -abs(item[2]))[:count]
@@ -232,7 +226,7 @@ def _draw_correlations(axes, correlations: Sequence[tuple[str, str, float]]):
              title="strongest correlations")
 
 
-def _find_scale(steps: Iterable[_Fitted], name: str) -> float:
+def _find_scale(steps: Iterable[_HasParameters], name: str) -> float:
     """A power of ten by which a parameter is divided where its numbers would be too long for an axis."""
     edges = [abs(edge) for step in steps if name in step.parameters for edge in _interval(step.parameters[name])]
     largest = max((edge for edge in edges if math.isfinite(edge)), default=0.0)
@@ -240,7 +234,7 @@ def _find_scale(steps: Iterable[_Fitted], name: str) -> float:
     return 1.0 if -4 <= power < 5 else 10.0**power
 
 
-def _interval(estimate: _Estimate) -> tuple[float, float]:
+def _interval(estimate: Estimate | Fitted) -> tuple[float, float]:
     """The 95 % interval; from the standard deviation where the quantiles are missing."""
     low, high = estimate.q025, estimate.q975
     if math.isfinite(low) and math.isfinite(high):
@@ -249,7 +243,7 @@ def _interval(estimate: _Estimate) -> tuple[float, float]:
     return estimate.estimate - spread, estimate.estimate + spread
 
 
-def _describe(estimate: _Estimate) -> str:
+def _describe(estimate: Estimate | Fitted) -> str:
     """Value and standard deviation to the digits that count, with the unit."""
     unit = "" if estimate.unit in ("", "1") else f" {clean(estimate.unit, 14)}"
     spread = f" ± {format_value(estimate.sd, estimate.sd)}" if math.isfinite(estimate.sd) else ""

@@ -7,13 +7,17 @@ from ..planning.plan import Plan
 from ..posterior.result import Posterior
 from ..selection.compare import Comparison, Comparisons
 from ..selection.discovery import Discovery
-from .comparison import report_comparison, tabulate_errors, write_comparison
+from .comparison import report_comparison
 from .findings import write_report
 from .fit import report_fit
 from .missing import write_missing
 from .page import Picture, Section, Table, write_page
 from .plan import write_plan
 from .posterior import write_posterior
+
+
+_WRITERS = {Discovery: write_report, Comparison: report_comparison, Comparisons: report_comparison,
+            Posterior: write_posterior, Plan: write_plan, Fit: report_fit}
 
 
 def report(result: Fit | Comparison | Comparisons | Discovery | Posterior | Plan, folder) -> Path:
@@ -30,19 +34,12 @@ def report(result: Fit | Comparison | Comparisons | Discovery | Posterior | Plan
         InputError: The folder cannot be written.
         TypeError: There is no page of such a result.
     """
-    if isinstance(result, Discovery):
-        return write_report(result, folder)
-    if isinstance(result, (Comparison, Comparisons)):
-        return report_comparison(result, folder)
-    if isinstance(result, Posterior):
-        return write_posterior(result, folder)
-    if isinstance(result, Plan):
-        return write_plan(result, folder)
-    if isinstance(result, Fit):
-        return report_fit(result, folder)
+    for kind, write in _WRITERS.items():
+        if isinstance(result, kind):
+            return write(result, folder)
     raise TypeError(f"there is no page of {type(result).__name__}: give what fit, compare, "
                     "discover, sample or plan returned")
 
 
-__all__ = ["Picture", "Section", "Table", "report", "report_comparison", "report_fit", "tabulate_errors",
-           "write_comparison", "write_missing", "write_page", "write_plan", "write_posterior", "write_report"]
+__all__ = ["Picture", "Section", "Table", "report", "report_comparison", "report_fit", "write_missing", "write_page",
+           "write_plan", "write_posterior", "write_report"]

@@ -3,77 +3,64 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from .. import figures
 from ..measurement.quantities import clean, describe_quantity, format_number, format_share, format_value
-from ..selection.result import MissingForce, Shape
+from ..selection.result import MissingForce
 from .page import Section, Table, draw_picture, write_page
 
 
-def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = (), name: str = "missing.html"
-                  ) -> Path:
-    """Write a missing force as one self-contained page, and its figures beside it.
-
-    Args:
-        missing: of `draw_missing_force`.
-        folder: where to write; made where it is not there.
-        title: of the page.
-        status: short facts below the sentence.
-        name: of the page's file.
+def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = ()) -> Path:
+    """Write what `draw_missing_force` returned as one self-contained page, `missing.html`; `status` as of `write_page`.
 
     Raises:
         InputError: The folder cannot be written.
     """
-    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, name, status=status)
+    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, "missing.html",
+                      status=status)
 
 
 def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
     """The sections of a missing force; `sentence` repeats its sentence where the page has another."""
-    from .. import figures
-
     paragraphs = [missing.sentence] if sentence else []
     if not missing.shapes:
         return [Section("The missing force", paragraphs, points=missing.notes)]
     best = missing.shapes[0]
+    spectrum = (", and the force's spectrum (grey: two standard deviations of what noise leaves)"
+                if best.spectrum.shape[1] > 2 else "")
     pictures = [draw_picture(
         "missing-shape", "The force that is missing, fitted inside the equation of motion, with two posterior standard "
         "deviations, a simple law that describes it (dashed, where it holds beside the same values of the model's "
-        "parameters), and below, grey, where the samples lie. Beside it: how much "
-        "of the misfit of left-out conditions each removes" + (", and the force's spectrum (grey: two standard "
-        "deviations of what noise leaves)." if best.spectrum.shape[1] > 2 else "."),
-        figures.draw_missing_shape, missing, alt=f"Missing {clean(best.way)} over {clean(best.variable)}.")]
+        "parameters), and below, grey, where the samples lie. Beside it: how much of the misfit of left-out conditions "
+        f"each removes{spectrum}.", figures.draw_missing_shape, missing,
+        alt=f"Missing {clean(best.way)} over {clean(best.variable)}.")]
     if len(missing.shapes) > 1:
         pictures.append(draw_picture(
             "missing-rivals", "The same over the other variables that came near, each fitted alone; how far behind the "
             "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals, missing))
-    tables = [Table(("free force", "knots", "misfit removed", "behind the best", "visible", "differs from zero from"), [
-        (clean(f"{s.way} over {s.variable}" + (f", {' and '.join(s.parts)}" if s.parts[0] else "")), s.intervals,
-         format_share(missing.share(s.loss)),
-         "–" if s.difference == 0 else
-         f"{format_value(s.difference, s.standard_error)} ± {format_value(s.standard_error, s.standard_error)}",
-         format_share(s.visible), _show_place(s)) for s in missing.shapes],
+    rows = []
+    for shape in missing.shapes:
+        shown, error = describe_quantity(shape.variable, shape.x), shape.standard_error
+        parts = f", {' and '.join(shape.parts)}" if shape.parts[0] else ""
+        rows.append((
+            clean(f"{shape.way} over {shape.variable}{parts}"), shape.intervals,
+            format_share(missing.share(shape.loss)), "–" if shape.difference == 0 else
+            f"{format_value(shape.difference, error)} ± {format_value(error, error)}", format_share(shape.visible),
+            "–" if shape.begins is None else f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()))
+    tables = [Table(
+        ("free force", "knots", "misfit removed", "behind the best", "visible", "differs from zero from"), rows,
         "Free forces of one variable; how far behind the best each is counts noise variances of left-out conditions. "
         "Visible: share of the force's own signature that the model's parameters and the settings cannot imitate.")]
-    if missing.laws:
-        rows = []
-        for law in missing.laws:
-            values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
-                               for n, e in law.parameters.items())
-            rows.append((clean(law.text), clean(values, 300),
-                         "–" if missing.lone else format_share(missing.share(law.loss)),
-                         "–" if law is missing.laws[0] else
-                         f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
-                         "–" if law is missing.laws[0] else format_number(law.chi2 - missing.laws[0].chi2),
-                         "yes" if law.converged else "no"))
-        tables.append(Table(("simple law", "parameters (SI)", "misfit removed", "behind the first", "fits worse by",
-                             "converged"), rows,
-                            "Laws that would describe it, fitted inside the equation of motion, in noise variances. Of "
-                            "those that left-out conditions do not tell apart the one that fits best comes first; a "
-                            "parameter costs 9."))
+    rows = []
+    for k, law in enumerate(missing.laws):
+        values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
+                           for n, e in law.parameters.items())
+        behind = (f"{format_number(law.difference)} ± {format_number(law.standard_error)}",
+                  format_number(law.chi2 - missing.laws[0].chi2)) if k else ("–", "–")
+        rows.append((clean(law.text), clean(values, 300), "–" if missing.lone else
+                     format_share(missing.share(law.loss)), *behind, "yes" if law.converged else "no"))
+    if rows:
+        tables.append(Table(
+            ("simple law", "parameters (SI)", "misfit removed", "behind the first", "fits worse by", "converged"), rows,
+            "Laws that would describe it, fitted inside the equation of motion, in noise variances. Of those that "
+            "left-out conditions do not tell apart the one that fits best comes first; a parameter costs 9."))
     return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]
-
-
-def _show_place(shape: Shape) -> str:
-    """From where on a shape differs from zero, with its unit."""
-    if shape.begins is None:
-        return "–"
-    shown = describe_quantity(shape.variable, shape.x)
-    return f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()

@@ -1,6 +1,5 @@
 """How sure a plan is, as plain data and as a section of its page."""
 
-import dataclasses as dc
 from typing import Any
 
 import numpy as np
@@ -22,22 +21,21 @@ WORDS = {
 
 def list_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = None) -> dict[str, Any]:
     """As `plan.json` has it, SI; shares of the angular momentum at the start."""
+
+    def show(one: Outlook) -> dict[str, Any]:
+        return {
+            "weight": one.weight, "best_estimate": one.nominal, "share_left": one.momentum,
+            "peak_normal_force": one.peak_force, "peak_depression": one.peak_depression, "violated": one.violated,
+            "regret": one.regret, "draws": one.shares,
+        }  # fmt: skip
+
     return {
         "sequence": None if prospect is None else {
-            "sentence": prospect.sentence, "share_left": [dc.asdict(one) for one in prospect.after],
-            "best_estimate": prospect.best.tolist(), "reached": prospect.reached, "violated": prospect.violated,
-            "lost": prospect.lost},
-        "plan_for": plan_for, "tail": found.tail, "note": found.note, "sentences": list(found.sentences),
+            "sentence": prospect.sentence, "share_left": prospect.after, "best_estimate": prospect.best,
+            "reached": prospect.reached, "violated": prospect.violated, "lost": prospect.lost},
+        "plan_for": plan_for, "tail": found.tail, "note": found.note, "sentences": found.sentences,
         "matters": found.matters, "difference": found.difference, "within": found.within,
-        "whole": _list_one(found.whole), "models": {name: _list_one(one) for name, one in found.models.items()},
-    }  # fmt: skip
-
-
-def _list_one(one: Outlook) -> dict[str, Any]:
-    return {
-        "weight": one.weight, "best_estimate": one.nominal, "share_left": dc.asdict(one.momentum),
-        "peak_normal_force": dc.asdict(one.peak_force), "peak_depression": dc.asdict(one.peak_depression),
-        "violated": one.violated, "regret": dc.asdict(one.regret), "draws": one.shares.tolist(),
+        "whole": show(found.whole), "models": {name: show(one) for name, one in found.models.items()},
     }  # fmt: skip
 
 

@@ -3,16 +3,17 @@
 import base64
 import dataclasses as dc
 import math
-import os
 import re
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from .._errors import InputError
+import jinja2
+import markupsafe
+
 from ..figures.style import reduce_colours, render_image, write_png
+from ..inference.files import write_whole
 from ..measurement.quantities import clean, typeset
 
 
@@ -107,8 +108,10 @@ def write_page(
     Raises:
         InputError: The folder cannot be written.
     """
-    folder, sections = Path(folder), list(sections)
-    pictures = [_read_picture(item) for section in sections for item in section.figures]
+    folder = Path(folder)
+    sections = [dc.replace(section, figures=[one if isinstance(one, Picture) else Picture(*one)
+                                             for one in section.figures]) for section in sections]
+    pictures = [picture for section in sections for picture in section.figures]
     for picture in pictures:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", picture.name):
             raise ValueError(f"{picture.name!r} is no name for a file: use letters, digits, dots, hyphens")
@@ -116,32 +119,31 @@ def write_page(
     packed = [(write_png(image), _encode(image)) for image in (render_image(one.figure) for one in pictures)]
     narrow = [_encode(render_image(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
     shown = _fit_budget(pictures, [one for _, one in packed], BUDGET - sum(map(len, narrow)))
-    blocks, start = [], 0
-    for section in sections:
-        count = len(section.figures)
-        blocks.append({
-            "title": section.title, "paragraphs": section.paragraphs, "points": section.points,
-            "figures": [
-                {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data,
-                 "narrow": small, "width": round(WIDE * float(picture.figure.get_size_inches()[0]))}
-                for picture, data, small in list(zip(pictures, shown, narrow, strict=True))[start : start + count]
-            ],
-            "tables": [_read_table(table) for table in section.tables],
-        })  # fmt: skip
-        start += count
+    images = iter([
+        {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data, "narrow": small,
+         "width": round(WIDE * float(picture.figure.get_size_inches()[0]))}
+        for picture, data, small in zip(pictures, shown, narrow, strict=True)])
+    blocks = [
+        {"title": section.title, "paragraphs": section.paragraphs, "points": section.points,
+         "figures": [next(images) for _ in section.figures], "tables": list(map(_read_table, section.tables))}
+        for section in sections]
     headline, rest = split_sentence(sentence)
-    html = _load_template("page.html").render(
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
+                                     undefined=jinja2.StrictUndefined)
+    environment.filters |= {"prose": format_prose, "sentence": lambda text: format_prose(
+        text if isinstance(text, markupsafe.Markup) else begin_sentence(str(text)))}
+    html = environment.from_string(read_text("page.html")).render(
         title=clean(title, 120), headline=headline, rest=rest, sections=blocks, verdict=verdict, badge=badge,
-        status=[item for item in status if item], facts=facts, style=_read_text("page.css"),
-    )  # fmt: skip
-    try:
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
-        for picture, (image, _) in zip(pictures, packed, strict=True):
-            write_whole(folder / "figures" / f"{picture.name}.png", image)
-        write_whole(folder / name, html.encode("utf-8", "replace"))
-    except OSError as error:
-        raise InputError(f"the report cannot be written: {error.strerror}", file=error.filename or folder) from None
+        status=[item for item in status if item], facts=facts, style=read_text("page.css"))
+    for picture, (image, _) in zip(pictures, packed, strict=True):
+        write_bytes(folder / "figures" / f"{picture.name}.png", image)
+    write_bytes(folder / name, html.encode("utf-8", "replace"))
     return folder / name
+
+
+def read_text(name: str) -> str:
+    """Text of a file beside this one."""
+    return resources.files("ddetumble.reports").joinpath(name).read_text(encoding="utf-8")
 
 
 def flatten(settings: Mapping, prefix: str = "") -> list[tuple[str, str]]:
@@ -192,8 +194,6 @@ def format_prose(text) -> Any:
 
     HTML stays as it is.
     """
-    import markupsafe
-
     if isinstance(text, markupsafe.Markup):
         return text
     parts = str(text).split("`")
@@ -205,24 +205,13 @@ def format_prose(text) -> Any:
         for i, part in enumerate(parts))
 
 
-def write_whole(path: Path, content: bytes):
-    """Write a file whole or not at all."""
-    handle, draft = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(draft, 0o666 & ~umask)
-        os.replace(draft, path)
-    except BaseException:
-        Path(draft).unlink(missing_ok=True)
-        raise
+def write_bytes(path: Path, content: bytes):
+    """Write a file, whole or not at all.
 
-
-def _begin(text):
-    """`begin_sentence`, but HTML as it is."""
-    return text if hasattr(text, "__html__") else begin_sentence(str(text))
+    Raises:
+        InputError: It cannot be written.
+    """
+    write_whole(path, lambda draft: draft.write_bytes(content))
 
 
 def _encode(image) -> str:
@@ -231,7 +220,6 @@ def _encode(image) -> str:
 
 def _fit_budget(pictures: Sequence[Picture], shown: list[str], budget: int) -> list[str]:
     """Images as base64; the largest are drawn again with fewer pixels while the page would be too large."""
-    shown = list(shown)
     for dpi in (115, 85, 60):
         for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
             if sum(map(len, shown)) <= budget:
@@ -240,41 +228,32 @@ def _fit_budget(pictures: Sequence[Picture], shown: list[str], budget: int) -> l
     return shown
 
 
-def _read_picture(item) -> Picture:
-    return item if isinstance(item, Picture) else Picture(*item)
-
-
 def _read_table(table) -> dict:
     """A table as the template wants it: every cell a text, numbers to the right."""
-    if hasattr(table, "itertuples") and hasattr(table, "columns"):
-        table = Table(list(table.columns), list(table.itertuples(index=False, name=None)))
-    elif not isinstance(table, Table):
-        rows = list(table)
-        table = Table(rows[0], rows[1:])
-    places = [_count_places([row[i] for row in table.rows if i < len(row)]) for i in range(len(table.header))]
-    rows = [[f"{cell:.{places[i]}f}" if isinstance(cell, float) and places[i] and math.isfinite(cell) else _show(cell)
-             for i, cell in enumerate(row)] for row in table.rows]
-    right = [all(_NUMBER.match(row[i]) for row in rows if i < len(row)) for i in range(len(table.header))]
-    kinds = ["right" if own and rows else _judge_width([row[i] for row in rows if i < len(row)])
-             for i, own in enumerate(right)]
+    if not isinstance(table, Table):
+        header, *rows = table if isinstance(table, list) else [table.columns, *table.itertuples(index=False, name=None)]
+        table = Table(header, rows)
+    columns = []
+    for cells in zip(*table.rows, strict=True):
+        # As many decimals as all numbers of a column have, if these are one or two; else four digits.
+        numbers = [cell for cell in cells if isinstance(cell, float) and math.isfinite(cell)]
+        places = next((n for n in (1, 2) if numbers and all(round(x, n) == x for x in numbers)), 0)
+        columns.append([f"{cell:.{places}f}" if places and isinstance(cell, float) and math.isfinite(cell) else
+                        _show(cell) for cell in cells])
     return {
-        "header": [str(name) for name in table.header], "caption": table.caption, "kinds": kinds,
-        "rows": [{"cells": row, "marked": i in table.marked} for i, row in enumerate(rows)],
+        "header": list(map(str, table.header)), "caption": table.caption,
+        "kinds": list(map(_judge_column, columns)) or ["brief"] * len(table.header),
+        "rows": [{"cells": row, "marked": i in table.marked} for i, row in enumerate(zip(*columns, strict=True))],
     }  # fmt: skip
 
 
-def _count_places(cells: Sequence) -> int:
-    """How many decimals all numbers of a column show: one or two where none has more, 0 for those of four digits."""
-    numbers = [cell for cell in cells if isinstance(cell, float) and math.isfinite(cell)]
-    return next((places for places in (1, 2) if numbers and all(round(x, places) == x for x in numbers)), 0)
-
-
-def _judge_width(cells: Sequence[str]) -> str:
-    """How much room a column of words wants: `brief` ones, `phrase`s, `prose`; `wild` where a word would not fit."""
-    longest = max(map(len, cells), default=0)
-    word = max((len(word) for cell in cells for word in cell.split()), default=0)
+def _judge_column(cells: Sequence[str]) -> str:
+    """Numbers stand `right`; words are `brief`, `phrase`s, or `prose`, and `wild` where one would not fit."""
+    if all(map(_NUMBER.match, cells)):
+        return "right"
+    longest = max(map(len, cells))
     kind = "brief" if longest <= BRIEF else "phrase" if longest <= PHRASE else "prose"
-    return f"{kind} wild" if word > PHRASE else kind
+    return f"{kind} wild" if max(len(word) for cell in cells for word in cell.split()) > PHRASE else kind
 
 
 def _show(cell) -> str:
@@ -282,16 +261,3 @@ def _show(cell) -> str:
     if cell is None or cell != cell:
         return "–"
     return f"{cell:.4g}" if isinstance(cell, float) else clean(cell, 400)
-
-
-def _load_template(name: str):
-    import jinja2
-
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
-                                     undefined=jinja2.StrictUndefined)
-    environment.filters |= {"prose": format_prose, "sentence": lambda text: format_prose(_begin(text))}
-    return environment.from_string(_read_text(name))
-
-
-def _read_text(name: str) -> str:
-    return resources.files("ddetumble.reports").joinpath(name).read_text(encoding="utf-8")

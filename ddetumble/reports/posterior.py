@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+from .. import figures
 from ..measurement.quantities import (
     clean,
     describe_conditions,
@@ -10,6 +11,7 @@ from ..measurement.quantities import (
     format_p,
     format_share,
     format_value,
+    join_words,
     say_p,
     vary,
 )
@@ -24,84 +26,62 @@ HEADLINE = 105  # characters of intervals in the first sentence
 
 
 def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
-    """Write what the draws say as one self-contained page, and its figures as PNG files in `figures/` beside it.
+    """Write what the draws say as one self-contained page; returns its path, as `write_page` does.
 
     Args:
         posterior: of `sample`, examined or not.
         folder: where to write; made where it is not there.
         name: of the page's file.
-
-    Returns:
-        Path of the page.
-
-    Raises:
-        InputError: The folder cannot be written.
     """
-    badge = "converged" if posterior.converged else "not converged"
-    target = posterior.target
-    status = [clean(posterior.title, 120)]
-    if isinstance(target, CampaignTarget):
-        status.append(f"{len(target.parts)} records")
-    status.append(f"{posterior.log_density.size} draws by {posterior.sampler}")
+    status = [clean(posterior.title, 120), f"{posterior.log_density.size} draws by {posterior.sampler}"]
+    if isinstance(posterior.target, CampaignTarget):
+        status.insert(1, f"{len(posterior.target.parts)} records")
+    c = posterior.convergence
+    facts = [("independent draws", f"{c.effective:.0f}", "of the worst parameter"),
+             ("R-hat", format_number(c.rhat, 4), "1 is perfect agreement")]
+    if (checks := posterior.predictive) is not None:
+        facts.append(("predictive check", "fails" if checks.rejected else "nothing stands out", say_p(checks.p_value)))
+    if posterior.left_out is not None:
+        facts.append(("left-out conditions", format_number(posterior.left_out.elpd, 5),
+                      "expected log predictive density"))
+    plain = posterior.to_dict()
+    rows = [("sampler", posterior.sampler),
+            *(row for key in ("settings", "statistics", "target", "versions") for row in flatten(plain[key]))]
     sections = [_show_parameters(posterior), _show_predictive(posterior), _show_left_out(posterior),
-                _show_chains(posterior), _show_provenance(posterior)]
-    return write_page(f"Posterior: {posterior.title}", say_posterior(posterior), [s for s in sections if s], folder,
-                      name, badge=badge, status=status, facts=_list_facts(posterior))
+                _show_chains(posterior), Section("Provenance", tables=[Table(("item", "value"), rows)])]
+    return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
+                      name, badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
 
 
-def say_posterior(posterior: Posterior) -> str:
-    """The answer in one or two sentences: the least certain parameters first where there are many."""
+def _say_posterior(posterior: Posterior) -> str:
+    """The answer in one or two sentences: parameters that effects add first, as many as have room."""
     told = []
-    # What a model adds is what a reader looks for: parameters of effects first.
     names = sorted(posterior.parameters, key=lambda n: "." not in n)
     for name in names:
         p = posterior.parameters[name]
         unit = f" {clean(p.unit, 16)}" if p.unit not in ("", "1") else ""
         low, high = (format_value(q, p.sd) for q in (p.q025, p.q975))
         told.append(f"{clean(name if '.' in name else name.replace('_', ' '), 60)} {low} to {high}{unit}")
-        if len(told) > 1 and len(_join(told)) > HEADLINE:
+        if len(told) > 1 and len(join_words(told)) > HEADLINE:
             told.pop()
             break
-    rest = len(names) - len(told)
+    rest, checks = len(names) - len(told), posterior.predictive
     more = f" Below: {rest} more {'parameters' if rest > 1 else 'parameter'}." if rest > 0 else ""
-    text = f"95 % intervals: {_join(told)}."
-    checks = posterior.predictive
+    text = f"95 % intervals: {join_words(told)}.{more}"
     if not posterior.converged:
-        return f"The chains have not converged, so that there are no final numbers. {text}{more}"
+        return f"The chains have not converged, so that there are no final numbers. {text}"
     if checks is None:
-        return f"{text}{more} They hold if the model is right, which was not checked."
+        return f"{text} They hold if the model is right, which was not checked."
     if checks.rejected:
         return (f"These intervals cannot be relied on. The model does not make records like those measured "
-                f"({say_p(checks.p_value)}). {text}{more}")
-    return f"{text}{more} Records that the model would make look like those measured ({say_p(checks.p_value)})."
-
-
-def _join(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
-
-
-def _list_facts(posterior: Posterior) -> list[tuple[str, str, str]]:
-    c = posterior.convergence
-    facts = [("independent draws", f"{c.effective:.0f}", "of the worst parameter"),
-             ("R-hat", format_number(c.rhat, 4), "1 is perfect agreement")]
-    if posterior.predictive is not None:
-        found = posterior.predictive
-        facts.append(("predictive check", "fails" if found.rejected else "nothing stands out", say_p(found.p_value)))
-    if posterior.left_out is not None:
-        found = posterior.left_out
-        facts.append(("left-out conditions", format_number(found.elpd, 5), "expected log predictive density"))
-    return facts
+                f"({say_p(checks.p_value)}). {text}")
+    return f"{text} Records that the model would make look like those measured ({say_p(checks.p_value)})."
 
 
 def _show_parameters(posterior: Posterior) -> Section:
-    from .. import figures
-
-    rows = []
-    for name, p in posterior.parameters.items():
-        rows.append((clean(name, 60), format_value(p.q50, p.sd), format_value(p.sd, p.sd), format_value(p.q025, p.sd),
-                     format_value(p.q975, p.sd), clean(p.unit, 16) or "–",
-                     f"{format_value(p.fit, p.fit_sd)} ± {format_value(p.fit_sd, p.fit_sd)}",
-                     f"{p.effective:.0f}", f"{p.rhat:.3f}"))
+    rows = [(clean(name, 60), *(format_value(x, p.sd) for x in (p.q50, p.sd, p.q025, p.q975)), clean(p.unit, 16) or "–",
+             f"{format_value(p.fit, p.fit_sd)} ± {format_value(p.fit_sd, p.fit_sd)}", f"{p.effective:.0f}",
+             f"{p.rhat:.3f}") for name, p in posterior.parameters.items()]
     header = ("parameter", "median", "sd", "2.5 %", "97.5 %", "unit", "fit", "independent draws", "R-hat")
     caption = ("Marginals on the diagonal, with the 95 % interval dotted; below it, pairs with contours that hold 68 "
                "and 95 % of the draws. Dashed: the Gaussian that the fit reports. Where the two differ, rely on "
@@ -110,14 +90,11 @@ def _show_parameters(posterior: Posterior) -> Section:
     points = list(posterior.notes)
     if hidden > 0:
         points.append(f"The figures leave {hidden} parameters out; posterior.nc holds all.")
-    picture = Picture("corner", caption, figures.draw_corner(posterior),
-                      f"Corner plot of {len(rows)} parameters.")
+    picture = Picture("corner", caption, figures.draw_corner(posterior), f"Corner plot of {len(rows)} parameters.")
     return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
 
 
 def _show_predictive(posterior: Posterior) -> Section | None:
-    from .. import figures
-
     checks = posterior.predictive
     if checks is None or not isinstance(posterior.target, CampaignTarget):
         return None
@@ -131,23 +108,18 @@ def _show_predictive(posterior: Posterior) -> Section | None:
     picture = Picture("predictive", caption, figures.draw_predictive(checks, posterior.target.fit.source.family),
                       "P-values by record, and residuals of four records over their replicates.")
     names = vary(one.conditions for one in checks.records)
-    rows, marked = [], set()
-    for i, one in enumerate(checks.records):
-        if one.record in checks.outstanding:
-            marked.add(i)
-        rows.append((clean(one.record, 30), describe_conditions(one.conditions, names), str(one.samples),
-                     format_number(one.chi_square), format_p(one.p_values["chi_square"]), format_number(one.largest),
-                     format_p(one.p_values["largest"]), format_number(one.lag), format_p(one.p_values["lag"])))
+    rows = [(clean(one.record, 30), describe_conditions(one.conditions, names), str(one.samples),
+             format_number(one.chi_square), format_p(one.p_values["chi_square"]), format_number(one.largest),
+             format_p(one.p_values["largest"]), format_number(one.lag), format_p(one.p_values["lag"]))
+            for one in checks.records]
+    marked = frozenset(i for i, one in enumerate(checks.records) if one.record in checks.outstanding)
     header = ("record", "conditions", "samples", "χ² / dof", "p", "largest residual", "p", "neighbours", "p")
     totals = ", ".join(f"{STATISTICS[name]} {say_p(value)}" for name, value in checks.totals.items())
-    table = Table(header, rows, f"Marked records stand out by themselves. All records together: {totals}.",
-                  frozenset(marked))
+    table = Table(header, rows, f"Marked records stand out by themselves. All records together: {totals}.", marked)
     return Section("Does the model make such records?", paragraphs, [picture], [table])
 
 
 def _show_left_out(posterior: Posterior) -> Section | None:
-    from .. import figures
-
     scores = posterior.left_out
     if scores is None or len(scores.scores) < 2:
         return None
@@ -169,23 +141,14 @@ def _show_left_out(posterior: Posterior) -> Section | None:
 
 
 def _show_chains(posterior: Posterior) -> Section:
-    from .. import figures
-
     word = "ensemble" if posterior.x.shape[2] > 1 else "chain"
     pictures = [
         Picture("trace", "The draws in the order in which they were made: a level band without drift or steps is what "
                 "a converged chain looks like.", figures.draw_traces(posterior)),
         Picture("ranks", f"How the draws of each {word} rank among those of all: even where they agree. The band is "
                 "that of as many independent draws.", figures.draw_ranks(posterior)),
-    ]  # fmt: skip
+    ]
     share = posterior.statistics.get("accepted")
     told = f"; {format_share(share)} of the moves were accepted" if isinstance(share, float) else ""
     state = posterior.state[:1].upper() + posterior.state[1:]
     return Section("The chains", [f"{state}{told}."], pictures)
-
-
-def _show_provenance(posterior: Posterior) -> Section:
-    plain = posterior.to_dict()
-    rows = [("sampler", posterior.sampler), *flatten(plain["settings"]), *flatten(plain["statistics"]),
-            *flatten(plain["target"]), *flatten(plain["versions"])]
-    return Section("Provenance", tables=[Table(("item", "value"), rows)])

@@ -1,0 +1,137 @@
+"""Commands that list what a model can be made of: `effects` and `models`."""
+
+import tempfile
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .._errors import InputError
+from .._user_files import split_name
+from .options import Family, Overwrite, OwnFile, command, option, place
+from .places import check_file, write_bytes
+
+
+@command("effects", "The catalogue of effects that a model may be missing.", "effects", "effects wall-stiffness",
+         "effects --new rim-stop --stage elastic -o mine")
+def show_effects(
+    effect: Annotated[
+        str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
+    ] = None,
+    family: Family = None,
+    effects_from: OwnFile = None,
+    new: Annotated[str | None, option("NAME", "Write an effect of your own to begin with, and its test.")] = None,
+    stage: Annotated[str, option("STAGE", "Where a new one acts; a wrong name lists them all.")] = "elastic",
+    output: Annotated[Path, place("Folder for a new one.")] = Path(),
+    overwrite: Overwrite = False,
+):
+    """The catalogue of effects that a model may be missing: law, parameters, units, null, reference. `--new` writes one
+    of your own.
+    """
+    if new is not None:
+        source, test = _write_template(new, stage, output, overwrite)
+        typer.echo(f"Written: {source}, which works as it is, to be given your law, and {test}, its contract test.\n"
+                   f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
+        return
+    from ..contact.effect import parameters_of, stage_of
+    from ..inference.models import list_effects
+
+    chosen = _choose_families(family)
+    families = {one.name: one.effects for one in chosen}
+    if effects_from is not None:
+        families = {effects_from.name: list_effects(effects_from), **families}
+    effects = {entry.id: entry for found in families.values() for entry in found}
+    if effect is None:
+        width = max(map(len, effects))
+        for name, found in families.items():
+            typer.echo(f"{name}:" if name.endswith(".py") else f"{name} records:")
+            for entry in found:
+                typer.echo(f"  {entry.id:{width}}  {entry.law}")
+            others = [other for one in chosen if one.name == name for other in one.accepts if other != name]
+            if others:
+                typer.echo(f"  (the effects on {' and '.join(others)} records act on these too)")
+        return
+    if effect not in effects:
+        raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")
+    entry = effects[effect]
+    typer.echo(f"{entry.id}\n  law        {entry.law}\n  stage      {stage_of(entry)}")
+    for one in parameters_of(entry):
+        start = f"{'null' if one.kind == 'amplitude' else 'from'} {one.default:g}"
+        typer.echo(_describe_parameter(one, start, bool(one.limits_reason)))
+    typer.echo(f"  reference  {entry.reference}")
+
+
+def _write_template(name: str, stage: str, folder: Path, overwrite: bool) -> tuple[Path, Path]:
+    """Write an effect to begin with and its test, both or neither; returns their paths."""
+    from ..effects.template import write_template
+
+    with tempfile.TemporaryDirectory() as draft:
+        made = write_template(name, stage, Path(draft))
+        source, test = (folder / file.name for file in made)
+        for file in (source, test):
+            check_file(file, overwrite)
+        for file, target in zip(made, (source, test), strict=True):
+            write_bytes(file.read_bytes(), target)
+    return source, test
+
+
+@command("models", "The reference models to begin with: law, parameters, source.", "models", "models power-law",
+         "models --family slip")
+def show_models(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="One model, in full; all of them in short if not given.")
+    ] = None,
+    family: Family = None,
+):
+    """The reference models that come with the toolkit, by family of records: what `--model NAME` stands for. With a
+    name its law, its parameters with what physics allows of them, and its source.
+    """
+    families = {one.name: one.models for one in _choose_families(family)}
+    if name is None:
+        width = max(len(one) for models in families.values() for one in models)
+        for key, models in families.items():
+            typer.echo(f"{key} records:")
+            for one, model in models.items():
+                typer.echo(f"  {one:{width}}  {model.text}")
+        return
+    found = {key: models[name] for key, models in families.items() if name in models}
+    if not found:
+        known = dict.fromkeys(one for models in families.values() for one in models)
+        raise InputError(f"there is no model {name!r}; there are {', '.join(known)}", option="NAME")
+    from ..contact.effect import list_choices, parameters_of, read_field, read_validity
+
+    for key, model in found.items():
+        made = model.make()
+        typer.echo(f"{name} ({key} records)\n  {model.text}\n  law        {model.law}")
+        for one in parameters_of(made):
+            start = f"{float(read_field(made, one.field)):g}, {'fitted' if one.free else 'held'}"
+            typer.echo(_describe_parameter(one, start, True))
+        for path, choice in list_choices(made).items():
+            typer.echo(f"  choice     {path} = {'none' if choice in ('', None) else choice}")
+        for condition, (low, high) in read_validity(made).items():
+            typer.echo(f"  holds for  {condition} from {low:g} to {high:.4g} (SI)")
+        typer.echo(f"  source     {model.source}")
+
+
+def _choose_families(name: str | None) -> tuple[Any, ...]:
+    """The family of that name, or `FILE.py:NAME`; all where none is named."""
+    from ..families import list_families
+    from ..measurement.kinds import take_kind
+
+    wanted = take_kind(name) if name is not None and split_name(name) is not None else name
+    found = tuple(one for one in list_families() if wanted in (None, one.name))
+    if not found:
+        known = ", ".join(one.name for one in list_families())
+        raise InputError(f"there is no family {name!r}; there are {known}", option="--family")
+    return found
+
+
+def _describe_parameter(parameter, start: str, limited: bool) -> str:
+    """Name, unit, where it starts, and what it is; with limits, what physics allows of it, and why."""
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    text = f"  parameter  {parameter.name}{unit}, {start}: {parameter.text}"
+    if not limited:
+        return text
+    (low, high), unit = parameter.limits, f" {parameter.unit}" if parameter.unit else ""
+    span = f"{low:g} to {high:g}{unit}" if high < float("inf") else f"from {low:g}{unit}"
+    return f"{text}\n    limits   {span}: {parameter.limits_reason}"
