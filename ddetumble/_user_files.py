@@ -8,6 +8,7 @@ import hashlib
 import os
 import sys
 import types
+from contextlib import suppress
 from pathlib import Path
 
 from ._errors import InputError
@@ -28,10 +29,7 @@ def run_file(path: Path) -> types.ModuleType:
     Raises:
         InputError: The file cannot be read, or it fails.
     """
-    try:
-        source = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
+    source = _read(path)
     digest = hashlib.sha256(source + str(path.resolve()).encode()).hexdigest()[:12]
     name = f"ddetumble_user_{path.stem}_{digest}"
     trust_file(path)
@@ -39,8 +37,8 @@ def run_file(path: Path) -> types.ModuleType:
         return sys.modules[name]
     for module in list(sys.modules.values()):
         file = getattr(module, "__dict__", {}).get("__file__")
-        if isinstance(file, str) and os.path.basename(file) == path.name and Path(file).resolve() == path.resolve() \
-                and not module.__name__.startswith("ddetumble_user_"):
+        if (isinstance(file, str) and os.path.basename(file) == path.name and Path(file).resolve() == path.resolve()
+                and not module.__name__.startswith("ddetumble_user_")):
             return module  # its classes would not be those of a second run
     module = types.ModuleType(name)
     module.__file__ = str(path.resolve())
@@ -69,17 +67,15 @@ def trust_file(path: Path) -> None:
     Raises:
         InputError: The file cannot be read.
     """
-    line = f"{_hash(path)} {path.resolve()}"
+    line = f"{hashlib.sha256(_read(path)).hexdigest()} {path.resolve()}"
     if line in _list_lines():
         return
     _TRUSTED.add(line)
     store = find_trusted()
-    try:
+    with suppress(OSError):  # a read-only home: the file is trusted as long as this process runs
         store.parent.mkdir(parents=True, exist_ok=True)
         with store.open("a", encoding="utf-8") as lines:
             lines.write(f"{line}\n")
-    except OSError:  # a read-only home: the file is trusted as long as this process runs
-        return
 
 
 def require_trust(path: Path, named_by: Path) -> None:
@@ -94,7 +90,7 @@ def require_trust(path: Path, named_by: Path) -> None:
     """
     if not path.is_file():
         return
-    digest, place = _hash(path), str(path.resolve())
+    digest, place = hashlib.sha256(_read(path)).hexdigest(), str(path.resolve())
     if not any(line.startswith(digest) or line.partition(" ")[2] == place for line in _list_lines()):
         raise InputError(f"it names the Python file {path}, which would be run, and which you have never named "
                          f"yourself; read it, and if it may be run: ddetumble trust {path}", file=named_by)
@@ -111,9 +107,9 @@ def _list_lines() -> set[str]:
         return _TRUSTED
 
 
-def _hash(path: Path) -> str:
+def _read(path: Path) -> bytes:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
 

@@ -1,14 +1,10 @@
 """The whole story on shipped data: the paper's tables, a campaign with a hidden effect, a strike with what was learnt.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ._settings import find_data
-
-
-CAMPAIGN = "impact-a"
-SCENARIO = "paper-case-2"
 
 
 def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
@@ -27,42 +23,35 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     from .selection.compare import compare
     from .selection.discover import discover
 
+    def tell(lines: Iterable[str]) -> None:
+        for line in (*(f"   {line}" for line in lines), ""):
+            echo(line)
+
     folder = Path(folder)
     echo("1. The paper. Its printed peaks, and what eleven numbers can say (Table 3):")
     echo("   " + judge_campaign(read_campaign(find_data() / "paper" / "table-3")).sentence)
     page = write_paper(folder / "paper", echo=lambda line: None)
-    echo(f"   Its contradictions, each with two numbers and a figure: {page}")
-    campaign = read_campaign(find_data() / CAMPAIGN)
-    echo("")
-    echo(f"2. A campaign of {len(campaign.record_keys)} impacts ({campaign.name}). The paper's model beside it:")
-    for line in str(compare(campaign)).splitlines()[:12]:
-        echo("   " + line)
-    echo("")
+    tell([f"Its contradictions, each with two numbers and a figure: {page}"])
+    campaign = read_campaign(find_data() / "impact-a")
+    count = len(campaign.record_keys)
+    echo(f"2. A campaign of {count} impacts ({campaign.name}). The paper's model beside it:")
+    tell(str(compare(campaign)).splitlines()[:12])
     echo("3. Which effect is missing? Every one of the catalogue is added in turn, refitted and tried on left-out "
          "tests:")
     found = discover(campaign)
-    for line in str(found).splitlines():
-        echo("   " + line)
+    tell(str(found).splitlines())
     found.save(folder / "discovery")
     report = write_report(found, folder / "discovery")
-    echo("")
-    echo("4. The grown model predicts other tests:  ddetumble predict "
-         f"{folder / 'discovery'} CONDITIONS.csv -o predictions.csv")
-    echo("")
+    echo(f"4. The grown model predicts other tests:  ddetumble predict {folder / 'discovery'} CONDITIONS.csv "
+         "-o predictions.csv\n")
     echo("5. One strike with this ball, on the stage of Table 6:")
-    for line in plan_one(folder, len(campaign.record_keys)):
-        echo("   " + line)
+    tell(_plan_one(folder, count))
     echo(f"Report: {report}")
     return report
 
 
-def plan_one(folder: Path, number: int) -> list[str]:
-    """Plan one strike with the discovered model and say what it takes out, and how sure that is.
-
-    Args:
-        folder: of the story; the model is in `discovery`, the plan goes to `plan`.
-        number: of the impact on this ball, for effects that know how often it was used.
-    """
+def _plan_one(folder: Path, number: int) -> list[str]:
+    """Plan a strike with the discovered model, this ball's impact of that number, and say how sure its effect is."""
     from .planning.measured import list_extrapolations, warn_of_extrapolation
     from .planning.plan import plan_scenario
     from .planning.scenario import read_scenario
@@ -71,7 +60,7 @@ def plan_one(folder: Path, number: int) -> list[str]:
 
     place = (folder / "discovery").resolve()
     ball = BallTable(model=str(place), conditions={"sequence": float(number)})
-    scenario = read_scenario(find_data() / "scenarios" / f"{SCENARIO}.toml").model_copy(
+    scenario = read_scenario(find_data() / "scenarios" / "paper-case-2.toml").model_copy(
         update={"ball": ball, "uncertainty": UncertaintyTable()})
     found = plan_scenario(scenario, place, impacts=1, starts=2)
     if found.assessment is None:

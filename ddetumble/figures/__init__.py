@@ -4,40 +4,25 @@
 drawn of them, the family's force where it is not given. `narrow` draws for a telephone.
 """
 
-from .dependence import draw_dependence, draw_missing_force
 from .fit import draw_fit, draw_peaks, draw_prediction, draw_signatures
 from .missing import draw_missing_rivals, draw_missing_shape
 from .planning import draw_map, draw_next_test, draw_power
 from .posterior import draw_corner, draw_left_out, draw_predictive, draw_ranks, draw_traces
-from .residuals import draw_record_errors, draw_residual_map, draw_shifts
+from .residuals import (
+    draw_dependence,
+    draw_missing_force,
+    draw_record_errors,
+    draw_residual_map,
+    draw_shifts,
+)
 from .selection import draw_error_by_step, draw_parameters, draw_ranking
 from .style import new_figure, render_png, styled
 
 
 __all__ = [
-    "draw_signatures",
-    "draw_error_by_step",
-    "draw_corner",
-    "draw_dependence",
-    "draw_fit",
-    "draw_left_out",
-    "draw_map",
-    "draw_missing_force",
-    "draw_missing_rivals",
-    "draw_missing_shape",
-    "draw_next_test",
-    "draw_parameters",
-    "draw_peaks",
-    "draw_power",
-    "draw_prediction",
-    "draw_predictive",
-    "draw_ranking",
-    "draw_ranks",
-    "draw_record_errors",
-    "draw_residual_map",
-    "draw_shifts",
-    "draw_traces",
-    "new_figure",
-    "render_png",
-    "styled",
-]
+    "draw_corner", "draw_dependence", "draw_error_by_step", "draw_fit", "draw_left_out", "draw_map",
+    "draw_missing_force", "draw_missing_rivals", "draw_missing_shape", "draw_next_test", "draw_parameters",
+    "draw_peaks", "draw_power", "draw_prediction", "draw_predictive", "draw_ranking", "draw_ranks",
+    "draw_record_errors", "draw_residual_map", "draw_shifts", "draw_signatures", "draw_traces", "new_figure",
+    "render_png", "styled",
+]  # fmt: skip

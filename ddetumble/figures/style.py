@@ -75,15 +75,7 @@ def apply_style():
         yield
 
 
-def styled(function):
-    """Let a function that makes a figure do so in the house style."""
-
-    @functools.wraps(function)
-    def draw(*arguments, **options):
-        with apply_style():
-            return function(*arguments, **options)
-
-    return draw
+styled = apply_style()  # the same as a decorator of functions that make a figure
 
 
 def new_figure(height: float, width: float = WIDTH, gap: float = 0.05) -> Figure:

@@ -119,22 +119,17 @@ def write_page(
     packed = [(write_png(image), _encode(image)) for image in (render_image(one.figure) for one in pictures)]
     narrow = [_encode(render_image(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
     shown = _fit_budget(pictures, [one for _, one in packed], BUDGET - sum(map(len, narrow)))
-    images = iter([
-        {"caption": picture.caption, "alt": picture.alt or picture.caption, "data": data, "narrow": small,
-         "width": round(WIDE * float(picture.figure.get_size_inches()[0]))}
-        for picture, data, small in zip(pictures, shown, narrow, strict=True)])
-    blocks = [
-        {"title": section.title, "paragraphs": section.paragraphs, "points": section.points,
-         "figures": [next(images) for _ in section.figures], "tables": list(map(_read_table, section.tables))}
-        for section in sections]
+    images = {picture.name: pair for picture, *pair in zip(pictures, shown, narrow, strict=True)}
     headline, rest = split_sentence(sentence)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
                                      undefined=jinja2.StrictUndefined)
-    environment.filters |= {"prose": format_prose, "sentence": lambda text: format_prose(
-        text if isinstance(text, markupsafe.Markup) else begin_sentence(str(text)))}
+    environment.filters |= {
+        "prose": format_prose, "table": _read_table, "width": lambda figure: round(WIDE * figure.get_size_inches()[0]),
+        "sentence": lambda text: format_prose(text if isinstance(text, markupsafe.Markup) else begin_sentence(text)),
+    }  # fmt: skip
     html = environment.from_string(read_text("page.html")).render(
-        title=clean(title, 120), headline=headline, rest=rest, sections=blocks, verdict=verdict, badge=badge,
-        status=[item for item in status if item], facts=facts, style=read_text("page.css"))
+        title=clean(title, 120), headline=headline, rest=rest, sections=sections, images=images, verdict=verdict,
+        badge=badge, status=list(filter(None, status)), facts=facts, style=read_text("page.css"))
     for picture, (image, _) in zip(pictures, packed, strict=True):
         write_bytes(folder / "figures" / f"{picture.name}.png", image)
     write_bytes(folder / name, html.encode("utf-8", "replace"))

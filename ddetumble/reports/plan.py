@@ -15,15 +15,16 @@ from ..dynamics.angles import measure_nutation
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
 from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
-from ..figures.planning import draw_contacts, draw_motion
+from ..figures.planning import draw_contacts, draw_motion, draw_outlook, draw_prospect
 from ..inference.files import write_json
 from ..measurement.units import choose_time_unit
+from ..planning.ambiguity import Assessment, Outlook
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import Plan, find_end
+from ..planning.prospect import Prospect
 from ..planning.sequence import Sequence, measure_share
 from ..planning.strike_plan import StrikePlan
 from ..planning.strike_problem import StrikeProblem
-from .outlook import list_outlook, show_outlook
 from .page import Section, Table, draw_picture, read_text, write_page
 
 
@@ -40,6 +41,13 @@ FOUNDED = {
                "all of them and the motion between. What is left of that gradient after the binding constraints' "
                "share says how nearly the whole is a first-order optimum near where it began; another sequence may be "
                "better still."}
+WORDS = {
+    "best": "The impacts are planned for the best estimate.",
+    "mean": "The impacts are planned for the mean over the draws, every limit kept in the mean of its own worst share "
+    "of them.",
+    "tail": "The impacts are planned for the mean over the worst share of the draws, every limit kept in the mean of "
+    "its own worst share.",
+}
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
 
@@ -158,7 +166,7 @@ def write_plan(plan: Plan, folder) -> Path:
             "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
             "constraints": best.values},
         "measured": plan.ranges,
-        "uncertainty": None if assessment is None else list_outlook(assessment, settings.plan_for, prospect),
+        "uncertainty": None if assessment is None else _list_outlook(assessment, settings.plan_for, prospect),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
     figures = [draw_picture("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
@@ -189,13 +197,62 @@ def write_plan(plan: Plan, folder) -> Path:
                for k, others in enumerate(outside, 1) if others]
     sections.append(Section("Before, between and after", figures=figures, tables=tables, points=farther))
     if assessment is not None:
-        sections.append(show_outlook(assessment, settings.plan_for, prospect, settings.share))
+        sections.append(_show_outlook(assessment, settings.plan_for, prospect, settings.share))
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
     if impacts:
         sections.append(_show_proofs(sequence, impacts))
     page = write_page(plan.title or "Planned impacts", sentence, sections, folder)
     write_json(Path(folder) / "plan.json", result)
     return page
+
+
+def _list_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = None) -> dict[str, Any]:
+    """As `plan.json` has it, SI; shares of the angular momentum at the start."""
+
+    def show(one: Outlook) -> dict[str, Any]:
+        return {
+            "weight": one.weight, "best_estimate": one.nominal, "share_left": one.momentum,
+            "peak_normal_force": one.peak_force, "peak_depression": one.peak_depression, "violated": one.violated,
+            "regret": one.regret, "draws": one.shares,
+        }  # fmt: skip
+
+    return {
+        "sequence": None if prospect is None else {
+            "sentence": prospect.sentence, "share_left": prospect.after, "best_estimate": prospect.best,
+            "reached": prospect.reached, "violated": prospect.violated, "lost": prospect.lost},
+        "plan_for": plan_for, "tail": found.tail, "note": found.note, "sentences": found.sentences,
+        "matters": found.matters, "difference": found.difference, "within": found.within,
+        "whole": show(found.whole), "models": {name: show(one) for name, one in found.models.items()},
+    }  # fmt: skip
+
+
+def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, share: float) -> Section:
+    """Sentences, the momentum left under every draw, and numbers of every model."""
+    rows = []
+    for name, one in (*found.models.items(), ("all, by their weights", found.whole)):
+        left, force, depth = one.momentum, one.peak_force, one.peak_depression
+        passed = ", ".join(f"{limit} {100 * part:.0f} %" for limit, part in one.violated.items() if part > 0)
+        rows.append([name, f"{one.weight:.2f}", f"{100 * left.mean:.2f} ± {100 * left.sd:.2f}",
+                     f"{100 * left.q05:.2f} to {100 * left.q95:.2f}", f"{100 * left.tail:.2f}",
+                     f"{force.mean:.1f} ± {force.sd:.1f}", f"{1e3 * depth.mean:.2f} ± {1e3 * depth.sd:.2f}",
+                     passed or "none", f"{100 * one.regret.loss:.2f}"])
+    table = Table(
+        ["model", "weight", "momentum left, mean ± sd [%]", "5 to 95 % of the draws [%]",
+         f"worst {100 * found.tail:.0f} % [%]", "peak force [N]", "depression [mm]", "limits not kept in",
+         "wrong plan costs [%]"], rows if len(found.models) > 1 else rows[:1],
+        "Of the first impact. The last column: what is lost, of what was wanted small, by a plan for another model.")
+    pictures = [draw_picture(
+        "outlook", "How much of the angular momentum the first impact leaves, under draws of the contact law. Dashed: "
+        "the mean of the worst share.", draw_outlook, {name: one.shares for name, one in found.models.items()},
+        found.whole.nominal, found.whole.momentum.tail)]
+    sentences = list(found.sentences)
+    if prospect is not None:
+        low, high, tail = (np.array([getattr(one, name) for one in prospect.after]) for name in ("q05", "q95", "tail"))
+        pictures.append(draw_picture(
+            "prospect", "How much of the angular momentum is left after each impact, under the same draws and with "
+            "nothing planned again.", draw_prospect, prospect.best, low, high, tail, share))
+        sentences.insert(1, prospect.sentence)
+    return Section("How sure this is", [*sentences, WORDS[plan_for], found.note], figures=pictures, tables=[table])
 
 
 def _show_proofs(sequence: Sequence, impacts: list[dict[str, Any]]) -> Section:
