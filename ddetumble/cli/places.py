@@ -5,11 +5,9 @@ One rule for everything that is written: a command writes to a folder (or file) 
 """
 
 import dataclasses as dc
-import hashlib
+import glob
 import json
 import os
-import platform
-import re
 import shutil
 import sys
 import tempfile
@@ -29,6 +27,7 @@ if TYPE_CHECKING:
 
 # In every folder that commands wrote to: the files of each command, so that --overwrite removes these and no others.
 RECORD, SCHEMA = ".ddetumble.json", "ddetumble.output/1"
+DRAFT = "-ddetumble-"  # in the names of drafts, between that of their place and random letters
 
 
 def locate_campaign(text: str) -> Path:
@@ -83,7 +82,8 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
     _refuse_taken(given, overwrite, beside, resumes)
     _remove_stale_drafts(path)
     made = [folder for folder in (path, *path.parents) if not folder.exists()]
-    draft, done = None, False
+    draft = handle = None
+    done = False
 
     def clear_up() -> None:
         if not done and resumes and not (path / progress).exists():
@@ -96,7 +96,8 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
         try:
             try:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                draft = Path(tempfile.mkdtemp(prefix=f".{path.name}-{_name_machine()}-{os.getpid()}-", dir=path.parent))
+                draft = Path(tempfile.mkdtemp(prefix=f".{path.name}{DRAFT}", dir=path.parent))
+                handle = _lock(draft)
                 umask = os.umask(0)
                 os.umask(umask)
                 os.chmod(draft, 0o777 & ~umask)
@@ -109,40 +110,32 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
             done = True
         finally:
             clear_up()
+            if handle is not None:
+                os.close(handle)
 
 
 def _remove_stale_drafts(path: Path) -> None:
-    """Remove the drafts beside a place whose process was killed before it could.
-
-    The name of a draft tells the machine and the number of its process. One of another machine on a shared disk stays,
-    and so does one whose number belongs to a living process by now.
-    """
-    if os.name != "posix" or not path.parent.is_dir():  # elsewhere the question itself would end the process
-        return
-    draft = re.compile(rf"\.{re.escape(path.name)}-{_name_machine()}-(\d+)-\w{{8}}")
-    for one in path.parent.iterdir():
-        match = draft.fullmatch(one.name)
-        if match and one.is_dir() and not one.is_symlink() and not _is_alive(int(match[1])):
-            shutil.rmtree(one, ignore_errors=True)
+    """Remove the drafts beside a place whose process was killed before it could."""
+    for draft in path.parent.glob(f".{glob.escape(path.name)}{DRAFT}*"):
+        handle = _lock(draft) if draft.is_dir() and not draft.is_symlink() else None
+        if handle is not None:
+            shutil.rmtree(draft, ignore_errors=True)
+            os.close(handle)
 
 
-def _name_machine() -> str:
-    """Eight digits for all processes that know each other by their numbers: of one machine, outside of containers."""
+def _lock(draft: Path) -> int | None:
+    """Hold a folder as long as this process lives; None where another one does, or nobody can (not on POSIX)."""
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    handle = os.open(draft, os.O_RDONLY)
     try:
-        space = os.readlink("/proc/self/ns/pid")
-    except OSError:  # not on Linux
-        space = ""
-    return hashlib.sha256(f"{platform.node()} {space}".encode()).hexdigest()[:8]
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except OSError as error:
-        return not isinstance(error, ProcessLookupError)
-    except OverflowError:
-        return True
-    return True
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
 
 
 def open_optional(path: Path | None, command: str, overwrite: bool) -> AbstractContextManager[Output | None]:

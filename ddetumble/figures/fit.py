@@ -10,16 +10,9 @@ from ..measurement.quantities import clean, describe_conditions, describe_quanti
 from ..measurement.units import si_unit
 from ..selection.result import Trace
 from ..selection.text import choose_view
+from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, MORE, PALE
 from .style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    GREY,
-    INK,
-    KIN,
-    MORE,
     NARROW,
-    PALE,
     STEPS,
     WIDTH,
     colour_models,

@@ -8,25 +8,8 @@ import numpy as np
 from ..measurement.quantities import clean, describe_quantity, format_number, format_share, typeset
 from ..selection.missing.symbolic import sketch_law
 from ..selection.result import Law, MissingForce, Shape
-from .style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    GREY,
-    INK,
-    KIN,
-    MORE,
-    NARROW,
-    OTHER,
-    PALE,
-    PLACE,
-    WIDTH,
-    dress,
-    head_figure,
-    key_band,
-    new_figure,
-    styled,
-)
+from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, MORE, OTHER, PALE, PLACE
+from .style import NARROW, WIDTH, dress, head_figure, key_band, new_figure, styled
 
 
 _COLOURS = (AFTER, BEFORE, MORE[0])

@@ -12,25 +12,8 @@ from ..measurement.quantities import clean, describe_quantity
 from ..planning.proposals import Design
 from ..planning.visibility import Visibility
 from ..planning.wording import describe_test
-from .style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    GREY,
-    INK,
-    KIN,
-    NARROW,
-    OTHER,
-    SHADES,
-    WIDTH,
-    dress,
-    head_figure,
-    key_line,
-    new_figure,
-    strip,
-    styled,
-    wrap_text,
-)
+from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER, SHADES
+from .style import NARROW, WIDTH, dress, head_figure, key_line, new_figure, strip, styled, wrap_text
 
 
 COLOURS = (AFTER, BEFORE, KIN, OTHER, GREY)

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -14,17 +14,8 @@ from ..posterior.loo import Scores
 from ..posterior.predictive_check import LEVEL, STATISTICS, Checks
 from ..posterior.result import Posterior
 from ..posterior.target import AbstractTarget
+from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, SHADES
 from .style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    GREY,
-    INK,
-    KIN,
-    MORE,
-    OTHER,
-    PALE,
-    SHADES,
     STEPS,
     WIDTH,
     dress,
@@ -224,35 +215,20 @@ def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
 
 
 @styled
-def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
-    """Mean logarithm of the predictive density of the records of every condition, left out; of one or more models.
-
-    Args:
-        scores: of the models, the best first, from which others are drawn as differences.
-        names: of the models.
-    """
-    first = scores[0]
-    varying = vary(one.conditions for one in first.scores)
+def draw_left_out(scores: Scores):
+    """Logarithm of the predictive density of the records of every condition, left out."""
+    varying = vary(one.conditions for one in scores.scores)
     labels = [describe_conditions(one.conditions, varying) or clean(", ".join(one.records), 20)
-              for one in first.scores]
-    shades = [AFTER, BEFORE, *MORE[:2], SHADES[6], OTHER]
+              for one in scores.scores]
     figure = new_figure(0.9 + 0.235 * len(labels))
     axes = dress_rows(figure.add_subplot(), labels, fontsize=8.5 if len(labels) <= 24 else 7)
-    label = "logarithm of the predictive density"
-    if len(scores) > 1:
-        axes.axvline(0, color=shades[0], lw=1.4)
-        label += ", minus that of the first model"
-    for one, shade in list(zip(scores, shades, strict=False))[len(scores) > 1 :]:
-        value = one.values if len(scores) == 1 else one.values - first.values
-        axes.scatter(value, range(len(labels)), s=34, edgecolor=shade, zorder=3,
-                     facecolor=[shade if s.trusted else "white" for s in one.scores])
-    axes.set_xlabel(label)
-    handles = [key_dot(shade, 6) for shade in shades[: len(scores)]]
-    words = [clean(name, 40) for name in names][: len(handles)] or ["left-out condition"]
-    if any(not s.trusted for one in scores for s in one.scores):
-        handles.append(key_dot(GREY, 6, mfc="white"))
-        words.append("weights not to be trusted")
-    head_figure(figure, handles, words)
+    axes.set_xlabel("logarithm of the predictive density")
+    axes.scatter(scores.values, range(len(labels)), s=34, edgecolor=AFTER, zorder=3,
+                 facecolor=[AFTER if one.trusted else "white" for one in scores.scores])
+    entries = {"left-out condition": key_dot(AFTER, 6)}
+    if not all(one.trusted for one in scores.scores):
+        entries["weights not to be trusted"] = key_dot(GREY, 6, mfc="white")
+    head_figure(figure, list(entries.values()), list(entries))
     return figure
 
 

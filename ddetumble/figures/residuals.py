@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import matplotlib
 import numpy as np
+import pandas as pd
 
 from ..families import View
 from ..measurement.quantities import (
@@ -23,13 +24,9 @@ from ..measurement.quantities import (
 from ..selection.result import Place, SettingShift, Trace
 from ..selection.series import list_channels
 from ..selection.text import choose_view
+from .palette import FLOOR, GREY, INK, PALE, PLACE
 from .style import (
-    FLOOR,
-    GREY,
-    INK,
     NARROW,
-    PALE,
-    PLACE,
     WIDTH,
     colour_models,
     dress,
@@ -200,14 +197,10 @@ def _grid_errors(traces: Sequence[Trace]):
     levels = {name: list_levels(traces, name) for name in names}
     if math.prod(len(levels[name]) for name in names[1:]) > _ROWS:
         names = names[:2]
-    errors = np.array([measure_error(trace) for trace in traces])
-    settings = np.array([group_condition(traces, name) for name in names]).T
-    across, up = levels[names[0]], sorted(itertools.product(*(levels[name] for name in names[1:])))
-    values = np.full((len(up), len(across)), np.nan)
-    for i, j in np.ndindex(*values.shape):
-        here = np.all(settings == (across[j], *up[i]), axis=1)
-        if here.any():
-            values[i, j] = np.sqrt(np.mean(errors[here] ** 2))
+    across, up = levels[names[0]], list(itertools.product(*(levels[name] for name in names[1:])))
+    table = pd.DataFrame({name: group_condition(traces, name) for name in names})
+    squares = table.assign(square=[measure_error(trace) ** 2 for trace in traces]).groupby(names)["square"].mean()
+    values = np.sqrt([[squares.get((x, *row), np.nan) for x in across] for row in up])
     first, *rest = (describe_quantity(name, levels[name]) for name in names)
     rows = [" · ".join(one.format(value) for one, value in zip(rest, row, strict=True)) for row in up]
     return values, [first.format(value) for value in across], rows, first.label, " ·\n".join(one.label for one in rest)

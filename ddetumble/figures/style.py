@@ -1,4 +1,4 @@
-"""The look that all figures share: colours that colour-blind readers tell apart, quiet axes, one type."""
+"""The look that all figures share: quiet axes, one type, keys of legends, words that fit."""
 
 import functools
 import io
@@ -19,23 +19,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, MORE, OTHER, PALE, PLACE, SHADES  # noqa: F401
+
 
 if TYPE_CHECKING:
     from PIL.Image import Image as Pixels
 
 
-INK = "#1b2733"
-GREY = "#66727f"
-PALE = "#c9d1d9"
-FAINT = "#eef1f4"
-MORE = ("#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of the Okabe-Ito palette, for further models
-BEFORE = "#d55e00"
-AFTER = "#0072b2"
-KIN = "#7fc0ea"
-OTHER = "#a3aeb9"
-FLOOR = "#8a97a5"
-PLACE = "#fbedbd"
-SHADES = ("#0072b2", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#e69f00", "#7a5195", "#66727f")  # of equals
 WIDTH = 10.0  # of every figure [inch]; a report shows it about 1000 pixels wide
 NARROW = 4.2  # of a figure for a telephone [inch]
 TICKS = 8.5  # size of the numbers along axes [point]

@@ -35,7 +35,7 @@ from .missing import show_missing
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
 
 
-def write_report(discovery: Discovery, folder, name: str = "report.html") -> Path:
+def write_report(discovery: Discovery, folder) -> Path:
     """Write what `discover` returned as one self-contained page; returns its path, as `write_page` does."""
     records = len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
     level = discovery.settings.level
@@ -47,7 +47,7 @@ def write_report(discovery: Discovery, folder, name: str = "report.html") -> Pat
         f"judged at the {format_share(float(level))} level" if isinstance(level, (int, float)) else "",
     ]
     verdict = say_verdict(discovery.verdict)
-    return write_page(f"{verdict}: {discovery.campaign}", discovery.sentence, _build_sections(discovery), folder, name,
+    return write_page(f"{verdict}: {discovery.campaign}", discovery.sentence, _build_sections(discovery), folder,
                       verdict=discovery.verdict, badge=verdict, status=status, facts=_list_facts(discovery))
 
 

@@ -21,7 +21,7 @@ class _Drawn(NamedTuple):
     correlations: Sequence[tuple[str, str, float]]
 
 
-def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
+def report_fit(fit: Fit, folder) -> Path:
     """Write the page of a fit; returns its path, as `write_page` does."""
     traces = {clean(fit.model_text, 60): make_traces(fit.source, fit.problem.records, fit.solution, fit.noise)}
     shifts = measure_shifts(fit.problem.records, fit.solution)
@@ -40,5 +40,5 @@ def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
     status = [clean(fit.campaign, 60), f"{fit.records} records", f"{fit.samples} samples"]
     facts = [("χ² / dof", format_number(fit.chi2_reduced), "1 where only noise is left"),
              ("parameters", str(len(fit.parameters)), "fitted")]
-    return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder, name,
+    return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder,
                       badge="" if fit.converged else "not converged", status=status, facts=facts)

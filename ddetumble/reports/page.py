@@ -43,9 +43,9 @@ class Picture:
     narrow: Any = None
 
 
-def draw_picture(name: str, caption: str, draw: Callable[..., Any], *arguments, alt: str = "", **options) -> Picture:
+def draw_picture(name: str, caption: str, draw: Callable[..., Any], *arguments, alt: str = "") -> Picture:
     """A picture by a function of `ddetumble.figures`, drawn for a wide page and, `narrow`, for a telephone."""
-    return Picture(name, caption, draw(*arguments, **options), alt, draw(*arguments, **options, narrow=True))
+    return Picture(name, caption, draw(*arguments), alt, draw(*arguments, narrow=True))
 
 
 @dc.dataclass(frozen=True)

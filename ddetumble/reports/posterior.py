@@ -25,14 +25,8 @@ from .page import Picture, Section, Table, flatten, write_page
 HEADLINE = 105  # characters of intervals in the first sentence
 
 
-def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
-    """Write what the draws say as one self-contained page; returns its path, as `write_page` does.
-
-    Args:
-        posterior: of `sample`, examined or not.
-        folder: where to write; made where it is not there.
-        name: of the page's file.
-    """
+def write_posterior(posterior: Posterior, folder) -> Path:
+    """Write what the draws of `sample` say, examined or not, as one page; returns its path, as `write_page` does."""
     status = [clean(posterior.title, 120), f"{posterior.log_density.size} draws by {posterior.sampler}"]
     if isinstance(posterior.target, CampaignTarget):
         status.insert(1, f"{len(posterior.target.parts)} records")
@@ -50,7 +44,7 @@ def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> 
     sections = [_show_parameters(posterior), _show_predictive(posterior), _show_left_out(posterior),
                 _show_chains(posterior), Section("Provenance", tables=[Table(("item", "value"), rows)])]
     return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
-                      name, badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
+                      badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
 
 
 def _say_posterior(posterior: Posterior) -> str:
@@ -135,7 +129,7 @@ def _show_left_out(posterior: Posterior) -> Section | None:
         "of the same campaign under the same noise, as `ddetumble average` does."]
     header = ("condition", "records", "log density", "Pareto k", "how", "to be trusted")
     caption = "Logarithm of the predictive density of every condition's records, given all others."
-    picture = Picture("left-out", caption, figures.draw_left_out([scores]),
+    picture = Picture("left-out", caption, figures.draw_left_out(scores),
                       f"Log predictive density of {len(rows)} conditions.")
     return Section("Conditions left out", paragraphs, [picture], [Table(header, rows)])
 
