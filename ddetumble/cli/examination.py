@@ -45,7 +45,7 @@ def compare_models(
         else:
             from ..selection.compare import compare
 
-            result = compare(measured, *models, *_extend(models[-1], effect or (), effects_from, measured),
+            result = compare(measured, *models, *_extend(models[-1], effect, effects_from, measured),
                              progress=report)
             text = str(result)
             if out is not None:

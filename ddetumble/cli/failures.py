@@ -11,6 +11,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Any
 
 from .._errors import ComputationError, InputError
 from .interrupts import INTERRUPTED, was_interrupted
@@ -69,7 +70,7 @@ def tell_stopped() -> int:
     return tell("stopped.", INTERRUPTED)
 
 
-def _explain(error: Exception, words: Sequence[str]) -> int:
+def _explain(error: Any, words: Sequence[str]) -> int:
     """Find the sentence and the exit code for an exception."""
     if isinstance(error, InputError):
         return tell(str(error), BAD_INPUT)

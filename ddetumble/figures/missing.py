@@ -28,7 +28,8 @@ def draw_missing_shape(missing: MissingForce, narrow: bool = False):
     spectrum = best.spectrum.shape[1] > 2
     if narrow:
         figure = new_figure(8.4 if spectrum else 6.2, NARROW)
-        places = list(figure.add_gridspec(2 + spectrum, 1, height_ratios=(1.7, 1.0, 1.0)[: 2 + spectrum]))
+        grid = figure.add_gridspec(2 + spectrum, 1, height_ratios=(1.7, 1.0, 1.0)[: 2 + spectrum])
+        places = [grid[k] for k in range(2 + spectrum)]
     else:
         figure = new_figure(5.6)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.75, 1.0))

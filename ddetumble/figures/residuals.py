@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -151,7 +152,7 @@ def _draw_panels(models, channels: Sequence[str], narrow: bool, height: float, d
     figure = new_figure(0.75 + height * down, width)
     panels = figure.subplots(down, across, squeeze=False, sharex=sharex).reshape(len(channels), len(models))
     for channel, row in zip(channels, panels, strict=True):
-        image = None
+        image: Any = None
         for k, (name, axes) in enumerate(zip(models, row, strict=True)):
             last = channel == channels[-1] and (k == len(models) - 1 or not narrow)
             image = draw(dress(axes, ""), channel, k, k == 0 or narrow, last)
@@ -199,7 +200,8 @@ def _grid_errors(traces: Sequence[Trace]):
         names = names[:2]
     across, up = levels[names[0]], list(itertools.product(*(levels[name] for name in names[1:])))
     table = pd.DataFrame({name: group_condition(traces, name) for name in names})
-    squares = table.assign(square=[measure_error(trace) ** 2 for trace in traces]).groupby(names)["square"].mean()
+    table["square"] = [measure_error(trace) ** 2 for trace in traces]
+    squares = {cell: own.mean() for cell, own in table.groupby(names)["square"]}
     values = np.sqrt([[squares.get((x, *row), np.nan) for x in across] for row in up])
     first, *rest = (describe_quantity(name, levels[name]) for name in names)
     rows = [" · ".join(one.format(value) for one, value in zip(rest, row, strict=True)) for row in up]

@@ -68,7 +68,7 @@ def apply_style():
 styled = apply_style()  # the same as a decorator of functions that make a figure
 
 
-def new_figure(height: float, width: float = WIDTH, gap: float = 0.05) -> Figure:
+def new_figure(height: float, width: float = WIDTH, gap: float = 0.05) -> Any:
     """An empty figure of that size [inch] that lays itself out, with a gap [inch] above and below its axes."""
     # Room at the right for half of a last number, which may only appear after the layout is made.
     rect = (0.0, 0.0, 1.0 - 0.1 / width, 1.0)
@@ -139,17 +139,17 @@ def wrap_text(text: str, width: float, size: float = 9.5) -> str:
     return textwrap.fill(text, max(8, count_characters(width, size)), break_on_hyphens=False)
 
 
-def key_line(colour: str, width: float = 1.6, **look) -> Line2D:
+def key_line(colour: str, width: float = 1.6, **look) -> Any:
     """A line for a legend."""
     return Line2D([], [], color=colour, lw=width, **look)
 
 
-def key_dot(colour: str, size: float = 5, marker: str = "o", **look) -> Line2D:
+def key_dot(colour: str, size: float = 5, marker: str = "o", **look) -> Any:
     """A marker for a legend."""
     return Line2D([], [], ls="none", color=colour, ms=size, marker=marker, **look)
 
 
-def key_band(colour: str = FLOOR, alpha: float | None = 0.35, **look) -> Patch:
+def key_band(colour: str | None = FLOOR, alpha: float | None = 0.35, **look) -> Any:
     """A patch for a legend."""
     return Patch(**{"facecolor": colour, "alpha": alpha, "lw": 0} | look)
 
