@@ -80,7 +80,12 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
     """
     given, path = path, Path(os.path.realpath(path))
     _refuse_taken(given, overwrite, beside, resumes)
-    _remove_stale_drafts(path)
+    # Drafts of this place whose process was killed before it could remove them.
+    for stale in path.parent.glob(f".{glob.escape(path.name)}{DRAFT}*"):
+        handle = _lock(stale) if stale.is_dir() and not stale.is_symlink() else None
+        if handle is not None:
+            shutil.rmtree(stale, ignore_errors=True)
+            os.close(handle)
     made = [folder for folder in (path, *path.parents) if not folder.exists()]
     draft = handle = None
     done = False
@@ -114,28 +119,21 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
                 os.close(handle)
 
 
-def _remove_stale_drafts(path: Path) -> None:
-    """Remove the drafts beside a place whose process was killed before it could."""
-    for draft in path.parent.glob(f".{glob.escape(path.name)}{DRAFT}*"):
-        handle = _lock(draft) if draft.is_dir() and not draft.is_symlink() else None
-        if handle is not None:
-            shutil.rmtree(draft, ignore_errors=True)
-            os.close(handle)
-
-
 def _lock(draft: Path) -> int | None:
     """Hold a folder as long as this process lives; None where another one does, or nobody can (not on POSIX)."""
     if sys.platform == "win32":
         return None
     import fcntl
 
-    handle = os.open(draft, os.O_RDONLY)
+    handle = None
     try:
+        handle = os.open(draft, os.O_RDONLY)
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return handle
     except OSError:
-        os.close(handle)
+        if handle is not None:
+            os.close(handle)
         return None
-    return handle
 
 
 def open_optional(path: Path | None, command: str, overwrite: bool) -> AbstractContextManager[Output | None]:

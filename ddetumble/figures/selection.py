@@ -1,7 +1,7 @@
 """A discovery's loop: the error falling step by step, the catalogue ranked, and parameters with their intervals."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
@@ -167,7 +167,12 @@ def draw_parameters(steps: Mapping[str, _HasParameters], narrow: bool = False):
     handles = {}
     for axes, (name, own) in zip(panels, final.parameters.items(), strict=False):
         dress_rows(axes, [""] * len(steps))
-        drawn, scale = [], _find_scale(steps.values(), name)
+        # A power of ten by which a parameter is divided where its numbers would be too long for an axis.
+        edges = [abs(edge) for step in steps.values() if name in step.parameters
+                 for edge in _interval(step.parameters[name])]
+        largest = max((edge for edge in edges if math.isfinite(edge)), default=0.0)
+        power = math.floor(math.log10(largest)) if largest > 0 else 0
+        drawn, scale = [], 1.0 if -4 <= power < 5 else 10.0**power
         for row, ((label, step), shade) in enumerate(zip(steps.items(), shades, strict=True)):
             estimate = step.parameters.get(name)
             if estimate is None or not math.isfinite(estimate.estimate):
@@ -203,14 +208,6 @@ def _draw_correlations(axes, correlations: Sequence[tuple[str, str, float]]):
     axes.axvline(0, color=GREY, lw=0.7)
     axes.set(xlim=(-1.28, 1.28), xticks=[-1, 0, 1], ylim=(max(len(correlations), FEWEST) - 0.4, -0.6),
              title="strongest correlations")
-
-
-def _find_scale(steps: Iterable[_HasParameters], name: str) -> float:
-    """A power of ten by which a parameter is divided where its numbers would be too long for an axis."""
-    edges = [abs(edge) for step in steps if name in step.parameters for edge in _interval(step.parameters[name])]
-    largest = max((edge for edge in edges if math.isfinite(edge)), default=0.0)
-    power = math.floor(math.log10(largest)) if largest > 0 else 0
-    return 1.0 if -4 <= power < 5 else 10.0**power
 
 
 def _interval(estimate: Estimate | Fitted) -> tuple[float, float]:

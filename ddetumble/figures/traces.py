@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -184,15 +184,6 @@ def choose_records(traces: Sequence[Trace], count: int) -> list[Trace]:
     return [traces[i] for i in sorted(chosen)]
 
 
-def inflate_noise(count, noise: Mapping | None):
-    """Factor by which correlation along a trace inflates the variance of a mean of `count` neighbouring samples."""
-    noise = noise or {}
-    correlation = min(max(float(noise.get("correlation") or 0.0), 0.0), 0.99)
-    white = min(max(float(noise.get("white_share") or 0.0), 0.0), 1.0)
-    slow = np.minimum((1 + correlation) / (1 - correlation), np.maximum(count, 1))
-    return white + (1 - white) * slow
-
-
 def average_bins(x: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Means of the finite values in bins of `x`, nan where a bin holds none."""
     good = np.isfinite(values)
@@ -223,7 +214,11 @@ def bin_residuals(traces, values, edges, noise=None, keep=None) -> Bins:
     count, total, where = count[:, full], total[:, full], where[:, full]
     number, records = count.sum(axis=0), (count > 0).sum(axis=0)
     mean = total.sum(axis=0) / number
-    floor = np.sqrt((count * inflate_noise(count, noise)).sum(axis=0)) / number
+    # Correlation along a trace inflates the variance of a mean of neighbouring samples.
+    correlation = np.clip(float((noise or {}).get("correlation") or 0.0), 0.0, 0.99)
+    white = np.clip(float((noise or {}).get("white_share") or 0.0), 0.0, 1.0)
+    inflation = white + (1 - white) * np.minimum((1 + correlation) / (1 - correlation), np.maximum(count, 1))
+    floor = np.sqrt((count * inflation).sum(axis=0)) / number
     spread = np.sqrt(((total - count * mean) ** 2).sum(axis=0)) / number
     spread *= np.sqrt(records / np.maximum(records - 1, 1))
     return Bins(where.sum(axis=0) / number, mean, np.where(records >= 3, spread, floor), floor)

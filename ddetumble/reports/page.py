@@ -118,7 +118,12 @@ def write_page(
     # Images are packed one by one: all of a long page as pixels would be hundreds of megabytes.
     packed = [(write_png(image), _encode(image)) for image in (render_image(one.figure) for one in pictures)]
     narrow = [_encode(render_image(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
-    shown = _fit_budget(pictures, [one for _, one in packed], BUDGET - sum(map(len, narrow)))
+    shown = [one for _, one in packed]
+    # The largest are drawn again with fewer pixels while the page would be too large.
+    for dpi in (115, 85, 60):
+        for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
+            if sum(map(len, (*shown, *narrow))) > BUDGET:
+                shown[i] = _encode(render_image(pictures[i].figure, dpi))
     images = {picture.name: pair for picture, *pair in zip(pictures, shown, narrow, strict=True)}
     headline, rest = split_sentence(sentence)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
@@ -211,16 +216,6 @@ def write_bytes(path: Path, content: bytes):
 
 def _encode(image) -> str:
     return base64.b64encode(write_png(reduce_colours(image))).decode("ascii")
-
-
-def _fit_budget(pictures: Sequence[Picture], shown: list[str], budget: int) -> list[str]:
-    """Images as base64; the largest are drawn again with fewer pixels while the page would be too large."""
-    for dpi in (115, 85, 60):
-        for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
-            if sum(map(len, shown)) <= budget:
-                return shown
-            shown[i] = _encode(render_image(pictures[i].figure, dpi))
-    return shown
 
 
 def _read_table(table) -> dict:
