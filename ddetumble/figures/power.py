@@ -37,7 +37,7 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
         if not held:
             continue
         x = shift * np.array([np.sqrt(b["low"] * b["high"]) for b in held])
-        y = np.array([b[key].value for b in held])
+        y = np.array([b[key].share for b in held])
         below, above = ([b[key].low for b in held], [b[key].high for b in held])
         axes.errorbar(x, y, [np.maximum(y - below, 0), np.maximum(above - y, 0)], color=colour, marker=marker, ms=5,
                       lw=1.4, elinewidth=1.0, capsize=2)

@@ -6,11 +6,13 @@ import json
 import math
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
+import filelock
 import numpy as np
 import pydantic
 
@@ -47,6 +49,27 @@ def write_json(path: Path, content: Any) -> None:
     """
     text = json.dumps(make_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_whole(path, lambda draft: draft.write_text(text, encoding="utf-8"))
+
+
+@contextmanager
+def hold_folder(folder: Path, busy: str) -> Iterator[None]:
+    """Make a folder where there is none, and keep other processes out of it.
+
+    Raises:
+        InputError: Another process holds it, as `busy` says, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = filelock.FileLock(folder / ".lock", timeout=0).acquire()
+    except filelock.Timeout:
+        raise InputError(busy, file=folder) from None
+    except OSError as error:
+        raise InputError(f"the folder cannot be written ({error.strerror or error})", file=folder) from None
+    try:
+        yield
+    finally:
+        held.lock.release()
+        (folder / ".lock").unlink(missing_ok=True)
 
 
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
