@@ -79,12 +79,12 @@ def _settle() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
-    def follow() -> None:
-        connection.wait([parent.sentinel])
+    def follow(parent: int) -> None:
+        connection.wait([parent])
         os._exit(1)
 
     if parent is not None:
-        threading.Thread(target=follow, daemon=True).start()
+        threading.Thread(target=follow, args=(parent.sentinel,), daemon=True).start()
 
 
 def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: str) -> Iterator[tuple[int, Any]]:

@@ -120,7 +120,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     outside the catalogue; widths are relative to the true value. Held-out errors are those of the grown model's
     predictions of noise-free tests, over the noise.
     """
-    table = pd.DataFrame([{
+    table: Any = pd.DataFrame([{
         "kind": r["kind"], "verdict": r["verdict"], "fault": r["fault"] or "none",
         "noise": "ar1" if r["noise"]["rho"] else "white", "strength": min(r["strengths"].values(), default=np.inf),
         "alarm": is_alarm(r), "right": is_right(r), "first": is_first(r), "in_set": is_in_set(r),
@@ -132,7 +132,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     nulls, singles, pairs, outside = kinds = [table[table["kind"] == kind] for kind in KINDS]
     sure, sure_pairs = (own[own["strength"] >= SURE_STRENGTH] for own in (singles, pairs))
     inside = table["right"] & (table["kind"] != "outside")
-    intervals = pd.DataFrame([(name, *values) for row, kept in zip(rows, inside, strict=True) if kept
+    intervals: Any = pd.DataFrame([(name, *values) for row, kept in zip(rows, inside, strict=True) if kept
                               for name, values in row["intervals"].items()],
                              columns=["name", "truth", "estimate", "low", "high"])
     intervals["holds"] = (intervals["low"] <= intervals["truth"]) & (intervals["truth"] <= intervals["high"])
@@ -169,7 +169,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def split_share(table: pd.DataFrame, by: str, flag: str) -> dict[str, Share]:
+def split_share(table: Any, by: str, flag: str) -> dict[str, Share]:
     """Shares of a flag by what stands in another column."""
     return {str(name): count_share(own) for name, own in table.groupby(by)[flag]}
 
@@ -184,7 +184,7 @@ def split_effects(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def summarise(values: pd.Series) -> dict[str, float] | None:
+def summarise(values: Any) -> dict[str, float] | None:
     """Median, 90 % quantile and largest of some numbers; nothing where there are none."""
     numbers = values.dropna().astype(float)
     if not len(numbers):

@@ -124,41 +124,34 @@ def name_conditions(names: Sequence[str], rows: Sequence[Sequence[float]], **mor
     return [dict(zip(names, (float(f"{x:.6g}") for x in row), strict=True)) | more for row in rows]
 
 
-def describe_number(name: str, uncertainty: str | None = None) -> dict[str, str]:
-    """Descriptor of a column of numbers; `uncertainty` is one standard deviation with its unit."""
-    found = {"name": name, "type": "number", "unit": UNITS[name][0]}
-    return found if uncertainty is None else found | {"uncertainty": uncertainty}
-
-
 def describe_campaign(campaign: Campaign, source: str = SOURCE) -> dict[str, Any]:
     """Data Package descriptor; source: who made the campaign."""
     stated = campaign.uncertainties
-    records = [{"name": name, "type": "integer"} if name not in UNITS else
-               describe_number(name, f"{100 * stated[name]:g} %" if name in stated else None)
-               for name in campaign.conditions]  # fmt: skip
-    samples = [describe_number(name, f"{stated['time'] * 1e3:g} ms" if name == "time" and name in stated else None)
-               for name in campaign.records[0].along]  # fmt: skip
+
+    def describe(name: str, uncertainty: str = "") -> dict[str, str]:
+        if name not in UNITS:
+            return {"name": name, "type": "integer"}
+        number = {"name": name, "type": "number", "unit": UNITS[name][0]}
+        return number | {"uncertainty": uncertainty} if uncertainty else number
+
+    label = {"name": "record", "type": "string"}
+    records = [label, *(describe(name, f"{100 * stated[name]:g} %" if name in stated else "")
+                        for name in campaign.conditions)]  # fmt: skip
+    samples = [label, *(describe(name, f"{stated['time'] * 1e3:g} ms" if name == "time" and name in stated else "")
+                        for name in campaign.records[0].along)]  # fmt: skip
     for channel, deviation in {**campaign.noise, **campaign.white}.items():
         unit, size = UNITS[channel]
-        samples.append(describe_number(channel, f"{deviation / size:g}" + (f" {unit}" if unit != "1" else "")))
+        samples.append(describe(channel, f"{deviation / size:g}" + (f" {unit}" if unit != "1" else "")))
     key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
-    label = {"name": "record", "type": "string"}
-    schemas = {
-        "records": {"fields": [label, *records], "primaryKey": "record"},
-        "samples": {"fields": [label, *samples], "foreignKeys": [key]},
-    }
+    schemas = {"records": {"fields": records, "primaryKey": "record"},
+               "samples": {"fields": samples, "foreignKeys": [key]}}  # fmt: skip
     return {
-        "name": campaign.name,
-        "title": campaign.title or TITLE.format(campaign.family),
-        "licenses": [{"name": "CC0-1.0"}],
-        "sources": [{"title": source}],
-        "family": campaign.family,
+        "name": campaign.name, "title": campaign.title or TITLE.format(campaign.family),
+        "licenses": [{"name": "CC0-1.0"}], "sources": [{"title": source}], "family": campaign.family,
         "known": campaign.known,
-        "resources": [
-            {"name": table, "path": f"{table}.csv", "format": "csv", "schema": schema}
-            for table, schema in schemas.items()
-        ],
-    }
+        "resources": [{"name": table, "path": f"{table}.csv", "format": "csv", "schema": schema}
+                      for table, schema in schemas.items()],
+    }  # fmt: skip
 
 
 def write_package(folder: Path, campaign: Campaign, source: str = SOURCE) -> None:
@@ -175,14 +168,11 @@ def write_package(folder: Path, campaign: Campaign, source: str = SOURCE) -> Non
         along = [np.round(column, 12) / UNITS[name][1] + 0.0 for name, column in row.along.items()]
         sizes = [UNITS[channel][1] for channel in (*campaign.noise, *campaign.white)]
         for *places, values in zip(*along, row.values / sizes, strict=True):
-            samples.append([row.label, *(f"{x:g}" for x in places), *map(format_cell, values, campaign.digits)])
+            samples.append([row.label, *(f"{x:g}" for x in places), *(
+                "" if np.isnan(x) else f"{np.round(x, digits) + 0.0:.{digits}f}"  # no minus zero
+                for x, digits in zip(values, campaign.digits, strict=True))])  # fmt: skip
     for table, rows in zip(descriptor["resources"], (records, samples), strict=True):
         write_table(folder / table["path"], [field["name"] for field in table["schema"]["fields"]], rows)
-
-
-def format_cell(value: float, digits: int) -> str:
-    """A number as text with so many digits after the point; nothing for nan, no minus zero."""
-    return "" if np.isnan(value) else f"{np.round(value, digits) + 0.0:.{digits}f}"
 
 
 def write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
