@@ -18,7 +18,7 @@ import pandas as pd
 
 from .._display import Progress
 from .._errors import InputError
-from ..inference.files import hold_folder, list_versions, make_plain, write_json, write_whole
+from ..inference.files import claim_folder, hold_folder, list_versions, make_plain, write_json, write_whole
 from .cases import Case, Exam, sample_case, write_case
 from .running import run_all
 from .scoring import describe_failure
@@ -136,7 +136,7 @@ def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: in
         raise InputError("cases are numbered from 0 on", option="--first")
     work = work or partial(run_case, exam, keep=(folder / "kept").resolve() if keep else None)
     with hold_folder(folder, "another process is writing to this exam; wait for it, or name another folder"):
-        check_questions(folder / QUESTIONS, exam)
+        claim_folder(folder / QUESTIONS, "an exam", "exam", exam, versions=list_versions())
         path = folder / ANSWERS
         rows = read_answers(path)
         left = [case for case in dict.fromkeys(cases) if case not in rows]
@@ -167,26 +167,6 @@ def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: in
 def write_row(row: Mapping[str, Any]) -> str:
     """A case as the line of a file."""
     return json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def check_questions(path: Path, exam: Exam) -> None:
-    """Write what is asked into a folder, or compare it with what is there.
-
-    Raises:
-        InputError: The folder holds another exam.
-    """
-    asked = make_plain(exam)
-    if not path.is_file():
-        write_json(path, {"exam": asked, "versions": list_versions()})
-        return
-    try:
-        before = dict(json.loads(path.read_text(encoding="utf-8"))["exam"])
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("is no description of an exam, or a damaged one; name another folder", file=path) from None
-    if before != asked:
-        other = ", ".join(f"{k} {before.get(k)}" for k in asked if before.get(k) != asked[k])
-        raise InputError(f"the folder holds another exam ({other or 'of other settings'}); name another folder, or the "
-                         "same settings to go on", file=path)
 
 
 def read_answers(path: Path) -> dict[int, dict[str, Any]]:

@@ -72,6 +72,40 @@ def hold_folder(folder: Path, busy: str) -> Iterator[None]:
         (folder / ".lock").unlink(missing_ok=True)
 
 
+def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> None:
+    """Write into a file what a folder holds, or see that it holds the same already.
+
+    Args:
+        path: of the file.
+        what: the folder holds, such as `a chain`.
+        key: of `asked` in the file.
+        asked: what has to be the same for those who go on: a record or a mapping.
+        more: what stands in the file beside it; a `schema` has to be the same, too.
+
+    Raises:
+        InputError: The folder holds something else, or the file is damaged.
+    """
+    content = make_plain({**more, key: asked})
+    if not path.is_file():
+        write_json(path, content)
+        return
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        there, now = ({"schema": one.get("schema"), **one[key]} for one in (found, content))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"this is no description of {what}, or a damaged one; name another folder", file=path
+                         ) from None
+    different = []
+    for name in sorted({*there, *now}):
+        a, b = there.get(name), now.get(name)
+        if a != b:
+            short = all(len(str(x)) < 40 for x in (a, b))
+            different.append(f"{name} is {a!r} there and {b!r} now" if short else f"{name} differs")
+    if different:
+        raise InputError(f"the folder holds {what} of something else: {'; '.join(different)}. Name another folder, or "
+                         "remove this one to begin again", file=path)
+
+
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
     """Content of a JSON file that the toolkit wrote.
 

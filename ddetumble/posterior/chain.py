@@ -7,7 +7,6 @@ ensemble's chain and random state, but neither the adapted proposal nor NUTS, an
 import contextlib
 import dataclasses as dc
 import io
-import json
 import os
 import zipfile
 from abc import ABC, abstractmethod
@@ -19,7 +18,7 @@ import numpy as np
 
 from .._display import Progress
 from .._errors import InputError
-from ..inference.files import hold_folder, make_plain, write_json, write_whole
+from ..inference.files import claim_folder, hold_folder, write_whole
 from .diagnostics import judge_chains
 from .result import Posterior, summarise_posterior
 from .target import AbstractTarget
@@ -124,10 +123,7 @@ def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings:
         def join(name: str) -> np.ndarray:
             return np.concatenate([block[name] for block in blocks], axis=1)
 
-        def count_steps() -> int:
-            return sum(block["x"].shape[1] for block in blocks)
-
-        resumed = done = count_steps()
+        resumed = done = sum(block["x"].shape[1] for block in blocks)
         if blocks:
             runner.resume(blocks[-1])
         convergence = judge_chains(join("x")[:, burn:] if blocks else np.zeros((1, 0, 1, free)), settings.effective)
@@ -143,7 +139,7 @@ def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings:
             if folder is not None:
                 write_arrays(_name_block(folder, len(blocks)), block)
             blocks.append(block)
-            done = count_steps()
+            done += block["x"].shape[1]
             share = max(convergence.effective / settings.effective, (done - burn) / settings.most)
             far = (f"{convergence.effective:.0f} independent draws, R-hat {convergence.rhat:.3f}"
                    if np.isfinite(convergence.rhat) else "settling")
@@ -174,7 +170,10 @@ def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[lis
     with hold_folder(folder, "another process is sampling into this folder; wait for it, or name another folder"):
         for part in folder.glob(".*.part"):  # a write that was cut off
             part.unlink(missing_ok=True)
-        _check_plan(folder, make_plain(identity))
+        for old in folder.glob("block-*.npz") if not (folder / PLAN).is_file() else ():
+            raise InputError("the folder holds blocks of a chain without its plan; remove them, or name another folder",
+                             file=old)  # nobody knows what they are of
+        claim_folder(folder / PLAN, "a chain", "identity", identity, schema=SCHEMA)
         blocks: list[Block] = []
         while (file := _name_block(folder, len(blocks))).is_file():
             blocks.append(read_arrays(file))
@@ -183,33 +182,6 @@ def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[lis
 
 def _name_block(folder: Path, number: int) -> Path:
     return folder / f"block-{number:06d}.npz"
-
-
-def _check_plan(folder: Path, identity: dict[str, Any]) -> None:
-    """Write what the chain is of, or compare it with what is there."""
-    plan = folder / PLAN
-    if not plan.is_file():
-        for old in folder.glob("block-*.npz"):  # without its plan nobody knows what it is of
-            raise InputError("the folder holds blocks of a chain without its plan; remove them, or name another "
-                             "folder", file=old)
-        write_json(plan, {"schema": SCHEMA, "identity": identity})
-        return
-    try:
-        found = json.loads(plan.read_text(encoding="utf-8"))
-        there, schema = dict(found["identity"]), found["schema"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("this is no plan of a chain; remove the folder, or name another", file=plan) from None
-    if schema != SCHEMA:
-        raise InputError(f"the chain is of another version ({schema}); name another folder", file=plan)
-    different = []
-    for name in sorted({*there, *identity}):
-        a, b = there.get(name), identity.get(name)
-        if a != b:
-            short = all(len(str(x)) < 40 for x in (a, b))
-            different.append(f"{name} is {a!r} there and {b!r} now" if short else f"{name} differs")
-    if different:
-        raise InputError(f"the folder holds a chain of something else: {'; '.join(different)}. Name another folder, "
-                         "or remove this one to begin again", file=plan)
 
 
 def write_arrays(path: Path, arrays: Block) -> None:

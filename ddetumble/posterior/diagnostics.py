@@ -21,26 +21,16 @@ FEWEST = 8  # steps, in halves of halves of which there is still a variance
 
 @dc.dataclass(frozen=True, eq=False)
 class Convergence:
-    """How good chains are.
+    """How good chains are."""
 
-    Attributes:
-        steps: of each ensemble.
-        times: steps of one walker worth one draw, longest over the ensembles, shape (free,).
-        sizes: effective size of each parameter, shape (free,).
-        rhats: R-hat of each parameter between the ensembles, shape (free,).
-        effective, rhat: worst of them.
-        enough: whether the wanted size is reached, the ensembles agree, and steps are many autocorrelation times.
-        lacking: what is not, in words.
-    """
-
-    steps: int
-    times: np.ndarray
-    sizes: np.ndarray
-    rhats: np.ndarray
-    effective: float
+    steps: int  # of each ensemble
+    times: np.ndarray  # steps of one walker worth one draw, longest over the ensembles, shape (free,)
+    sizes: np.ndarray  # effective size of each parameter, shape (free,)
+    rhats: np.ndarray  # R-hat of each parameter between the ensembles, shape (free,)
+    effective: float  # worst of them
     rhat: float
-    enough: bool
-    lacking: str
+    enough: bool  # whether the wanted size is reached, the ensembles agree, and steps are many autocorrelation times
+    lacking: str  # what is not, in words
 
 
 def measure_times(x: np.ndarray) -> np.ndarray:

@@ -31,40 +31,24 @@ WAYS = {"draws": "draws reweighted", "refit": "refitted without it"}
 
 @dc.dataclass(frozen=True)
 class Score:
-    """One condition left out.
+    """One condition left out."""
 
-    Attributes:
-        conditions: mean settings, SI.
-        records: keys of its records.
-        elpd: logarithm of the predictive density of its records, from all others.
-        pareto_k: shape of the tail of the weights: up to 0.7 they can be trusted.
-        way: `draws`, reweighted, or `refit`, without the condition.
-        trusted: whether the weights that were used can be trusted.
-    """
-
-    conditions: Mapping[str, float]
-    records: tuple[str, ...]
-    elpd: float
-    pareto_k: float
-    way: str
-    trusted: bool
+    conditions: Mapping[str, float]  # mean settings, SI
+    records: tuple[str, ...]  # keys
+    elpd: float  # logarithm of the predictive density of its records, from all others
+    pareto_k: float  # shape of the tail of the weights
+    way: str  # `draws`, reweighted, or `refit`, without the condition
+    trusted: bool  # whether the weights that were used can be trusted
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Scores:
-    """All conditions, each left out once.
-
-    Attributes:
-        scores: of every condition.
-        elpd: their sum.
-        standard_error: of the sum, from the scatter between conditions.
-        text: how they were computed.
-    """
+    """All conditions, each left out once."""
 
     scores: tuple[Score, ...]
-    elpd: float
-    standard_error: float
-    text: str
+    elpd: float  # their sum
+    standard_error: float  # of the sum, from the scatter between conditions
+    text: str  # how they were computed
 
     @property
     def values(self) -> np.ndarray:

@@ -35,68 +35,41 @@ STATISTICS = {"chi_square": "chi-square", "largest": "largest residual", "lag": 
 
 @dc.dataclass(frozen=True)
 class RecordCheck:
-    """One record against its replicates.
+    """One record against its replicates; statistics are means over the draws."""
 
-    Attributes:
-        record: its key; `conditions` its settings, SI.
-        samples: how many were measured.
-        chi_square, largest, lag: the statistics, mean over the draws: chi-square per degree of freedom, largest
-            whitened residual, correlation of neighbouring whitened residuals.
-        p_values: of each, by name.
-    """
-
-    record: str
-    conditions: Mapping[str, float]
-    samples: int
-    chi_square: float
-    largest: float
-    lag: float
-    p_values: Mapping[str, float]
+    record: str  # its key
+    conditions: Mapping[str, float]  # SI
+    samples: int  # how many were measured
+    chi_square: float  # per degree of freedom
+    largest: float  # whitened residual
+    lag: float  # correlation of neighbouring whitened residuals
+    p_values: Mapping[str, float]  # by statistic
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Replicates:
-    """Records that the fitted model would make.
-
-    Attributes:
-        channels: their names.
-        time: independent variable, shape (records, samples).
-        measured: shape (records, channels, samples), SI; nan where nothing was measured.
-        values: shape (draws, records, channels, samples), SI.
-    """
+    """Records that the fitted model would make, SI."""
 
     channels: tuple[str, ...]
-    time: np.ndarray
-    measured: np.ndarray
-    values: np.ndarray
+    time: np.ndarray  # independent variable, shape (records, samples)
+    measured: np.ndarray  # shape (records, channels, samples); nan where nothing was measured
+    values: np.ndarray  # shape (draws, records, channels, samples)
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Checks:
-    """Posterior predictive checks of all records.
-
-    Attributes:
-        records: each record's.
-        draws: of the parameters.
-        totals: p-values over all records together, by statistic.
-        smallest: smallest p-value of any comparison; `comparisons` their number.
-        p_value: of all comparisons together, corrected for their number.
-        rejected: whether the records do not look like what the model makes.
-        outstanding: records that stand out by themselves after the correction.
-        sentence: what that means.
-        replicates: some of the replicated records.
-    """
+    """Posterior predictive checks of all records."""
 
     records: tuple[RecordCheck, ...]
-    draws: int
-    totals: Mapping[str, float]
-    smallest: float
+    draws: int  # of the parameters
+    totals: Mapping[str, float]  # p-values over all records together, by statistic
+    smallest: float  # p-value of any comparison
     comparisons: int
-    p_value: float
-    rejected: bool
-    outstanding: tuple[str, ...]
-    sentence: str
-    replicates: Replicates
+    p_value: float  # of all comparisons together, corrected for their number
+    rejected: bool  # whether the records do not look like what the model makes
+    outstanding: tuple[str, ...]  # records that stand out by themselves after the correction
+    sentence: str  # what that means
+    replicates: Replicates  # some of the replicated records
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the replicates."""
@@ -119,12 +92,8 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nuisances of every record given parameters, and the records that these make.
 
-    From their Gaussian; where the model is not linear in them one of a few draws is chosen, by its density.
-
-    Args:
-        target: the posterior.
-        x: coordinates, shape (draws, free).
-        rng: random numbers.
+    From their Gaussian at coordinates x, shape (draws, free); where the model is not linear in them one of a few draws
+    is chosen, by its density.
 
     Returns:
         Nuisances, shape (draws, records, nuisances); whitened residuals, shape (draws, records, rows); channels, shape
@@ -148,18 +117,10 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
     return z, residual, model
 
 
-def check_posterior(target: CampaignTarget, x: np.ndarray, seed: int = 0,
-                    report: Progress = lambda text, share: None) -> Checks:
-    """Hold every record against replicates of it.
-
-    Args:
-        target: the posterior.
-        x: draws of the coordinates, shape (draws, free).
-        seed: of the replicates.
-        report: called with a sentence and the share done.
-    """
+def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = lambda text, share: None) -> Checks:
+    """Hold every record against replicates of it, from draws of the coordinates, shape (draws, free)."""
     report("replicating the records", 0.0)
-    rng = np.random.default_rng([seed, 7])
+    rng = np.random.default_rng([0, 7])  # of its own
     z, residual, model = draw_nuisances(target, x, rng)
     stack, draws = target.records.stack, len(residual)
     weights, taps = np.asarray(stack.weights), np.asarray(stack.taps)

@@ -32,25 +32,17 @@ STATISTICS = {"accepted": "{:.0%} of the moves accepted", "evaluations": "{} eva
 
 @dc.dataclass(frozen=True)
 class Estimate:
-    """One parameter, in its public unit.
-
-    Attributes:
-        mean, sd, q025, q50, q975: of the draws.
-        mcse: Monte Carlo error of the mean.
-        effective: independent draws; rhat: agreement of the ensembles or chains.
-        fit, fit_sd: value and standard deviation of the fit beside it.
-        unit: of all of them.
-    """
+    """One parameter, in its public unit: mean, deviation and quantiles of the draws."""
 
     mean: float
     sd: float
     q025: float
     q50: float
     q975: float
-    mcse: float
-    effective: float
-    rhat: float
-    fit: float
+    mcse: float  # Monte Carlo error of the mean
+    effective: float  # independent draws
+    rhat: float  # agreement of the ensembles or chains
+    fit: float  # value and standard deviation of the fit beside it
     fit_sd: float
     unit: str
 
@@ -70,7 +62,7 @@ class Posterior(AbstractPrinted):
         parameters: summaries by name.
         state: a sentence.
         notes: further sentences.
-        log_likelihood: of every part at some draws (`scored`), shape (ensembles, draws, parts); where it was examined.
+        log_likelihood: of every part at some draws (`score`), shape (ensembles, draws, parts); where it was examined.
         predictive: posterior predictive checks; of campaigns only, where it was examined.
         left_out: scores of left-out conditions, where it was examined.
     """
@@ -108,15 +100,14 @@ class Posterior(AbstractPrinted):
         rng = np.random.default_rng(seed)
         return flat[rng.choice(len(flat), size=count, replace=count > len(flat))]
 
-    def thinned(self, most: int = MOST_DRAWS) -> tuple[np.ndarray, np.ndarray]:
+    def thinned(self) -> tuple[np.ndarray, np.ndarray]:
         """Every so many steps: x, shape (ensembles, draws, free), and log density, shape (ensembles, draws).
 
         An ensemble is one chain here, its walkers' ways one behind another, as only ensembles are independent.
         """
-        ensembles, _, _, free = self.x.shape
-        every = max(1, -(-self.log_density.size // most))
-        x, value = self.x[:, ::every], self.log_density[:, ::every]
-        return np.moveaxis(x, 2, 1).reshape(ensembles, -1, free), np.moveaxis(value, 2, 1).reshape(ensembles, -1)
+        every = max(1, -(-self.log_density.size // MOST_DRAWS))
+        x, value = (np.moveaxis(own[:, ::every], 2, 1) for own in (self.x, self.log_density))
+        return x.reshape(len(x), -1, x.shape[-1]), value.reshape(len(x), -1)
 
     def score(self) -> tuple[np.ndarray, np.ndarray]:
         """Some of the thinned draws, shape (draws, free), and the logarithm of every part's likelihood at them, shape

@@ -8,7 +8,6 @@ model adds to a prediction, not how probable it is: of two that predict alike, a
 
 import dataclasses as dc
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +19,7 @@ from scipy import optimize
 
 from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
+from .._settings import list_shipped
 from ..contact.effect import AbstractEffect
 from ..inference.archive import Model, load
 from ..inference.bounded import solve_bounded
@@ -56,26 +56,16 @@ Rivals = Sequence[str | Sequence[str | type[AbstractEffect]]]
 
 @dc.dataclass(frozen=True, eq=False)
 class Rival:
-    """One model of a set.
+    """One model of a set."""
 
-    Attributes:
-        name: its effects joined by `+`, or `reference`; `folder` that its fit goes into.
-        fit: its fit, all rivals under the same noise.
-        scores: left-out conditions.
-        weight: by stacking.
-        difference: of its elpd from that of the best; negative or 0.
-        standard_error: of the difference, from its scatter over conditions.
-        outcome: the comparison with the best, as `judge_difference` names it; `best` of the best itself.
-    """
-
-    name: str
-    folder: str
-    fit: Fit
-    scores: Scores
-    weight: float
-    difference: float
-    standard_error: float
-    outcome: Outcome
+    name: str  # its effects joined by `+`, or `reference`
+    folder: str  # that its fit goes into
+    fit: Fit  # all rivals under the same noise
+    scores: Scores  # left-out conditions
+    weight: float  # by stacking
+    difference: float  # of its elpd from that of the best; negative or 0
+    standard_error: float  # of the difference, from its scatter over conditions
+    outcome: Outcome  # of the comparison with the best (`compare_rivals`)
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
@@ -138,12 +128,7 @@ class ModelWeights(AbstractPrinted):
         # Weights of an earlier set must not stand beside the fits of this one.
         (folder / FILE).unlink(missing_ok=True)
         for one in self.rivals:
-            target = folder / one.folder
-            if target.is_symlink() or (target.exists() and not target.is_dir()):
-                raise InputError("is in the way; remove it, or name another folder", file=target)
-            if target.is_dir() and not any(target.iterdir()):
-                shutil.rmtree(target)
-            one.fit.save(target)
+            one.fit.save(folder / one.folder)
         write_json(folder / FILE, self.to_dict())
         return folder
 
@@ -157,8 +142,7 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         source: fits of one campaign (`[found.best, *found.rivals]`); a discovery, or a folder that `discover` wrote,
             whose model and those that its last step could not tell from it are the rivals; or a campaign or its folder.
         models: the rivals, where the source is a campaign: of each the effects that extend the reference model, as a
-            list, or as a text with commas;
-            `none` for the reference model alone.
+            list, or as a text with commas; `none` for the reference model alone.
         model: reference model, as for `fit`.
         campaign: of which a folder of `discover` speaks.
         progress: called with a sentence and the share done.
@@ -180,14 +164,16 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
         if models:
             raise InputError("the folder says which models are rivals; leave out the effects, or name the campaign "
                              "itself", file=source)
-        model, rivals, campaign_name, sha256 = read_discovery(Path(source))
-        if campaign is None:
-            raise InputError(f"the result does not hold the campaign {campaign_name!r}; name its folder (--campaign)",
-                             file=source)
-        measured = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+        model, rivals, name, sha256 = read_discovery(Path(source))
+        if campaign is None and name not in list_shipped():
+            raise InputError(f"the result does not hold the campaign {name!r} that it is about; name its folder with "
+                             "--campaign", file=source)
+        measured = campaign if isinstance(campaign, Campaign) else read_campaign(campaign or name)
         if measured.sha256 != sha256:
-            notes.append(f"The campaign is not the one, byte for byte, that discover looked at ({campaign_name}).")
+            notes.append(f"The campaign is not the one, byte for byte, that discover looked at ({name}).")
     else:
+        if campaign is not None:
+            raise InputError("--campaign goes with a folder that discover wrote")
         measured = source if isinstance(source, Campaign) else read_campaign(source)
         rivals = [split_effects(one) if isinstance(one, str) else tuple(one) for one in models]
     if len(rivals) < 2:

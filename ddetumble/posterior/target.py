@@ -50,44 +50,26 @@ CURVED = 0.05  # standard deviation, over these, of what the linear integral is 
 
 
 class Plan(eqx.Module):
-    """What the likelihood needs beside the parameters: arrays only, so that it is an argument of compiled programs.
+    """What the likelihood needs beside the parameters: arrays only, so that it is an argument of compiled programs."""
 
-    Attributes:
-        stack: the records.
-        base: coordinates of all parameters of the space at the fit, shape (parameters,).
-        directions: rows of the identity that belong to the free parameters, shape (free, parameters).
-        low, high: limits of the model, shape (parameters,).
-        centre: coordinates of the free parameters at the fit, shape (free,).
-        own: best nuisances at the fit, shape (records, nuisances).
-        slope: change of these by the free coordinates, shape (records, nuisances, free).
-        nodes: standard normal points of the importance sampling, shape (points, nuisances); no points: linear.
-        constant: normalisation of each record's Gaussian, shape (records,).
-    """
-
-    stack: Stack
-    base: Array
-    directions: Array
-    low: Array
+    stack: Stack  # the records
+    base: Array  # coordinates of all parameters of the space at the fit, shape (parameters,)
+    directions: Array  # rows of the identity that belong to the free parameters, shape (free, parameters)
+    low: Array  # limits of the model, shape (parameters,)
     high: Array
-    centre: Array
-    own: Array
-    slope: Array
-    nodes: Array
-    constant: Array
+    centre: Array  # coordinates of the free parameters at the fit, shape (free,)
+    own: Array  # best nuisances at the fit, shape (records, nuisances)
+    slope: Array  # change of these by the free coordinates, shape (records, nuisances, free)
+    nodes: Array  # standard normal points of the importance sampling, shape (points, nuisances); no points: linear
+    constant: Array  # normalisation of each record's Gaussian, shape (records,)
 
 
 class Integral(NamedTuple):
-    """Integrals over the nuisances of records.
+    """Integrals over the nuisances of records."""
 
-    Attributes:
-        value: logarithm of the likelihood, -inf where the model failed, shape (points, records).
-        mean: of the nuisances given the parameters, shape (points, records, nuisances).
-        factor: Cholesky factor of their precision $A$, shape (points, records, nuisances, nuisances).
-    """
-
-    value: Array
-    mean: Array
-    factor: Array
+    value: Array  # logarithm of the likelihood, -inf where the model failed, shape (points, records)
+    mean: Array  # of the nuisances given the parameters, shape (points, records, nuisances)
+    factor: Array  # Cholesky factor of their precision A, shape (points, records, nuisances, nuisances)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -139,39 +121,23 @@ def map_blocks(function: Callable[..., Any], size: int, *arrays: np.ndarray) -> 
 
 @dc.dataclass(frozen=True, eq=False, kw_only=True)
 class AbstractTarget(ABC):
-    """A posterior density.
+    """A posterior density."""
 
-    Attributes:
-        title: what is sampled, in words.
-        names, units: of the parameters.
-        coordinates: kind of each: `linear`, `log`, `logit` or `inverse`; priors are flat in these where none is given.
-        centre: coordinates of the fit, shape (free,).
-        covariance: of the coordinates by the fit, shape (free, free).
-        low, high: limits of the coordinates, shape (free,).
-        priors: Gaussian (mean, sd) of coordinates by name.
-        parts: what the likelihood is a product over: keys of the records.
-        groups: number of the condition of every part, shape (parts,).
-        conditions: mean settings of every condition, SI.
-        identity: what makes this target, for those who go on with a chain: plain data.
-        notes: sentences.
-        costly: whether each point costs as much as those of a sampled integral.
-    """
-
-    title: str
-    names: tuple[str, ...]
+    title: str  # what is sampled, in words
+    names: tuple[str, ...]  # of the parameters
     units: tuple[str, ...]
-    coordinates: tuple[str, ...]
-    centre: np.ndarray
-    covariance: np.ndarray
-    low: np.ndarray
+    coordinates: tuple[str, ...]  # `linear`, `log`, `logit` or `inverse`; priors are flat in these where none is given
+    centre: np.ndarray  # coordinates of the fit, shape (free,)
+    covariance: np.ndarray  # of the coordinates by the fit, shape (free, free)
+    low: np.ndarray  # limits of the coordinates, shape (free,)
     high: np.ndarray
-    priors: Mapping[str, tuple[float, float]]
-    parts: tuple[str, ...]
-    groups: np.ndarray
-    conditions: Sequence[Mapping[str, float]]
-    identity: Mapping[str, Any]
-    notes: tuple[str, ...] = ()
-    costly: bool = False
+    priors: Mapping[str, tuple[float, float]]  # Gaussian (mean, sd) of coordinates by name
+    parts: tuple[str, ...]  # what the likelihood is a product over: keys of the records
+    groups: np.ndarray  # number of the condition of every part, shape (parts,)
+    conditions: Sequence[Mapping[str, float]]  # mean settings of every condition, SI
+    identity: Mapping[str, Any]  # what makes this target, for those who go on with a chain: plain data
+    notes: tuple[str, ...] = ()  # sentences
+    costly: bool = False  # whether each point costs as much as those of a sampled integral
 
     @abstractmethod
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
@@ -239,21 +205,13 @@ class AbstractTarget(ABC):
 @final
 @dc.dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignTarget(AbstractTarget):
-    """Posterior of a model fitted to a campaign, each record's nuisances integrated out; parts are records.
+    """Posterior of a model fitted to a campaign, each record's nuisances integrated out; parts are records."""
 
-    Attributes:
-        fit: it comes from.
-        space: the reference model with the effects of the fit alone.
-        records: stacked, without padding beyond a few samples.
-        plan: arrays of the likelihood.
-        curved: by how much the linear integral is off from point to point, in logarithms of the likelihood.
-    """
-
-    fit: Fit
-    space: ParameterSpace
-    records: Records
-    plan: Plan
-    curved: float = 0.0
+    fit: Fit  # it comes from
+    space: ParameterSpace  # the reference model with the effects of the fit alone
+    records: Records  # stacked, without padding beyond a few samples
+    plan: Plan  # arrays of the likelihood
+    curved: float = 0.0  # by how much the linear integral is off from point to point, in logarithms of the likelihood
 
     def integrate(self, x: np.ndarray) -> Integral:
         """The integrals over every record's nuisances at points of shape (points, free); many go in blocks."""
@@ -366,21 +324,13 @@ def _judge_linearity(target: CampaignTarget) -> CampaignTarget:
 @final
 @dc.dataclass(frozen=True, eq=False, kw_only=True)
 class CurveTarget(AbstractTarget):
-    """Posterior of the coefficients of a curve with independent Gaussian errors.
+    """Posterior of the coefficients of a curve with independent Gaussian errors."""
 
-    Attributes:
-        rows: whitened residual of coordinates and data, in JAX; lives at the top of a module.
-        data: whatever `rows` takes.
-        weight: logarithm of a further factor of the prior, of coordinates and data; None for one.
-        values: public values from coordinates and data; None where each coordinate gives its own.
-        labels: number of the part to which every row belongs, shape (rows,); None where the curve is one part.
-    """
-
-    rows: Callable[[Array, Any], Array]
-    data: Any
-    weight: Callable[[Array, Any], Array] | None = None
-    values: Callable[[Array, Any], Array] | None = None
-    labels: np.ndarray | None = None
+    rows: Callable[[Array, Any], Array]  # whitened residual of coordinates and data, in JAX; at the top of a module
+    data: Any  # whatever `rows` takes
+    weight: Callable[[Array, Any], Array] | None = None  # logarithm of a further factor of the prior
+    values: Callable[[Array, Any], Array] | None = None  # public values, where each coordinate does not give its own
+    labels: np.ndarray | None = None  # number of every row's part, shape (rows,); None where the curve is one part
 
     def prior(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it, times the further factor."""

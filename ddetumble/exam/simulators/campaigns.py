@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses as dc
+import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,57 +26,38 @@ DIGITS = {"normal_load": 4, "slip_speed": 4}  # after the point, of conditions i
 
 @dc.dataclass(frozen=True)
 class Record:
-    """One test: its label, the true conditions and the written ones, the shift of its clock (s), and its samples.
-
-    Attributes:
-        along: columns that have no noise (time, slip), by name, SI.
-        values: of the channels with noise, shape (samples, channels), SI.
-    """
+    """One test: true conditions and written ones, and its samples, SI."""
 
     label: str
     true: dict[str, Any]
     written: dict[str, Any]
-    shift: float
-    along: dict[str, np.ndarray]
-    values: np.ndarray
+    shift: float  # of its clock, s
+    along: dict[str, np.ndarray]  # columns without noise: time, slip
+    values: np.ndarray  # of the channels, shape (samples, channels)
 
 
 @dc.dataclass(frozen=True)
 class Campaign:
-    """What a campaign is made of; `records` are empty until `draw_records` has made them.
-
-    Attributes:
-        name, family: of the package.
-        seed: of everything that is drawn.
-        effects, base: hidden effects and parameters of the reference model.
-        known: what the package states of these parameters, None where a fit has to find them.
-        conditions: columns of the table of records.
-        uncertainties: one standard deviation by condition, relative, and of `time`, s; conditions without are exact.
-        noise: standard deviation by channel, SI.
-        white: the same of channels whose noise is always white, which come after the others.
-        digits: after the point, by channel, in the files' units.
-        place: from conditions, where the simulator reads (time or path), and the columns `Record.along`.
-        read: from true conditions and such places, noise-free channels, shape (samples, channels).
-        rho, white_share: of `draw_noise`.
-        setting_scatter: relative scatter of true conditions about nominal ones.
-    """
+    """What a campaign is made of; `records` are empty until `draw_records` has made them."""
 
     name: str
     family: str
-    seed: int
-    effects: Mapping[str, Mapping[str, Any]]
-    base: Mapping[str, float]
-    known: Mapping[str, Any]
-    conditions: tuple[str, ...]
-    uncertainties: Mapping[str, float]
-    noise: Mapping[str, float]
-    digits: Sequence[int]
+    seed: int  # of everything that is drawn
+    effects: Mapping[str, Mapping[str, Any]]  # hidden ones
+    base: Mapping[str, float]  # parameters of the reference model
+    known: Mapping[str, Any]  # what the package states of these, None where a fit has to find them
+    conditions: tuple[str, ...]  # columns of the table of records
+    uncertainties: Mapping[str, float]  # one standard deviation: relative, of `time` in s; conditions without are exact
+    noise: Mapping[str, float]  # standard deviation by channel, SI
+    digits: Sequence[int]  # after the point, by channel, in the files' units
+    # From nominal conditions, where the simulator reads (time or path), and the columns `Record.along`.
     place: Callable[[Mapping[str, Any]], tuple[np.ndarray, dict[str, np.ndarray]]]
+    # From true conditions and such places, noise-free channels, shape (samples, channels).
     read: Callable[[Mapping[str, Any], np.ndarray], np.ndarray]
-    rho: float = 0.0
+    rho: float = 0.0  # of `draw_noise`, like the next
     white_share: float = 0.0
-    setting_scatter: float = 0.0
-    white: Mapping[str, float] = dc.field(default_factory=dict)
+    setting_scatter: float = 0.0  # relative, of true conditions about nominal ones
+    white: Mapping[str, float] = dc.field(default_factory=dict)  # `noise` that is always white: channels that come last
     title: str = ""
     records: Sequence[Record] = ()
 
@@ -106,9 +88,10 @@ def draw_records(campaign: Campaign, generator: np.random.Generator, tests: Sequ
     return dc.replace(campaign, records=records)
 
 
-def order_tests(generator: np.random.Generator, names: Sequence[str], plan: Sequence[Sequence[float]]
-                ) -> list[dict[str, Any]]:
-    """Nominal conditions of the planned tests in the random order in which they are done, numbered by `sequence`."""
+def order_tests(generator: np.random.Generator, names: Sequence[str], settings: Sequence[Sequence[float]],
+                repeats: int = 1) -> list[dict[str, Any]]:
+    """Nominal conditions: every setting with every other in random order, numbered by `sequence`."""
+    plan = list(itertools.product(*settings)) * repeats
     return [dict(zip(names, plan[k], strict=True)) | {"sequence": j}
             for j, k in enumerate(generator.permutation(len(plan)), start=1)]  # fmt: skip
 

@@ -39,6 +39,24 @@ def share_logarithms(base: Mapping[str, float], names: Sequence[str]
     return np.zeros(len(names)), move
 
 
+def refer_tests(base, shared, tests, places, uncertainties, read):
+    """Return the `Reference` of tests at some conditions.
+
+    Each record's own are relative errors of its conditions and its time shift (s), which have their stated uncertainty
+    as a prior. shared: `start` and `move`; places: where each record is read; read: readings over noise from
+    parameters, effects, conditions and such places.
+    """
+    prior, (start, move) = np.array(list(uncertainties.values())), shared
+
+    def read_moved(i, model, effects, own):
+        errors = dict(zip(uncertainties, prior * own, strict=True))
+        shift = errors.pop("time", 0.0)
+        moved = {c: tests[i][c] * (1.0 + x) for c, x in errors.items()}
+        return read(model, effects, tests[i] | moved, places[i] + shift).ravel()
+
+    return Reference(base, start, move, read_moved, len(tests), len(prior))
+
+
 def differentiate(reference, i, shared, own):
     """Return the derivatives of record i's readings by the shared parameters and by its own nuisances."""
     here = reference.read(i, reference.move(shared), {}, own)
