@@ -70,9 +70,7 @@ def compare(options):
               f"{chains.convergence.effective:.0f} independent draws", flush=True)
     peer = Peer(module, locate(options.campaign), target, fitted)
     rng = np.random.default_rng(0)
-    from ddetumble.posterior.target import draw_inside
-
-    x = draw_inside(target, rng, 20)
+    x = target.draw_inside(rng, 20)
     theirs, mine = np.array([peer.log_density(one) for one in x]), target.log_density(x)
     off = float(np.ptp(theirs - mine))
     print(f"same target: over 20 draws the two densities differ by a constant within {off:.2g}")

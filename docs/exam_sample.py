@@ -20,7 +20,7 @@ import numpy as np
 
 from ddetumble.cli.failures import run_guarded
 from ddetumble.exam.cases import Case, Exam
-from ddetumble.exam.examination import judge_case
+from ddetumble.exam.examination import run_case
 from ddetumble.exam.running import run_all
 from ddetumble.inference.files import list_versions, write_json
 from ddetumble.reports.page import write_bytes
@@ -52,7 +52,7 @@ def sit_one(exams: dict[str, Exam], questions: list[tuple[str, dict[str, Any]]],
     """One case of the sample, as its committed row describes it."""
     name, row = questions[job]
     asked = {field.name: row[field.name] for field in dc.fields(Case)}
-    return judge_case(exams[name], Case(**asked)) | {"exam": name}
+    return run_case(exams[name], Case(**asked)) | {"exam": name}
 
 
 def compare_rows(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:

@@ -24,7 +24,6 @@ from ddetumble.posterior.chain import Settings, run_chains
 from ddetumble.posterior.diagnostics import compare_ensembles, judge_chains, measure_times
 from ddetumble.posterior.ensemble import Ensembles, mix_moves
 from ddetumble.posterior.proposal import Mixture
-from ddetumble.posterior.target import draw_inside
 
 
 BASE = {"adhesion_constant": 0.9, "loss_factor": 0.16, "slip_scale": 1.0}
@@ -79,7 +78,7 @@ def pose_line(**more):
 def test_the_integral_is_that_of_quadrature(target):
     """One record's nuisances (load and pressure) by Gauss-Hermite quadrature of the model as it is."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(16)
-    x = draw_inside(target, np.random.default_rng(1), 1)
+    x = target.draw_inside(np.random.default_rng(1), 1)
     plan, records = target.plan, target.records
     moving = np.flatnonzero(np.asarray(plan.stack.condition_sd)[0] > 0)
     assert len(moving) == 2
@@ -107,19 +106,16 @@ def test_the_integral_is_that_of_quadrature(target):
 
 
 def test_sampled_integral_agrees_with_the_linear_one(target):
-    import equinox as eqx
-
-    from ddetumble.posterior.target import draw_nodes, integrate_nuisances
-
     assert target.curved < 0.05 and "analytically" in target.notes[0]
-    x = draw_inside(target, np.random.default_rng(4), 5)
-    plan = eqx.tree_at(lambda p: p.nodes, target.plan, jnp.asarray(draw_nodes(64, target.plan.own.shape[1])))
-    found = integrate_nuisances(target.space, target.records.nuisances, target.records.channels, jnp.asarray(x), plan)
-    np.testing.assert_allclose(np.asarray(found.value).sum(axis=1), target.likelihoods(x).sum(axis=1), atol=0.05)
+    x = target.draw_inside(np.random.default_rng(4), 5)
+    nodes = stats.norm.ppf(stats.qmc.Sobol(target.plan.own.shape[1], rng=np.random.default_rng(0)).random(32))
+    plan = dc.replace(target.plan, nodes=jnp.asarray(np.concatenate([nodes, -nodes])))
+    found = dc.replace(target, plan=plan).likelihoods(x)
+    np.testing.assert_allclose(found.sum(axis=1), target.likelihoods(x).sum(axis=1), atol=0.05)
 
 
 def test_the_density_near_the_fit_is_the_fits_gaussian(target, fitted):
-    x = draw_inside(target, np.random.default_rng(0), 40)
+    x = target.draw_inside(np.random.default_rng(0), 40)
     shift = x - target.centre
     quadratic = -0.5 * np.einsum("ij,jk,ik->i", shift, np.linalg.inv(target.covariance), shift)
     assert np.std(target.log_density(x) - quadratic) < 0.5

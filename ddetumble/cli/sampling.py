@@ -1,13 +1,11 @@
 """Commands about posteriors and rival models: `sample` and `average`."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .._errors import InputError
-from .._settings import list_shipped
 from .options import (
     Effects,
     Fittable,
@@ -97,45 +95,20 @@ def average_models(
     """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages
     over them. A folder of discover has rivals where its sentence names effects that it could not tell apart.
     """
-    path = Path(source) if (Path(source) / "result.json").is_file() else locate_campaign(source)
-    found = (path / "result.json").is_file()
+    found = (Path(source) / "result.json").is_file()
     if found and (effect or model or effects_from):
         raise InputError("the folder says which models are rivals; leave out --effect, --effects-from and --model",
                          file=source)
-    if not found and campaign is not None:
-        raise InputError("--campaign goes with a folder that discover wrote", file=source)
-    if not found and len(effect or ()) < 2:
-        raise InputError("there have to be at least two models to average; give --effect for each, `none` for the "
-                         "reference model alone", file=source)
-    from ..inference.files import refuse_peaks
     from ..measurement.package import read_campaign
-
-    if found:
-        refuse_peaks(path)
-    measured = read_campaign(locate_campaign(campaign or _name_campaign(path)) if found else path)
-    target = output or Path(f"{path.resolve().name if found else measured.name}-weights")
     from ..posterior.stacking import average
 
+    measured = Path(source) if found else read_campaign(locate_campaign(source))
+    target = output or Path(f"{measured.resolve().name if isinstance(measured, Path) else measured.name}-weights")
+    rivals = [",".join(name_own(one.split(","), effects_from)) for one in effect or ()]
     with (open_folder(target, "average", overwrite) as out,
-          show_progress(f"averaging models of {measured.name}") as report):
-        if found:
-            result = average(path, campaign=measured, progress=report)
-        else:
-            rivals = [",".join(name_own(one.split(","), effects_from)) for one in effect or ()]
-            result = average(measured, rivals, model or "paper", progress=report)
+          show_progress(f"averaging models of {source}") as report):
+        result = average(measured, rivals, model or "paper", campaign=campaign and locate_campaign(campaign),
+                         progress=report)
         result.save(out.draft)
     typer.echo(str(result))
     typer.echo(f"Written to {target}")
-
-
-def _name_campaign(folder: Path) -> str:
-    """Name of a shipped campaign of which a result speaks."""
-    try:
-        name = str(json.loads((folder / "result.json").read_text(encoding="utf-8"))["campaign"])
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("this is no result of discover, or a damaged one; run discover again",
-                         file=folder / "result.json") from None
-    if name not in list_shipped():
-        raise InputError(f"the result does not hold the campaign {name!r} that it is about; name its folder with "
-                         "--campaign", file=folder)
-    return name

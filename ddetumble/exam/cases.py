@@ -47,13 +47,12 @@ class Exam:
     edition: int = 0
 
     def __post_init__(self):
-        for name, value, allowed in (("--family", self.family, GENERATORS), ("--noise", self.noise, (*NOISES, "drawn")),
-                                     ("--fault", self.fault, ("none", "drawn", *FAULTS))):
-            if value not in allowed:
-                raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=name)
-        for kind in self.truths:
-            if kind not in TRUTHS:
-                raise InputError(f"{kind!r} is none of {', '.join(TRUTHS)}", option="--truth")
+        for option, values, allowed in (("--family", (self.family,), GENERATORS), ("--truth", self.truths, TRUTHS),
+                                        ("--noise", (self.noise,), (*NOISES, "drawn")),
+                                        ("--fault", (self.fault,), ("none", "drawn", *FAULTS))):
+            for value in values:
+                if value not in allowed:
+                    raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=option)
         if not self.truths:
             raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
         if self.seed < 0:
@@ -114,62 +113,53 @@ def sample_case(exam: Exam, index: int) -> Case:
     kind, rank = find_kind(exam, index)
     seed = int(random.integers(2**31))
     setting = family.draw_setting(random)
-    noise = draw_noise_kind(exam, random)
-    faulty = random.random() < FAULTY
-    fault = str(random.choice(list(FAULTS)))
+    # All of it is drawn whatever the exam asks for, so that other options change nothing else about a case.
+    drawn = str(random.choice(NOISES))
+    noise = {"rho": float(random.uniform(0.3, 0.9)), "white_share": float(random.choice([0.0, 0.0, 0.4]))}
+    if (drawn if exam.noise == "drawn" else exam.noise) == "white":
+        noise = {"rho": 0.0, "white_share": 0.0}
+    faulty, fault = random.random() < FAULTY, str(random.choice(list(FAULTS)))
     fault = {"none": None, "drawn": fault if faulty else None}.get(exam.fault, exam.fault)
-    pool = dict(family.outside if kind == "outside" else family.catalogue)
-    if kind == "two":
-        order = [str(name) for name in random.permutation(list(pool))]
-    else:
-        order = [str(name) for name in start_random(exam, 2).permutation(list(pool))]
-        order = order[rank % len(order) :] + order[: rank % len(order)]
-    wanted = {"nothing": 0, "two": 2}.get(kind, 1)
-    effects, asked, strengths = hide(order, pool, wanted, family.prepare, setting, seed, random)
+    pool = family.outside if kind == "outside" else family.catalogue
+    order = [str(name) for name in (random if kind == "two" else start_random(exam, 2)).permutation(list(pool))]
+    if kind != "two":
+        order = order[rank % len(order):] + order[: rank % len(order)]
+    effects, asked, strengths = {}, {}, {}
+    if kind != "nothing":
+        measure = family.prepare(setting, seed)
+        for name in order:
+            found = hide(name, pool[name], measure, random)
+            if found is not None:
+                effects[name], asked[name], strengths[name] = found
+            if len(effects) == (2 if kind == "two" else 1):
+                break
     return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed)
 
 
-def draw_noise_kind(exam: Exam, generator: np.random.Generator) -> dict[str, float]:
-    """Correlation of the noise from one sample to the next, and the share of its variance that is white."""
-    kind, rho = generator.choice(NOISES), float(generator.uniform(0.3, 0.9))
-    share = float(generator.choice([0.0, 0.0, 0.4]))
-    if (exam.noise if exam.noise != "drawn" else kind) == "white":
-        return {"rho": 0.0, "white_share": 0.0}
-    return {"rho": rho, "white_share": share}
-
-
-def hide(order: list[str], pool: Mapping[str, Hidden], wanted: int, prepare: Callable, setting: Mapping, seed: int,
-         generator: np.random.Generator) -> tuple[dict, dict, dict]:
-    """Effects, strengths asked and strengths reached: the first of `order` that the setting can show at all.
+def hide(name: str, hidden: Hidden, measure: Callable[[Mapping[str, Any]], float], random: np.random.Generator
+         ) -> tuple[dict[str, Any], float, float] | None:
+    """Parameters of an effect, the strength asked for and the one reached; None where the setting cannot show it.
 
     An effect that cannot reach the strength drawn for it gets one drawn below what it can reach, one that cannot stay
     below it keeps the least it has (presliding takes all friction from a sample at zero slip, however short it is); one
     that cannot come between the weakest and the strongest gives place to the next.
     """
-    effects, asked, strengths = {}, {}, {}
-    measure = prepare(setting, seed) if wanted else None
-    for name in order:
-        if len(effects) == wanted:
-            break
-        hidden, share = pool[name], float(generator.uniform())
-        drawn = hidden.draw(generator)
+    share = float(random.uniform())
+    drawn = hidden.draw(random)
 
-        def leave(amplitude, name=name, hidden=hidden, drawn=drawn):
-            assert measure is not None
-            return measure({name: hidden.build(amplitude, drawn)})
+    def leave(amplitude):
+        return measure({name: hidden.build(amplitude, drawn)})
 
-        strength = WEAKEST * (STRONGEST / WEAKEST) ** share
+    strength = WEAKEST * (STRONGEST / WEAKEST) ** share
+    amplitude, found = reach_strength(leave, strength, hidden.most)
+    if amplitude == hidden.most and found < strength:
+        if found < WEAKEST:
+            return None
+        strength = WEAKEST * (found / WEAKEST) ** share
         amplitude, found = reach_strength(leave, strength, hidden.most)
-        if amplitude == hidden.most and found < strength:
-            if found < WEAKEST:
-                continue
-            strength = WEAKEST * (found / WEAKEST) ** share
-            amplitude, found = reach_strength(leave, strength, hidden.most)
-        if not WEAKEST * 0.97 < found < STRONGEST * 1.03:
-            continue
-        effects[name] = hidden.build(amplitude, drawn)
-        asked[name], strengths[name] = float(strength), float(found)
-    return effects, asked, strengths
+    if not WEAKEST * 0.97 < found < STRONGEST * 1.03:
+        return None
+    return hidden.build(amplitude, drawn), float(strength), float(found)
 
 
 def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any] | None:

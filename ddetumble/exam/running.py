@@ -20,11 +20,6 @@ FLAG = "--xla_cpu_multi_thread_eigen=false"
 MANY = 4  # cores beyond which workers would crowd each other with threads
 
 
-def count_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def run_all(work: Callable[[int], Any], jobs: Sequence[int], workers: int | None = None, scheduler: str | None = None
             ) -> Iterator[tuple[int, Any]]:
     """Do every job once and yield (job, result) as they are done, in any order.
@@ -39,22 +34,21 @@ def run_all(work: Callable[[int], Any], jobs: Sequence[int], workers: int | None
         InputError: no scheduler answers there, or dask.distributed is not installed.
         ComputationError: workers keep dying.
     """
-    if not jobs:
-        return iter(())
     if scheduler is not None:
-        return _run_on_cluster(work, jobs, scheduler)
-    workers = workers or count_cores()
-    if workers == 1:
-        return ((job, work(job)) for job in jobs)
-    return _run_in_pool(work, jobs, workers)
+        return _run_on_cluster(work, jobs, scheduler) if jobs else iter(())
+    workers = workers or _count_cores()
+    return ((job, work(job)) for job in jobs) if workers == 1 else _run_in_pool(work, jobs, workers)
+
+
+def _count_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _run_in_pool(work: Callable[[int], Any], jobs: Sequence[int], workers: int) -> Iterator[tuple[int, Any]]:
     """On processes of this machine; where one is killed, what was in hand is done again by a new pool."""
     waiting, broken = list(jobs), 0
     while waiting:
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(min(workers, len(waiting)), mp_context=context, initializer=_settle)
+        pool = ProcessPoolExecutor(min(workers, len(waiting)), multiprocessing.get_context("spawn"), _settle)
         try:
             futures = {pool.submit(work, job): job for job in waiting}
             for future in as_completed(futures):
@@ -80,18 +74,17 @@ def _settle() -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     flags = os.environ.get("XLA_FLAGS", "")
     # With the flag programs are compiled anew: those that other commands left in the cache are without.
-    if count_cores() > MANY and FLAG not in flags:
+    if _count_cores() > MANY and FLAG not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} {FLAG}".strip()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
+
+    def follow(parent: int) -> None:
+        connection.wait([parent])
+        os._exit(1)
+
     if parent is not None:
-        threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
-
-
-def _follow(sentinel: int) -> None:
-    """Leave as soon as the parent has."""
-    connection.wait([sentinel])
-    os._exit(1)
+        threading.Thread(target=follow, args=(parent.sentinel,), daemon=True).start()
 
 
 def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: str) -> Iterator[tuple[int, Any]]:
@@ -112,13 +105,10 @@ def _run_on_cluster(work: Callable[[int], Any], jobs: Sequence[int], scheduler: 
         names = {future.key: job for future, job in zip(futures, jobs, strict=True)}
         for future in as_done(futures, loop=client.loop):
             if future.status == "error":
-                raise ComputationError(f"case {names[future.key]} cannot be done on the cluster "
-                                       f"({_tell(future.exception())}); the same command goes on")
+                error: Any = future.exception()
+                reason = f"{type(error).__name__}: {error}"[:300]
+                if isinstance(error, ModuleNotFoundError):
+                    reason = f"its workers do not have {error.name}; install ddetumble there"
+                raise ComputationError(f"case {names[future.key]} cannot be done on the cluster ({reason}); the same "
+                                       "command goes on")
             yield names[future.key], future.result()
-
-
-def _tell(error: Any) -> str:
-    """A cluster's exception in a few words."""
-    if isinstance(error, ModuleNotFoundError):
-        return f"its workers do not have {error.name}; install ddetumble there"
-    return f"{type(error).__name__}: {error}"[:300]

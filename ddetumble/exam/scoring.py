@@ -1,14 +1,17 @@
 """What the answers of an exam are worth: marks of one case, and shares of many with their confidence limits."""
 
 import dataclasses as dc
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy import stats
 
 
 Row = Mapping[str, Any]
+KINDS = ("nothing", "one", "two", "outside")  # of what is hidden
 ALARMS = ("explained", "improved", "unexplained")
 AIMS = {"false alarms": 0.05, "singles named or in a set of two": 0.98, "outside called explained": 0.05,
         "pairs named": 0.90}  # fmt: skip
@@ -24,18 +27,15 @@ class Share:
         count, total: cases.
         low, high: limits of the share; 0 and 1 where there are no cases.
         upper: one-sided 95 % upper limit.
+        share: count over total; nan without cases.
     """
 
     count: int
     total: int
-    low: float
-    high: float
-    upper: float
-
-    @property
-    def value(self) -> float:
-        """The share itself; nan without cases."""
-        return self.count / self.total if self.total else float("nan")
+    low: float = 0.0
+    high: float = 1.0
+    upper: float = 1.0
+    share: float = float("nan")
 
 
 def count_share(flags: Iterable[bool]) -> Share:
@@ -43,11 +43,12 @@ def count_share(flags: Iterable[bool]) -> Share:
     marks = [bool(flag) for flag in flags]
     count, total = sum(marks), len(marks)
     if not total:
-        return Share(0, 0, 0.0, 1.0, 1.0)
+        return Share(0, 0)
     exact: Any = stats.binomtest(count, total)
     both = exact.proportion_ci(0.95, "exact")
     # One-sided: the upper limit of a two-sided interval of 90 %.
-    return Share(count, total, float(both.low), float(both.high), float(exact.proportion_ci(0.90, "exact").high))
+    upper = float(exact.proportion_ci(0.90, "exact").high)
+    return Share(count, total, float(both.low), float(both.high), upper, count / total)
 
 
 def is_alarm(row: Row) -> bool:
@@ -83,10 +84,9 @@ def is_pinned(row: Row) -> bool:
 
 def is_right(row: Row) -> bool:
     """Whether the verdict is what an honest judge could say."""
-    kind = row["kind"]
-    if kind == "nothing":
+    if row["kind"] == "nothing":
         return row["verdict"] == "nothing-missing"
-    if kind == "outside":
+    if row["kind"] == "outside":
         return row["verdict"] in ("improved", "unexplained")
     return row["verdict"] == "explained" and is_in_set(row)
 
@@ -104,8 +104,8 @@ def describe_failure(row: Row) -> str:
         return f"not seen: {said}"
     if row["kind"] == "outside":
         return f"imitated: {said}"
-    lost = sorted(set(row["effects"]) - list_named(row))
-    return f"{said}; {', '.join(lost)} not named" if lost else f"{said}, which is not the whole truth or more than it"
+    lost = ", ".join(sorted(set(row["effects"]) - list_named(row)))
+    return f"{said}; {lost} not named" if lost else f"{said}, which is not the whole truth or more than it"
 
 
 def pick(rows: Sequence[Row], kind: str, least: float = 0.0) -> list[Row]:
@@ -120,57 +120,58 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     outside the catalogue; widths are relative to the true value. Held-out errors are those of the grown model's
     predictions of noise-free tests, over the noise.
     """
-    singles, sure = pick(rows, "one"), pick(rows, "one", SURE_STRENGTH)
-    pairs, outside, nulls = pick(rows, "two"), pick(rows, "outside"), pick(rows, "nothing")
-    named = [r for r in singles if r.get("found")]
-    inside = [r for r in rows if r["kind"] != "outside" and is_right(r)]
-    intervals = [values for r in inside for values in r["intervals"].values()]
-    errors = [r["heldout_over_noise"] for r in inside if r.get("heldout_over_noise") is not None]
+    table: Any = pd.DataFrame([{
+        "kind": r["kind"], "verdict": r["verdict"], "fault": r["fault"] or "none",
+        "noise": "ar1" if r["noise"]["rho"] else "white", "strength": min(r["strengths"].values(), default=np.inf),
+        "alarm": is_alarm(r), "right": is_right(r), "first": is_first(r), "in_set": is_in_set(r),
+        "pinned": is_pinned(r), "reported": bool(r.get("reported")),
+        "set_size": size_set(r) if r.get("found") else None, "heldout": r.get("heldout_over_noise"),
+        "seconds": sum(r["seconds"].values()), "answering": r["seconds"].get("answering"),
+        "processor": r.get("processor_seconds"),
+    } for r in rows])  # fmt: skip
+    nulls, singles, pairs, outside = kinds = [table[table["kind"] == kind] for kind in KINDS]
+    sure, sure_pairs = (own[own["strength"] >= SURE_STRENGTH] for own in (singles, pairs))
+    inside = table["right"] & (table["kind"] != "outside")
+    intervals: Any = pd.DataFrame([(name, *values) for row, kept in zip(rows, inside, strict=True) if kept
+                              for name, values in row["intervals"].items()],
+                             columns=["name", "truth", "estimate", "low", "high"])
+    intervals["holds"] = (intervals["low"] <= intervals["truth"]) & (intervals["truth"] <= intervals["high"])
+    intervals["width"] = (intervals["high"] - intervals["low"]) / intervals["truth"].abs().replace(0.0, np.nan)
+    sizes = singles["set_size"].dropna()
+    place = np.minimum(np.searchsorted(BINS, singles["strength"], "right") - 1, len(BINS) - 2)  # 8 is in the last one
+    power = []
+    for k, (low, high) in enumerate(itertools.pairwise(BINS)):
+        own = singles[place == k]
+        power.append({"low": low, "high": high, "seen": count_share(own["alarm"]),
+                      "named": count_share(own["in_set"]), "first": count_share(own["first"])})
     return {
-        "cases": len(rows), "failed": sum(r["verdict"] == "failed" for r in rows),
-        "refused": sum(r["verdict"] == "refused" for r in rows),
-        "right": {kind: count_share(map(is_right, pick(rows, kind))) for kind in ("nothing", "one", "two", "outside")},
-        "right_by_fault": split_share(rows, name_fault, is_right),
-        "reports_by_fault": split_share(rows, name_fault, has_report),
-        "false_alarms": count_share(map(is_alarm, nulls)),
-        "false_alarms_by_noise": split_share(nulls, name_noise, is_alarm),
-        "false_alarms_by_fault": split_share(nulls, name_fault, is_alarm),
-        "singles_first": count_share(map(is_first, singles)), "singles_in_set": count_share(map(is_in_set, singles)),
-        "set_size": float(np.mean([size_set(r) for r in named])) if named else None,
-        "sure_first": count_share(map(is_first, sure)), "sure_in_set": count_share(map(is_in_set, sure)),
-        "sure_pinned": count_share(map(is_pinned, sure)),
-        "pairs_named": count_share(map(is_right, pairs)),
-        "sure_pairs_named": count_share(map(is_right, pick(rows, "two", SURE_STRENGTH))),
-        "outside_explained": count_share(r["verdict"] == "explained" for r in outside),
-        "outside_unseen": count_share(not is_alarm(r) for r in outside),
-        "coverage": count_share(low <= truth <= high for truth, _, low, high in intervals),
-        "widths": measure_widths(inside),
-        "heldout_over_noise": summarise(errors),
-        "seconds": summarise([sum(r["seconds"].values()) for r in rows]),
-        "processor_seconds": summarise([r.get("processor_seconds") for r in rows]),
-        "seconds_answering": summarise([r["seconds"].get("answering") for r in rows]),
-        "power": measure_power(singles), "by_effect": split_effects([*singles, *outside]),
+        "cases": len(rows), "failed": int(sum(table["verdict"] == "failed")),
+        "refused": int(sum(table["verdict"] == "refused")),
+        "right": dict(zip(KINDS, (count_share(own["right"]) for own in kinds), strict=True)),
+        "right_by_fault": split_share(table, "fault", "right"),
+        "reports_by_fault": split_share(table, "fault", "reported"),
+        "false_alarms": count_share(nulls["alarm"]),
+        "false_alarms_by_noise": split_share(nulls, "noise", "alarm"),
+        "false_alarms_by_fault": split_share(nulls, "fault", "alarm"),
+        "singles_first": count_share(singles["first"]), "singles_in_set": count_share(singles["in_set"]),
+        "set_size": float(sizes.mean()) if len(sizes) else None,
+        "sure_first": count_share(sure["first"]), "sure_in_set": count_share(sure["in_set"]),
+        "sure_pinned": count_share(sure["pinned"]),
+        "pairs_named": count_share(pairs["right"]), "sure_pairs_named": count_share(sure_pairs["right"]),
+        "outside_explained": count_share(outside["verdict"] == "explained"),
+        "outside_unseen": count_share(~outside["alarm"]),
+        "coverage": count_share(intervals["holds"]),
+        "widths": {str(name): {"cases": len(own), "width": float(np.nan_to_num(own["width"].median())),
+                               "coverage": float(own["holds"].mean())} for name, own in intervals.groupby("name")},
+        "heldout_over_noise": summarise(table["heldout"][inside]), "seconds": summarise(table["seconds"]),
+        "processor_seconds": summarise(table["processor"]), "seconds_answering": summarise(table["answering"]),
+        "power": power, "by_effect": split_effects([r for r in rows if r["kind"] in ("one", "outside")]),
     }  # fmt: skip
 
 
-def name_noise(row: Row) -> str:
-    """`white` or `ar1`."""
-    return "ar1" if row["noise"]["rho"] else "white"
-
-
-def name_fault(row: Row) -> str:
-    """The case's fault, or `none`."""
-    return row["fault"] or "none"
-
-
-def has_report(row: Row) -> bool:
-    """Whether the result says that the data have a fault."""
-    return bool(row.get("reported"))
-
-
-def split_share(rows: Sequence[Row], name: Callable[[Row], str], flag: Callable[[Row], bool]) -> dict[str, Share]:
-    """Shares by what `name` says of a row."""
-    return {key: count_share(flag(r) for r in rows if name(r) == key) for key in sorted({name(r) for r in rows})}
+def split_share(table: Any, by: str, flag: str) -> dict[str, Share]:
+    """Shares of a flag by what stands in another column."""
+    return {str(name): count_share(own) for name, own in table.groupby(by)[flag]}
 
 
 def split_effects(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
@@ -183,33 +184,9 @@ def split_effects(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def measure_power(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """By strength of single effects: how often they are seen at all, named, and named alone or with one other."""
-    found = []
-    for low, high in zip(BINS[:-1], BINS[1:], strict=True):
-        last = high == BINS[-1]
-        own = [r for r in rows if low <= next(iter(r["strengths"].values())) and
-               (last or next(iter(r["strengths"].values())) < high)]  # fmt: skip
-        found.append({"low": low, "high": high, "seen": count_share(map(is_alarm, own)),
-                      "named": count_share(map(is_in_set, own)), "first": count_share(map(is_first, own))})
-    return found
-
-
-def measure_widths(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """By parameter: median width of its interval over the true value, cases, share of intervals that hold the truth."""
-    found: dict[str, list] = {}
-    for row in rows:
-        for name, values in row["intervals"].items():
-            found.setdefault(name, []).append(values)
-    return {name: {"cases": len(own), "width": float(np.median([(h - lo) / abs(t) for t, _, lo, h in own if t] or [0])),
-                   "coverage": float(np.mean([lo <= t <= h for t, _, lo, h in own]))}
-            for name, own in sorted(found.items())}  # fmt: skip
-
-
-def summarise(values: Iterable[float | None]) -> dict[str, float] | None:
+def summarise(values: Any) -> dict[str, float] | None:
     """Median, 90 % quantile and largest of some numbers; nothing where there are none."""
-    numbers = [float(x) for x in values if x is not None]
-    if not numbers:
+    numbers = values.dropna().astype(float)
+    if not len(numbers):
         return None
-    middle, high, most = np.quantile(numbers, [0.5, 0.9, 1.0])
-    return {"median": float(middle), "q90": float(high), "largest": float(most)}
+    return {name: float(numbers.quantile(q)) for name, q in (("median", 0.5), ("q90", 0.9), ("largest", 1.0))}

@@ -115,7 +115,7 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
         if not held:
             continue
         x = shift * np.array([np.sqrt(b["low"] * b["high"]) for b in held])
-        low, y, high = np.array([(b[key].low, b[key].value, b[key].high) for b in held]).T
+        low, y, high = np.array([(b[key].low, b[key].share, b[key].high) for b in held]).T
         axes.errorbar(x, y, [np.maximum(y - low, 0), np.maximum(high - y, 0)], color=colour, marker=marker, ms=5,
                       lw=1.4, elinewidth=1.0, capsize=2)
     for b in bins:

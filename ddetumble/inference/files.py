@@ -6,11 +6,13 @@ import json
 import math
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
 
+import filelock
 import numpy as np
 import pydantic
 
@@ -47,6 +49,61 @@ def write_json(path: Path, content: Any) -> None:
     """
     text = json.dumps(make_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_whole(path, lambda draft: draft.write_text(text, encoding="utf-8"))
+
+
+@contextmanager
+def hold_folder(folder: Path, busy: str) -> Iterator[None]:
+    """Make a folder where there is none, and keep other processes out of it.
+
+    Raises:
+        InputError: Another process holds it, as `busy` says, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = filelock.FileLock(folder / ".lock", timeout=0).acquire()
+    except filelock.Timeout:
+        raise InputError(busy, file=folder) from None
+    except OSError as error:
+        raise InputError(f"the folder cannot be written ({error.strerror or error})", file=folder) from None
+    try:
+        yield
+    finally:
+        held.lock.release()
+        (folder / ".lock").unlink(missing_ok=True)
+
+
+def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> None:
+    """Write into a file what a folder holds, or see that it holds the same already.
+
+    Args:
+        path: of the file.
+        what: the folder holds, such as `a chain`.
+        key: of `asked` in the file.
+        asked: what has to be the same for those who go on: a record or a mapping.
+        more: what stands in the file beside it; a `schema` has to be the same, too.
+
+    Raises:
+        InputError: The folder holds something else, or the file is damaged.
+    """
+    content = make_plain({**more, key: asked})
+    if not path.is_file():
+        write_json(path, content)
+        return
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        there, now = ({"schema": one.get("schema"), **one[key]} for one in (found, content))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"this is no description of {what}, or a damaged one; name another folder", file=path
+                         ) from None
+    different = []
+    for name in sorted({*there, *now}):
+        a, b = there.get(name), now.get(name)
+        if a != b:
+            short = all(len(str(x)) < 40 for x in (a, b))
+            different.append(f"{name} is {a!r} there and {b!r} now" if short else f"{name} differs")
+    if different:
+        raise InputError(f"the folder holds {what} of something else: {'; '.join(different)}. Name another folder, or "
+                         "remove this one to begin again", file=path)
 
 
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:

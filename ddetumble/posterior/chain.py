@@ -7,27 +7,25 @@ ensemble's chain and random state, but neither the adapted proposal nor NUTS, an
 import contextlib
 import dataclasses as dc
 import io
-import json
 import os
 import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar
 
-import filelock
 import numpy as np
 
 from .._display import Progress
 from .._errors import InputError
-from ..inference.files import make_plain, write_json, write_whole
-from .diagnostics import Convergence, judge_chains
+from ..inference.files import claim_folder, hold_folder, write_whole
+from .diagnostics import judge_chains
 from .result import Posterior, summarise_posterior
-from .target import AbstractTarget, digest
+from .target import AbstractTarget
 
 
 SCHEMA = "ddetumble.chain/3"
-PLAN, START = "chain.json", "start.npz"
+PLAN = "chain.json"
 Block = dict[str, np.ndarray]
 
 
@@ -53,19 +51,10 @@ class Settings:
     most: int = 5000
     seed: int = 0
 
-    def check(self) -> None:
-        """Refuse numbers that make no sense.
-
-        Raises:
-            InputError: One does not.
-        """
+    def __post_init__(self):
         for name, least in (("ensembles", 1), ("burn", 0), ("block", 1), ("effective", 1), ("most", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} has to be at least {least}; it is {getattr(self, name)}", option=name)
-
-    def fixed(self) -> dict[str, Any]:
-        """What must not change while a chain goes on: how long it is to become may."""
-        return {name: value for name, value in dc.asdict(self).items() if name not in ("effective", "most")}
 
 
 class AbstractSampler(ABC):
@@ -109,49 +98,6 @@ class AbstractSampler(ABC):
         """Statistics of all blocks and of those after the burn-in: share of accepted moves, evaluations and so on."""
 
 
-@final
-class Chain:
-    """Blocks of steps, on disk too if there is a folder.
-
-    Attributes:
-        folder: where they are kept, or None.
-        blocks: what `AbstractSampler.advance` gave, in order.
-    """
-
-    def __init__(self, folder: Path | None = None):
-        self.folder, self.blocks = folder, []
-        while folder is not None and (file := self._name(len(self.blocks))).is_file():
-            self.blocks.append(read_arrays(file))
-
-    def _name(self, number: int) -> Path:
-        assert self.folder is not None
-        return self.folder / f"block-{number:06d}.npz"
-
-    @property
-    def steps(self) -> int:
-        """How many there are, the burn-in included."""
-        return sum(block["x"].shape[1] for block in self.blocks)
-
-    def append(self, block: Block) -> None:
-        """Keep the next block."""
-        if self.folder is not None:
-            write_arrays(self._name(len(self.blocks)), block)
-        self.blocks.append(block)
-
-    def keep(self, arrays: Block) -> Block:
-        """What the chain started from: written the first time, read back ever after."""
-        if self.folder is None:
-            return arrays
-        path = self.folder / START
-        if not path.is_file():
-            write_arrays(path, arrays)
-        return read_arrays(path)
-
-    def join(self, name: str) -> np.ndarray:
-        """An array of all blocks, along the steps."""
-        return np.concatenate([block[name] for block in self.blocks], axis=1)
-
-
 def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings: Settings, folder: Path | None = None,
                progress: Progress = lambda text, share: None) -> Posterior:
     """Sample until every parameter has as many independent draws as wanted and the chains agree.
@@ -167,40 +113,42 @@ def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings:
         InputError: The folder is in use, or holds a chain of something else.
         ComputationError: The model cannot be computed where the chains start.
     """
-    settings.check()
-    settings = dc.replace(settings, walkers=sampler.count_walkers(settings, len(target.names)))
-    with open_chain(folder, {**target.identity, "sampler": sampler.name, **settings.fixed()}) as chain:
-        return _run(sampler(target.thaw(chain.keep(target.freeze())), settings), chain, progress)
+    free, burn = len(target.names), settings.burn
+    settings = dc.replace(settings, walkers=sampler.count_walkers(settings, free))
+    # How long a chain is to become may change while it goes on.
+    fixed = {name: value for name, value in dc.asdict(settings).items() if name not in ("effective", "most")}
+    with open_chain(folder, {**target.identity, "sampler": sampler.name, **fixed}) as blocks:
+        runner = sampler(target, settings)
 
+        def join(name: str) -> np.ndarray:
+            return np.concatenate([block[name] for block in blocks], axis=1)
 
-def _run(sampler: AbstractSampler, chain: Chain, progress: Progress) -> Posterior:
-    settings, free, resumed = sampler.settings, len(sampler.target.names), chain.steps
-    nothing = np.zeros((settings.ensembles, 0, settings.walkers, free))
-
-    def judge() -> Convergence:
-        x = chain.join("x")[:, settings.burn:] if chain.blocks else nothing
-        return judge_chains(x, settings.effective)
-
-    convergence = judge()
-    if chain.blocks:
-        sampler.resume(chain.blocks[-1])
-    while True:
-        done = chain.steps
-        if done == settings.burn and settings.burn:
-            sampler.adapt(chain.join("x")[:, settings.burn // 2:].reshape(-1, free))
-        if is_due(done, settings):
-            convergence = judge()
-            if convergence.enough or done >= settings.burn + settings.most:
-                break
-        left = settings.burn - done  # a block ends with the burn-in
-        chain.append(sampler.advance(min(settings.block, left) if left > 0 else settings.block))
-        share = max(convergence.effective / settings.effective, (chain.steps - settings.burn) / settings.most)
-        progress(f"step {chain.steps}: {convergence.describe()}", float(np.clip(share, 0.0, 1.0)))
-    ends = np.cumsum([block["x"].shape[1] for block in chain.blocks])
-    late = [block for block, end in zip(chain.blocks, ends, strict=True) if end > settings.burn]
-    statistics = {**sampler.count(chain.blocks, late), "resumed": resumed}
-    return summarise_posterior(sampler.target, sampler.name, dc.asdict(settings), chain.join("x")[:, settings.burn:],
-                               chain.join("log_density")[:, settings.burn:], convergence, statistics)
+        resumed = done = sum(block["x"].shape[1] for block in blocks)
+        if blocks:
+            runner.resume(blocks[-1])
+        convergence = judge_chains(join("x")[:, burn:] if blocks else np.zeros((1, 0, 1, free)), settings.effective)
+        while True:
+            if done == burn and burn:
+                runner.adapt(join("x")[:, burn // 2:].reshape(-1, free))
+            if blocks and is_due(done, settings):
+                convergence = judge_chains(join("x")[:, burn:], settings.effective)
+                if convergence.enough or done >= burn + settings.most:
+                    break
+            # A block ends with the burn-in.
+            block = runner.advance(min(settings.block, burn - done) if done < burn else settings.block)
+            if folder is not None:
+                write_arrays(_name_block(folder, len(blocks)), block)
+            blocks.append(block)
+            done += block["x"].shape[1]
+            share = max(convergence.effective / settings.effective, (done - burn) / settings.most)
+            far = (f"{convergence.effective:.0f} independent draws, R-hat {convergence.rhat:.3f}"
+                   if np.isfinite(convergence.rhat) else "settling")
+            progress(f"step {done}: {far}", float(np.clip(share, 0.0, 1.0)))
+        ends = np.cumsum([block["x"].shape[1] for block in blocks])
+        late = [block for block, end in zip(blocks, ends, strict=True) if end > burn]
+        statistics = {**runner.count(blocks, late), "resumed": resumed}
+        return summarise_posterior(runner.target, sampler.name, dc.asdict(settings), join("x")[:, burn:],
+                                   join("log_density")[:, burn:], convergence, statistics)
 
 
 def is_due(done: int, settings: Settings) -> bool:
@@ -210,55 +158,30 @@ def is_due(done: int, settings: Settings) -> bool:
 
 
 @contextlib.contextmanager
-def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[Chain]:
-    """The chain in a folder, locked as long as it is open; in memory only without a folder.
+def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[list[Block]]:
+    """Blocks of the chain in a folder, locked as long as it is open; none without a folder.
 
     Raises:
         InputError: Another process holds it, it is damaged or of something else, or it cannot be written.
     """
     if folder is None:
-        yield Chain()
+        yield []
         return
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        held = filelock.FileLock(folder / ".lock", timeout=0).acquire()
-    except filelock.Timeout:
-        raise InputError("another process is sampling into this folder; wait for it, or name another folder",
-                         file=folder) from None
-    except OSError as error:
-        raise InputError(f"the folder cannot be written ({error.strerror or error})", file=folder) from None
-    with held:
+    with hold_folder(folder, "another process is sampling into this folder; wait for it, or name another folder"):
         for part in folder.glob(".*.part"):  # a write that was cut off
             part.unlink(missing_ok=True)
-        _check_plan(folder, make_plain(identity))
-        yield Chain(folder)
+        for old in folder.glob("block-*.npz") if not (folder / PLAN).is_file() else ():
+            raise InputError("the folder holds blocks of a chain without its plan; remove them, or name another folder",
+                             file=old)  # nobody knows what they are of
+        claim_folder(folder / PLAN, "a chain", "identity", identity, schema=SCHEMA)
+        blocks: list[Block] = []
+        while (file := _name_block(folder, len(blocks))).is_file():
+            blocks.append(read_arrays(file))
+        yield blocks
 
 
-def _check_plan(folder: Path, identity: dict[str, Any]) -> None:
-    """Write what the chain is of, or compare it with what is there."""
-    plan = folder / PLAN
-    if not plan.is_file():
-        for old in folder.glob("block-*.npz"):  # without its plan nobody knows what it is of
-            raise InputError("the folder holds blocks of a chain without its plan; remove them, or name another "
-                             "folder", file=old)
-        write_json(plan, {"schema": SCHEMA, "identity": identity, "digest": digest(identity)})
-        return
-    try:
-        found = json.loads(plan.read_text(encoding="utf-8"))
-        there, schema = dict(found["identity"]), found["schema"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError("this is no plan of a chain; remove the folder, or name another", file=plan) from None
-    if schema != SCHEMA:
-        raise InputError(f"the chain is of another version ({schema}); name another folder", file=plan)
-    different = []
-    for name in sorted({*there, *identity}):
-        a, b = there.get(name), identity.get(name)
-        if a != b:
-            short = all(len(str(x)) < 40 for x in (a, b))
-            different.append(f"{name} is {a!r} there and {b!r} now" if short else f"{name} differs")
-    if different:
-        raise InputError(f"the folder holds a chain of something else: {'; '.join(different)}. Name another folder, "
-                         "or remove this one to begin again", file=plan)
+def _name_block(folder: Path, number: int) -> Path:
+    return folder / f"block-{number:06d}.npz"
 
 
 def write_arrays(path: Path, arrays: Block) -> None:
@@ -274,10 +197,6 @@ def write_arrays(path: Path, arrays: Block) -> None:
             os.fsync(file.fileno())
 
     write_whole(path, write)
-    if hasattr(os, "O_DIRECTORY"):  # the renaming goes to the disk too, where the system can
-        handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        os.fsync(handle)
-        os.close(handle)
 
 
 def read_arrays(path: Path) -> Block:

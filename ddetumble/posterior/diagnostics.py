@@ -16,60 +16,35 @@ import numpy as np
 
 AGREE = 1.01  # R-hat below which ensembles agree
 TIMES = 50.0  # autocorrelation times that a chain has to be long
+FEWEST = 8  # steps, in halves of halves of which there is still a variance
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Convergence:
-    """How good chains are.
+    """How good chains are."""
 
-    Attributes:
-        steps: of each ensemble.
-        times: steps of one walker worth one draw, longest over the ensembles, shape (free,).
-        sizes: effective size of each parameter, shape (free,).
-        rhats: R-hat of each parameter between the ensembles, shape (free,).
-        effective, rhat: worst of them.
-        enough: whether the wanted size is reached, the ensembles agree, and steps are many autocorrelation times.
-        lacking: what is not, in words.
-    """
-
-    steps: int
-    times: np.ndarray
-    sizes: np.ndarray
-    rhats: np.ndarray
-    effective: float
+    steps: int  # of each ensemble
+    times: np.ndarray  # steps of one walker worth one draw, longest over the ensembles, shape (free,)
+    sizes: np.ndarray  # effective size of each parameter, shape (free,)
+    rhats: np.ndarray  # R-hat of each parameter between the ensembles, shape (free,)
+    effective: float  # worst of them
     rhat: float
-    enough: bool
-    lacking: str
-
-    def describe(self) -> str:
-        """How far the chains are, in a phrase."""
-        if not np.isfinite(self.rhat):
-            return "settling"
-        return f"{self.effective:.0f} independent draws, R-hat {self.rhat:.3f}"
+    enough: bool  # whether the wanted size is reached, the ensembles agree, and steps are many autocorrelation times
+    lacking: str  # what is not, in words
 
 
 def measure_times(x: np.ndarray) -> np.ndarray:
-    """Steps of one walker that are worth one independent draw, in one ensemble; at least 1.
-
-    Args:
-        x: shape (steps, walkers, free).
-
-    Returns:
-        Shape (free,).
-    """
-    if x.shape[0] < 8:
+    """Steps of a walker that are worth a draw, at least 1: of an ensemble, shape (steps, walkers, free) to (free,)."""
+    if x.shape[0] < FEWEST:
         return np.full(x.shape[2], np.inf)
-    found = [_measure(x), _measure(np.abs(x - np.median(x, axis=(0, 1))))]
+    found = []
+    for one in (x, np.abs(x - np.median(x, axis=(0, 1)))):
+        means = one.mean(axis=1, keepdims=True)
+        with np.errstate(all="ignore"):
+            times = np.ravel(emcee.autocorr.integrated_time(means, tol=0, quiet=True))
+            worth = np.maximum(times, 1.0) * means.var(axis=(0, 1)) / one.var(axis=(0, 1)) * x.shape[1]
+        found.append(np.where(np.isfinite(worth), worth, np.inf))
     return np.maximum(np.max(found, axis=0), 1.0)
-
-
-def _measure(x: np.ndarray) -> np.ndarray:
-    means = x.mean(axis=1, keepdims=True)
-    spread, own = x.var(axis=(0, 1)), means.var(axis=(0, 1))
-    with np.errstate(all="ignore"):
-        times = np.ravel(emcee.autocorr.integrated_time(means, tol=0, quiet=True))
-        found = np.maximum(times, 1.0) * own / spread * x.shape[1]
-    return np.where(np.isfinite(found), found, np.inf)
 
 
 def compare_ensembles(x: np.ndarray) -> np.ndarray:
@@ -81,7 +56,7 @@ def compare_ensembles(x: np.ndarray) -> np.ndarray:
     from arviz_stats.base.array import array_stats
 
     ensembles, steps, _, free = x.shape
-    if steps < 8:
+    if steps < FEWEST:
         return np.full(free, np.inf)
     with np.errstate(all="ignore"):
         found: Any = array_stats.rhat(x[:, steps % 2:].reshape(max(ensembles, 2), -1, free), 0, 1)
@@ -91,12 +66,11 @@ def compare_ensembles(x: np.ndarray) -> np.ndarray:
 def judge_chains(x: np.ndarray, wanted: float) -> Convergence:
     """Judge chains after their burn-in, shape (ensembles, steps, walkers, free)."""
     ensembles, steps, walkers, free = x.shape
-    if steps < 8:
+    if steps < FEWEST:
         nothing = np.full(free, np.inf)
         return Convergence(steps, nothing, np.zeros(free), nothing, 0.0, np.inf, False, "there are hardly any steps")
-    each = np.stack([measure_times(part) for part in x])
+    each, rhats = np.stack([measure_times(part) for part in x]), compare_ensembles(x)
     sizes = np.sum(steps * walkers / each, axis=0)
-    rhats = compare_ensembles(x)
     lacking = []
     if sizes.min() < wanted:
         lacking.append(f"{sizes.min():.0f} independent draws of {wanted:.0f}")

@@ -9,20 +9,17 @@ import numpy as np
 from .._errors import ComputationError, InputError
 from .._numerics import map_threads
 from .chain import AbstractSampler, Block, Settings
-from .proposal import FEW, Mixture, adapt_mixture, start_mixture
-from .target import AbstractTarget, draw_inside
+from .proposal import FEW, Mixture, adapt_mixture, seed_random, start_mixture
+from .target import AbstractTarget
 
 
 OTHERS = (0.7, 0.3)  # of differential evolution and stretch moves among those that are not independent
+WIDER = 1.2  # than the fit's Gaussian, of the places where walkers begin
+BEGINNINGS = 20  # draws of these at most, where the model fails at some
 
 
 def mix_moves(proposal: Mixture, share: float) -> list[tuple[emcee.moves.Move, float]]:
-    """The moves with the share of steps that each makes.
-
-    Args:
-        proposal: of the independent moves.
-        share: of these among all.
-    """
+    """The moves with the share of steps that each makes; `share` is that of independent ones by the proposal."""
     rest = 1.0 - share
     # No snooker move: emcee 3.1.6 weighs it with half the exponent that it needs, which narrows posteriors.
     return [(emcee.moves.MHMove(proposal), share), (emcee.moves.DEMove(), OTHERS[0] * rest),
@@ -38,10 +35,8 @@ class Ensembles(AbstractSampler):
     def __init__(self, target: AbstractTarget, settings: Settings):
         super().__init__(target, settings)
         self.proposal, self.share = start_mixture(target), FEW
-        self.random = [np.random.RandomState(np.random.SeedSequence([settings.seed, k]).generate_state(8))
-                       for k in range(settings.ensembles)]
         self.states: list[emcee.State] = []
-        self.counts = np.zeros((settings.ensembles, 2), dtype=int)
+        self.counts = np.zeros((settings.ensembles, 2), dtype=int)  # evaluations and failures since the last block
 
     @staticmethod
     def count_walkers(settings: Settings, free: int) -> int:
@@ -61,21 +56,20 @@ class Ensembles(AbstractSampler):
         # Moves of all walkers come at once, others by halves: one size, one compiled program.
         half = self.settings.walkers // 2
         found = np.concatenate([self.target.log_density(x[k: k + half]) for k in range(0, len(x), half)])
-        inside = np.all((x >= self.target.low) & (x <= self.target.high), axis=1)
-        self.counts[number] += len(found), np.sum(inside & ~np.isfinite(found))
+        self.counts[number] += len(found), np.sum(self.target.holds(x) & ~np.isfinite(found))
         return found
 
     def _begin(self, number: int) -> emcee.State:
         """Walkers from the fit's Gaussian; those where the model fails are drawn again."""
-        random = self.random[number]
+        random = seed_random(self.settings.seed, number)
         rng = np.random.default_rng(random.randint(0, 2**32, size=4, dtype=np.uint64))
-        x = draw_inside(self.target, rng, self.settings.walkers, 1.2)
-        for _ in range(20):
+        x = self.target.draw_inside(rng, self.settings.walkers, WIDER)
+        for _ in range(BEGINNINGS):
             value = self.density(number, x)
             bad = ~np.isfinite(value)
             if not bad.any():
                 return emcee.State(x, log_prob=value, random_state=random.get_state())
-            x[bad] = draw_inside(self.target, rng, self.settings.walkers, 1.2)[: int(bad.sum())]
+            x[bad] = self.target.draw_inside(rng, self.settings.walkers, WIDER)[: int(bad.sum())]
         raise ComputationError("the model cannot be computed at draws from the fit's Gaussian: the fit is too "
                                "uncertain to sample from; add priors or bounds, or fix a parameter")
 
@@ -86,35 +80,33 @@ class Ensembles(AbstractSampler):
             self.states = map_threads(self._begin, numbers)
         parts = map_threads(lambda k: self._advance(k, steps), numbers)
         self.counts[:] = 0
-        own = dict(zip(("mean", "covariance"), map(np.stack, zip(*self.proposal.parts, strict=True)), strict=True))
-        return {**{name: np.stack([part[name] for part in parts]) for name in parts[0]}, **own,
-                "portion": self.proposal.portions, "share": np.array(self.share)}
+        means, covariances = map(np.stack, zip(*self.proposal.parts, strict=True))
+        return {**{name: np.stack([part[name] for part in parts]) for name in parts[0]}, "mean": means,
+                "covariance": covariances, "portion": self.proposal.portions, "share": np.array(self.share)}
 
     def _advance(self, number: int, steps: int) -> Block:
         sampler = emcee.EnsembleSampler(self.settings.walkers, len(self.target.names), partial(self.density, number),
                                         vectorize=True, moves=mix_moves(self.proposal, self.share))
-        for state in sampler.sample(self.states[number], iterations=steps, skip_initial_state_check=True):
-            self.states[number] = state
-        _, keys, place, has, cached = self.states[number].random_state  # pyright: ignore[reportGeneralTypeIssues]
+        state: Any = sampler.run_mcmc(self.states[number], steps, skip_initial_state_check=True)
+        self.states[number], (_, keys, place, has, cached) = state, state.random_state
         return {"x": np.asarray(sampler.get_chain()), "log_density": np.asarray(sampler.get_log_prob()),
                 "random_keys": np.asarray(keys), "random_rest": np.array([place, has, cached], dtype=float),
                 "counts": np.array([*self.counts[number], sampler.backend.accepted.sum()], dtype=int)}
 
     def resume(self, block: Block) -> None:
         """As the base class has it."""
-        self.states = []
-        for x, value, keys, rest in zip(block["x"][:, -1], block["log_density"][:, -1], block["random_keys"],
-                                        block["random_rest"], strict=True):
-            random = ("MT19937", keys, int(rest[0]), int(rest[1]), float(rest[2]))
-            self.states.append(emcee.State(x, log_prob=value, random_state=random))
+        self.states = [
+            emcee.State(x, log_prob=value, random_state=("MT19937", keys, int(place), int(has), float(cached)))
+            for x, value, keys, (place, has, cached) in zip(block["x"][:, -1], block["log_density"][:, -1],
+                                                            block["random_keys"], block["random_rest"], strict=True)]
         self.proposal = Mixture(list(zip(block["mean"], block["covariance"], strict=True)), self.target.low,
                                 self.target.high, block["portion"])
         self.share = float(block["share"])
 
     def adapt(self, draws: np.ndarray) -> None:
         """As the base class has it."""
-        seed = np.random.SeedSequence([self.settings.seed, self.settings.ensembles, 1])
-        self.proposal, self.share = adapt_mixture(self.target, partial(self.density, 0), draws, seed)
+        random = seed_random(self.settings.seed, self.settings.ensembles, 1)
+        self.proposal, self.share = adapt_mixture(self.target, partial(self.density, 0), draws, random)
 
     def count(self, blocks: list[Block], late: list[Block]) -> dict[str, Any]:
         """As the base class has it."""

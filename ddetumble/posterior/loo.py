@@ -12,13 +12,14 @@ about the fits with and without it.
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from .._display import Progress
 from .._errors import ComputationError
-from .proposal import Mixture, Part
+from .proposal import Mixture, Part, describe_draws, seed_random
 from .target import AbstractTarget
 
 
@@ -30,40 +31,24 @@ WAYS = {"draws": "draws reweighted", "refit": "refitted without it"}
 
 @dc.dataclass(frozen=True)
 class Score:
-    """One condition left out.
+    """One condition left out."""
 
-    Attributes:
-        conditions: mean settings, SI.
-        records: keys of its records.
-        elpd: logarithm of the predictive density of its records, from all others.
-        pareto_k: shape of the tail of the weights: up to 0.7 they can be trusted.
-        way: `draws`, reweighted, or `refit`, without the condition.
-        trusted: whether the weights that were used can be trusted.
-    """
-
-    conditions: Mapping[str, float]
-    records: tuple[str, ...]
-    elpd: float
-    pareto_k: float
-    way: str
-    trusted: bool
+    conditions: Mapping[str, float]  # mean settings, SI
+    records: tuple[str, ...]  # keys
+    elpd: float  # logarithm of the predictive density of its records, from all others
+    pareto_k: float  # shape of the tail of the weights
+    way: str  # `draws`, reweighted, or `refit`, without the condition
+    trusted: bool  # whether the weights that were used can be trusted
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Scores:
-    """All conditions, each left out once.
-
-    Attributes:
-        scores: of every condition.
-        elpd: their sum.
-        standard_error: of the sum, from the scatter between conditions.
-        text: how they were computed.
-    """
+    """All conditions, each left out once."""
 
     scores: tuple[Score, ...]
-    elpd: float
-    standard_error: float
-    text: str
+    elpd: float  # their sum
+    standard_error: float  # of the sum, from the scatter between conditions
+    text: str  # how they were computed
 
     @property
     def values(self) -> np.ndarray:
@@ -91,7 +76,7 @@ def smooth_weights(log_weights: np.ndarray, independent: float = 1.0) -> tuple[n
 
     alive = np.isfinite(log_weights)
     result = np.full(len(log_weights), -np.inf)
-    if alive.sum() < 5:
+    if alive.sum() < 5:  # the fewest with which a tail has a shape
         return result, np.inf
     values = log_weights[alive]
     if np.ptp(values) < 1e-9:
@@ -111,8 +96,7 @@ def limit_shape(draws: int) -> float:
 
 
 def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndarray, base: np.ndarray | None = None, *,
-                     independent: float = 1.0, seed: int = 0,
-                     report: Callable[[str, float], object] = lambda text, share: None) -> Scores:
+                     independent: float = 1.0, seed: int = 0, report: Progress = lambda text, share: None) -> Scores:
     """Leave every condition out once.
 
     Args:
@@ -126,46 +110,36 @@ def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndar
         report: called with a sentence and the share done.
     """
     base = np.zeros(len(x)) if base is None else base
-    groups, settings = target.group_parts()
-    numbers = np.unique(groups)
+    numbers = np.unique(target.groups)
     whole = describe_draws(x, smooth_weights(base, independent)[0], target.covariance)
     found = []
     for k, g in enumerate(numbers):
         report("leaving conditions out", k / len(numbers))
-        out = groups == g
+        out = target.groups == g
         own = likelihoods[:, out].sum(axis=1)
-        elpd, shape, trusted = _average(base - own, own, independent)
-        way = "draws"
+        (elpd, shape, trusted), way = _average(base - own, own, independent), "draws"
         if not trusted and len(numbers) > 1:
-            again = _refit(target, out, whole, np.random.RandomState(np.random.SeedSequence(
-                [seed, 3, int(g)]).generate_state(8)))
+            again = _refit(target, out, whole, seed_random(seed, 3, int(g)))
             if again is not None and (again[2] or not again[1] > shape):
                 (elpd, shape, trusted), way = again, "refit"
         keys = tuple(part for part, gone in zip(target.parts, out, strict=True) if gone)
-        found.append(Score(settings[k], keys, elpd, shape, way, trusted))
-    return _gather(found)
-
-
-def _gather(found: Sequence[Score]) -> Scores:
-    total, error = add_up(np.array([one.elpd for one in found]))
-    again = sum(one.way == "refit" for one in found)
-    doubtful = sum(not one.trusted for one in found)
-    text = (f"{len(found)} conditions, each left out once: {len(found) - again} by reweighting draws "
-            f"(Pareto-smoothed), {again} by a fit without it where these weights could not be trusted")
+        found.append(Score(target.conditions[k], keys, elpd, shape, way, trusted))
+    refits, doubtful = sum(one.way == "refit" for one in found), sum(not one.trusted for one in found)
+    text = (f"{len(found)} conditions, each left out once: {len(found) - refits} by reweighting draws "
+            f"(Pareto-smoothed), {refits} by a fit without it where these weights could not be trusted")
     if doubtful:
         text += f"; {doubtful} of them remain doubtful, as one condition decides what the others leave open"
-    return Scores(tuple(found), total, error, text)
+    return Scores(tuple(found), *add_up(np.array([one.elpd for one in found])), text)
 
 
 def _average(log_weights: np.ndarray, own: np.ndarray, independent: float) -> tuple[float, float, bool]:
     """Predictive density with weights, the shape of their tail, and whether that can be trusted."""
-    log_weights = np.where(np.isfinite(own), log_weights, -np.inf)
-    smooth, k = smooth_weights(log_weights, independent)
+    smooth, k = smooth_weights(np.where(np.isfinite(own), log_weights, -np.inf), independent)
     alive = np.isfinite(smooth)
     if not alive.any():
         return -np.inf, np.inf, False
-    size = int(alive.sum() * independent)
-    return float(np.logaddexp.reduce(smooth[alive] + own[alive])), k, bool(k <= limit_shape(size))
+    return (float(np.logaddexp.reduce(smooth[alive] + own[alive])), k,
+            bool(k <= limit_shape(int(alive.sum() * independent))))
 
 
 def _refit(target: AbstractTarget, out: np.ndarray, whole: Part, random: np.random.RandomState
@@ -196,22 +170,10 @@ def _refit(target: AbstractTarget, out: np.ndarray, whole: Part, random: np.rand
         alive = np.isfinite(smooth) & np.isfinite(own)
         if not alive.any():
             return best
-        value = float(np.logaddexp.reduce(smooth[alive] + own[alive]))
         worst = max(k, k_both)
         if best is None or worst < best[1]:
-            best = (value, worst, bool(worst <= limit_shape(len(x))))
+            best = (float(np.logaddexp.reduce(smooth[alive] + own[alive])), worst, bool(worst <= limit_shape(len(x))))
         if best[2]:
             break
         halves = [describe_draws(x, w, one[1]) for w, one in zip((smooth, posterior), halves, strict=True)]
     return best
-
-
-def describe_draws(x: np.ndarray, log_weights: np.ndarray, fallback: np.ndarray) -> Part:
-    """Mean and covariance of weighted draws; the covariance that is given where they are too few."""
-    if not np.any(np.isfinite(log_weights)):
-        return x.mean(axis=0), fallback
-    w = np.exp(log_weights - np.logaddexp.reduce(log_weights))
-    mean = w @ x
-    if 1.0 / np.sum(w**2) < 4 * x.shape[1]:
-        return mean, fallback
-    return mean, np.atleast_2d(np.cov(x.T, aweights=w))

@@ -9,7 +9,7 @@ nuisances are sampled here and integrated out for emcee, agreement of the two te
 import dataclasses as dc
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, cast, final
+from typing import Any, cast, final
 
 import jax
 import jax.numpy as jnp
@@ -24,43 +24,13 @@ from .target import AbstractTarget, CampaignTarget, CurveTarget
 
 
 REACH = 6.0  # standard deviations within which a limit counts
+NEAREST = 0.3  # standard deviations from a limit at which a fit counts that lies closer to it
 ACCEPT = {True: 0.85, False: 0.97}  # wanted of moves: of campaigns, nearly Gaussian; of curves, which need not be
 DEEPEST = 8  # doublings of a trajectory
 
 
-class Joint(NamedTuple):
-    """Arrays of the joint density.
-
-    Attributes:
-        centre: coordinates of the parameters, shape (free,), and their whitening `factor`, shape (free, free).
-        walled: whether a limit is within reach, its `wall`, the `side` on which parameters lie (1 above it), and the
-            `scale` of the softplus, shapes (free,).
-        prior_mean, prior_weight: of the coordinates, weight 0 where there is none, shape (free,).
-        own: Cholesky factor of the nuisances' covariance at the fit, shape (records, nuisances, nuisances).
-    """
-
-    centre: Array
-    factor: Array
-    walled: Array
-    wall: Array
-    side: Array
-    scale: Array
-    prior_mean: Array
-    prior_weight: Array
-    own: Array
-
-
-def _place(y: Array, joint: Joint) -> tuple[Array, Array]:
-    """Coordinates of the parameters from whitened ones, shape (free,), and the logarithm of the volume's change."""
-    x = joint.centre + joint.factor @ y
-    far = joint.side * (x - joint.wall) / joint.scale
-    inside = joint.wall + joint.side * joint.scale * jax.nn.softplus(far)
-    volume = jnp.sum(jnp.where(joint.walled, jax.nn.log_sigmoid(far), 0.0))
-    return jnp.where(joint.walled, inside, x), volume
-
-
-def _make_misfit(target: CampaignTarget, own: Array) -> Callable[[Array, Array], Array]:
-    """Half of the squares of residuals and nuisances, of parameters and whitened nuisances."""
+def _misfit_of_records(target: CampaignTarget, own: Array) -> Callable[[Array, Array], Array]:
+    """Half of the squares of residuals and nuisances, of parameters and nuisances that `own` whitens."""
     records, plan = target.records, target.plan
     base = jnp.broadcast_to(plan.base, (plan.stack.time.shape[0], plan.base.shape[0]))
 
@@ -85,39 +55,48 @@ def _make_misfit(target: CampaignTarget, own: Array) -> Callable[[Array, Array],
 def _misfit_of_curve(target: CurveTarget, x: Array, v: Array) -> Array:
     value = 0.5 * jnp.sum(target.rows(x, target.data) ** 2)
     value = value if target.weight is None else value - target.weight(x, target.data)
-    return jnp.where(jnp.isfinite(value), value, 1e10)
+    return jnp.where(jnp.isfinite(value), value, 1e10)  # a wall, with a finite gradient
 
 
-def _pose(target: AbstractTarget) -> tuple[Joint, Callable[[Array], Array]]:
-    """Arrays and potential of a target, of whitened parameters and then nuisances."""
+def _pose(target: AbstractTarget) -> tuple[Callable[[Array], tuple[Array, Array]], Callable[[Array], Array], int]:
+    """How a target is sampled.
+
+    Returns:
+        Coordinates of the parameters from whitened ones, with the logarithm of the volume's change; the potential of
+        whitened parameters and then nuisances; the number of these nuisances.
+    """
     sd = np.sqrt(np.diag(target.covariance))
     below, above = np.abs(target.centre - target.low), np.abs(target.centre - target.high)
     lower = (below < REACH * sd) & (below <= above)
     walled = lower | (above < REACH * sd)
     side = np.where(lower | ~walled, 1.0, -1.0)
     wall = np.where(walled, np.where(lower, target.low, target.high), 0.0)
-    # The place before the softplus that leads to the fit, or to a third of a deviation from the wall.
-    gap = np.maximum(np.where(walled, side * (target.centre - wall), sd) / sd, 0.3)
+    # The place before the softplus that leads to the fit, or to the nearest place off the wall.
+    gap = np.maximum(np.where(walled, side * (target.centre - wall), sd) / sd, NEAREST)
     start = np.where(walled, wall + side * sd * np.log(np.expm1(gap)), target.centre)
+    factor = jnp.asarray(np.linalg.cholesky(target.covariance + 1e-12 * np.diag(sd**2)))
     mean, weight = np.zeros(len(sd)), np.zeros(len(sd))
     for name, (centre, spread) in target.priors.items():
         mean[target.names.index(name)], weight[target.names.index(name)] = centre, 1.0 / spread
-    factor, own = np.linalg.cholesky(target.covariance + 1e-12 * np.diag(sd**2)), np.zeros((0, 0, 0))
     if isinstance(target, CampaignTarget):
         precision = target.integrate(target.centre[None]).factor[0]
         own = np.linalg.inv(np.swapaxes(precision, -1, -2))
-        misfit = _make_misfit(target, jnp.asarray(own))
+        misfit, nuisances = _misfit_of_records(target, jnp.asarray(own)), own.shape[0] * own.shape[1]
     else:
         assert isinstance(target, CurveTarget)
-        misfit = partial(_misfit_of_curve, target)
-    joint = Joint(*(jnp.asarray(a) for a in (start, factor, walled, wall, side, sd, mean, weight, own)))
+        misfit, nuisances = partial(_misfit_of_curve, target), 0
+
+    def place(y: Array) -> tuple[Array, Array]:
+        x = start + factor @ y
+        far = side * (x - wall) / sd
+        volume = jnp.sum(jnp.where(walled, jax.nn.log_sigmoid(far), 0.0))
+        return jnp.where(walled, wall + side * sd * jax.nn.softplus(far), x), volume
 
     def potential(v: Array) -> Array:
-        x, volume = _place(v[: len(sd)], joint)
-        prior = 0.5 * jnp.sum(((x - joint.prior_mean) * joint.prior_weight) ** 2)
-        return misfit(x, v[len(sd):]) + prior - volume
+        x, volume = place(v[: len(sd)])
+        return misfit(x, v[len(sd):]) + 0.5 * jnp.sum(((x - mean) * weight) ** 2) - volume
 
-    return joint, potential
+    return place, potential, nuisances
 
 
 @final
@@ -131,33 +110,31 @@ class Nuts(AbstractSampler):
             from numpyro.infer import NUTS
         except ImportError:
             raise InputError("NUTS needs numpyro; install it with: pip install 'ddetumble[nuts]'") from None
-        super().__init__(target, settings)
-        joint, potential = _pose(target)
-        size = len(target.names) + joint.own.shape[0] * joint.own.shape[1]
         plain = isinstance(target, CampaignTarget)  # and whitened by its fit; others learn their mass matrix
+        place, potential, nuisances = _pose(target)
+        if nuisances:
+            target = dc.replace(target, notes=("every record's nuisances were sampled along with the parameters",))
+        super().__init__(target, settings)
+        free = len(target.names)
         kernel = NUTS(potential_fn=potential, target_accept_prob=ACCEPT[plain], max_tree_depth=DEEPEST,
                       dense_mass=not plain)
-        keys = jax.random.split(jax.random.PRNGKey(settings.seed), settings.ensembles + 1)
-        starts = 0.5 * jax.random.normal(keys[-1], (settings.ensembles, size))
-        self.states = [kernel.init(key, settings.burn, start, (), {})
-                       for key, start in zip(keys[:-1], starts, strict=True)]
+        *keys, last = jax.random.split(jax.random.PRNGKey(settings.seed), settings.ensembles + 1)
+        starts = 0.5 * jax.random.normal(last, (settings.ensembles, free + nuisances))
+        self.states = [kernel.init(key, settings.burn, start, (), {}) for key, start in zip(keys, starts, strict=True)]
         if not all(bool(jnp.isfinite(s.potential_energy)) for s in self.states):
             raise ComputationError("the model cannot be computed at draws from the fit's Gaussian: the fit is too "
                                    "uncertain to sample from; add priors or bounds, or fix a parameter")
-        self.form = jax.tree.structure(self.states[0])
-        if joint.own.shape[0]:
-            self.target = dc.replace(target, notes=("every record's nuisances were sampled along with the parameters",))
 
         @partial(jax.jit, static_argnums=1)
-        def advance(state, steps):
+        def run(state, steps):
             def one(state, _):
                 state = kernel.sample(state, (), {})
-                x = _place(state.z[: len(target.names)], joint)[0]
-                return state, (x, -state.potential_energy, state.num_steps, state.diverging, state.accept_prob)
+                return state, {"x": place(state.z[:free])[0][None], "log_density": -state.potential_energy[None],
+                               "leapfrogs": state.num_steps, "diverging": state.diverging, "accept": state.accept_prob}
 
             return jax.lax.scan(one, state, None, length=steps)
 
-        self._steps = advance
+        self._run = run
 
     @staticmethod
     def count_walkers(settings: Settings, free: int) -> int:
@@ -166,18 +143,17 @@ class Nuts(AbstractSampler):
 
     def advance(self, steps: int) -> Block:
         """As the base class has it."""
-        results = map_threads(lambda s: jax.block_until_ready(self._steps(s, steps)), self.states)
+        results = map_threads(lambda s: jax.block_until_ready(self._run(s, steps)), self.states)
         self.states = [state for state, _ in results]
-        x, value, *more = (np.stack([np.asarray(one[j]) for _, one in results]) for j in range(5))
         leaves = zip(*map(jax.tree.leaves, self.states), strict=True)
-        return {"x": x[:, :, None], "log_density": value[..., None],
-                **dict(zip(("leapfrogs", "diverging", "accept"), more, strict=True)),
+        return {**{name: np.stack([np.asarray(own[name]) for _, own in results]) for name in results[0][1]},
                 **{f"state_{j}": np.stack([np.asarray(leaf) for leaf in own]) for j, own in enumerate(leaves)}}
 
     def resume(self, block: Block) -> None:
         """As the base class has it."""
-        leaves = [block[f"state_{j}"] for j in range(self.form.num_leaves)]
-        self.states = [jax.tree.unflatten(self.form, [jnp.asarray(leaf[k]) for leaf in leaves])
+        form = jax.tree.structure(self.states[0])
+        leaves = [block[f"state_{j}"] for j in range(form.num_leaves)]
+        self.states = [jax.tree.unflatten(form, [jnp.asarray(leaf[k]) for leaf in leaves])
                        for k in range(self.settings.ensembles)]
 
     def adapt(self, draws: np.ndarray) -> None:

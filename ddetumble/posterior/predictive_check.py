@@ -10,7 +10,7 @@ noise are themselves uncertain is allowed for.
 """
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array
 from scipy import stats
 
+from .._display import Progress
 from ..inference.problem import simulate_records
 from .target import CampaignTarget, Plan, map_blocks
 
@@ -34,70 +35,41 @@ STATISTICS = {"chi_square": "chi-square", "largest": "largest residual", "lag": 
 
 @dc.dataclass(frozen=True)
 class RecordCheck:
-    """One record against its replicates.
+    """One record against its replicates; statistics are means over the draws."""
 
-    Attributes:
-        record: its key; `conditions` its settings, SI.
-        samples: how many were measured.
-        chi_square, largest, lag: the statistics, mean over the draws: chi-square per degree of freedom, largest
-            whitened residual, correlation of neighbouring whitened residuals.
-        p_values: of each, by name.
-    """
-
-    record: str
-    conditions: Mapping[str, float]
-    samples: int
-    chi_square: float
-    largest: float
-    lag: float
-    p_values: Mapping[str, float]
+    record: str  # its key
+    conditions: Mapping[str, float]  # SI
+    samples: int  # how many were measured
+    chi_square: float  # per degree of freedom
+    largest: float  # whitened residual
+    lag: float  # correlation of neighbouring whitened residuals
+    p_values: Mapping[str, float]  # by statistic
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Replicates:
-    """Records that the fitted model would make.
-
-    Attributes:
-        channels: their names.
-        time: independent variable, shape (records, samples).
-        measured: shape (records, channels, samples), SI; nan where nothing was measured.
-        values: shape (draws, records, channels, samples), SI.
-        keys: of the records.
-    """
+    """Records that the fitted model would make, SI."""
 
     channels: tuple[str, ...]
-    time: np.ndarray
-    measured: np.ndarray
-    values: np.ndarray
-    keys: tuple[str, ...]
+    time: np.ndarray  # independent variable, shape (records, samples)
+    measured: np.ndarray  # shape (records, channels, samples); nan where nothing was measured
+    values: np.ndarray  # shape (draws, records, channels, samples)
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Checks:
-    """Posterior predictive checks of all records.
-
-    Attributes:
-        records: each record's.
-        draws: of the parameters.
-        totals: p-values over all records together, by statistic.
-        smallest: smallest p-value of any comparison; `comparisons` their number.
-        p_value: of all comparisons together, corrected for their number.
-        rejected: whether the records do not look like what the model makes.
-        outstanding: records that stand out by themselves after the correction.
-        sentence: what that means.
-        replicates: some of the replicated records.
-    """
+    """Posterior predictive checks of all records."""
 
     records: tuple[RecordCheck, ...]
-    draws: int
-    totals: Mapping[str, float]
-    smallest: float
+    draws: int  # of the parameters
+    totals: Mapping[str, float]  # p-values over all records together, by statistic
+    smallest: float  # p-value of any comparison
     comparisons: int
-    p_value: float
-    rejected: bool
-    outstanding: tuple[str, ...]
-    sentence: str
-    replicates: Replicates
+    p_value: float  # of all comparisons together, corrected for their number
+    rejected: bool  # whether the records do not look like what the model makes
+    outstanding: tuple[str, ...]  # records that stand out by themselves after the correction
+    sentence: str  # what that means
+    replicates: Replicates  # some of the replicated records
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the replicates."""
@@ -107,12 +79,11 @@ class Checks:
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _simulate(space, names, channels, x: Array, z: Array, plan: Plan):
     """Whitened residuals, shape (draws, records, rows), failures and channels of records at many points."""
-    rows = plan.stack.time.shape[0]
+    rows, count = plan.stack.time.shape[0], plan.base.shape[0]
 
     def one(pair):
-        point, own = pair
-        base = jnp.broadcast_to(plan.base + (point - plan.centre) @ plan.directions, (rows, plan.base.shape[0]))
-        return simulate_records(space, names, channels, own, plan.stack, base, plan.low, plan.high)
+        base = jnp.broadcast_to(plan.base + (pair[0] - plan.centre) @ plan.directions, (rows, count))
+        return simulate_records(space, names, channels, pair[1], plan.stack, base, plan.low, plan.high)
 
     return jax.lax.map(one, (x, z))
 
@@ -121,12 +92,8 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nuisances of every record given parameters, and the records that these make.
 
-    From their Gaussian; where the model is not linear in them one of a few draws is chosen, by its density.
-
-    Args:
-        target: the posterior.
-        x: coordinates, shape (draws, free).
-        rng: random numbers.
+    From their Gaussian at coordinates x, shape (draws, free); where the model is not linear in them one of a few draws
+    is chosen, by its density.
 
     Returns:
         Nuisances, shape (draws, records, nuisances); whitened residuals, shape (draws, records, rows); channels, shape
@@ -134,89 +101,74 @@ def draw_nuisances(target: CampaignTarget, x: np.ndarray, rng: np.random.Generat
     """
     at = target.integrate(x)
     run = partial(_simulate, target.space, target.records.nuisances, target.records.channels, plan=target.plan)
-    tries = TRIED if target.plan.nodes.shape[0] else 1
     back = np.linalg.inv(np.swapaxes(at.factor, -1, -2))
-    found = []
-    for _ in range(tries):
+    tries = []
+    for _ in range(TRIED if target.costly else 1):
         noise = rng.standard_normal(at.mean.shape)
         z = at.mean + np.einsum("srkl,srl->srk", back, noise)
         residual, failed, model = map_blocks(run, BLOCK, x, z)
         value = -0.5 * (np.sum(residual**2, axis=2) + np.sum(z**2, axis=2)) + 0.5 * np.sum(noise**2, axis=2)
-        found.append((np.where(failed | ~np.isfinite(value), -np.inf, value), z, residual, model))
-    values = np.stack([one[0] for one in found])
-    gumbel = rng.gumbel(size=values.shape)
-    best = np.argmax(np.where(np.isfinite(values), values + gumbel, -np.inf), axis=0)
-    rows = np.arange(len(x))[:, None], np.arange(best.shape[1])[None, :]
-    z, residual, model = (np.stack([one[j] for one in found])[best, rows[0], rows[1]] for j in (1, 2, 3))
+        tries.append((np.where(failed | ~np.isfinite(value), -np.inf, value), z, residual, model))
+    values, *arrays = (np.stack(each) for each in zip(*tries, strict=True))
+    # The largest of the logarithms plus Gumbel numbers is a draw by the weights.
+    best = np.argmax(np.where(np.isfinite(values), values + rng.gumbel(size=values.shape), -np.inf), axis=0)
     good = np.all(np.isfinite(values.max(axis=0)), axis=1)
-    return z[good], residual[good], model[good]
+    z, residual, model = (own[best, np.arange(len(x))[:, None], np.arange(best.shape[1])][good] for own in arrays)
+    return z, residual, model
 
 
-def check_posterior(target: CampaignTarget, x: np.ndarray, seed: int = 0,
-                    report: Callable[[str, float], object] = lambda text, share: None) -> Checks:
-    """Hold every record against replicates of it.
-
-    Args:
-        target: the posterior.
-        x: draws of the coordinates, shape (draws, free).
-        seed: of the replicates.
-        report: called with a sentence and the share done.
-    """
+def check_posterior(target: CampaignTarget, x: np.ndarray, report: Progress = lambda text, share: None) -> Checks:
+    """Hold every record against replicates of it, from draws of the coordinates, shape (draws, free)."""
     report("replicating the records", 0.0)
-    rng = np.random.default_rng([seed, 7])
+    rng = np.random.default_rng([0, 7])  # of its own
     z, residual, model = draw_nuisances(target, x, rng)
-    stack = target.records.stack
+    stack, draws = target.records.stack, len(residual)
     weights, taps = np.asarray(stack.weights), np.asarray(stack.taps)
-    count, channels, samples = weights.shape
-    draws = len(residual)
-    residual = residual.reshape(draws, count, channels, samples)
     noise = [target.fit.noise[name] for name in target.records.channels]
     level = np.array([one.log_level_sd for one in noise])
-    residual = residual * np.exp(-0.5 * level * rng.standard_normal((draws, channels)))[:, None, :, None]
+    residual = residual.reshape(draws, *weights.shape)
+    residual = residual * np.exp(-0.5 * level * rng.standard_normal((draws, len(noise))))[:, None, :, None]
     valid = weights > 0
     # What a tumbling record starts from has no prior worth the name: it is fitted, and counts on neither side.
     settled = np.array([name not in target.records.starts for name in target.records.nuisances])
     moved = (np.asarray(stack.condition_sd) > 0) & settled
     size = valid.sum(axis=(1, 2))
     degrees = size + moved.sum(axis=1)
-    square = np.sum(residual**2 * valid, axis=(2, 3)) + np.sum(np.where(moved, z, 0.0) ** 2, axis=2)
+    energy = np.sum(residual**2 * valid, axis=(2, 3))
+    square = energy + np.sum(np.where(moved, z, 0.0) ** 2, axis=2)
     largest = np.max(np.abs(residual) * valid, axis=(2, 3))
     pairs = valid[:, :, 1:] & valid[:, :, :-1]
-    product = np.sum(residual[..., 1:] * residual[..., :-1] * pairs, axis=(2, 3))
-    energy = np.maximum(np.sum(residual**2 * valid, axis=(2, 3)), 1e-300)
-    lag = product / energy
+    product, energy = np.sum(residual[..., 1:] * residual[..., :-1] * pairs, axis=(2, 3)), np.maximum(energy, 1e-300)
+    lag, whole = product / energy, product.sum(axis=1) / energy.sum(axis=1)
     # E (sum of products)^2 over E (sum of squares)^2 of standard normal numbers: exact, as the ratio and the sum are
     # independent. What the noise's correlation is off by adds to it.
     couples = pairs.sum(axis=(1, 2))
     off = np.max([0.5 * one.log_level_sd * (1 - one.correlation**2) for one in noise])
-    spread = np.sqrt(couples / (size * (size + 2.0)) + off**2)
-    p = {"chi_square": stats.chi2.sf(square, degrees), "lag": 2 * stats.norm.sf(np.abs(lag) / spread),
-         "largest": -np.expm1(size * np.log1p(-np.minimum(2 * stats.norm.sf(largest), 1 - 1e-16)))}
-    p = {name: p[name].mean(axis=0) for name in STATISTICS}
-    whole = product.sum(axis=1) / energy.sum(axis=1)
-    wide = np.sqrt(couples.sum() / (size.sum() * (size.sum() + 2.0)) + off**2)
+    spread, wide = (np.sqrt(c / (n * (n + 2.0)) + off**2) for c, n in ((couples, size), (couples.sum(), size.sum())))
+    each = {"chi_square": stats.chi2.sf(square, degrees),
+            "largest": -np.expm1(size * np.log1p(-np.minimum(2 * stats.norm.sf(largest), 1 - 1e-16))),
+            "lag": 2 * stats.norm.sf(np.abs(lag) / spread)}  # fmt: skip
+    each = {name: own.mean(axis=0) for name, own in each.items()}
     totals = {"chi_square": float(stats.chi2.sf(square.sum(axis=1), degrees.sum()).mean()),
               "lag": float(np.mean(2 * stats.norm.sf(np.abs(whole) / wide)))}
-    table = target.fit.source.records
-    settings = [{str(k): float(v) for k, v in row.items()} for row in table.to_dict("records")]
+    settings = target.fit.source.records.to_dict("records")
     records = tuple(
-        RecordCheck(key, settings[g], int(size[g]), float(square[:, g].mean() / degrees[g]),
-                    float(largest[:, g].mean()), float(lag[:, g].mean()), {k: float(v[g]) for k, v in p.items()})
+        RecordCheck(key, {str(k): float(v) for k, v in settings[g].items()}, int(size[g]),
+                    float(square[:, g].mean() / degrees[g]), float(largest[:, g].mean()), float(lag[:, g].mean()),
+                    {name: float(p[g]) for name, p in each.items()})
         for g, key in enumerate(target.records.keys))
     report("replicating the records", 0.8)
-    kept = slice(None, None, max(1, draws // KEPT))
-    values = _replicate(model[kept], weights, taps, rng)
-    replicates = Replicates(target.records.channels, np.asarray(stack.time), np.where(valid, np.asarray(stack.values),
-                            np.nan), np.where(valid, values, np.nan), target.records.keys)
+    values = _add_noise(model[:: max(1, draws // KEPT)], weights, taps, rng)
+    measured = np.where(valid, np.asarray(stack.values), np.nan)
+    replicates = Replicates(target.records.channels, np.asarray(stack.time), measured, np.where(valid, values, np.nan))
     return _conclude(records, draws, totals, replicates)
 
 
-def _replicate(model: np.ndarray, weights: np.ndarray, taps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _add_noise(model: np.ndarray, weights: np.ndarray, taps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Models with noise of the fitted kind: the whitening filter run backwards."""
     fresh = rng.standard_normal(model.shape) / np.where(weights > 0, weights, 1.0)
-    noise, reach = np.zeros_like(model), taps.shape[-1] if np.any(taps) else 0
+    noise, reach = np.where(weights > 0, fresh, 0.0), taps.shape[-1] if np.any(taps) else 0
     for t in range(model.shape[-1]):
-        noise[..., t] = np.where(weights[..., t] > 0, fresh[..., t], 0.0)
         for k in range(min(t, reach)):
             noise[..., t] += taps[..., t, k] * noise[..., t - 1 - k]
     return model + noise
@@ -232,24 +184,16 @@ def _conclude(records: tuple[RecordCheck, ...], draws: int, totals: Mapping[str,
     p_value = min(1.0, 2.0 * min(together, float(apart.min())))
     rejected = p_value < LEVEL
     outstanding = tuple(one.record for one, row in zip(records, apart, strict=True) if 2.0 * row.min() < LEVEL)
-    smallest = min(float(single.min()), *totals.values())
-    told = f"p {_show(p_value)} after correction for {count} comparisons"
-    if not rejected:
-        sentence = ("Records that the fitted model would make look like the measured ones: none of "
-                    f"{count} comparisons stands out ({told}). That does not prove the model right: what its "
-                    "parameters and the records' settings can imitate does not show here.")
-    else:
-        which = []
-        if outstanding:
-            which.append(f"{len(outstanding)} of {len(records)} records stand out by themselves")
-        if 2.0 * together < LEVEL:
-            words = [STATISTICS[name] for name, value in totals.items() if 2.0 * len(totals) * value < LEVEL]
-            which.append(f"all records together by {' and '.join(words)}")
+    told = f"p {'< 0.001' if p_value < 0.001 else f'= {p_value:.2g}'} after correction for {count} comparisons"
+    sentence = ("Records that the fitted model would make look like the measured ones: none of "
+                f"{count} comparisons stands out ({told}). That does not prove the model right: what its "
+                "parameters and the records' settings can imitate does not show here.")
+    if rejected:
+        which = [f"{len(outstanding)} of {len(records)} records stand out by themselves"] if outstanding else []
+        words = [STATISTICS[name] for name, value in totals.items() if 2.0 * len(totals) * value < LEVEL]
+        which += [f"all records together by {' and '.join(words)}"] if words else []
         sentence = (f"Records that the fitted model would make do not look like the measured ones ({told}): "
                     f"{'; '.join(which)}. The model lacks something, or the noise is not what it was taken for; "
                     "intervals of its parameters do not include that.")
-    return Checks(records, draws, dict(totals), smallest, count, p_value, rejected, outstanding, sentence, replicates)
-
-
-def _show(p: float) -> str:
-    return "< 0.001" if p < 0.001 else f"= {p:.2g}"
+    return Checks(records, draws, dict(totals), min(float(single.min()), *totals.values()), count, p_value, rejected,
+                  outstanding, sentence, replicates)

@@ -116,8 +116,13 @@ def start_mixture(target: AbstractTarget) -> Mixture:
     return Mixture([(target.centre, target.covariance)], target.low, target.high)
 
 
+def seed_random(*numbers: int) -> np.random.RandomState:
+    """Random numbers of their own for every purpose."""
+    return np.random.RandomState(np.random.SeedSequence(numbers).generate_state(8))
+
+
 def adapt_mixture(target: AbstractTarget, density: Callable[[np.ndarray], np.ndarray], draws: np.ndarray,
-                  seed: np.random.SeedSequence) -> tuple[Mixture, float]:
+                  random: np.random.RandomState) -> tuple[Mixture, float]:
     """The proposal by draws of the first steps, and the share of moves that it is to make; by the fit if these are few.
 
     Draws of the first steps do not tell how good a proposal made from them is, as neither has been in the tails yet:
@@ -127,38 +132,37 @@ def adapt_mixture(target: AbstractTarget, density: Callable[[np.ndarray], np.nda
         target: what is sampled.
         density: logarithm of it, from shape (points, free) to (points,).
         draws: shape (draws, free); so many more are made in every round.
-        seed: of the random numbers.
+        random: random numbers.
     """
     count, free = draws.shape
     if count < 20 * free or not np.all(draws.std(axis=0) > 0):
         return start_mixture(target), FEW
-    rng = np.random.RandomState(seed.generate_state(8))
-    now = best = Mixture([_describe(draws)], target.low, target.high)
+    now = best = Mixture([describe_draws(draws)], target.low, target.high)
     reached, points, values, used = 0.0, [], [], []
     for _ in range(ROUNDS):
-        points.append(now.draw(count, rng))
+        points.append(now.draw(count, random))
         values.append(density(points[-1]))
         used.append(now)
-        share = _count(values[-1] - now.log_density(points[-1])) / count
+        share = count_effective(values[-1] - now.log_density(points[-1])) / count
         if share > reached:
             best, reached = now, share
         if reached >= ENOUGH:
             break
         x, p = np.concatenate(points), np.concatenate(values)
         logs = np.where(np.isfinite(p), p, -np.inf) - np.logaddexp.reduce([one.log_density(x) for one in used], axis=0)
-        if _count(logs) < 2 * free:  # hardly any draw counts: the proposal is too wide
+        if count_effective(logs) < 2 * free:  # hardly any draw counts: the proposal is too wide
             mean, covariance = now.parts[0]
             now = Mixture([(mean, SHRINK**2 * covariance)], target.low, target.high)
         else:
             flat = logs - (1.0 - FLATTER) * np.where(np.isfinite(p), p, 0.0)
-            cold, many = _cluster(_choose(x, logs, count, rng), PARTS - HOT, rng)
-            hot, some = _cluster(_choose(x, flat, count, rng), HOT, rng)
+            cold, many = _cluster(_choose(x, logs, count, random), PARTS - HOT, random)
+            hot, some = _cluster(_choose(x, flat, count, random), HOT, random)
             now = Mixture(cold + hot, target.low, target.high, np.concatenate([COLD * many, (1.0 - COLD) * some]))
     return best, MANY if reached >= ENOUGH else FEW
 
 
-def _weigh(logs: np.ndarray) -> np.ndarray:
-    """Weights with sum 1; zero where the density is."""
+def normalise(logs: np.ndarray) -> np.ndarray:
+    """Weights with sum 1 from their logarithms, shape (draws,); all zero where no density is."""
     finite = np.isfinite(logs)
     if not finite.any():
         return np.zeros(len(logs))
@@ -166,21 +170,32 @@ def _weigh(logs: np.ndarray) -> np.ndarray:
     return w / w.sum()
 
 
-def _count(logs: np.ndarray) -> float:
-    """Effective number of weighted draws."""
-    square = np.sum(_weigh(logs) ** 2)
+def count_effective(logs: np.ndarray) -> float:
+    """Effective number of weighted draws, from the logarithms of the weights."""
+    square = np.sum(normalise(logs) ** 2)
     return 1.0 / square if square > 0 else 0.0
 
 
-def _choose(x: np.ndarray, logs: np.ndarray, count: int, rng: np.random.RandomState) -> np.ndarray:
+def describe_draws(x: np.ndarray, logs: np.ndarray | None = None, fallback: np.ndarray | None = None) -> Part:
+    """Mean and covariance of draws, with logarithms of their weights; the covariance given where they are too few."""
+    if logs is None:
+        return x.mean(axis=0), np.atleast_2d(np.cov(x.T))
+    w = normalise(logs)
+    mean = w @ x if w.any() else x.mean(axis=0)
+    if fallback is not None and count_effective(logs) < 4 * x.shape[1]:
+        return mean, fallback
+    return mean, np.atleast_2d(np.cov(x.T, aweights=w))
+
+
+def _choose(x: np.ndarray, logs: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarray:
     """Draws by their weights, the largest cut off (Ionides 2008), systematically, shape (count, free)."""
-    w = _weigh(logs)
+    w = normalise(logs)
     w = np.minimum(w, len(w) ** -0.5)
-    places = (np.arange(count) + rng.random_sample()) / count
+    places = (np.arange(count) + random.random_sample()) / count
     return x[np.minimum(np.searchsorted(np.cumsum(w) / w.sum(), places), len(x) - 1)]
 
 
-def _cluster(x: np.ndarray, most: int, rng: np.random.RandomState) -> tuple[list[Part], np.ndarray]:
+def _cluster(x: np.ndarray, most: int, random: np.random.RandomState) -> tuple[list[Part], np.ndarray]:
     """A part for every cluster of draws, and the portions of the draws in them."""
     free = x.shape[1]
     number = int(np.clip(len(np.unique(x, axis=0)) // (2 * EACH * free), 1, most))
@@ -188,12 +203,8 @@ def _cluster(x: np.ndarray, most: int, rng: np.random.RandomState) -> tuple[list
     if number > 1:
         factor = np.linalg.cholesky(np.atleast_2d(np.cov(x.T)))
         _, label = kmeans2(np.linalg.solve(factor, (x - x.mean(axis=0)).T).T, number, minit="++",
-                           rng=np.random.default_rng(rng.randint(2**31)))
+                           rng=np.random.default_rng(random.randint(2**31)))
     groups = [x[label == k] for k in range(number)]
     groups = [own for own in groups if len(np.unique(own, axis=0)) >= EACH * free] or [x]
     portions = np.array([len(own) for own in groups], dtype=float)
-    return [_describe(own) for own in groups], portions / portions.sum()
-
-
-def _describe(x: np.ndarray) -> Part:
-    return x.mean(axis=0), np.atleast_2d(np.cov(x.T))
+    return [describe_draws(own) for own in groups], portions / portions.sum()

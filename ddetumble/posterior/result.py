@@ -2,18 +2,18 @@
 
 import dataclasses as dc
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._display import AbstractPrinted
+from .._display import AbstractPrinted, Progress
 from ..inference.files import check_folder, list_versions, make_plain, write_json, write_whole
 from .diagnostics import Convergence
 from .loo import Scores, score_conditions
 from .predictive_check import DRAWS, Checks, check_posterior
-from .target import AbstractTarget, CampaignTarget, CurveTarget
+from .target import AbstractTarget, CampaignTarget
 
 
 if TYPE_CHECKING:
@@ -23,29 +23,26 @@ FILE, SUMMARY = "posterior.nc", "posterior.json"
 SCHEMA = "ddetumble.posterior/1"
 MOST_DRAWS = 4000  # on disk
 SCORED = (1000, 300)  # draws at which records' likelihoods are kept: nuisances integrated analytically, or sampled
+FAILING = 0.01  # share of the places tried beyond which it is said that the model could not be computed there
+CUT = 0.1  # share of the draws within half a deviation of a limit from which on the limit cuts the posterior off
+STATISTICS = {"accepted": "{:.0%} of the moves accepted", "evaluations": "{} evaluations of the density",
+              "resumed": "{} steps taken over from an earlier run", "divergences": "{} divergences",
+              "leapfrogs": "{} leapfrog steps"}
 
 
 @dc.dataclass(frozen=True)
 class Estimate:
-    """One parameter, in its public unit.
-
-    Attributes:
-        mean, sd, q025, q50, q975: of the draws.
-        mcse: Monte Carlo error of the mean.
-        effective: independent draws; rhat: agreement of the ensembles or chains.
-        fit, fit_sd: value and standard deviation of the fit beside it.
-        unit: of all of them.
-    """
+    """One parameter, in its public unit: mean, deviation and quantiles of the draws."""
 
     mean: float
     sd: float
     q025: float
     q50: float
     q975: float
-    mcse: float
-    effective: float
-    rhat: float
-    fit: float
+    mcse: float  # Monte Carlo error of the mean
+    effective: float  # independent draws
+    rhat: float  # agreement of the ensembles or chains
+    fit: float  # value and standard deviation of the fit beside it
     fit_sd: float
     unit: str
 
@@ -65,7 +62,7 @@ class Posterior(AbstractPrinted):
         parameters: summaries by name.
         state: a sentence.
         notes: further sentences.
-        log_likelihood: of every part at some draws (`scored`), shape (ensembles, draws, parts); where it was examined.
+        log_likelihood: of every part at some draws (`score`), shape (ensembles, draws, parts); where it was examined.
         predictive: posterior predictive checks; of campaigns only, where it was examined.
         left_out: scores of left-out conditions, where it was examined.
     """
@@ -103,53 +100,49 @@ class Posterior(AbstractPrinted):
         rng = np.random.default_rng(seed)
         return flat[rng.choice(len(flat), size=count, replace=count > len(flat))]
 
-    def thinned(self, most: int = MOST_DRAWS) -> tuple[np.ndarray, np.ndarray]:
+    def thinned(self) -> tuple[np.ndarray, np.ndarray]:
         """Every so many steps: x, shape (ensembles, draws, free), and log density, shape (ensembles, draws).
 
         An ensemble is one chain here, its walkers' ways one behind another, as only ensembles are independent.
         """
-        ensembles, _, _, free = self.x.shape
-        every = max(1, -(-self.log_density.size // most))
-        x, value = self.x[:, ::every], self.log_density[:, ::every]
-        return np.moveaxis(x, 2, 1).reshape(ensembles, -1, free), np.moveaxis(value, 2, 1).reshape(ensembles, -1)
+        every = max(1, -(-self.log_density.size // MOST_DRAWS))
+        x, value = (np.moveaxis(own[:, ::every], 2, 1) for own in (self.x, self.log_density))
+        return x.reshape(len(x), -1, x.shape[-1]), value.reshape(len(x), -1)
 
-    def scored(self) -> np.ndarray:
-        """Draws at which likelihoods of the records are kept, shape (ensembles, draws, free): some of `thinned`."""
+    def score(self) -> tuple[np.ndarray, np.ndarray]:
+        """Some of the thinned draws, shape (draws, free), and the logarithm of every part's likelihood at them, shape
+        (ensembles, draws, parts).
+        """
         x, _ = self.thinned()
-        every = max(1, -(-x.shape[0] * x.shape[1] // SCORED[self.target.costly]))
-        return x[:, ::every]
+        x = x[:, :: max(1, -(-x.shape[0] * x.shape[1] // SCORED[self.target.costly]))]
+        flat = x.reshape(-1, x.shape[-1])
+        found = self.log_likelihood
+        return flat, self.target.likelihoods(flat).reshape(*x.shape[:2], -1) if found is None else found
 
-    def _score(self) -> np.ndarray:
-        """Logarithm of every part's likelihood at these draws, shape (ensembles, draws, parts)."""
-        if self.log_likelihood is not None:
-            return self.log_likelihood
-        x = self.scored()
-        return self.target.likelihoods(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:2], -1)
-
-    def examine(self, report: Callable[[str, float], object] = lambda text, share: None) -> "Posterior":
+    def examine(self, report: Progress = lambda text, share: None) -> "Posterior":
         """The same with posterior predictive checks and scores of left-out conditions, where it has several parts."""
         target = self.target
-        if isinstance(target, CurveTarget) and target.labels is None:
+        if len(target.parts) == 1 and not isinstance(target, CampaignTarget):
             return self
         report("likelihoods of the records", 0.0)
-        flat, likelihoods, checks = self.scored().reshape(-1, len(target.names)), self._score(), None
+        (x, likelihoods), checks = self.score(), None
         if isinstance(target, CampaignTarget):
             checks = check_posterior(target, self.draw(DRAWS), report=lambda t, s: report(t, 0.3 + 0.3 * s))
-        share = min(1.0, self.convergence.effective / max(len(flat), 1))
-        scores = score_conditions(target, flat, likelihoods.reshape(len(flat), -1), independent=max(share, 0.05),
+        share = max(0.05, min(1.0, self.convergence.effective / max(len(x), 1)))
+        scores = score_conditions(target, x, likelihoods.reshape(len(x), -1), independent=share,
                                   report=lambda t, s: report(t, 0.6 + 0.4 * s))
         return dc.replace(self, log_likelihood=likelihoods, predictive=checks, left_out=scores)
 
     def __str__(self) -> str:
         """The report."""
-        count = self.log_density.size
+        told = ", ".join(text.format(self.statistics[key]) for key, text in STATISTICS.items()
+                         if self.statistics.get(key)).replace("%", " %")
         lines = [f"[[Posterior]]\n    {self.title}", "[[Sampling]]", f"    {self.sampler}: {self.state}",
-                 f"    {count} draws kept; {_describe_statistics(self.statistics)}", "[[Parameters]]"]
+                 f"    {self.log_density.size} draws kept; {told}", "[[Parameters]]"]
         rows = [("", "mean", "sd", "2.5 %", "97.5 %", "indep.", "R-hat", "fit")]
         for name, p in self.parameters.items():
-            unit = f" [{p.unit}]" if p.unit else ""
-            rows.append((f"{name}{unit}", f"{p.mean:.6g}", f"{p.sd:.3g}", f"{p.q025:.6g}", f"{p.q975:.6g}",
-                         f"{p.effective:.0f}", f"{p.rhat:.3f}", f"{p.fit:.6g} +/- {p.fit_sd:.3g}"))
+            rows.append((f"{name} [{p.unit}]" if p.unit else name, f"{p.mean:.6g}", f"{p.sd:.3g}", f"{p.q025:.6g}",
+                         f"{p.q975:.6g}", f"{p.effective:.0f}", f"{p.rhat:.3f}", f"{p.fit:.6g} +/- {p.fit_sd:.3g}"))
         lines += [f"    {line}" for line in align_table(rows)]
         if self.predictive is not None:
             lines += ["[[Predictive check]]", f"    {self.predictive.sentence}"]
@@ -167,8 +160,8 @@ class Posterior(AbstractPrinted):
             "schema": SCHEMA, "title": self.title, "sampler": self.sampler, "settings": self.settings,
             "target": self.target.identity, "parameters": self.parameters, "converged": self.converged,
             "state": self.state, "steps": c.steps, "effective": c.effective, "rhat": c.rhat,
-            "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)),
-            "statistics": self.statistics, "correlations": _correlate(self.x), "notes": self.notes,
+            "autocorrelation_time": dict(zip(self.target.names, c.times, strict=True)), "statistics": self.statistics,
+            "correlations": np.atleast_2d(np.corrcoef(self.x.reshape(-1, self.x.shape[-1]).T)), "notes": self.notes,
             "predictive": None if self.predictive is None else self.predictive.to_dict(), "left_out": self.left_out,
             "versions": list_versions(),
         })  # fmt: skip
@@ -176,8 +169,8 @@ class Posterior(AbstractPrinted):
     def to_datatree(self) -> "xr.DataTree":
         """Draws, densities and likelihoods of the records as ArviZ has them; every ensemble is a chain.
 
-        Likelihoods are those at some draws (`scored`). Of an examined posterior there are replicated records, as one
-        chain of a few draws, beside the measured ones.
+        Likelihoods are those at some draws. Of an examined posterior there are replicated records, as one chain of a
+        few draws, beside the measured ones.
         """
         import arviz_base
 
@@ -185,27 +178,24 @@ class Posterior(AbstractPrinted):
         public = self.target.publish(x)
         groups: dict[str, Any] = {
             "posterior": {name: public[..., k] for k, name in enumerate(self.target.names)},
-            "sample_stats": {"lp": value},
-        }
-        groups["log_likelihood"] = {"record": self._score()}
-        coordinates: dict[str, Any] = {"part": list(self.target.parts)}
-        dims = {"record": ["part"]}
+            "sample_stats": {"lp": value}, "log_likelihood": {"record": self.score()[1]},
+        }  # fmt: skip
+        coordinates, dims = {"part": list(self.target.parts)}, {"record": ["part"]}
         if self.predictive is not None:
             own = self.predictive.replicates
-            coordinates |= {"measured_record": list(own.keys)}
-            for k, name in enumerate(own.channels):
-                groups.setdefault("posterior_predictive", {})[name] = own.values[None, :, :, k].astype(np.float32)
-                groups.setdefault("observed_data", {})[name] = own.measured[:, k]
-                dims[name] = ["measured_record", "reading"]
+            coordinates["measured_record"] = [one.record for one in self.predictive.records]
+            dims |= dict.fromkeys((*own.channels, "time"), ["measured_record", "reading"])
+            groups["posterior_predictive"] = {name: own.values[None, :, :, k].astype(np.float32)
+                                              for k, name in enumerate(own.channels)}
+            groups["observed_data"] = {name: own.measured[:, k] for k, name in enumerate(own.channels)}
             groups["constant_data"] = {"time": own.time}
-            dims["time"] = ["measured_record", "reading"]
         tree = arviz_base.from_dict(groups, coords=coordinates, dims=dims)
-        plain = self.to_dict()
         for name, p in self.parameters.items():
             tree["posterior"][name].attrs["units"] = p.unit
+        plain = self.to_dict() | {"priors": make_plain(self.target.priors)}
         tree.attrs.update({key: json.dumps(plain[key]) for key in ("schema", "title", "sampler", "settings", "target",
-                                                                   "statistics", "versions", "state", "notes")})
-        tree.attrs["priors"] = json.dumps(make_plain(self.target.priors))
+                                                                   "statistics", "versions", "state", "notes",
+                                                                   "priors")})
         return tree
 
     def save(self, folder) -> Path:
@@ -222,58 +212,31 @@ class Posterior(AbstractPrinted):
 def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[str, Any], x: np.ndarray,
                         log_density: np.ndarray, convergence: Convergence, statistics: Mapping[str, Any]) -> Posterior:
     """Turn draws into what people read; arguments as in `Posterior`."""
-    public = target.publish(x)
-    centre = target.publish(target.centre)
-    slope = target.slope()
+    public, centre, slope = target.publish(x), target.publish(target.centre), target.slope()
     spread = np.sqrt(np.diag(slope @ target.covariance @ slope.T))
-    parameters = {}
-    for k, name in enumerate(target.names):
-        values = public[..., k].ravel()
-        sd = float(values.std())
-        low, middle, high = (float(q) for q in np.quantile(values, [0.025, 0.5, 0.975]))
-        parameters[name] = Estimate(
-            float(values.mean()), sd, low, middle, high, sd / float(np.sqrt(max(convergence.sizes[k], 1.0))),
-            float(convergence.sizes[k]), float(convergence.rhats[k]), float(centre[k]),
-            float(spread[k]), target.units[k])
     state = (f"converged after {convergence.steps} steps" if convergence.enough else
              f"not converged after {convergence.steps} steps: {convergence.lacking}; the same command with more steps "
              "goes on from here")
-    notes = [*target.notes]
+    parameters, notes = {}, [*target.notes]
     failures, evaluations = statistics.get("failures", 0), max(statistics.get("evaluations", 1), 1)
-    if failures > 0.01 * evaluations:
+    if failures > FAILING * evaluations:
         notes.append(f"the model could not be computed at {failures} of {evaluations} places that were tried; they "
                      "count as impossible")
     for k, name in enumerate(target.names):
-        notes += _describe_limits(name, public[..., k].ravel(), x[..., k], target.low[k], target.high[k])
+        values, size = public[..., k].ravel(), float(convergence.sizes[k])
+        sd = float(values.std())
+        low, middle, high = (float(q) for q in np.quantile(values, [0.025, 0.5, 0.975]))
+        parameters[name] = Estimate(
+            float(values.mean()), sd, low, middle, high, sd / float(np.sqrt(max(size, 1.0))), size,
+            float(convergence.rhats[k]), float(centre[k]), float(spread[k]), target.units[k])
+        # Where a limit cuts the posterior off, the fit's interval does not hold, the draws' does.
+        for limit, end, bound, q in ((target.low[k], "lower", "below", 0.95), (target.high[k], "upper", "above", 0.05)):
+            if np.isfinite(limit) and np.mean(np.abs(x[..., k] - limit) < 0.5 * x[..., k].std()) > CUT:
+                notes.append(f"{name} is cut off by its {end} limit: with 95 % probability it is {bound} "
+                             f"{float(np.quantile(values, q)):.4g}")
+                break
     return Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,
                      tuple(notes))
-
-
-def _describe_limits(name: str, values: np.ndarray, x: np.ndarray, low: float, high: float) -> list[str]:
-    """A sentence where a limit cuts the posterior off: then the fit's interval does not hold, the draws' does."""
-    sd = float(x.std())
-    for limit, end in ((low, "lower"), (high, "upper")):
-        near = float(np.mean(np.abs(x - limit) < 0.5 * sd)) if np.isfinite(limit) else 0.0
-        if near > 0.1:
-            side = 0.95 if end == "lower" else 0.05
-            bound = "below" if end == "lower" else "above"
-            return [f"{name} is cut off by its {end} limit: with 95 % probability it is {bound} "
-                    f"{float(np.quantile(values, side)):.4g}"]
-    return []
-
-
-def _describe_statistics(statistics: Mapping[str, Any]) -> str:
-    words = {"accepted": "{} of the moves accepted", "evaluations": "{} evaluations of the density",
-             "resumed": "{} steps taken over from an earlier run", "divergences": "{} divergences",
-             "leapfrogs": "{} leapfrog steps"}
-    shown = {**statistics, "accepted": f"{100 * statistics.get('accepted', 0.0):.0f} %"}
-    return ", ".join(text.format(shown[key]) for key, text in words.items()
-                     if key in statistics and (statistics[key] or key not in ("resumed", "divergences")))
-
-
-def _correlate(x: np.ndarray) -> np.ndarray:
-    flat = x.reshape(-1, x.shape[-1])
-    return np.atleast_2d(np.corrcoef(flat.T)) if flat.shape[1] > 1 else np.ones((1, 1))
 
 
 def align_table(rows: Sequence[Sequence[str]]) -> list[str]:

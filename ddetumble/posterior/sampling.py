@@ -59,7 +59,10 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
         target = pose_curve_fit(source)
     else:
         if isinstance(source, (str, Path)) and Path(source).suffix == ".toml":
-            stated, named = _read_settings(Path(source))
+            found, _ = read_specification(Path(source))
+            own = found.sampler
+            stated, named = {"walkers": own.walkers, "burn": own.burn, "most": own.steps, "effective": own.effective,
+                             "ensembles": own.ensembles, "seed": found.seed}, own.name
         if not isinstance(source, Fit):
             source = fit(source, model, effects, progress=lambda text, share: report(text, 0.1 * share), **fitting)
         elif fitting or effects:
@@ -69,14 +72,6 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
     sampler = sampler or named
     if sampler not in SAMPLERS:
         raise InputError(f"there is no sampler {sampler!r}; it is {' or '.join(SAMPLERS)}", option="sampler")
-    settings = Settings(**{**stated, **{k: v for k, v in given.items() if v is not None}})
+    settings = Settings(**{**stated, **{name: value for name, value in given.items() if value is not None}})
     return run_chains(SAMPLERS[sampler], target, settings, None if folder is None else Path(folder) / CHAIN,
                       lambda text, share: report(text, 0.15 + 0.85 * share))
-
-
-def _read_settings(path: Path) -> tuple[dict[str, Any], str]:
-    """Settings of the sampler in a specification, and its name."""
-    found, _ = read_specification(path)
-    s = found.sampler
-    return {"walkers": s.walkers, "burn": s.burn, "most": s.steps, "effective": s.effective, "ensembles": s.ensembles,
-            "seed": found.seed}, s.name

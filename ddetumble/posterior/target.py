@@ -37,7 +37,7 @@ from ..inference.bounded import Bounded, solve_bounded
 from ..inference.curve_fit import Curve, CurveFit
 from ..inference.files import make_plain
 from ..inference.findings import Fit
-from ..inference.identifiability import Knowledge, analyse_fit
+from ..inference.identifiability import analyse_fit
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import FAILED, Problem, Solution, evaluate, simulate_records
 from ..inference.stack import Records, Stack, trim_records
@@ -47,117 +47,67 @@ from ..measurement.grouping import group_conditions, name_conditions
 POINTS = 16  # of the importance sampling of a record's nuisances
 TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged
 CURVED = 0.05  # standard deviation, over these, of what the linear integral is off by: beyond it nuisances are sampled
-FROZEN = ("base", "centre", "own", "slope", "nodes")
 
 
 class Plan(eqx.Module):
-    """What the likelihood needs beside the parameters: arrays only, so that it is an argument of compiled programs.
+    """What the likelihood needs beside the parameters: arrays only, so that it is an argument of compiled programs."""
 
-    Attributes:
-        stack: the records.
-        base: coordinates of all parameters of the space at the fit, shape (parameters,).
-        directions: rows of the identity that belong to the free parameters, shape (free, parameters).
-        low, high: limits of the model, shape (parameters,).
-        centre: coordinates of the free parameters at the fit, shape (free,).
-        own: best nuisances at the fit, shape (records, nuisances).
-        slope: change of these by the free coordinates, shape (records, nuisances, free).
-        nodes: standard normal points of the importance sampling, shape (points, nuisances); no points: linear.
-        constant: normalisation of each record's Gaussian, shape (records,).
-    """
-
-    stack: Stack
-    base: Array
-    directions: Array
-    low: Array
+    stack: Stack  # the records
+    base: Array  # coordinates of all parameters of the space at the fit, shape (parameters,)
+    directions: Array  # rows of the identity that belong to the free parameters, shape (free, parameters)
+    low: Array  # limits of the model, shape (parameters,)
     high: Array
-    centre: Array
-    own: Array
-    slope: Array
-    nodes: Array
-    constant: Array
+    centre: Array  # coordinates of the free parameters at the fit, shape (free,)
+    own: Array  # best nuisances at the fit, shape (records, nuisances)
+    slope: Array  # change of these by the free coordinates, shape (records, nuisances, free)
+    nodes: Array  # standard normal points of the importance sampling, shape (points, nuisances); no points: linear
+    constant: Array  # normalisation of each record's Gaussian, shape (records,)
 
 
 class Integral(NamedTuple):
-    """One record's (or many records') integral over the nuisances.
+    """Integrals over the nuisances of records."""
 
-    Attributes:
-        value: logarithm of the likelihood, -inf where the model failed.
-        mean: of the nuisances given the parameters, shape (..., nuisances).
-        factor: Cholesky factor of their precision $A$, shape (..., nuisances, nuisances).
-    """
-
-    value: Array
-    mean: Array
-    factor: Array
-
-
-def draw_nodes(count: int, dimension: int, seed: int = 0) -> np.ndarray:
-    """Standard normal points, evenly spread (scrambled Sobol, with their mirror images), shape (count, dimension)."""
-    if not count:
-        return np.zeros((0, dimension))
-    half = stats.qmc.Sobol(dimension, rng=np.random.default_rng(seed)).random(count // 2)
-    points = stats.norm.ppf(np.clip(half, 1e-9, 1 - 1e-9))
-    return np.concatenate([points, -points])
-
-
-def _integrate(space, names, channels, x: Array, plan: Plan) -> Integral:
-    """All records at one point x, shape (free,)."""
-    stack, rows = plan.stack, plan.stack.time.shape[0]
-    count = plan.base.shape[0]
-    shift = x - plan.centre
-    base = jnp.broadcast_to(plan.base + shift @ plan.directions, (rows, count))
-    start = plan.own + jnp.einsum("gkp,p->gk", plan.slope, shift)
-    start = jnp.clip(jnp.where(jnp.isfinite(start), start, 0.0), -8.0, 8.0) * stack.present[:, None]
-    at = evaluate(space, names, channels, jnp.zeros(0), start, stack, base, jnp.zeros((0, count)), plan.low, plan.high)
-    size = start.shape[1]
-    corner = jnp.eye(size) + jnp.einsum("grk,grl->gkl", at.own, at.own)
-    gradient = jnp.einsum("grk,gr->gk", at.own, at.residual) + start
-    factor = jnp.linalg.cholesky(corner)
-    step = jax.vmap(lambda f, b: jsl.cho_solve((f, True), b))(factor, gradient)
-    half = jnp.sum(jnp.log(jnp.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
-    mean = start - step
-    square = jnp.sum(at.residual**2, axis=1) + jnp.sum(start**2, axis=1) - jnp.sum(gradient * step, axis=1)
-    value = -0.5 * square
-    failed = at.failed
-    if plan.nodes.shape[0]:
-        def weigh(node):
-            offset = jax.vmap(lambda f: jsl.solve_triangular(f, node, trans=1, lower=True))(factor)
-            z = mean + offset
-            residual, bad = simulate_records(space, names, channels, z, stack, base, plan.low, plan.high)[:2]
-            here = -0.5 * (jnp.sum(residual**2, axis=1) + jnp.sum(z**2, axis=1)) + 0.5 * jnp.sum(node**2)
-            return jnp.where(bad, -0.5 * FAILED**2, here)
-
-        weights = jax.lax.map(weigh, plan.nodes)
-        value = jax.scipy.special.logsumexp(weights, axis=0) - jnp.log(plan.nodes.shape[0])
-    value = jnp.where(failed | ~jnp.isfinite(value), -jnp.inf, value - half + plan.constant)
-    return Integral(jnp.where(stack.present > 0, value, 0.0), mean, factor)
+    value: Array  # logarithm of the likelihood, -inf where the model failed, shape (points, records)
+    mean: Array  # of the nuisances given the parameters, shape (points, records, nuisances)
+    factor: Array  # Cholesky factor of their precision A, shape (points, records, nuisances, nuisances)
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
-def integrate_nuisances(space, names, channels, x: Array, plan: Plan) -> Integral:
-    """Likelihood of every record at many points.
+def _integrate(space, names, channels, x: Array, plan: Plan) -> Integral:
+    """Likelihood of every record at many points of the free coordinates, shape (points, free)."""
+    stack, count = plan.stack, plan.base.shape[0]
+    rows, size = plan.own.shape
+    nothing = jnp.zeros(0), jnp.zeros((0, count))
 
-    Args:
-        space: of the parameters.
-        names: of the nuisances.
-        channels: that are measured.
-        x: coordinates of the free parameters, shape (points, free).
-        plan: everything else.
+    def integrate(point):
+        shift = point - plan.centre
+        base = jnp.broadcast_to(plan.base + shift @ plan.directions, (rows, count))
+        start = plan.own + jnp.einsum("gkp,p->gk", plan.slope, shift)
+        start = jnp.clip(jnp.where(jnp.isfinite(start), start, 0.0), -8.0, 8.0) * stack.present[:, None]
+        at = evaluate(space, names, channels, nothing[0], start, stack, base, nothing[1], plan.low, plan.high)
+        factor = jnp.linalg.cholesky(jnp.eye(size) + jnp.einsum("grk,grl->gkl", at.own, at.own))
+        gradient = jnp.einsum("grk,gr->gk", at.own, at.residual) + start
+        step = jax.vmap(lambda f, b: jsl.cho_solve((f, True), b))(factor, gradient)
+        half = jnp.sum(jnp.log(jnp.diagonal(factor, axis1=-2, axis2=-1)), axis=-1)
+        mean = start - step
+        value = -0.5 * (jnp.sum(at.residual**2, axis=1) + jnp.sum(start**2, axis=1) - jnp.sum(gradient * step, axis=1))
+        if plan.nodes.shape[0]:
+            def weigh(node):
+                z = mean + jax.vmap(lambda f: jsl.solve_triangular(f, node, trans=1, lower=True))(factor)
+                residual, bad = simulate_records(space, names, channels, z, stack, base, plan.low, plan.high)[:2]
+                here = -0.5 * (jnp.sum(residual**2, axis=1) + jnp.sum(z**2, axis=1)) + 0.5 * jnp.sum(node**2)
+                return jnp.where(bad, -0.5 * FAILED**2, here)
 
-    Returns:
-        The integrals, shapes (points, records, ...).
-    """
-    return jax.lax.map(lambda one: _integrate(space, names, channels, one, plan), x)
+            weights = jax.lax.map(weigh, plan.nodes)
+            value = jax.scipy.special.logsumexp(weights, axis=0) - jnp.log(plan.nodes.shape[0])
+        value = jnp.where(at.failed | ~jnp.isfinite(value), -jnp.inf, value - half + plan.constant)
+        return Integral(jnp.where(stack.present > 0, value, 0.0), mean, factor)
+
+    return jax.lax.map(integrate, x)
 
 
 def map_blocks(function: Callable[..., Any], size: int, *arrays: np.ndarray) -> Any:
-    """A compiled function of many points in blocks of one size, so that one program serves them all.
-
-    Args:
-        function: of arrays to arrays, the first axis of all of them the points.
-        size: of a block; fewer points go as they are.
-        arrays: its arguments.
-    """
+    """A compiled function of many points, the first axis of its arrays, in blocks of one size: one program for all."""
     def run(block):
         return jax.tree.map(np.asarray, function(*map(jnp.asarray, block)))
 
@@ -169,51 +119,29 @@ def map_blocks(function: Callable[..., Any], size: int, *arrays: np.ndarray) -> 
     return jax.tree.map(lambda *part: np.concatenate(part)[:count], *parts)
 
 
-@dc.dataclass(frozen=True, eq=False)
+@dc.dataclass(frozen=True, eq=False, kw_only=True)
 class AbstractTarget(ABC):
-    """A posterior density.
+    """A posterior density."""
 
-    Attributes:
-        names, units: of the parameters.
-        coordinates: kind of each: `linear`, `log`, `logit` or `inverse`; priors are flat in these where none is given.
-        centre: coordinates of the fit, shape (free,).
-        covariance: of the coordinates by the fit, shape (free, free).
-        low, high: limits of the coordinates, shape (free,).
-        priors: Gaussian (mean, sd) of coordinates by name.
-        parts: what the likelihood is a product over: keys of the records.
-        identity: what makes this target, for those who go on with a chain: plain data.
-        notes: sentences.
-    """
-
-    names: tuple[str, ...]
+    title: str  # what is sampled, in words
+    names: tuple[str, ...]  # of the parameters
     units: tuple[str, ...]
-    coordinates: tuple[str, ...]
-    centre: np.ndarray
-    covariance: np.ndarray
-    low: np.ndarray
+    coordinates: tuple[str, ...]  # `linear`, `log`, `logit` or `inverse`; priors are flat in these where none is given
+    centre: np.ndarray  # coordinates of the fit, shape (free,)
+    covariance: np.ndarray  # of the coordinates by the fit, shape (free, free)
+    low: np.ndarray  # limits of the coordinates, shape (free,)
     high: np.ndarray
-    priors: Mapping[str, tuple[float, float]]
-    parts: tuple[str, ...]
-    identity: Mapping[str, Any]
-    notes: tuple[str, ...]
+    priors: Mapping[str, tuple[float, float]]  # Gaussian (mean, sd) of coordinates by name
+    parts: tuple[str, ...]  # what the likelihood is a product over: keys of the records
+    groups: np.ndarray  # number of the condition of every part, shape (parts,)
+    conditions: Sequence[Mapping[str, float]]  # mean settings of every condition, SI
+    identity: Mapping[str, Any]  # what makes this target, for those who go on with a chain: plain data
+    notes: tuple[str, ...] = ()  # sentences
+    costly: bool = False  # whether each point costs as much as those of a sampled integral
 
     @abstractmethod
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
         """Logarithm of the likelihood of every part, shape (points, free) to (points, parts); -inf where it failed."""
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """What is sampled, in words."""
-
-    @property
-    def costly(self) -> bool:
-        """Whether each point costs as much as those of a sampled integral."""
-        return False
-
-    def group_parts(self) -> tuple[np.ndarray, list[dict[str, float]]]:
-        """Number of the condition of every part, shape (parts,), and mean settings of every condition, SI."""
-        return np.arange(len(self.parts)), [{} for _ in self.parts]
 
     @abstractmethod
     def fit_without(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -231,8 +159,11 @@ class AbstractTarget(ABC):
         total = np.zeros(len(x))
         for name, (mean, sd) in self.priors.items():
             total -= 0.5 * ((x[:, self.names.index(name)] - mean) / sd) ** 2 + np.log(sd * np.sqrt(2 * np.pi))
-        inside = np.all((x >= self.low) & (x <= self.high), axis=1)
-        return np.where(inside, total, -np.inf)
+        return np.where(self.holds(x), total, -np.inf)
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Whether points lie within the limits, shape (points, free) to (points,)."""
+        return np.all((x >= self.low) & (x <= self.high), axis=1)
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Logarithm of prior times likelihood, shape (points, free) to (points,); never nan."""
@@ -241,14 +172,6 @@ class AbstractTarget(ABC):
         safe = np.where(np.isfinite(prior)[:, None], x, self.centre)
         total = prior + np.sum(self.likelihoods(safe), axis=1)
         return np.where(np.isnan(total), -np.inf, total)
-
-    def freeze(self) -> dict[str, np.ndarray]:
-        """The numbers that a chain depends on beside the data, which another fit might give in other last digits."""
-        return {"centre": self.centre, "covariance": self.covariance}
-
-    def thaw(self, arrays: Mapping[str, np.ndarray]) -> "AbstractTarget":
-        """The target with those numbers."""
-        return dc.replace(self, centre=arrays["centre"], covariance=arrays["covariance"])
 
     def publish(self, x: np.ndarray) -> np.ndarray:
         """Coordinates to values in the parameters' public units, any shape (..., free)."""
@@ -261,58 +184,43 @@ class AbstractTarget(ABC):
         step = 1e-4 * np.diag(np.sqrt(np.diag(self.covariance)))
         return (self.publish(self.centre + step) - self.publish(self.centre - step)).T / (2 * np.diag(step))
 
+    def draw_inside(self, rng: np.random.Generator, count: int, width: float = 1.0) -> np.ndarray:
+        """Draws from the fit's Gaussian, made `width` times as wide, within the limits; shape (count, free).
+
+        Raises:
+            InputError: Hardly any of it lies within them.
+        """
+        factor = np.linalg.cholesky(self.covariance + 1e-14 * np.diag(np.diag(self.covariance)))
+        found = np.zeros((0, len(self.names)))
+        for _ in range(200):
+            x = self.centre + width * rng.standard_normal((4 * count, len(self.names))) @ factor.T
+            found = np.concatenate([found, x[np.all((x > self.low) & (x < self.high), axis=1)]])
+            if len(found) >= count:
+                return found[:count]
+            width *= 0.9
+        raise InputError("hardly any of the fit's Gaussian lies within the bounds; widen them, or start the fit "
+                         "elsewhere")
+
 
 @final
-@dc.dataclass(frozen=True, eq=False)
+@dc.dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignTarget(AbstractTarget):
-    """Posterior of a model fitted to a campaign, each record's nuisances integrated out.
+    """Posterior of a model fitted to a campaign, each record's nuisances integrated out; parts are records."""
 
-    Attributes:
-        fit: it comes from.
-        space: the reference model with the effects of the fit alone.
-        records: stacked, without padding beyond a few samples.
-        plan: arrays of the likelihood.
-        curved: by how much the linear integral is off from point to point, in logarithms of the likelihood.
-    """
-
-    fit: Fit
-    space: ParameterSpace
-    records: Records
-    plan: Plan
-    curved: float
-
-    def freeze(self) -> dict[str, np.ndarray]:
-        """As the base class has it, with the plan's."""
-        return {**super().freeze(), **{name: np.asarray(getattr(self.plan, name)) for name in FROZEN}}
-
-    def thaw(self, arrays: Mapping[str, np.ndarray]) -> "CampaignTarget":
-        """As the base class has it, with the plan's."""
-        plan = dc.replace(self.plan, **{name: jnp.asarray(arrays[name]) for name in FROZEN})
-        return dc.replace(self, centre=arrays["centre"], covariance=arrays["covariance"], plan=plan)
+    fit: Fit  # it comes from
+    space: ParameterSpace  # the reference model with the effects of the fit alone
+    records: Records  # stacked, without padding beyond a few samples
+    plan: Plan  # arrays of the likelihood
+    curved: float = 0.0  # by how much the linear integral is off from point to point, in logarithms of the likelihood
 
     def integrate(self, x: np.ndarray) -> Integral:
-        """The integrals over every record's nuisances, shapes (points, records, ...); many points go in blocks."""
-        run = partial(integrate_nuisances, self.space, self.records.nuisances, self.records.channels, plan=self.plan)
+        """The integrals over every record's nuisances at points of shape (points, free); many go in blocks."""
+        run = partial(_integrate, self.space, self.records.nuisances, self.records.channels, plan=self.plan)
         return map_blocks(run, TRIALS, np.asarray(x, dtype=float))
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it; parts are records."""
+        """As the base class has it."""
         return np.asarray(self.integrate(x).value)
-
-    @property
-    def title(self) -> str:
-        """As the base class has it."""
-        return f"{self.fit.model_text}, sampled from {self.fit.campaign}"
-
-    @property
-    def costly(self) -> bool:
-        """As the base class has it: nuisances are sampled."""
-        return self.plan.nodes.shape[0] > 0
-
-    def group_parts(self) -> tuple[np.ndarray, list[dict[str, float]]]:
-        """As the base class has it."""
-        groups = group_conditions(self.fit.source.records)
-        return groups, name_conditions(self.fit.source.records, groups)
 
     def fit_without(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """As the base class has it."""
@@ -324,15 +232,23 @@ class CampaignTarget(AbstractTarget):
         again = solve_bounded(less, list(found.names), found.solution.u, found.solution.z, found.bounds, 1e-2)
         if again.solution.failed:
             return None
-        _, known = know_fit(less, again)
-        room = self.high - self.low
-        if any(not np.isfinite(room[self.names.index(name)]) for name in known.undetermined):
+        _, covariance, loose = _know_fit(less, again, self.high - self.low)
+        if loose or not np.all(np.isfinite(covariance)):
             return None
-        covariance = cap_covariance(known.covariance, room)
-        if not np.all(np.isfinite(covariance)):
-            return None
-        places = [problem.space.index[name] for name in self.names]
-        return again.solution.u[places], covariance
+        return again.solution.u[[problem.space.index[name] for name in self.names]], covariance
+
+
+def _know_fit(problem: Problem, found: Bounded, room: np.ndarray) -> tuple[Solution, np.ndarray, list[str]]:
+    """Derivatives by all free parameters at a fit, their covariance, and names of those that nothing bounds.
+
+    No deviation exceeds a quarter of the room between finite limits.
+    """
+    at = problem.solve(found.names, found.solution.u, found.solution.z, moving=False)
+    known = analyse_fit(problem.space, at)
+    shrink = np.minimum(1.0, np.where(np.isfinite(room), 0.25 * room, np.inf) / np.sqrt(np.diag(known.covariance)))
+    loose = [name for name, own in zip(found.names, room, strict=True)
+             if name in known.undetermined and not np.isfinite(own)]
+    return at, known.covariance * np.outer(shrink, shrink), loose
 
 
 def pose_fit(fit: Fit) -> CampaignTarget:
@@ -344,78 +260,55 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     Raises:
         InputError: The records determine nothing about a parameter that has no prior: there is no posterior.
     """
-    problem, found = fit.problem, fit.bounded
-    full, names = problem.space, found.names
-    at, known = know_fit(problem, found)
-    places = [full.index[name] for name in names]
+    problem, found, solution = fit.problem, fit.bounded, fit.bounded.solution
+    full, names, u = problem.space, found.names, solution.u
     low, high = np.array([found.room(problem, name) for name in names]).T
-    # An effect's parameter first: it may be what the reference model's cannot be told from.
-    for k, name in sorted(enumerate(names), key=lambda one: "." not in one[1]):
-        if name in known.undetermined and not np.isfinite(high[k] - low[k]):
-            raise InputError(f"the records say nothing about {name}, so that there is no posterior to draw from; give "
-                             "it a prior or bounds (in fit.toml: [priors], [bounds]), or fix it ([fixed])")
-    slots = [full.slots[k].parameter for k in places]
-    space = _slim(full, found.solution.u, fit.effects)
+    at, covariance, loose = _know_fit(problem, found, high - low)
+    if loose:  # an effect's parameter first: it may be what the reference model's cannot be told from
+        raise InputError(f"the records say nothing about {min(loose, key=lambda n: '.' not in n)}, so that there is no "
+                         "posterior to draw from; give it a prior or bounds (in fit.toml: [priors], [bounds]), or fix "
+                         "it ([fixed])")
+    # The same reference model with those effects only that are in the model or not at their null.
+    moved = {s.owner for k, s in enumerate(full.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
+    space = ParameterSpace(full.reference, [e for e in full.effects if e.id in fit.effects or e.id in moved],
+                           full.commons)
     records = trim_records(problem.records)
-    plan = _plan(space, records, fit, at, names)
+    places, columns = [full.index[n] for n in space.index], [space.index[n] for n in names]
+    corner = np.eye(at.own.shape[2]) + np.einsum("grk,grl->gkl", at.own, at.own)
+    slope = -np.linalg.solve(corner, np.einsum("grk,grj->gkj", at.own, at.shared)) / at.scales
+    weights = np.asarray(records.stack.weights)
+    logs = np.where(weights > 0, np.log(np.where(weights > 0, weights, 1.0)) - 0.5 * np.log(2 * np.pi), 0.0)
+    plan = Plan(records.stack, *map(jnp.asarray, (
+        u[places], np.eye(len(places))[columns].reshape(len(columns), len(places)),
+        *(limit[places] for limit in problem.limits), u[places][columns], solution.z, slope,
+        np.zeros((0, solution.z.shape[1])), logs.sum(axis=(1, 2)))))
     identity = {"campaign": fit.campaign, "sha256": fit.sha256, "model": fit.model, "effects": list(fit.effects),
                 "names": list(names), "fixed": dict(fit.fixed), "priors": {k: list(v) for k, v in
                                                                             problem.priors.items()},
                 "bounds": {k: list(v) for k, v in found.bounds.items() if np.any(np.isfinite(v))},
                 "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
-    covariance = cap_covariance(known.covariance, high - low)
-    target = CampaignTarget(names, tuple(full.unit(n, found.solution.u) for n in names),
-                            tuple(p.coordinate for p in slots),
-                            found.solution.u[places], covariance, low, high, problem.priors, records.keys, identity,
-                            (), fit, space, records, plan, 0.0)
-    return _judge(target)
+    groups = group_conditions(fit.source.records)
+    target = CampaignTarget(
+        title=f"{fit.model_text}, sampled from {fit.campaign}", names=names,
+        units=tuple(full.unit(n, u) for n in names),
+        coordinates=tuple(full.slots[full.index[n]].parameter.coordinate for n in names),
+        centre=u[[full.index[n] for n in names]], covariance=covariance, low=low, high=high, priors=problem.priors,
+        parts=records.keys, groups=groups, conditions=name_conditions(fit.source.records, groups), identity=identity,
+        fit=fit, space=space, records=records, plan=plan)  # fmt: skip
+    return _judge_linearity(target)
 
 
-def know_fit(problem: Problem, found: Bounded) -> tuple[Solution, Knowledge]:
-    """Derivatives by all free parameters at a fit, held ones too, and what the records say of them."""
-    at = problem.solve(found.names, found.solution.u, found.solution.z, moving=False)
-    return at, analyse_fit(problem.space, at)
-
-
-def cap_covariance(covariance: np.ndarray, room: np.ndarray) -> np.ndarray:
-    """A covariance whose deviations do not exceed a quarter of the room between finite limits."""
-    sd = np.sqrt(np.diag(covariance))
-    shrink = np.minimum(1.0, np.where(np.isfinite(room), 0.25 * room, np.inf) / sd)
-    return covariance * np.outer(shrink, shrink)
-
-
-def _slim(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...]) -> ParameterSpace:
-    """The same reference model with those effects only that are in the model or not at their null."""
-    moved = {s.owner for k, s in enumerate(space.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
-    return ParameterSpace(space.reference, [e for e in space.effects if e.id in effects or e.id in moved],
-                          space.commons)
-
-
-def _plan(space: ParameterSpace, records: Records, fit: Fit, at, names) -> Plan:
-    full, solution = fit.problem.space, fit.bounded.solution
-    u = np.array([solution.u[full.index[name]] for name in space.index])
-    low, high = (np.array([b[full.index[name]] for name in space.index]) for b in fit.problem.limits)
-    corner = np.eye(at.own.shape[2]) + np.einsum("grk,grl->gkl", at.own, at.own)
-    side = np.einsum("grk,grj->gkj", at.own, at.shared)
-    slope = -np.linalg.solve(corner, side) / at.scales
-    weights = np.asarray(records.stack.weights)
-    logs = np.where(weights > 0, np.log(np.where(weights > 0, weights, 1.0)) - 0.5 * np.log(2 * np.pi), 0.0)
-    columns = [space.index[name] for name in names]
-    arrays = (u, np.eye(len(u))[columns].reshape(len(columns), len(u)), low, high, u[columns], solution.z, slope,
-              draw_nodes(0, solution.z.shape[1]), logs.sum(axis=(1, 2)))
-    return Plan(records.stack, *(jnp.asarray(a) for a in arrays))
-
-
-def _judge(target: CampaignTarget) -> CampaignTarget:
-    """Compare the linear integral with a sampled one at draws from the fit's Gaussian."""
-    still = not np.any(np.asarray(target.records.stack.condition_sd) > 0)
-    if still:
+def _judge_linearity(target: CampaignTarget) -> CampaignTarget:
+    """Compare the linear integral with a sampled one at draws from the fit's Gaussian, and take what is right."""
+    if not np.any(np.asarray(target.records.stack.condition_sd) > 0):
         return dc.replace(target, notes=("conditions and time origins were taken as exact",))
-    rng = np.random.default_rng(0)
-    x = draw_inside(target, rng, TRIALS)
-    nodes = jnp.asarray(draw_nodes(POINTS, target.plan.own.shape[1]))
-    sampled = dc.replace(target, plan=eqx.tree_at(lambda p: p.nodes, target.plan, nodes))
+    x = target.draw_inside(np.random.default_rng(0), TRIALS)
+    # Evenly spread points (scrambled Sobol) with their mirror images.
+    sobol = stats.qmc.Sobol(target.plan.own.shape[1], rng=np.random.default_rng(0)).random(POINTS // 2)
+    half = stats.norm.ppf(np.clip(sobol, 1e-9, 1 - 1e-9))
+    nodes = jnp.asarray(np.concatenate([half, -half]))
+    sampled = dc.replace(target, plan=eqx.tree_at(lambda p: p.nodes, target.plan, nodes), costly=True)
     off = np.sum(sampled.likelihoods(x) - target.likelihoods(x), axis=1)
     off = off[np.isfinite(off)]
     curved = float(np.std(off)) if len(off) > 1 else np.inf
@@ -428,37 +321,16 @@ def _judge(target: CampaignTarget) -> CampaignTarget:
         f"(the logarithm of the likelihood is off by {curved:.1g} from point to point)",))
 
 
-def draw_inside(target: AbstractTarget, rng: np.random.Generator, count: int, width: float = 1.0) -> np.ndarray:
-    """Draws from the fit's Gaussian, made `width` times as wide, within the limits; shape (count, free)."""
-    factor = np.linalg.cholesky(target.covariance + 1e-14 * np.diag(np.diag(target.covariance)))
-    found = np.zeros((0, len(target.names)))
-    for _ in range(200):
-        x = target.centre + width * rng.standard_normal((4 * count, len(target.names))) @ factor.T
-        found = np.concatenate([found, x[np.all((x > target.low) & (x < target.high), axis=1)]])
-        if len(found) >= count:
-            return found[:count]
-        width *= 0.9
-    raise InputError("hardly any of the fit's Gaussian lies within the bounds; widen them, or start the fit elsewhere")
-
-
 @final
-@dc.dataclass(frozen=True, eq=False)
+@dc.dataclass(frozen=True, eq=False, kw_only=True)
 class CurveTarget(AbstractTarget):
-    """Posterior of the coefficients of a curve with independent Gaussian errors.
+    """Posterior of the coefficients of a curve with independent Gaussian errors."""
 
-    Attributes:
-        rows: whitened residual of coordinates and data, in JAX; lives at the top of a module.
-        data: whatever `rows` takes.
-        weight: logarithm of a further factor of the prior, of coordinates and data; None for one.
-        values: public values from coordinates and data; None where each coordinate gives its own.
-        labels: number of the part to which every row belongs, shape (rows,); None where the curve is one part.
-    """
-
-    rows: Callable[[Array, Any], Array]
-    data: Any
-    weight: Callable[[Array, Any], Array] | None = None
-    values: Callable[[Array, Any], Array] | None = None
-    labels: np.ndarray | None = None
+    rows: Callable[[Array, Any], Array]  # whitened residual of coordinates and data, in JAX; at the top of a module
+    data: Any  # whatever `rows` takes
+    weight: Callable[[Array, Any], Array] | None = None  # logarithm of a further factor of the prior
+    values: Callable[[Array, Any], Array] | None = None  # public values, where each coordinate does not give its own
+    labels: np.ndarray | None = None  # number of every row's part, shape (rows,); None where the curve is one part
 
     def prior(self, x: np.ndarray) -> np.ndarray:
         """As the base class has it, times the further factor."""
@@ -466,17 +338,11 @@ class CurveTarget(AbstractTarget):
         return total if self.weight is None else total + np.asarray(_map(self.weight, jnp.asarray(x), self.data))
 
     def likelihoods(self, x: np.ndarray) -> np.ndarray:
-        """As the base class has it, with densities of whitened readings; parts are those of `labels`."""
+        """As the base class has it; where there are several parts, with the densities of whitened readings."""
+        found = np.asarray(_square(self.rows, jnp.asarray(x), self.data, self.labels, len(self.parts)))
         if self.labels is None:
-            return np.asarray(_square(self.rows, jnp.asarray(x), self.data, None, 1))
-        constant = -0.5 * np.log(2 * np.pi) * np.bincount(self.labels, minlength=len(self.parts))
-        return np.asarray(_square(self.rows, jnp.asarray(x), self.data, jnp.asarray(self.labels),
-                                  len(self.parts))) + constant
-
-    @property
-    def title(self) -> str:
-        """As the base class has it."""
-        return str(self.identity.get("title", "a curve"))
+            return found
+        return found - 0.5 * np.log(2 * np.pi) * np.bincount(self.labels, minlength=len(self.parts))
 
     def fit_without(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """As the base class has it."""
@@ -489,11 +355,11 @@ class CurveTarget(AbstractTarget):
             more = jnp.array([(x[k] - mean) / sd for k, mean, sd in priors])
             return jnp.concatenate([self.rows(x, self.data)[keep], more])
 
-        start = np.clip(self.centre, self.low, self.high)
-        slope: Any = jax.jit(jax.jacfwd(rows))
-        bend: Any = lambda x: np.asarray(slope(jnp.asarray(x)))
-        found = optimize.least_squares(lambda x: np.asarray(rows(jnp.asarray(x))), start, x_scale=np.sqrt(np.diag(
-            self.covariance)), jac=bend, bounds=(self.low, self.high))
+        value, slope = jax.jit(rows), jax.jit(jax.jacfwd(rows))
+        jacobian: Any = lambda x: np.asarray(slope(x))
+        found = optimize.least_squares(
+            lambda x: np.asarray(value(x)), np.clip(self.centre, self.low, self.high), jacobian,
+            (self.low, self.high), x_scale=np.sqrt(np.diag(self.covariance)))
         information = found.jac.T @ found.jac
         scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
         if np.linalg.cond(information * np.outer(scale, scale)) > 1e12:
@@ -509,7 +375,7 @@ class CurveTarget(AbstractTarget):
 
 
 @eqx.filter_jit
-def _square(rows, x: Array, data: Any, labels: Array | None, count: int) -> Array:
+def _square(rows, x: Array, data: Any, labels: np.ndarray | None, count: int) -> Array:
     value = jax.vmap(lambda one: -0.5 * rows(one, data) ** 2)(x)
     if labels is None:
         value = value.sum(axis=1, keepdims=True)
@@ -521,11 +387,6 @@ def _square(rows, x: Array, data: Any, labels: Array | None, count: int) -> Arra
 @eqx.filter_jit
 def _map(function, x: Array, data: Any) -> Array:
     return jax.vmap(lambda one: function(one, data))(x)
-
-
-def digest(content: Any) -> str:
-    """SHA-256 of plain data."""
-    return hashlib.sha256(json.dumps(make_plain(content), sort_keys=True).encode()).hexdigest()
 
 
 def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, covariance, *, units=None,
@@ -545,19 +406,22 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
         identity: plain data that tells this target from others.
         parts: label of the part to which each row belongs, shape (rows,): what can be left out together.
     """
-    names, count = tuple(names), len(names)
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    for name, (a, b) in (bounds or {}).items():
-        low[names.index(name)], high[names.index(name)] = a, b
-    centre, covariance = np.asarray(centre, dtype=float), np.asarray(covariance, dtype=float)
+    names, count, identity = tuple(names), len(names), dict(identity or {})
+    limits = np.tile([-np.inf, np.inf], (count, 1))
+    for name, ends in (bounds or {}).items():
+        limits[names.index(name)] = ends
+    covariance = np.asarray(covariance, dtype=float)
     if not np.all(np.isfinite(covariance)):
         raise InputError("the readings do not determine every coefficient, so that there is no posterior to draw from; "
                          "hold one of them, or give bounds and a finite covariance")
     known = ["curve"] if parts is None else list(dict.fromkeys(parts))
-    labels = None if parts is None else np.array([known.index(one) for one in parts])
-    return CurveTarget(names, tuple(units or ("",) * count), tuple(coordinates or ("linear",) * count), centre,
-                       covariance, low, high, dict(priors or {}), tuple(map(str, known)), dict(identity or {}), (),
-                       rows, data, labels=labels)
+    return CurveTarget(
+        title=str(identity.get("title", "a curve")), names=names, units=tuple(units or ("",) * count),
+        coordinates=tuple(coordinates or ("linear",) * count), centre=np.asarray(centre, dtype=float),
+        covariance=covariance, low=limits[:, 0], high=limits[:, 1], priors=dict(priors or {}),
+        parts=tuple(map(str, known)), groups=np.arange(len(known)), conditions=[{}] * len(known), identity=identity,
+        rows=rows, data=data, labels=None if parts is None else np.array([known.index(one) for one in parts]),
+    )  # fmt: skip
 
 
 def pose_curve_fit(found: CurveFit) -> CurveTarget:
@@ -581,9 +445,10 @@ def pose_curve_fit(found: CurveFit) -> CurveTarget:
     columns = np.asarray(jax.jacfwd(lambda x: _whiten(curve, x, data))(jnp.asarray(centre)))
     norms = np.linalg.norm(columns, axis=0)
     covariance = np.linalg.pinv((columns / norms).T @ (columns / norms), rcond=1e-12) / np.outer(norms, norms)
-    values = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(data)])
+    values = np.concatenate([np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(data)]).tolist()
+    sha256 = hashlib.sha256(json.dumps(make_plain(values)).encode()).hexdigest()
     made = pose_curve(partial(_whiten, curve), data, curve.names, centre, covariance, units=curve.units,
-                      identity={"title": found.subject, "fixed": dict(found.fixed), "data": digest(values.tolist())})
+                      identity={"title": found.subject, "fixed": dict(found.fixed), "data": sha256})
     return dc.replace(made, weight=partial(_weigh_box, curve, box), values=curve.unfold, notes=(
         "the prior is flat in each coefficient, in the logarithm of what is positive",))
 

@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses as dc
+import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,57 +26,38 @@ DIGITS = {"normal_load": 4, "slip_speed": 4}  # after the point, of conditions i
 
 @dc.dataclass(frozen=True)
 class Record:
-    """One test: its label, the true conditions and the written ones, the shift of its clock (s), and its samples.
-
-    Attributes:
-        along: columns that have no noise (time, slip), by name, SI.
-        values: of the channels with noise, shape (samples, channels), SI.
-    """
+    """One test: true conditions and written ones, and its samples, SI."""
 
     label: str
     true: dict[str, Any]
     written: dict[str, Any]
-    shift: float
-    along: dict[str, np.ndarray]
-    values: np.ndarray
+    shift: float  # of its clock, s
+    along: dict[str, np.ndarray]  # columns without noise: time, slip
+    values: np.ndarray  # of the channels, shape (samples, channels)
 
 
 @dc.dataclass(frozen=True)
 class Campaign:
-    """What a campaign is made of; `records` are empty until `draw_records` has made them.
-
-    Attributes:
-        name, family: of the package.
-        seed: of everything that is drawn.
-        effects, base: hidden effects and parameters of the reference model.
-        known: what the package states of these parameters, None where a fit has to find them.
-        conditions: columns of the table of records.
-        uncertainties: one standard deviation by condition, relative, and of `time`, s; conditions without are exact.
-        noise: standard deviation by channel, SI.
-        white: the same of channels whose noise is always white, which come after the others.
-        digits: after the point, by channel, in the files' units.
-        place: from conditions, where the simulator reads (time or path), and the columns `Record.along`.
-        read: from true conditions and such places, noise-free channels, shape (samples, channels).
-        rho, white_share: of `draw_noise`.
-        setting_scatter: relative scatter of true conditions about nominal ones.
-    """
+    """What a campaign is made of; `records` are empty until `draw_records` has made them."""
 
     name: str
     family: str
-    seed: int
-    effects: Mapping[str, Mapping[str, Any]]
-    base: Mapping[str, float]
-    known: Mapping[str, Any]
-    conditions: tuple[str, ...]
-    uncertainties: Mapping[str, float]
-    noise: Mapping[str, float]
-    digits: Sequence[int]
+    seed: int  # of everything that is drawn
+    effects: Mapping[str, Mapping[str, Any]]  # hidden ones
+    base: Mapping[str, float]  # parameters of the reference model
+    known: Mapping[str, Any]  # what the package states of these, None where a fit has to find them
+    conditions: tuple[str, ...]  # columns of the table of records
+    uncertainties: Mapping[str, float]  # one standard deviation: relative, of `time` in s; conditions without are exact
+    noise: Mapping[str, float]  # standard deviation by channel, SI
+    digits: Sequence[int]  # after the point, by channel, in the files' units
+    # From nominal conditions, where the simulator reads (time or path), and the columns `Record.along`.
     place: Callable[[Mapping[str, Any]], tuple[np.ndarray, dict[str, np.ndarray]]]
+    # From true conditions and such places, noise-free channels, shape (samples, channels).
     read: Callable[[Mapping[str, Any], np.ndarray], np.ndarray]
-    rho: float = 0.0
+    rho: float = 0.0  # of `draw_noise`, like the next
     white_share: float = 0.0
-    setting_scatter: float = 0.0
-    white: Mapping[str, float] = dc.field(default_factory=dict)
+    setting_scatter: float = 0.0  # relative, of true conditions about nominal ones
+    white: Mapping[str, float] = dc.field(default_factory=dict)  # `noise` that is always white: channels that come last
     title: str = ""
     records: Sequence[Record] = ()
 
@@ -106,9 +88,10 @@ def draw_records(campaign: Campaign, generator: np.random.Generator, tests: Sequ
     return dc.replace(campaign, records=records)
 
 
-def order_tests(generator: np.random.Generator, names: Sequence[str], plan: Sequence[Sequence[float]]
-                ) -> list[dict[str, Any]]:
-    """Nominal conditions of the planned tests in the random order in which they are done, numbered by `sequence`."""
+def order_tests(generator: np.random.Generator, names: Sequence[str], settings: Sequence[Sequence[float]],
+                repeats: int = 1) -> list[dict[str, Any]]:
+    """Nominal conditions: every setting with every other in random order, numbered by `sequence`."""
+    plan = list(itertools.product(*settings)) * repeats
     return [dict(zip(names, plan[k], strict=True)) | {"sequence": j}
             for j, k in enumerate(generator.permutation(len(plan)), start=1)]  # fmt: skip
 
@@ -124,41 +107,34 @@ def name_conditions(names: Sequence[str], rows: Sequence[Sequence[float]], **mor
     return [dict(zip(names, (float(f"{x:.6g}") for x in row), strict=True)) | more for row in rows]
 
 
-def describe_number(name: str, uncertainty: str | None = None) -> dict[str, str]:
-    """Descriptor of a column of numbers; `uncertainty` is one standard deviation with its unit."""
-    found = {"name": name, "type": "number", "unit": UNITS[name][0]}
-    return found if uncertainty is None else found | {"uncertainty": uncertainty}
-
-
 def describe_campaign(campaign: Campaign, source: str = SOURCE) -> dict[str, Any]:
     """Data Package descriptor; source: who made the campaign."""
     stated = campaign.uncertainties
-    records = [{"name": name, "type": "integer"} if name not in UNITS else
-               describe_number(name, f"{100 * stated[name]:g} %" if name in stated else None)
-               for name in campaign.conditions]  # fmt: skip
-    samples = [describe_number(name, f"{stated['time'] * 1e3:g} ms" if name == "time" and name in stated else None)
-               for name in campaign.records[0].along]  # fmt: skip
+
+    def describe(name: str, uncertainty: str = "") -> dict[str, str]:
+        if name not in UNITS:
+            return {"name": name, "type": "integer"}
+        number = {"name": name, "type": "number", "unit": UNITS[name][0]}
+        return number | {"uncertainty": uncertainty} if uncertainty else number
+
+    label = {"name": "record", "type": "string"}
+    records = [label, *(describe(name, f"{100 * stated[name]:g} %" if name in stated else "")
+                        for name in campaign.conditions)]  # fmt: skip
+    samples = [label, *(describe(name, f"{stated['time'] * 1e3:g} ms" if name == "time" and name in stated else "")
+                        for name in campaign.records[0].along)]  # fmt: skip
     for channel, deviation in {**campaign.noise, **campaign.white}.items():
         unit, size = UNITS[channel]
-        samples.append(describe_number(channel, f"{deviation / size:g}" + (f" {unit}" if unit != "1" else "")))
+        samples.append(describe(channel, f"{deviation / size:g}" + (f" {unit}" if unit != "1" else "")))
     key = {"fields": "record", "reference": {"resource": "records", "fields": "record"}}
-    label = {"name": "record", "type": "string"}
-    schemas = {
-        "records": {"fields": [label, *records], "primaryKey": "record"},
-        "samples": {"fields": [label, *samples], "foreignKeys": [key]},
-    }
+    schemas = {"records": {"fields": records, "primaryKey": "record"},
+               "samples": {"fields": samples, "foreignKeys": [key]}}  # fmt: skip
     return {
-        "name": campaign.name,
-        "title": campaign.title or TITLE.format(campaign.family),
-        "licenses": [{"name": "CC0-1.0"}],
-        "sources": [{"title": source}],
-        "family": campaign.family,
+        "name": campaign.name, "title": campaign.title or TITLE.format(campaign.family),
+        "licenses": [{"name": "CC0-1.0"}], "sources": [{"title": source}], "family": campaign.family,
         "known": campaign.known,
-        "resources": [
-            {"name": table, "path": f"{table}.csv", "format": "csv", "schema": schema}
-            for table, schema in schemas.items()
-        ],
-    }
+        "resources": [{"name": table, "path": f"{table}.csv", "format": "csv", "schema": schema}
+                      for table, schema in schemas.items()],
+    }  # fmt: skip
 
 
 def write_package(folder: Path, campaign: Campaign, source: str = SOURCE) -> None:
@@ -175,14 +151,11 @@ def write_package(folder: Path, campaign: Campaign, source: str = SOURCE) -> Non
         along = [np.round(column, 12) / UNITS[name][1] + 0.0 for name, column in row.along.items()]
         sizes = [UNITS[channel][1] for channel in (*campaign.noise, *campaign.white)]
         for *places, values in zip(*along, row.values / sizes, strict=True):
-            samples.append([row.label, *(f"{x:g}" for x in places), *map(format_cell, values, campaign.digits)])
+            samples.append([row.label, *(f"{x:g}" for x in places), *(
+                "" if np.isnan(x) else f"{np.round(x, digits) + 0.0:.{digits}f}"  # no minus zero
+                for x, digits in zip(values, campaign.digits, strict=True))])  # fmt: skip
     for table, rows in zip(descriptor["resources"], (records, samples), strict=True):
         write_table(folder / table["path"], [field["name"] for field in table["schema"]["fields"]], rows)
-
-
-def format_cell(value: float, digits: int) -> str:
-    """A number as text with so many digits after the point; nothing for nan, no minus zero."""
-    return "" if np.isnan(value) else f"{np.round(value, digits) + 0.0:.{digits}f}"
 
 
 def write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:

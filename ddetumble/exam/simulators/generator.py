@@ -11,23 +11,15 @@ from .campaigns import Campaign
 
 @dc.dataclass(frozen=True)
 class Hidden:
-    """An effect of known size: amplitude 0 is its null, amplitude 1 a typical case.
+    """An effect of known size by its parameters' symbols: amplitude 0 is its null, amplitude 1 a typical case."""
 
-    Attributes:
-        departure: by symbol, what an amplitude of 1 adds to the null.
-        null: by symbol, where it is not 0.
-        vectors: by symbol, length of a vector of three at amplitude 1; its direction is drawn.
-        inverse: by symbol, value at amplitude 1 of what falls as the amplitude grows (a time constant).
-        shapes: by symbol, range from which it is drawn evenly in its logarithm, whatever the amplitude.
-        most: largest amplitude for which the simulated test still makes sense.
-    """
-
-    departure: Mapping[str, float] = dc.field(default_factory=dict)
-    null: Mapping[str, float] = dc.field(default_factory=dict)
-    vectors: Mapping[str, float] = dc.field(default_factory=dict)
-    inverse: Mapping[str, float] = dc.field(default_factory=dict)
+    departure: Mapping[str, float] = dc.field(default_factory=dict)  # what an amplitude of 1 adds to the null
+    null: Mapping[str, float] = dc.field(default_factory=dict)  # where it is not 0
+    vectors: Mapping[str, float] = dc.field(default_factory=dict)  # length of three components whose direction is drawn
+    inverse: Mapping[str, float] = dc.field(default_factory=dict)  # value at 1 of what falls as the amplitude grows
+    # Range from which it is drawn evenly in its logarithm, whatever the amplitude.
     shapes: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
-    most: float = 10.0
+    most: float = 10.0  # largest amplitude for which the simulated test still makes sense
 
     def draw(self, generator: np.random.Generator) -> dict[str, Any]:
         """Shapes, and the vectors at amplitude 1."""
@@ -58,31 +50,20 @@ class HeldOut(NamedTuple):
 
 @dc.dataclass(frozen=True)
 class CaseGenerator:
-    """One family's cases; settings are a plain dictionary, `base` in it the parameters of the reference model.
+    """One family's cases; settings are a plain dictionary, `base` in it the parameters of the reference model."""
 
-    Attributes:
-        name: of the family.
-        channels: that are measured and predicted, with the noise of each, SI.
-        along: `time` or `slip`.
-        catalogue: effects that the package lists, as the exam hides them.
-        outside: effects that it lacks.
-        draw_setting: base parameters and conditions, from a generator.
-        make: a campaign, from name, seed and effects, and by name the settings, `rho` and `white_share`.
-        prepare: for settings and a seed, the function effects -> rms over noise that a refitted reference leaves.
-        hold_out: noise-free tests elsewhere, from effects and settings.
-        edition: of the way in which cases are drawn: another one asks other questions under the same seed.
-    """
-
-    name: str
-    channels: Mapping[str, float]
-    along: str
-    catalogue: Mapping[str, Hidden]
-    outside: Mapping[str, Hidden]
-    draw_setting: Callable[[np.random.Generator], dict[str, Any]]
-    make: Callable[..., Campaign]
+    name: str  # of the family
+    channels: Mapping[str, float]  # that are measured and predicted, with the noise of each, SI
+    along: str  # `time` or `slip`
+    catalogue: Mapping[str, Hidden]  # effects that the package lists, as the exam hides them
+    outside: Mapping[str, Hidden]  # effects that it lacks
+    draw_setting: Callable[[np.random.Generator], dict[str, Any]]  # base parameters and conditions
+    make: Callable[..., Campaign]  # from name, seed and effects; by name the settings, `rho` and `white_share`
+    # For settings and a seed, the function effects -> rms over noise that a refitted reference leaves.
     prepare: Callable[[Mapping[str, Any], int], Callable[[Mapping[str, Any]], float]]
+    # Noise-free tests elsewhere, from effects and settings.
     hold_out: Callable[[Mapping[str, Any], Mapping[str, Any]], list[HeldOut]]
-    edition: int = 1
+    edition: int = 1  # of the way in which cases are drawn: another one asks other questions under the same seed
 
 
 def spread(generator: np.random.Generator, low: float, high: float, count: int) -> list[float]:

@@ -30,29 +30,17 @@ TIGHT: Any = 1e-14  # relative tolerance of roots
 CHANNELS = ("normal_force", "depression", "pressure")
 
 NULLS = {
-    "polytropic-gas": {"n": 1.0},
-    "ambient-pressure": {"p_a": 0.0},
-    "wall-stiffness": {"k_w": 0.0, "q": 1.0},
-    "membrane-area": {"alpha": 0.0},
-    "inflation-growth": {"beta": 0.0},
-    "gas-leak": {"lambda": 0.0},
-    "viscoelastic-wall": {"k_v": 0.0, "tau": math.inf},
-    "viscous-dashpot": {"c_v": 0.0},
-    "adhesion": {"tau_a": 0.0},
-    "arm-servo": {"k_s": 0.0},
-    "speed-dependent-restitution": {"p": 0.0},
-    "pressure-dependent-restitution": {"p": 0.0},
-    "stress-softening": {"sigma_m": 0.0, "j_0": 1.0},
-    "sensor-highpass": {"tau_s": math.inf},
-    "sensor-lag": {"T": 0.0},
+    "polytropic-gas": {"n": 1.0}, "ambient-pressure": {"p_a": 0.0}, "wall-stiffness": {"k_w": 0.0, "q": 1.0},
+    "membrane-area": {"alpha": 0.0}, "inflation-growth": {"beta": 0.0}, "gas-leak": {"lambda": 0.0},
+    "viscoelastic-wall": {"k_v": 0.0, "tau": math.inf}, "viscous-dashpot": {"c_v": 0.0}, "adhesion": {"tau_a": 0.0},
+    "arm-servo": {"k_s": 0.0}, "speed-dependent-restitution": {"p": 0.0}, "pressure-dependent-restitution": {"p": 0.0},
+    "stress-softening": {"sigma_m": 0.0, "j_0": 1.0}, "sensor-highpass": {"tau_s": math.inf}, "sensor-lag": {"T": 0.0},
     "sensor-gain": {"g": 1.0},
     # outside the catalogue
-    "x-end-stop": {"k": 0.0, "depth": math.inf, "exponent": 1.5},
-    "x-ringing": {"A": 0.0, "f": 70.0, "decay": 0.0},
-    "x-arm-vibration": {"force": 0.0, "f": 70.0},
-    "x-pressure-power": {"s": 0.0},
+    "x-end-stop": {"k": 0.0, "depth": math.inf, "exponent": 1.5}, "x-ringing": {"A": 0.0, "f": 70.0, "decay": 0.0},
+    "x-arm-vibration": {"force": 0.0, "f": 70.0}, "x-pressure-power": {"s": 0.0},
     "x-rate-hardening": {"h": 0.0, "w_0": 0.1},
-}
+}  # fmt: skip
 
 
 def complete_effects(effects, nulls=NULLS):
@@ -60,15 +48,11 @@ def complete_effects(effects, nulls=NULLS):
 
     Raises ValueError for an id or a parameter that does not exist.
     """
-    complete = {name: dict(null) for name, null in nulls.items()}
     for name, values in effects.items():
-        if name not in complete:
-            raise ValueError(f"unknown effect {name!r}")
-        for symbol, value in values.items():
-            if symbol not in complete[name]:
-                raise ValueError(f"effect {name!r} has no parameter {symbol!r}")
-            complete[name][symbol] = float(value)
-    return complete
+        if name not in nulls or not set(values) <= set(nulls[name]):
+            raise ValueError(f"there is no effect {name!r} with parameters {', '.join(values)}")
+    return {name: null | {symbol: float(x) for symbol, x in effects.get(name, {}).items()}
+            for name, null in nulls.items()}  # fmt: skip
 
 
 def solve_damping(restitution, approach_speed):
@@ -137,10 +121,13 @@ class Impact:
         self.factor = 1.0 - soft["sigma_m"] * -math.expm1(-(self.sequence - 1.0) / soft["j_0"])
         self.factor *= (self.pressure / REFERENCE_PRESSURE) ** x["x-pressure-power"]["s"]
 
+    def measure_disc(self, depression):
+        """Return the radius (m) of the flat contact disc."""
+        return measure_disc(depression, self.diameter, self.effects["membrane-area"]["alpha"], self.coefficient)
+
     def find_gas_pressure(self, time, depression):
         """Return P' (Pa) in contact: P0 m (V0/V')^n, m = exp(-lambda t)."""
-        b = measure_disc(depression, self.diameter, self.effects["membrane-area"]["alpha"], self.coefficient)
-        height = self.diameter - depression
+        b, height = self.measure_disc(depression), self.diameter - depression
         ratio = self.volume / (measure_volume(b, height) + self.core * math.pi * b**2 * height)
         fraction = math.exp(-self.effects["gas-leak"]["lambda"] * time)
         return self.pressure * fraction * ratio ** self.effects["polytropic-gas"]["n"]
@@ -148,27 +135,23 @@ class Impact:
     def find_spring_force(self, time, depression, rate):
         """Return F_k (N) of Eq. 4 with everything that Hunt-Crossley damping multiplies."""
         x = self.effects
-        b = measure_disc(depression, self.diameter, x["membrane-area"]["alpha"], self.coefficient)
         pressure = self.find_gas_pressure(time, depression)
-        force = (pressure - x["ambient-pressure"]["p_a"]) * math.pi * b**2
+        force = (pressure - x["ambient-pressure"]["p_a"]) * math.pi * self.measure_disc(depression) ** 2
         if x["wall-stiffness"]["k_w"]:
             force += x["wall-stiffness"]["k_w"] * depression ** x["wall-stiffness"]["q"]
-        stop = x["x-end-stop"]
+        stop, hardening = x["x-end-stop"], x["x-rate-hardening"]
         force += stop["k"] * max(depression - stop["depth"], 0.0) ** stop["exponent"]
-        hardening = 1.0 + x["x-rate-hardening"]["h"] * math.tanh(rate / x["x-rate-hardening"]["w_0"])
-        return force * self.factor * hardening
+        return force * self.factor * (1.0 + hardening["h"] * math.tanh(rate / hardening["w_0"]))
 
     def find_contact_force(self, time, depression, rate, branch):
         """Return F_n (N) in contact: clamp of the pushing terms, then adhesion."""
-        x = self.effects
-        depression = max(depression, 0.0)
+        x, depression = self.effects, max(depression, 0.0)
         push = self.find_spring_force(time, depression, rate) * (1.0 + self.damping * rate)
         push += branch + x["viscous-dashpot"]["c_v"] * rate
         force = max(push, 0.0)
         if x["adhesion"]["tau_a"]:
-            b = measure_disc(depression, self.diameter, x["membrane-area"]["alpha"], self.coefficient)
             share = 0.5 * (1.0 - math.tanh(rate / ADHESION_RATE))
-            force -= x["adhesion"]["tau_a"] * math.pi * b**2 * share
+            force -= x["adhesion"]["tau_a"] * math.pi * self.measure_disc(depression) ** 2 * share
         return force
 
     def ring(self, time, force):
@@ -181,23 +164,18 @@ class Impact:
 
         leaked: y of dy/dt = (F - y)/tau_s; lagged: F_m of T dF_m/dt = (F - y) - F_m; reading g F_m.
         """
-        x = self.effects
-        passed = force - leaked
+        x, passed = self.effects, force - leaked
         lag = x["sensor-lag"]["T"]
-        reading = lagged if lag else passed
-        return passed / x["sensor-highpass"]["tau_s"], (passed - lagged) / lag if lag else 0.0, (
-            x["sensor-gain"]["g"] * reading
-        )
+        lag_rate, reading = ((passed - lagged) / lag, lagged) if lag else (0.0, passed)
+        return passed / x["sensor-highpass"]["tau_s"], lag_rate, x["sensor-gain"]["g"] * reading
 
     def advance(self, time, state):
         """Return the rates of (delta, w, q, y, F_m) in contact: m_eff dw/dt = -F_n + arm."""
         depression, rate, branch, leaked, lagged = state
-        x = self.effects
+        shake, wall = self.effects["x-arm-vibration"], self.effects["viscoelastic-wall"]
         force = self.find_contact_force(time, depression, rate, branch)
-        arm = x["arm-servo"]["k_s"] * (self.speed * time - depression)
-        shake = x["x-arm-vibration"]
+        arm = self.effects["arm-servo"]["k_s"] * (self.speed * time - depression)
         arm += shake["force"] * math.sin(2.0 * math.pi * shake["f"] * time)
-        wall = x["viscoelastic-wall"]
         leak_rate, lag_rate, _ = self.sense(self.ring(time, force), leaked, lagged)
         return [rate, (arm - force) / self.mass, wall["k_v"] * rate - branch / wall["tau"], leak_rate, lag_rate]
 
@@ -227,42 +205,27 @@ def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
     return solution.sol, solution.t_events[0][0] if solution.t_events[0].size else None
 
 
-def release_gauge(impact, state, times, rtol=1e-11):
-    """Return the gauge's readings (N) at `times` (s) after separation, where the force on it is zero."""
-
-    def fade(_, pair):
-        return impact.sense(0.0, *pair)[:2]
-
-    tail = solve_ivp(fade, (0.0, times[-1]), state, method="DOP853", t_eval=times, rtol=rtol, atol=1e-11)
-    return np.array([impact.sense(0.0, *pair)[2] for pair in tail.y.T])
-
-
 def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=1e-11, parts=60):
     """Return the noise-free record, an array (len(times), len(channels)).
 
     base, conditions: see `Impact`; effects: catalogue id -> {symbol: value}; times: s, increasing, first touch
     at 0; channels out of normal_force (N), depression (m), pressure (Pa); parts: see `integrate_contact`.
     """
-    impact = Impact(base, effects, conditions)
-    times = np.asarray(times, dtype=float)
-    columns = {"normal_force": np.zeros(times.size), "depression": np.zeros(times.size)}
-    columns["pressure"] = np.full(times.size, impact.pressure)
+    impact, times = Impact(base, effects, conditions), np.asarray(times, dtype=float)
+    columns = {"normal_force": np.zeros(times.size), "depression": np.zeros(times.size),
+               "pressure": np.full(times.size, impact.pressure)}  # fmt: skip
     if times.size and times[-1] > 0.0:
         solution, separation = integrate_contact(impact, times[-1], rtol, parts=parts)
-        touching = times > 0.0
-        if separation is not None:
-            gone = np.flatnonzero(times >= separation)
-            touching &= times < separation
-            lost = math.exp(-impact.effects["gas-leak"]["lambda"] * separation)
-            columns["pressure"][gone] = impact.pressure * lost
-            if gone.size:
-                columns["normal_force"][gone] = release_gauge(
-                    impact, solution(separation)[3:], times[gone] - separation, rtol
-                )
-        at = np.flatnonzero(touching)
+        end = math.inf if separation is None else separation
+        at, gone = np.flatnonzero((times > 0.0) & (times < end)), np.flatnonzero(times >= end)
         for i, (depression, rate, branch, leaked, lagged) in zip(at, solution(times[at]).T, strict=True):
             force = impact.ring(times[i], impact.find_contact_force(times[i], depression, rate, branch))
             columns["normal_force"][i] = impact.sense(force, leaked, lagged)[2]
             columns["depression"][i] = depression
             columns["pressure"][i] = impact.find_gas_pressure(times[i], max(depression, 0.0))
+        if gone.size:  # no force acts on the gauge any more, and none on the gas
+            columns["pressure"][gone] = impact.pressure * math.exp(-impact.effects["gas-leak"]["lambda"] * end)
+            tail = solve_ivp(lambda _, pair: impact.sense(0.0, *pair)[:2], (0.0, times[-1] - end), solution(end)[3:],
+                             method="DOP853", t_eval=times[gone] - end, rtol=rtol, atol=1e-11)
+            columns["normal_force"][gone] = [impact.sense(0.0, *pair)[2] for pair in tail.y.T]
     return np.column_stack([columns[name] for name in channels])

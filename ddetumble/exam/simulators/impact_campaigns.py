@@ -8,7 +8,7 @@ import numpy as np
 from .campaigns import Campaign, draw_records, name_conditions, order_tests, place_between
 from .generator import CaseGenerator, HeldOut, Hidden, spread
 from .impact import Impact, simulate
-from .strength import Reference, hold_slopes
+from .strength import hold_slopes, refer_tests
 
 
 CONDITIONS = ("initial_pressure", "approach_speed")
@@ -65,11 +65,6 @@ def place_times(base, conditions, interval=1e-3, before=0.0, factor=1.45):
     return np.arange(first, int(end / interval) + 1) * interval
 
 
-def order_impacts(generator, pressures, speeds, repeats):
-    """Return the nominal conditions of every test in the random order in which they are done."""
-    return order_tests(generator, CONDITIONS, [(p, v) for p in pressures for v in speeds] * repeats)
-
-
 def choose_heldout(pressures, speeds, sequence):
     """Return three conditions at none of the campaign's own, one impact after its last."""
     low, high, _ = place_between(pressures)
@@ -88,7 +83,7 @@ def make_campaign(
     PCG64 generator seeded with `seed`, in a fixed order: see `draw_records`.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
-    tests = order_impacts(generator, pressures, speeds, repeats)
+    tests = order_tests(generator, CONDITIONS, (pressures, speeds), repeats)
     deviations = NOISE | (noise or {})
 
     def place(conditions):
@@ -106,28 +101,21 @@ def make_campaign(
 def refer_impacts(base, tests, deviations, uncertainties, channels=("normal_force",), **options):
     """Return the `Reference` of tests at these conditions, which shares effective_mass and restitution.
 
-    Each record's own are its relative pressure and speed errors and its time shift, which have their stated
-    uncertainty as a prior. deviations: noise of each channel; options: of `simulate`.
+    deviations: noise of each channel; options: of `simulate`.
     """
     scale = np.asarray(deviations, dtype=float)
-    prior = np.array([uncertainties[name] for name in (*CONDITIONS, "time")])
-    times = [place_times(base, c) for c in tests]
-
-    def move(shared):
-        return dict(base, effective_mass=np.exp(shared[0]), restitution=shared[1])
-
-    def read(i, model, effects, own):
-        moved = tests[i] | {c: tests[i][c] * (1.0 + x) for c, x in zip(CONDITIONS, (prior * own)[:2], strict=True)}
-        return (simulate(model, effects, moved, times[i] + prior[2] * own[2], channels, **options) / scale).ravel()
-
     start = np.array([np.log(base["effective_mass"]), base["restitution"]])
-    return Reference(base, start, move, read, len(tests), 3)
+    return refer_tests(
+        base, (start, lambda shared: dict(base, effective_mass=np.exp(shared[0]), restitution=shared[1])), tests,
+        [place_times(base, c) for c in tests], {name: uncertainties[name] for name in (*CONDITIONS, "time")},
+        lambda model, effects, moved, times: simulate(model, effects, moved, times, channels, **options) / scale,
+    )  # fmt: skip
 
 
 def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
     """The function effects -> misfit over noise, with the reference model's derivatives found once."""
     generator = np.random.Generator(np.random.PCG64(seed))
-    tests = order_impacts(generator, setting["pressures"], setting["speeds"], setting["repeats"])[:MEASURED]
+    tests = order_tests(generator, CONDITIONS, (setting["pressures"], setting["speeds"]), setting["repeats"])[:MEASURED]
     return hold_slopes(refer_impacts(setting["base"], tests, [NOISE["normal_force"]], UNCERTAINTIES, **COARSE), 3)
 
 

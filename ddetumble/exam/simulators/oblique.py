@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from .impact import NULLS, TIGHT, Impact, complete_effects, integrate_contact, measure_disc, simulate
+from .impact import NULLS, TIGHT, Impact, complete_effects, integrate_contact, simulate
 from .slip import REFERENCE_LOAD, SLIP_NULLS, measure_rubber_parts
 
 
@@ -34,14 +34,6 @@ OBLIQUE_NULLS = {
 CHANNELS = ("normal_force", "tangential_force", "slip", "depression", "pressure")
 
 
-def split_effects(effects):
-    """Return the effects of normal force, of friction and of the patch, each complete."""
-    known = NULLS | SLIP_NULLS | OBLIQUE_NULLS
-    complete_effects(effects, known)  # refuses what does not exist
-    return [complete_effects({k: v for k, v in effects.items() if k in nulls}, nulls)
-            for nulls in (NULLS, SLIP_NULLS, OBLIQUE_NULLS)]  # fmt: skip
-
-
 class Slider:
     """Friction of the sliding patch, and what moves along the plate.
 
@@ -50,17 +42,17 @@ class Slider:
     """
 
     def __init__(self, base, effects, conditions):
-        normal, self.slip, self.patch = split_effects(effects)
-        self.impact = Impact(base, {k: v for k, v in normal.items() if k in effects}, conditions)
+        self.effects = complete_effects(effects, NULLS | SLIP_NULLS | OBLIQUE_NULLS)
+        self.impact = Impact(base, {k: v for k, v in effects.items() if k in NULLS}, conditions)
         self.base, self.mass = base, float(base["tangential_mass"])
         self.rolling = float(base.get("rolling_mass", ROLLING))
         self.creep = float(base.get("creep_speed", CREEP))
         self.speed = float(conditions["tangential_speed"])
-        self.compliance = self.patch["tangential-compliance"]["compliance"]
+        self.compliance = self.effects["tangential-compliance"]["compliance"]
 
     def find_limit(self, time, load, pressure, speed, path, work):
         """Return F (N), friction while sliding at that speed u (m/s) after that path (m) and work (J)."""
-        x = self.slip
+        x = self.effects
         if "friction_coefficient" in self.base:
             rubber = self.base["friction_coefficient"]
         else:
@@ -70,24 +62,21 @@ class Slider:
         if x["presliding"]["s_0"]:
             rubber *= -math.expm1(-path / x["presliding"]["s_0"])
         rubber *= math.exp(-x["frictional-heating"]["kappa"] * work)
-        tack = self.patch["x-tack"]
-        rubber *= 1.0 + tack["A"] * math.exp(-time / tack["t_0"])
+        rubber *= 1.0 + x["x-tack"]["A"] * math.exp(-time / x["x-tack"]["t_0"])
         load = max(load, 1e-9)
         friction = rubber * load * (load / REFERENCE_LOAD) ** -x["load-exponent"]["m"]
         return friction + x["viscous-friction"]["c_t"] * abs(speed) + x["adhesive-offset"]["f_a"]
 
 
-def sample_contact(slider, share, times):
+def sample_contact(slider, times):
     """Return load (N), gas pressure (Pa) and largest braking force (N) at the times (s) of a contact, as lists."""
-    impact, end = slider.impact, times[-1]
-    solution, _ = integrate_contact(impact, end * (1.0 - 1e-12), 1e-11)
-    alpha = impact.effects["membrane-area"]["alpha"]
+    impact, share = slider.impact, slider.effects["off-centre-reaction"]["share"]
+    solution, _ = integrate_contact(impact, times[-1] * (1.0 - 1e-12), 1e-11)
     found = []
     for time, (depression, rate, branch, *_) in zip(times, solution(times).T, strict=True):
         depression = max(depression, 0.0)
         load = max(impact.find_contact_force(time, depression, rate, branch), 0.0)
-        disc = measure_disc(depression, impact.diameter, alpha, impact.coefficient)
-        brake = share * disc / (0.5 * (impact.diameter - depression)) * load
+        brake = share * impact.measure_disc(depression) / (0.5 * (impact.diameter - depression)) * load
         found.append((load, impact.find_gas_pressure(time, depression), brake))
     return found
 
@@ -119,10 +108,10 @@ def find_gap(angle, slider, spring, step, state, here):
     return slider.compliance * force - spring - step * (after - sliding)
 
 
-def step_slider(slider, times, contact, push):
+def step_slider(slider, times, contact):
     """Return rows (v, y, slip, work, f) at the times (s), by the backward Euler method."""
-    speed, rolling, spring, slip, path, work = slider.speed, 0.0, 0.0, 0.0, 0.0, 0.0
-    force = 0.0
+    speed, push = slider.speed, slider.effects["x-arm-push"]["force"]
+    rolling = spring = slip = path = work = force = 0.0
     if not slider.compliance:
         load, pressure, _ = contact[0]
         share = speed / math.hypot(speed, slider.creep)
@@ -133,9 +122,7 @@ def step_slider(slider, times, contact, push):
         arguments = (h, (path, work, speed, rolling), (time, load, pressure, most, push))
         fastest = abs(spring) / h + abs(speed) + abs(rolling) + h * most / slider.rolling
         reach = math.asinh(fastest / slider.creep) + 1.0
-        angle: Any = brentq(
-            find_gap, -reach, reach, args=(slider, spring, *arguments), xtol=1e-13, rtol=TIGHT
-        )  # fmt: skip
+        angle: Any = brentq(find_gap, -reach, reach, args=(slider, spring, *arguments), xtol=1e-13, rtol=TIGHT)
         force, sliding, brake = carry_force(slider, angle, *arguments)
         speed += h * (push - force) / slider.mass
         rolling += h * (force - brake) / slider.rolling
@@ -154,9 +141,8 @@ def integrate_strike(base, effects, conditions, times, steps=400):
     _, separation = integrate_contact(slider.impact, max(times[-1], 1e-3), 1e-11)
     end = times[-1] if separation is None else separation
     fine = np.linspace(0.0, end, 4 * steps + 1)
-    contact = sample_contact(slider, slider.patch["off-centre-reaction"]["share"], fine)
-    push = slider.patch["x-arm-push"]["force"]
-    coarse, middle, best = (step_slider(slider, fine[::k], contact[::k], push)[:: 4 // k] for k in (4, 2, 1))
+    contact = sample_contact(slider, fine)
+    coarse, middle, best = (step_slider(slider, fine[::k], contact[::k])[:: 4 // k] for k in (4, 2, 1))
     first, second = 2.0 * middle - coarse, 2.0 * best - middle
     rows = (4.0 * second - first) / 3.0
     along = CubicSpline(fine[::4], rows)(np.clip(times, 0.0, end))
@@ -169,9 +155,8 @@ def integrate_strike(base, effects, conditions, times, steps=400):
 def simulate_strike(base, effects, conditions, times, channels=CHANNELS, steps=400):
     """Return the noise-free record, an array (len(times), len(channels)); see `Slider`, `integrate_strike`."""
     times = np.asarray(times, dtype=float)
-    tangential, _ = integrate_strike(base, effects, conditions, times, steps)
-    normal = {k: v for k, v in effects.items() if k in NULLS}
-    wanted = [c for c in channels if c not in tangential]
-    along = dict(zip(wanted, simulate(base, normal, conditions, times, wanted).T, strict=True)) if wanted else {}
-    readings = {**along, **tangential}
+    readings, _ = integrate_strike(base, effects, conditions, times, steps)
+    normal, wanted = {k: v for k, v in effects.items() if k in NULLS}, [c for c in channels if c not in readings]
+    if wanted:
+        readings |= dict(zip(wanted, simulate(base, normal, conditions, times, wanted).T, strict=True))
     return np.column_stack([readings[c] for c in channels])

@@ -1,5 +1,6 @@
 """Campaigns of oblique impacts: the ball strikes while it moves along the plate; both forces are read."""
 
+import itertools
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -11,7 +12,7 @@ from . import slip_campaigns as friction
 from .campaigns import Campaign, draw_records, name_conditions, order_tests, place_between
 from .generator import CaseGenerator, HeldOut, Hidden, spread
 from .oblique import CREEP, ROLLING, simulate_strike
-from .strength import Reference, hold_slopes, share_logarithms
+from .strength import hold_slopes, refer_tests, share_logarithms
 
 
 # one standard deviation: relative for the conditions, s for the time origin, N and m for the channels
@@ -63,7 +64,7 @@ def make_oblique_campaign(
     As `impact_campaigns.make_campaign`; steps: see `oblique.integrate_strike`.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
-    plan = [(p, v, u) for p in pressures for v in speeds for u in slides] * repeats
+    tests = order_tests(generator, CONDITIONS, (pressures, speeds, slides), repeats)
     deviations = NOISE | (noise or {})
     known = straight.KNOWN | {"tangential_mass": None, "rolling_mass": f"{base.get('rolling_mass', ROLLING):g} kg",
                               "creep_speed": f"{base.get('creep_speed', CREEP):g} m/s", "adhesion_constant": None,
@@ -78,24 +79,18 @@ def make_oblique_campaign(
         [3] * len(channels), place, lambda true, times: simulate_strike(base, effects, true, times, channels, steps),
         rho, white_share, setting_scatter,
     )  # fmt: skip
-    return draw_records(campaign, generator, order_tests(generator, CONDITIONS, plan))
+    return draw_records(campaign, generator, tests)
 
 
 def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
     """The function effects -> misfit over noise; four nuisances a record: pressure, two speeds, time origin."""
-    base = setting["base"]
-    tests = [dict(zip(CONDITIONS, (p, v, u), strict=True)) for p in setting["pressures"] for v in setting["speeds"]
-             for u in setting["slides"]][seed % 2 :: 2]  # fmt: skip
-    times = [straight.place_times(base, c, 1.5e-3) for c in tests]
-    scale = np.array([NOISE[channel] for channel in FORCES])
-    prior = np.array([UNCERTAINTIES[name] for name in (*CONDITIONS, "time")])
-
-    def read(i, model, effects, own):
-        moved = {c: x * (1.0 + s) for (c, x), s in zip(tests[i].items(), prior * own, strict=False)}
-        found = simulate_strike(model, effects, moved, times[i] + prior[3] * own[3], FORCES, COARSE)
-        return (found / scale).ravel()
-
-    return hold_slopes(Reference(base, *share_logarithms(base, SHARED), read, len(tests), 4), 2)
+    base, scale = setting["base"], np.array([NOISE[channel] for channel in FORCES])
+    plan = itertools.product(setting["pressures"], setting["speeds"], setting["slides"])
+    tests = [dict(zip(CONDITIONS, one, strict=True)) for one in plan][seed % 2 :: 2]
+    return hold_slopes(refer_tests(
+        base, share_logarithms(base, SHARED), tests, [straight.place_times(base, c, 1.5e-3) for c in tests],
+        {name: UNCERTAINTIES[name] for name in (*CONDITIONS, "time")},
+        lambda model, effects, moved, times: simulate_strike(model, effects, moved, times, FORCES, COARSE) / scale), 2)
 
 
 def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:

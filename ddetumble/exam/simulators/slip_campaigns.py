@@ -1,5 +1,6 @@
 """Campaigns of friction: rubber slides under constant load, pressure and speed; the friction force is read."""
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 from .campaigns import Campaign, draw_records, name_conditions, order_tests, place_between
 from .generator import CaseGenerator, HeldOut, Hidden, spread
 from .slip import follow_strokes, simulate_slip
-from .strength import Reference, hold_slopes, share_logarithms
+from .strength import hold_slopes, refer_tests, share_logarithms
 
 
 CONDITIONS = ("normal_load", "internal_pressure", "slip_speed")
@@ -71,12 +72,6 @@ def place_path(length, interval, strokes=None):
     return np.round(np.arange(turns.size) * interval, 12), turns
 
 
-def order_slip_tests(generator, loads, pressures, speeds, repeats=1):
-    """Return the nominal conditions of every test in the random order in which they are done."""
-    plan = [(f, p, v) for f in loads for p in pressures for v in speeds] * repeats
-    return order_tests(generator, CONDITIONS, plan)
-
-
 def make_slip_campaign(
     name, seed, effects, base, loads, pressures, speeds, repeats=1, *, length=12e-3, interval=1e-4, noise=SLIP_NOISE,
     rho=0.0, white_share=0.0, setting_scatter=0.0, uncertainties=None, strokes=None, numbered=False,
@@ -90,7 +85,7 @@ def make_slip_campaign(
     generator seeded with `seed`, in a fixed order: see `draw_records`.
     """
     generator = np.random.Generator(np.random.PCG64(seed))
-    tests = order_slip_tests(generator, loads, pressures, speeds, repeats)
+    tests = order_tests(generator, CONDITIONS, (loads, pressures, speeds), repeats)
     path, turns = place_path(length, interval, strokes)
     slip = follow_strokes(path, strokes)[1]
 
@@ -112,23 +107,18 @@ def make_slip_campaign(
 def refer_slip(base, tests, path, noise, uncertainties, strokes=None, turns=None):
     """Return the `Reference` of tests at these conditions, which shares K, tan delta and slip_scale.
 
-    Each record's own are its relative load and pressure errors, which have their stated uncertainty as a prior. path:
-    m, of every record; noise: N; reversals (`turns`) do not count.
+    path: m, of every record; noise: N; reversals (`turns`) do not count.
     """
     kept = slice(None) if turns is None else ~np.asarray(turns)
-    prior = np.array([uncertainties[name] for name in CONDITIONS[:2]])
-
-    def read(i, model, effects, own):
-        moved = {c: tests[i][c] * (1.0 + x) for c, x in zip(CONDITIONS[:2], prior * own, strict=True)}
-        return simulate_slip(model, effects, tests[i] | moved, path, strokes)[kept, 0] / noise
-
-    return Reference(base, *share_logarithms(base, SHARED), read, len(tests), 2)
+    return refer_tests(
+        base, share_logarithms(base, SHARED), tests, [path] * len(tests), {c: uncertainties[c] for c in CONDITIONS[:2]},
+        lambda model, effects, moved, places: simulate_slip(model, effects, moved, places, strokes)[kept, 0] / noise)
 
 
 def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
     """The function effects -> misfit over noise."""
-    tests = order_slip_tests(np.random.Generator(np.random.PCG64(seed)), setting["loads"], setting["pressures"],
-                             setting["speeds"])
+    generator = np.random.Generator(np.random.PCG64(seed))
+    tests = order_tests(generator, CONDITIONS, (setting["loads"], setting["pressures"], setting["speeds"]))
     path = place_path(setting["length"], setting["interval"])[0][::2]
     return hold_slopes(refer_slip(setting["base"], tests, path, SLIP_NOISE, SLIP_UNCERTAINTIES), 3)
 
@@ -137,9 +127,8 @@ def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
     """Three tests at other loads, pressures and speeds, after the campaign's last."""
     path = place_path(setting["length"], 2e-4)[0]
     plan = (setting["loads"], setting["pressures"], setting["speeds"])
-    last = len(plan[0]) * len(plan[1]) * len(plan[2])
     return [HeldOut(conditions, path, simulate_slip(setting["base"], effects, conditions, path))
-            for conditions in choose_slip_heldout(*plan, sequence=last + 1)]  # fmt: skip
+            for conditions in choose_slip_heldout(*plan, sequence=math.prod(map(len, plan)) + 1)]  # fmt: skip
 
 
 SLIP = CaseGenerator(

@@ -39,62 +39,66 @@ def share_logarithms(base: Mapping[str, float], names: Sequence[str]
     return np.zeros(len(names)), move
 
 
+def refer_tests(base, shared, tests, places, uncertainties, read):
+    """Return the `Reference` of tests at some conditions.
+
+    Each record's own are relative errors of its conditions and its time shift (s), which have their stated uncertainty
+    as a prior. shared: `start` and `move`; places: where each record is read; read: readings over noise from
+    parameters, effects, conditions and such places.
+    """
+    prior, (start, move) = np.array(list(uncertainties.values())), shared
+
+    def read_moved(i, model, effects, own):
+        errors = dict(zip(uncertainties, prior * own, strict=True))
+        shift = errors.pop("time", 0.0)
+        moved = {c: tests[i][c] * (1.0 + x) for c, x in errors.items()}
+        return read(model, effects, tests[i] | moved, places[i] + shift).ravel()
+
+    return Reference(base, start, move, read_moved, len(tests), len(prior))
+
+
 def differentiate(reference, i, shared, own):
-    """Return the readings of record i and their derivatives by the shared parameters and by its own nuisances."""
+    """Return the derivatives of record i's readings by the shared parameters and by its own nuisances."""
     here = reference.read(i, reference.move(shared), {}, own)
-    move = np.diag(np.concatenate([np.full(shared.size, STEPS[0]), np.full(own.size, STEPS[1])]))
     columns = []
-    for d in move:
+    for d in np.diag(np.concatenate([np.full(shared.size, STEPS[0]), np.full(own.size, STEPS[1])])):
         moved = reference.read(i, reference.move(shared + d[: shared.size]), {}, own + d[shared.size :])
         columns.append((moved - here) / d.max())
     slope = np.column_stack(columns)
-    return here, slope[:, : shared.size], slope[:, shared.size :]
-
-
-def find_slopes(reference):
-    """Return each record's derivatives at the truth, for `measure_misfit` to hold them there."""
-    still = np.zeros(reference.nuisances)
-    return [differentiate(reference, i, reference.start, still)[1:] for i in range(reference.records)]
+    return slope[:, : shared.size], slope[:, shared.size :]
 
 
 def measure_misfit(reference, effects, steps=5, slopes=None):
     """Return the rms over noise that the reference model leaves on noise-free records with effects after a refit.
 
     Gauss-Newton over parameters that all records share and each record's own nuisances, which have a standard normal
-    prior and are eliminated on the spot. slopes: of `find_slopes`; finite differences at every step if not given.
+    prior and are eliminated on the spot. slopes: each record's derivatives; found anew at every step if not given.
     """
-    nuisances, shared = reference.nuisances, reference.start
-    own = np.zeros((reference.records, nuisances))
+    shared, own = reference.start, np.zeros((reference.records, reference.nuisances))
     truth = [reference.read(i, reference.base, effects, still) for i, still in enumerate(own)]
-    misfit, size = 0.0, 0
     for step in range(steps + 1):
-        square, pull, misfit, size, kept = np.zeros((shared.size,) * 2), np.zeros(shared.size), 0.0, 0, []
-        for i, y in enumerate(truth):
-            if slopes is not None or step == steps:
-                here = reference.read(i, reference.move(shared), {}, own[i])
-                a, b = (np.zeros(0), np.zeros(0)) if slopes is None else slopes[i]
-            else:
-                here, a, b = differentiate(reference, i, shared, own[i])
-            left = y - here
-            misfit, size = misfit + left @ left, size + left.size
-            if step == steps:
-                continue
-            inner = b.T @ b + np.eye(nuisances)
-            target = b.T @ left - own[i]
+        left = [y - reference.read(i, reference.move(shared), {}, own[i]) for i, y in enumerate(truth)]
+        if step == steps:
+            break
+        square, pull, kept = np.zeros((shared.size,) * 2), np.zeros(shared.size), []
+        for i, residual in enumerate(left):
+            a, b = differentiate(reference, i, shared, own[i]) if slopes is None else slopes[i]
+            inner = b.T @ b + np.eye(reference.nuisances)
+            target = b.T @ residual - own[i]
             cross = np.linalg.solve(inner, b.T @ a)
             square += a.T @ a - (b.T @ a).T @ cross
-            pull += a.T @ left - cross.T @ target
+            pull += a.T @ residual - cross.T @ target
             kept.append((inner, target, b.T @ a))
-        if step < steps:
-            change = np.linalg.solve(square, pull)
-            shared = shared + change
-            own += [np.linalg.solve(inner, target - mixed @ change) for inner, target, mixed in kept]
-    return float(np.sqrt(misfit / size))
+        change = np.linalg.solve(square, pull)
+        shared = shared + change
+        own += [np.linalg.solve(inner, target - mixed @ change) for inner, target, mixed in kept]
+    return float(np.sqrt(sum(r @ r for r in left) / sum(r.size for r in left)))
 
 
 def hold_slopes(reference, steps):
-    """Return the function effects -> misfit, the reference model's derivatives being found once."""
-    slopes = find_slopes(reference)
+    """Return the function effects -> misfit, the reference model's derivatives being found once, at the truth."""
+    still = np.zeros(reference.nuisances)
+    slopes = [differentiate(reference, i, reference.start, still) for i in range(reference.records)]
     return lambda effects: measure_misfit(reference, effects, steps, slopes)
 
 

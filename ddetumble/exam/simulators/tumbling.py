@@ -7,16 +7,11 @@ with an inertial frame whose x axis is the local vertical and whose z axis is th
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 
 RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
 ATTITUDES = ("attitude_w", "attitude_x", "attitude_y", "attitude_z")
-
-
-def find_moments(base, effects):
-    """Three moments of the body, over the transverse one."""
-    epsilon = effects.get("inertia-asymmetry", {}).get("epsilon", 0.0)
-    return np.array([1.0 + epsilon, 1.0 - epsilon, base["inertia_ratio"]])
 
 
 def sum_torques(effects, time, rates, matrix, moments, orbit_rate):
@@ -48,7 +43,8 @@ def simulate_tumbling(base, effects, rates, times, orbit_rate=0.00106, tolerance
 
     base: inertia_ratio. effects: by id, with parameters. rates: true, at t = 0 [rad/s]. times: ascending from 0 [s].
     """
-    moments = find_moments(base, effects)
+    epsilon = effects.get("inertia-asymmetry", {}).get("epsilon", 0.0)
+    moments = np.array([1.0 + epsilon, 1.0 - epsilon, base["inertia_ratio"]])  # of the body, over the transverse one
     damper = effects.get("internal-damper", {"c": 0.0, "I_d": 1.0})
     times = np.asarray(times, dtype=float)
     start = np.asarray(rates, dtype=float)
@@ -63,15 +59,13 @@ def simulate_tumbling(base, effects, rates, times, orbit_rate=0.00106, tolerance
 
     first = np.concatenate([np.eye(3).ravel(), moments * start, start])
     scale = np.concatenate([np.ones(9), np.full(6, np.linalg.norm(start))])
-    jumps = []
-    if "x-thruster" in effects:  # the torque jumps there
-        half = 0.5 * effects["x-thruster"]["period"]
-        jumps = list(np.arange(half, times[-1], half))
+    half = 0.5 * effects.get("x-thruster", {"period": np.inf})["period"]
+    jumps = np.arange(half, times[-1], half) if half < times[-1] else []  # of the torque
     edges = [0.0, *jumps, max(float(times[-1]), 1e-9)]
     states, state = np.zeros((times.size, 15)), first
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         here = (times >= a) & (times <= b)
-        inside = (a + 1e-9, b - 1e-9) if jumps else (a, b)  # the torque is that of this side of a jump
+        inside = (a + 1e-9, b - 1e-9) if len(jumps) else (a, b)  # the torque is that of this side of a jump
         found = solve_ivp(lambda t, y, low, high: differ(min(max(t, low), high), y), (a, b), state, "DOP853",
                           t_eval=np.unique(np.append(times[here], b)), rtol=tolerance, atol=tolerance * scale,
                           args=inside)  # fmt: skip
@@ -79,16 +73,12 @@ def simulate_tumbling(base, effects, rates, times, orbit_rate=0.00106, tolerance
         state = found.y[:, -1]
     matrices = states[:, :9].reshape(-1, 3, 3)
     body = np.einsum("tij,ti->tj", matrices, states[:, 9:12]) / moments
-    if "x-flexible-panel" in effects:
-        body = body + ring(effects["x-flexible-panel"], times, body)
-    return read_gyroscopes(effects, times, body), take_quaternions(matrices)
-
-
-def ring(panel, times, body):
-    """A panel that rings after release, turning the body about its x axis."""
-    omega, damping = panel["omega"], panel["zeta"] * panel["omega"]
-    wave = panel["ratio"] * np.linalg.norm(body[0]) * np.exp(-damping * times) * np.sin(omega * times)
-    return wave[:, None] * np.array([1.0, 0.0, 0.0])
+    if "x-flexible-panel" in effects:  # it rings after release, and turns the body about its x axis
+        panel = effects["x-flexible-panel"]
+        wave = panel["ratio"] * np.linalg.norm(body[0]) * np.exp(-panel["zeta"] * panel["omega"] * times)
+        body = body + (wave * np.sin(panel["omega"] * times))[:, None] * np.array([1.0, 0.0, 0.0])
+    quaternions = Rotation.from_matrix(matrices).as_quat()[:, [3, 0, 1, 2]]
+    return read_gyroscopes(effects, times, body), np.where(quaternions[:, :1] < 0, -quaternions, quaternions)
 
 
 def read_gyroscopes(effects, times, body):
@@ -98,14 +88,4 @@ def read_gyroscopes(effects, times, body):
     seen = body @ turned  # R_y(angle)^T on every row
     seen = seen * (1.0 + effects.get("gyro-scale", {}).get("g", 0.0))
     seen = seen + np.asarray(effects.get("gyro-bias", {}).get("bias", [0.0, 0.0, 0.0]))
-    if "x-bias-walk" in effects:
-        seen = seen + np.outer(times, effects["x-bias-walk"]["slope"])
-    return seen
-
-
-def take_quaternions(matrices):
-    """Unit quaternions of rotation matrices, scalar first and not negative."""
-    from scipy.spatial.transform import Rotation
-
-    found = Rotation.from_matrix(matrices).as_quat()[:, [3, 0, 1, 2]]
-    return np.where(found[:, :1] < 0, -found, found)
+    return seen + np.outer(times, effects["x-bias-walk"]["slope"]) if "x-bias-walk" in effects else seen
