@@ -348,7 +348,7 @@ def test_headings(heading, name, unit):
 def test_columns_without_values_are_dropped_and_trailing_delimiters_borne(tmp_path):
     text = "t [s];Fz [N];\n" + "".join(f"{i};{i};\n" for i in range(9))
     raw = read_layout(write(tmp_path / "a.csv", text))
-    assert list(raw.table.columns) == ["t", "Fz"]
+    assert list(raw.columns) == ["t", "Fz"]
 
 
 def test_the_table_of_conditions_may_lie_among_the_records(tmp_path):

@@ -8,7 +8,7 @@ from scipy import special
 
 from .._errors import InputError
 from .checks import FEWEST_SAMPLES
-from .onset import FEWEST_BEFORE, Onsets, find_rise, locate_onsets
+from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .units import parse_quantity, si_unit
 
 
@@ -51,8 +51,8 @@ def align_tests(tests, sources, onset, notes):
     times = _given_onsets(tests, sources, onset, notes)
     if times is None:
         found = _find_onsets(tests, notes)
-        contacts = [(one.time, f" ± {one.sd * 1e3:.3g} ms") for one in found.each]
-        clock = math.sqrt(float(np.mean([one.sd**2 for one in found.each])))
+        contacts = [(float(time), f" ± {sd * 1e3:.3g} ms") for time, sd in zip(found.time, found.sd, strict=True)]
+        clock = math.sqrt(float(np.mean(found.sd**2)))
         common = found.common_sd
     else:
         contacts = [(times[test.key], "") for test in tests]
@@ -97,13 +97,8 @@ def align_tests(tests, sources, onset, notes):
 
 def _find_onsets(tests, notes) -> Onsets:
     """Onsets of all tests, and in words what they share."""
-    rises = []
-    for test in tests:
-        try:
-            rises.append(find_rise(test.values["time"], test.values["normal_force"]))
-        except InputError as error:
-            raise InputError(f"record {test.key!r}: {error.problem}", file=test.file) from None
-    found = locate_onsets(rises, [test.key for test in tests])
+    found = find_onsets([test.values["time"] for test in tests], [test.values["normal_force"] for test in tests],
+                        [f"{test.file}: record {test.key!r}: " for test in tests])
     notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms: how the force begins, "
                  "and the delay of the measuring chain, which the force itself does not show.")
     if found.start != "curved":

@@ -11,7 +11,7 @@ from .layout import RawFile, split_heading
 from .units import Unit, check_unit, parse_unit, si_unit
 
 
-ACCELERATION = (0.0, 1.0, -2.0, 0.0)
+ACCELERATION = "m/s^2"
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
 
 
@@ -75,7 +75,7 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     Raises:
         InputError: A column that is not there, or more than one that may be meant; the option is named.
     """
-    columns, kind = raw.table.columns, plan.kind
+    columns, kind = raw.columns, plan.kind
     roles = {role: find_column(raw, column) for role, column in plan.choices.items()}
     guesses = {}
     for column in columns:
@@ -88,7 +88,7 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
         if len(found) > 1:
             option = options.get(role, f"--keep {role}=COLUMN")
             problem = f"{role} can be any of {', '.join(found)}; say which with {option}"
-            raise InputError(problem, file=raw.table.file)
+            raise InputError(problem, file=raw.file)
         roles[role] = found[0]
     if not set(kind.independents) & set(roles):
         option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"
@@ -98,10 +98,10 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
         roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan.mass is not None)
     if kind.path and kind.path not in roles:
         problem = f"there is a time and no slip: the file has {', '.join(columns)}; give --slip COLUMN, or export how "
-        raise InputError(problem + "far the rubber has slid", file=raw.table.file)
+        raise InputError(problem + "far the rubber has slid", file=raw.file)
     if kind.rates and not any(name in roles for name in kind.rates):
         problem = "no column is an angular velocity; choose with --keep angular_velocity_x=COLUMN and so on"
-        raise InputError(problem, file=raw.table.file)
+        raise InputError(problem, file=raw.file)
     for heading, name in plan.keep.items():
         column = find_column(raw, heading)
         if column not in roles.values():
@@ -116,7 +116,7 @@ def find_column(raw: RawFile, text: str) -> str:
     Raises:
         InputError: The file has no such column.
     """
-    columns, text = raw.table.columns, str(text).strip()
+    columns, text = raw.columns, str(text).strip()
     if text in columns:
         return text
     if f"column {text}" in columns:
@@ -124,19 +124,19 @@ def find_column(raw: RawFile, text: str) -> str:
     name, unit = split_heading(text)
     if name in columns and unit is not None and unit == raw.units.get(name):
         return name
-    raise InputError(f"there is no column {text!r}; the file has {_list_columns(raw)}", file=raw.table.file)
+    raise InputError(f"there is no column {text!r}; the file has {_list_columns(raw)}", file=raw.file)
 
 
 def _list_columns(raw: RawFile) -> str:
     """Headings of a file with their units."""
-    return ", ".join(name + (f" [{raw.units[name]}]" if raw.units.get(name) else "") for name in raw.table.columns)
+    return ", ".join(name + (f" [{raw.units[name]}]" if raw.units.get(name) else "") for name in raw.columns)
 
 
 def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str, accelerations: bool = False) -> str:
     """The only column left whose unit measures the quantity; an acceleration where a mass makes a force of it."""
     dimensions = [check_unit(si_unit(role), role).dimension]
     if accelerations and role == "normal_force":
-        dimensions.append(ACCELERATION)
+        dimensions.append(parse_unit(ACCELERATION).dimension)
     fits = []
     for dimension in dimensions:
         for column, unit in raw.units.items() if not fits else ():
@@ -146,15 +146,15 @@ def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str,
             except InputError:
                 continue
     if len(fits) != 1:
-        problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.table.columns)}; give {option}"
-        if any(name.casefold() == "file" for name in raw.table.columns):
-            problem += f"; if it is the table of conditions, give --conditions {raw.table.file}"
+        problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.columns)}; give {option}"
+        if any(name.casefold() == "file" for name in raw.columns):
+            problem += f"; if it is the table of conditions, give --conditions {raw.file}"
         elif (role == "normal_force" and not accelerations
               and any(map(_is_acceleration, filter(None, raw.units.values())))):
             problem += "; --known 'effective_mass=1.2 kg' makes a force of an acceleration"
-        elif role in ("time", "normal_force") and _has_path(raw.table.columns):
+        elif role in ("time", "normal_force") and _has_path(raw.columns):
             problem += f", or, {FRICTION_TEST}"
-        raise InputError(problem, file=raw.table.file)
+        raise InputError(problem, file=raw.file)
     return fits[0]
 
 
@@ -176,21 +176,21 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     name = "force" if role == plan.kind.main else role
     if text is None:
         problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
-        raise InputError(problem, file=raw.table.file, column=column)
+        raise InputError(problem, file=raw.file, column=column)
     if role == "normal_force" and _is_acceleration(text):
         if plan.mass is None:
             problem = "the column holds an acceleration; --known 'effective_mass=1.2 kg' makes a force of it"
-            raise InputError(problem, file=raw.table.file, column=column)
+            raise InputError(problem, file=raw.file, column=column)
         plan.notes.append(f"normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
         unit = parse_unit(text)
         return Unit(text, unit.scale * plan.mass, 0.0, check_unit("N", role).dimension, "N")
     _note_contradiction(text, raw.units.get(column), role, name, plan)
-    return read_unit(text, role, raw.table.file, column, name, f" (--unit {name}=… sets another)")
+    return read_unit(text, role, raw.file, column, name, f" (--unit {name}=… sets another)")
 
 
 def _is_acceleration(text: str) -> bool:
     try:
-        return parse_unit(text).dimension == ACCELERATION
+        return parse_unit(text).dimension == parse_unit(ACCELERATION).dimension
     except InputError:
         return False
 

@@ -88,7 +88,7 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str], extra
         InputError: No such columns, a record without a row or with two, a column without a unit.
     """
     raw = read_layout(path)
-    table = raw.table
+    table = raw
     links = {name.casefold(): name for name in table.columns if name.casefold() in ("file", "record")}
     for name in table.columns:
         if not links and guess_role(name, conditions.kind) == "record":

@@ -197,7 +197,7 @@ def _list_files(paths, conditions=None) -> list[str]:
 def _read_tests(file: str, raw: RawFile, plan: Plan) -> list[RawTest]:
     """The tests in one file, their columns chosen and converted to SI."""
     plan.notes += raw.notes
-    table = raw.table
+    table = raw
     roles = choose_columns(raw, plan)
     values = {}
     for role, column in roles.items():
