@@ -148,7 +148,7 @@ def test_options_of_friction_tests_are_refused_elsewhere(tmp_path, option):
 
 def test_strokes_back_without_a_time_ask_for_it(tmp_path):
     _, slip, force = back_and_forth()
-    with pytest.raises(InputError, match="line 43, .*slip of record 'a' does not increase here.*export the time"):
+    with pytest.raises(InputError, match="line 43, .*record 'a' the slip goes back.*give the time"):
         import_tests(stroke(tmp_path / "a.csv", (slip, force)), **OPTIONS)
 
 

@@ -22,7 +22,7 @@ from .._errors import InputError
 from .._settings import locate_campaign
 from .._user_files import split_name
 from .kinds import ELSEWHERE, KINDS
-from .tables import decode, read_bytes
+from .tables import decode
 
 
 Name = Annotated[StrictStr, Field(min_length=1, max_length=200)]
@@ -166,12 +166,6 @@ def parse_descriptor(data: bytes, file: str) -> DescriptorModel:
         return DescriptorModel.model_validate(tree)
     except ValidationError as error:
         raise InputError(_explain(error, tree), file=file) from None
-
-
-def read_descriptor(path: Path) -> tuple[DescriptorModel, bytes]:
-    """Read a descriptor file: its model and its bytes."""
-    data = read_bytes(path)
-    return parse_descriptor(data, str(path)), data
 
 
 def locate_resource(resource: ResourceModel, descriptor: Path) -> Path:
