@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from .._errors import InputError, error_place
 from .checks import share_work
@@ -23,36 +23,22 @@ STEADY = 0.1  # relative standard deviation up to which a measured load counts a
 
 @dataclass
 class RawTest:
-    """One test on its way into a campaign.
-
-    Args:
-        key: Its record key.
-        file: The raw file it came from.
-        lines: Line number of each sample, shape (samples,).
-        values: Samples by quantity [SI], each of shape (samples,).
-    """
+    """One test on its way into a campaign."""
 
     key: str
     file: str
-    lines: np.ndarray
-    values: dict[str, np.ndarray]
+    lines: np.ndarray  # line number of each sample, shape (samples,)
+    values: dict[str, np.ndarray]  # samples by quantity [SI], each of shape (samples,)
 
 
 def align_tests(tests: list[RawTest], sources, onset, notes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
-    """Turn the force positive, move contact to time nought, and take the offsets off, in place.
+    """Turn the force of impacts positive, move contact to time nought, and take the offsets off, in place.
 
-    Args:
-        tests: The tests, with `time` [s] and `normal_force` [N].
-        sources: Conditions found so far; gains `initial_pressure` where only the pressure channel tells it.
-        onset: Value of --onset, or None to find each test's own.
-        notes: Gains what was decided.
+    `sources` gains `initial_pressure` where only the pressure channel tells it; `onset` is the value of --onset.
 
     Returns:
         By column [SI]: the standard deviation before contact, where every test shows it, and that of each record's time
         origin; and the standard deviation of an error that all records share.
-
-    Raises:
-        InputError: Forces of both signs, or no onset to be found.
     """
     _turn_positive(tests, notes)
     times, common = _given_onsets(tests, sources, onset, notes), 0.0
@@ -121,9 +107,8 @@ def _turn_positive(tests: list[RawTest], notes: list[str]) -> None:
         f = f[~np.isnan(f)]
         middle = np.median(f[: max(5, len(f) // 20)]) if f.size else 0.0
         signs.append(bool(f.size) and middle - f.min() > 1.5 * (f.max() - middle))
-    if any(signs) and not all(signs):
-        test = tests[signs.index(not signs[0])]
-        raise InputError("the force has another sign than in the records before; export all alike", file=test.file)
+        if signs[-1] != signs[0]:
+            raise InputError("the force has another sign than in the records before; export all alike", file=test.file)
     if all(signs):
         for test in tests:
             test.values["normal_force"] = -test.values["normal_force"]
@@ -139,14 +124,15 @@ def _given_onsets(tests: list[RawTest], sources, onset, notes: list[str]) -> dic
         return table
     if str(onset) == "onset" and table:
         return table
-    if str(onset) in sources.values:
-        if sources.units[onset] != "s":
-            raise InputError(f"the column {onset!r} is not a time", option="--onset")
-        return sources.values.pop(onset)
-    if isinstance(onset, int | float) or str(onset).strip() in ("0", "0.0"):
-        return dict.fromkeys((test.key for test in tests), float(onset))
-    with error_place("is a time like '12.5 ms', or a column of the table of conditions: ", option="--onset"):
-        return dict.fromkeys((test.key for test in tests), parse_quantity(onset, "time"))
+    with error_place(option="--onset"):
+        if str(onset) in sources.values:
+            if sources.units[onset] != "s":
+                raise InputError(f"the column {onset!r} is not a time")
+            return sources.values.pop(onset)
+        if not isinstance(onset, int | float) and str(onset).strip() not in ("0", "0.0"):
+            with error_place("is a time like '12.5 ms', or a column of the table of conditions: "):
+                onset = parse_quantity(onset, "time")
+    return dict.fromkeys((test.key for test in tests), float(onset))
 
 
 def find_offset(quiet: np.ndarray) -> float:
@@ -161,11 +147,8 @@ def find_offset(quiet: np.ndarray) -> float:
 
 def _is_moving(t: np.ndarray, quiet: np.ndarray) -> bool:
     """Whether a channel moves before contact: six standard errors, so that noise alone does not, and a nanometre."""
-    x = t - t.mean()
-    slope = float(x @ quiet) / float(x @ x)
-    residual = quiet - quiet.mean() - slope * x
-    error = math.sqrt(float(residual @ residual) / max(len(x) - 2, 1) / float(x @ x))
-    return abs(slope) > 6 * error and abs(slope) * np.ptp(t) > 1e-9
+    line = stats.linregress(t, quiet)
+    return abs(line.slope) > max(6 * line.stderr, 1e-9 / np.ptp(t))
 
 
 def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) -> tuple[list[float], float]:
@@ -173,9 +156,6 @@ def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) ->
 
     Returns:
         Variances about the straight approach [m²], and the standard deviation of the zero that all share [m].
-
-    Raises:
-        InputError: It moves in some records only, or does not turn back in contact: it is no depression.
     """
     if len(moving) < len(tests):
         other = next(test for test in tests if test not in moving)
@@ -209,11 +189,7 @@ def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) ->
 
 
 def turn_friction(tests: list[RawTest], notes: list[str]) -> None:
-    """Make friction count positive along the slip, in place.
-
-    Raises:
-        InputError: Records of both signs.
-    """
+    """Make friction count positive along the slip, in place."""
     shares = [share_work(test.values["slip"], test.values["tangential_force"]) for test in tests]
     if min(shares) >= -DOUBT:
         return
@@ -228,11 +204,7 @@ def turn_friction(tests: list[RawTest], notes: list[str]) -> None:
 
 
 def take_means(tests: list[RawTest], name: str, headings: dict[str, str]) -> dict[str, float]:
-    """Mean over each record of what was measured along it [SI]; the tests lose the quantity.
-
-    Raises:
-        InputError: It is not steady within a record.
-    """
+    """Mean over each record of what was measured along it and has to be steady [SI]; the tests lose the quantity."""
     means = {}
     for test in tests:
         values = test.values.pop(name)
@@ -260,16 +232,7 @@ def start_clocks(tests: list[RawTest], notes: list[str]) -> None:
 
 
 def turn_axes(tests: list[RawTest], axis: str | None, notes: list[str]) -> None:
-    """Make the axis of symmetry body z by a cyclic exchange of the axes, which keeps them right-handed, in place.
-
-    Args:
-        tests: The tests, with rates `angular_velocity_x|y|z` and perhaps the attitude.
-        axis: Name of the axis in the laboratory's columns; None for z.
-        notes: Gains what was decided.
-
-    Raises:
-        InputError: There is no such axis.
-    """
+    """Make the axis of symmetry body z by a cyclic exchange of the axes, which keeps them right-handed, in place."""
     if axis is None:
         notes.append("The body's axis of symmetry is taken as z; --symmetry-axis x or y says otherwise.")
         return

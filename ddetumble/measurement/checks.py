@@ -39,11 +39,7 @@ class Rows(NamedTuple):
 
 
 def check_known(name: str, value: float | None) -> None:
-    """Refuse a known parameter that no ball or body can have.
-
-    Raises:
-        InputError: Not positive where it must be, or a restitution above one.
-    """
+    """Refuse a known parameter that no body can have: not positive where it must be, a restitution above one."""
     if value is None:
         return
     if name in _POSITIVE and value <= 0:
@@ -53,11 +49,7 @@ def check_known(name: str, value: float | None) -> None:
 
 
 def refuse_rows(bad, rows, column: str, explain: str | Callable[[int], str]) -> None:
-    """Refuse the first row that is bad, if there is one; `explain` says what is wrong with it.
-
-    Raises:
-        InputError: There is one; the column and its line are named.
-    """
+    """Refuse the first row that is bad, if there is one, by its line; `explain` says what is wrong with it."""
     if np.any(bad):
         i = int(np.flatnonzero(bad)[0])
         raise InputError(explain if isinstance(explain, str) else explain(i), file=rows.file, column=column,
@@ -73,20 +65,18 @@ def check_keys(keys: Sequence[str], rows, column: str = "record") -> None:
 
 def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, remedy: str = PACKAGE_REMEDY,
                  column: str = "") -> None:
-    """Refuse values that the quantity of that name cannot have; `values` in SI, shape (rows,), NaN passes.
+    """Refuse values that the quantity of that name cannot have: numbers that overflow, zero or negative speeds, loads
+    and peaks, pressures below vacuum (sampled ones by more than six standard deviations), counts that are no whole
+    numbers from 1 on.
 
     Args:
         name: Of the quantity.
-        values: To check.
+        values: In SI, shape (rows,); NaN passes.
         rows: Where they stand.
         resource: `records`, `samples` or `peaks`.
         uncertainty: Of the values, or None.
         remedy: What the message on a negative pressure ends with.
         column: Heading of the column, where it is another than the name.
-
-    Raises:
-        InputError: Numbers that overflow, zero or negative speeds, loads and peaks, pressures below vacuum (sampled
-            ones by more than six standard deviations), counts that are no whole numbers from 1 on.
     """
     column, hint = column or name, ""
 
@@ -106,14 +96,9 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
 
 
 def check_record(key: str, values: Mapping[str, np.ndarray], independent: str, rows, remedy: str = "") -> None:
-    """Refuse the samples of one record whose abscissae do not increase, or of which there are too few.
+    """Refuse the samples of one record, by name, if they are too few or their abscissae do not increase.
 
-    Args:
-        key: Of the record.
-        values: Samples by name, shape (samples,) each, NaN where missing.
-        independent: Name of the abscissa.
-        rows: Where they stand.
-        remedy: What else may help where they do not increase.
+    `rows` says where they stand, `remedy` what else may help where they do not increase.
     """
     x = values[independent]
     strokes = "" if independent == "time" else "; for strokes back and forth give the time too"
@@ -133,12 +118,7 @@ def check_record(key: str, values: Mapping[str, np.ndarray], independent: str, r
 
 
 def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:
-    """Check the samples of all records and return the name of the independent variable.
-
-    Args:
-        samples: Their table: `file`, `lines`, `keys` and `values`, by name.
-        keys: Keys of the records.
-        kind: Of the campaign's records.
+    """Check the samples of all records, a table with `keys` and `values` by name, and return the name of the abscissa.
 
     Raises:
         InputError: No independent variable or channel, an unknown record, unsorted or repeated abscissae, a channel
@@ -170,9 +150,7 @@ def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:
 def share_work(slip: np.ndarray, force: np.ndarray) -> float:
     """Work of the friction over that of its amount: 1 where it counts positive along the slip, -1 where negative.
 
-    Args:
-        slip: Position, shape (samples,) [m]; NaN is left out.
-        force: Friction, shape (samples,) [N]; NaN is left out.
+    Position [m] and friction [N] have shape (samples,); NaN is left out.
     """
     there = np.isfinite(slip) & np.isfinite(force)
     step, mean = np.diff(slip[there]), 0.5 * (force[there][1:] + force[there][:-1])
@@ -181,10 +159,7 @@ def share_work(slip: np.ndarray, force: np.ndarray) -> float:
 
 
 def check_peaks(peaks, keys: Sequence[str]) -> None:
-    """Check the table of peaks: one row a record, with a measured peak in each.
-
-    Raises:
-        InputError: No peak column, a row without a peak, an unknown record or one that is there twice.
+    """Refuse a table of peaks without a peak column, or with a row without a peak or of an unknown or repeated record.
     """
     names = [name for name in PEAKS if name in peaks.values]
     if not names:
@@ -206,7 +181,6 @@ def check_unique(rows) -> None:
 
 def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:
     """Positions of the rows of each record; an unknown one is refused."""
-    found = pd.Series(table.keys).groupby(table.keys, sort=False).indices
     refuse_rows(~np.isin(table.keys, list(keys)), table, "record", lambda i: (
         f"the record {table.keys[i]!r} is not in the records table; add it there or correct the key"))
-    return found
+    return {str(key): rows for key, rows in pd.Series(table.keys).groupby(table.keys, sort=False).indices.items()}

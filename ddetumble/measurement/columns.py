@@ -39,11 +39,7 @@ class Plan:
 
 
 def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, mass: float | None) -> Plan:
-    """The options about columns, checked against the kind of records.
-
-    Raises:
-        InputError: An option that such records have no use for.
-    """
+    """The options about columns; those that such records have no use for are refused."""
     choices, extra = {}, {}
     entries = keep.items() if isinstance(keep, dict) else [
         entry.rpartition("=")[::2] for entry in ([keep] if isinstance(keep, str) else keep or ())]
@@ -64,8 +60,7 @@ def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, m
 def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     """Quantity to column: as told, by heading, and force, time or slip by their unit if nothing else has it.
 
-    Raises:
-        InputError: A column that is not there, or more than one that may be meant; the option is named.
+    Where more than one may be meant, the option that settles it is named.
     """
     kind = plan.kind
     roles = {role: _find_column(raw, column) for role, column in plan.choices.items()}
@@ -142,11 +137,7 @@ def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str,
 
 
 def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
-    """Unit of a column, from --unit or its heading.
-
-    Raises:
-        InputError: None is stated, or one that does not measure the quantity.
-    """
+    """Unit of a column, from --unit or its heading; refused where it does not measure the quantity."""
     given = {expand_role(split_heading(name)[0], plan.kind): unit for name, unit in plan.units.items()}
     stated = raw.units[column]
     text = plan.units.get(column) or given.get(role) or given.get(column) or stated
@@ -172,17 +163,10 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
 
 
 def read_unit(text: str, role: str, file: str, column: str, name: str = "", more: str = "") -> Unit:
-    """A stated unit.
+    """A unit as stated in a file's column, refused where it does not measure a quantity.
 
-    Args:
-        text: the unit as stated.
-        role: the quantity that it has to measure.
-        file, column: where it stands.
-        name: of the quantity in `--unit` (default: the role's own).
-        more: what a message ends with.
-
-    Raises:
-        InputError: It does not measure that quantity; of a gauge pressure the message says which options settle it.
+    `name` is that of the quantity in `--unit` (default: the role's own), `more` what a message ends with; of a gauge
+    pressure it says which options settle it.
     """
     try:
         return check_unit(text, role)

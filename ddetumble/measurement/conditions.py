@@ -16,12 +16,7 @@ from .units import ROLES, check_unit, parse_quantity, si_unit
 
 
 class Conditions:
-    """Conditions as they come in, each from one source only; all values SI.
-
-    Args:
-        plan: Of the import.
-        ambient: Pressure [Pa] that makes gauge pressures absolute; None where they are absolute already.
-    """
+    """Conditions as they come in, each from one source only, SI; `ambient` [Pa] makes gauge pressures absolute."""
 
     def __init__(self, plan: Plan, ambient: float | None):
         self.plan, self.ambient = plan, ambient
@@ -32,11 +27,7 @@ class Conditions:
 
     def add(self, name: str, values: dict[str, float], unit: str, source: str,
             places: Mapping[str, Mapping] | None = None) -> None:
-        """Add a condition: `values` by record key; `places` gives file, column and row of each, where there are some.
-
-        Raises:
-            InputError: Another source gives it as well, or it cannot have that value.
-        """
+        """Add a condition, `values` by record key; `places` gives file, column and row of each, if there are some."""
         if name in self.values:
             raise InputError(f"{name} is given twice, by {self.sources[name]} and by {source}; keep one")
         if name == self.plan.kind.pressure and self.ambient is not None:
@@ -69,16 +60,9 @@ def read_options(conditions: Conditions, keys: list[str], pressure, speed, load)
 
 
 def read_conditions(conditions: Conditions, path, records: dict[str, str]) -> None:
-    """Add the columns of a table of conditions with one row a file or record.
+    """Add the columns of a table of conditions with one row a file or record; `records`: key to name of the raw file.
 
-    Args:
-        conditions: Where to add them.
-        path: The table: a column `file` or `record`, then one column a condition, with units in the headings; `onset`
-            is a time.
-        records: Record key to name of its raw file.
-
-    Raises:
-        InputError: No such columns, a record without a row or with two, a column without a unit.
+    It has a column `file` or `record`, then one column a condition, with units in the headings; `onset` is a time.
     """
     plan, table = conditions.plan, read_layout(path)
     links = {name.casefold(): name for name in table.columns if name.casefold() in ("file", "record")}
@@ -114,16 +98,10 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str]) -> No
 
 
 def read_names(conditions: Conditions, pattern: str, records: dict[str, str]) -> None:
-    """Add conditions that stand in the file names.
+    """Add conditions that stand in the file names; `records`: key to name of the raw file.
 
-    Args:
-        conditions: Where to add them.
-        pattern: The name without its ending, like `{initial_pressure}MPa_{approach_speed}ms`; a unit may stand in the
-            braces (`{initial_pressure:MPa}`), and `{}` or `{_}` matches anything.
-        records: Record key to name of its raw file.
-
-    Raises:
-        InputError: A broken pattern, a name that does not match it, or a number without a unit.
+    The pattern is the name without its ending, like `{initial_pressure}MPa_{approach_speed}ms`; a unit may stand in the
+    braces (`{initial_pressure:MPa}`), and `{}` or `{_}` matches anything.
     """
     parts, plan = re.split(r"\{([^{}]*)\}", pattern), conditions.plan
     if len(parts) < 3 or any("{" in part or "}" in part for part in parts[::2]):
@@ -150,8 +128,7 @@ def read_names(conditions: Conditions, pattern: str, records: dict[str, str]) ->
     for i, (name, unit) in enumerate(units.items()):
         values = {key: float(unit.convert(numbers[i])) for key, numbers in found.items()}
         conditions.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
-    shown = ", ".join(f"{name} in {unit.text}" for name, unit in units.items())
-    plan.notes.append(f"From the file names: {shown}.")
+    plan.notes.append(f"From the file names: {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
 
 
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:

@@ -164,7 +164,8 @@ def _list_screened(campaign: Campaign) -> list[str]:
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
               settings: ScreeningSettings = SCREENING) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Readings at a limit, and readings that stand still.
+    """Readings at a limit, with those around them that may be, and readings that stand still, both of shape (samples,);
+    and the limits.
 
     Args:
         x: readings of one record, shape (samples,), NaN where missing.
@@ -173,10 +174,6 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         count: readings of all records, for how often chance may do it.
         tolerance: below which a difference is none.
         settings: thresholds.
-
-    Returns:
-        Which samples are clipped (with those around them that may be), which are held, both of shape (samples,); the
-        limits.
     """
     clipped, held, limits = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool), []
     there = np.flatnonzero(np.isfinite(x))
@@ -196,7 +193,7 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
         if side:
             at = np.abs(y - value) <= tolerance
             near = at | (side * middle > side * value - settings.near * sd)
-            clipped[there[ndimage.binary_propagation(at, mask=near)]] = True
+            clipped[there[np.flatnonzero(ndimage.binary_propagation(at, mask=near))]] = True
             limits += [value] * (value not in limits)
         elif value != 0.0 or np.abs(y[[run[0] - 1, run[-1] + 1]]).max() >= 6.0 * sd:
             held[there[run]] = True  # a file may hold zeros where nothing acts
@@ -204,11 +201,7 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
 
 
 def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
-    """Tumbling records that have nothing left of a rate: what they start from cannot be known.
-
-    Args:
-        campaign: without the faulty samples, as `screen_samples` leaves it.
-    """
+    """Tumbling records of which `screen_samples` left nothing of a rate: what they start from cannot be known."""
     assert campaign.samples is not None
     found, out = [], set()
     for channel in (c for c in campaign.channels if c in find_kind(campaign.family).rates):

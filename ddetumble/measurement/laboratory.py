@@ -26,60 +26,36 @@ _ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc")
 
 
 def import_tests(
-    paths,
-    *,
-    conditions=None,
-    pressure=None,
-    speed=None,
-    load=None,
-    force=None,
-    time=None,
-    slip=None,
-    units=None,
-    decimal=None,
-    delimiter=None,
-    record_column=None,
-    uncertainty=None,
-    common_uncertainty=None,
-    onset=None,
-    name_pattern=None,
-    gauge=None,
-    ambient=None,
-    family=DEFAULT_KIND,
-    title=None,
-    keep=None,
-    known=None,
-    symmetry_axis=None,
+    paths, *, family=DEFAULT_KIND, title=None, known=None,
+    conditions=None, name_pattern=None, pressure=None, speed=None, load=None, gauge=None, ambient=None,
+    force=None, time=None, slip=None, record_column=None, keep=None, units=None, decimal=None, delimiter=None,
+    onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
 ) -> Campaign:
     """Turn raw files of a test bench into a campaign; what cannot be told is asked for, never guessed.
 
     Args:
         paths: Files, or folders with files; one test each, or several with a record column.
+        family: "impact", "slip" or "tumble", or `FILE.py:NAME` or a `Family` for a kind of tests of your own.
+        title: Title of the campaign.
+        known: Parameters of the reference model: {"outer_diameter": "60 mm"} or "outer_diameter=60 mm"; value "null"
+            or None where the fit has to find them. Of an impact whose acceleration was measured, the effective mass.
         conditions: Table with one row a file or record and one column a condition, units in the headings.
-        pressure: Initial (slip: internal) pressure of all tests, with unit.
-        speed: Approach (slip: sliding) speed of all tests, with unit.
-        load: Normal load of all tests of the family slip, with unit.
-        force: Name of the column with the force (slip: with the friction).
-        time: Name of the column with the time.
-        slip: Name of the column with the slip, of the family slip.
+        name_pattern: Conditions in the file names, like "{initial_pressure}MPa_{approach_speed}ms".
+        pressure, speed, load: Of all tests, with unit: initial pressure and approach speed of impacts; internal
+            pressure, sliding speed and normal load of the family slip.
+        gauge: True if the pressures count from the ambient pressure.
+        ambient: Ambient pressure, with unit; made part of `known`.
+        force, time, slip, record_column: Names of the columns with the force (slip: the friction), the time, the slip
+            of the family slip, and the test that a row belongs to.
+        keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
         units: Units by quantity or column: {"force": "N"} or "force=N".
-        decimal: "." or ",".
-        delimiter: "," ";" "|" "tab" or "space".
-        record_column: Name of the column that says which test a row belongs to.
+        decimal, delimiter: "." or ","; "," ";" "|" "tab" or "space".
+        onset: Time of contact on the raw time axis, with unit, or the name of a column that holds it; None to find it.
+        symmetry_axis: "x", "y" or "z": the body's axis of symmetry in the columns of the family tumble; made z.
         uncertainty: One standard deviation by quantity: {"normal_force": "0.25 N"} or "normal_force=0.25 N";
             where none is given, that of a channel is measured before contact.
         common_uncertainty: The same of the error that all records share: {"pressure": "2 %"} of a gauge whose
             calibration is in doubt.
-        onset: Time of contact on the raw time axis, with unit, or the name of a column that holds it; None to find it.
-        name_pattern: Conditions in the file names, like "{initial_pressure}MPa_{approach_speed}ms".
-        gauge: True if the pressures count from the ambient pressure.
-        ambient: Ambient pressure, with unit; made part of `known`.
-        family: "impact", "slip" or "tumble", or `FILE.py:NAME` or a `Family` for a kind of tests of your own.
-        title: Title of the campaign.
-        keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
-        known: Parameters of the reference model: {"outer_diameter": "60 mm"} or "outer_diameter=60 mm"; value "null"
-            or None where the fit has to find them. Of an impact whose acceleration was measured, the effective mass.
-        symmetry_axis: "x", "y" or "z": the body's axis of symmetry in the columns of the family tumble; made z.
 
     Returns:
         The campaign, not yet written; `notes` holds every decision as a sentence.
@@ -91,7 +67,15 @@ def import_tests(
         kind = find_kind(take_kind(family))
     parameters = _read_known(known, ambient, kind)
     plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
-    offset = _find_ambient(gauge, parameters, plan)
+    offset = None  # what gauge pressures count from [Pa]
+    if kind.pressure and gauge:
+        offset = parameters.get("ambient_pressure")
+        if offset is None:
+            raise InputError("gauge pressures need the ambient pressure of the day; give --ambient '101.3 kPa'")
+        plan.notes.append(f"The ambient pressure of {offset:g} Pa was added to the gauge pressures.")
+    elif kind.pressure:
+        asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
+        plan.notes.append(f"Pressures were taken as absolute{asked}.")
     tests = [test for file in _list_files(paths, conditions)
              for test in _read_tests(read_layout(file, delimiter=delimiter, decimal=decimal), plan)]
     files: dict[str, str] = {}
@@ -130,7 +114,12 @@ def import_tests(
             test.values["pressure"] = test.values["pressure"] + offset
     for name in kind.needs:
         if name not in sources.values:
-            _ask_condition(name, sources, conditions)
+            usual = f"--conditions FILE.csv with a column {name}", name
+            option, heading = kind.options.get(name, usual)
+            where = f"; give {option}, --conditions FILE.csv or --name-pattern" if conditions is None else (
+                f": none of the columns {', '.join(sources.headings)} holds it; add one, like {heading!r}, or give "
+                f"{option}")
+            raise InputError(f"{name} is not known{where}", file=conditions)
     descriptive, undescribed = kind.described
     if descriptive and not set(descriptive) & set(parameters):
         plan.notes.append(undescribed)
@@ -141,22 +130,11 @@ def import_tests(
         elif "rolling_mass" not in parameters:
             plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
                               "the ball cannot turn): 0.5 kg is taken; --known 'rolling_mass=0.4 kg' states it.")
-    campaign = _assemble(tests, sources, {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}, noise,
-                         common, plan)
-    campaign = replace(campaign, title=title or campaign.title, known=parameters)
-    doubts = (*find_truncated(campaign), *check_plausibility(campaign))
-    notes = _condense(plan.notes, [Path(file).name for file in files.values()])
-    return replace(campaign, notes=(*notes, *map(str, doubts)))
-
-
-def _ask_condition(name: str, sources: Conditions, table) -> None:
-    """Refuse a campaign without a condition that its family needs; says where it may stand."""
-    usual = f"--conditions FILE.csv with a column {name}", name
-    option, heading = sources.plan.kind.options.get(name, usual)
-    if table is None:
-        raise InputError(f"{name} is not known; give {option}, --conditions FILE.csv or --name-pattern")
-    problem = f"{name} is not known: none of the columns {', '.join(sources.headings)} holds it; add one, like "
-    raise InputError(f"{problem}{heading!r}, or give {option}", file=table)
+    stated = {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}
+    campaign = replace(_assemble(tests, sources, stated, noise, common), known=parameters,
+                       title=title or f"Imported {kind.name} tests")
+    doubts = map(str, (*find_truncated(campaign), *check_plausibility(campaign)))
+    return replace(campaign, notes=(*_condense(plan.notes, [Path(file).name for file in files.values()]), *doubts))
 
 
 def _condense(notes: list[str], files: list[str]) -> list[str]:
@@ -207,7 +185,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         cells = pick_column(raw, roles["record"])
         check_keys(cells, raw, roles["record"])
         groups = pd.Series(cells).groupby(cells, sort=False).indices
-    tests = [RawTest(key, raw.file, raw.lines[rows], {name: v[rows] for name, v in values.items()})
+    tests = [RawTest(str(key), raw.file, raw.lines[rows], {name: v[rows] for name, v in values.items()})
              for key, rows in groups.items()]
     for test in tests:
         check_record(test.key, {name: x for name, x in test.values.items() if name in (independent, *kind.channels)},
@@ -265,25 +243,10 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
     return parameters
 
 
-def _find_ambient(gauge: bool | None, parameters: dict[str, float | None], plan: Plan) -> float | None:
-    """What gauge pressures count from [Pa]; None where pressures are absolute."""
-    if not plan.kind.pressure:
-        return None
-    if not gauge:
-        asked = "; if they are gauge pressures, give --gauge and --ambient"
-        plan.notes.append(f"Pressures were taken as absolute{asked if gauge is None else ', as --absolute says'}.")
-        return None
-    offset = parameters.get("ambient_pressure")
-    if offset is None:
-        raise InputError("gauge pressures need the ambient pressure of the day; give --ambient '101.3 kPa'")
-    plan.notes.append(f"The ambient pressure of {offset:g} Pa was added to the gauge pressures.")
-    return offset
-
-
 def _assemble(tests: list[RawTest], sources: Conditions, options: dict, noise: dict[str, float],
-              common: dict[str, float], plan: Plan) -> Campaign:
+              common: dict[str, float]) -> Campaign:
     """Put records, samples and uncertainties together: the stated ones of `options`, and those that were measured."""
-    kind = plan.kind
+    plan, kind = sources.plan, sources.plan.kind
     independent = next(name for name in kind.independents if name in tests[0].values)
     present = dict.fromkeys(name for test in tests for name in test.values if name != independent)
     channels, order = ([*(name for name in usual if name in there), *(name for name in there if name not in usual)]
@@ -330,15 +293,11 @@ def _assemble(tests: list[RawTest], sources: Conditions, options: dict, noise: d
     columns = {name: Column(name, unit, own.get(name), common=shared.get(name)) for name, unit in units.items()}
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)
     return Campaign(
-        name="",
-        title=f"Imported {kind.name} tests",
-        family=kind.name,
-        path=None,
-        known={},
+        name="", title="", family=kind.name, path=None, known={},
         records=pd.DataFrame({name: [sources.values[name][key] for key in keys] for name in order}, index=keys),
         conditions={name: columns[name] for name in order},
         independent=columns[independent],
         channels={name: columns[name] for name in channels},
-        samples=samples[["record", independent, *channels]],
+        samples=samples.reindex(columns=["record", independent, *channels]),
         sources=tuple({"title": Path(file).name} for file in dict.fromkeys(test.file for test in tests)),
     )

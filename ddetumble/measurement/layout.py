@@ -35,18 +35,25 @@ class RawFile(Table):
 
 
 def read_layout(path, *, delimiter: str | None = None, decimal: str | None = None) -> RawFile:
-    """Take a raw file apart.
+    """Take a raw file apart: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
 
-    Args:
-        path: The file: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
-        delimiter: One of "," ";" "|" "tab" "space"; None to find it.
-        decimal: "." or ","; None to find it.
+    The delimiter (one of "," ";" "|" "tab" "space") and the decimal sign ("." or ",") are found where they are None.
 
     Raises:
         InputError: It cannot be told, or the rows do not agree with one another; the option that settles it is named.
     """
     file, short = str(path), Path(path).name
-    text, notes = _decode(read_bytes(path), file)
+    data, encoding = read_bytes(path), "utf-8"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    try:
+        text = decode(data, file, encoding)
+    except InputError as error:
+        if "NUL" in error.problem:
+            raise
+        encoding = "windows-1252"
+        text = decode(data, file, encoding)
+    notes = [] if encoding == "utf-8" else [f"{short}: read as {encoding.upper()}."]
     delimiter = {"tab": "\t", "\\t": "\t", "space": " "}.get(delimiter or "", delimiter)
     if delimiter not in (None, *DELIMITERS):
         raise InputError(f"the delimiter {delimiter!r} is not known; give --delimiter as , ; | tab or space", file=file)
@@ -101,17 +108,6 @@ def _is_unit(text: str, bare: bool = False) -> bool:
     plain = text in ("%", "1", "V", "mV", "deg", "rad")
     plain = plain or any(unit.dimension == parse_unit(si).dimension for si in _PLAIN)
     return plain and (len(text) > 1 or text in _LETTERS)
-
-
-def _decode(data: bytes, file: str) -> tuple[str, list[str]]:
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return decode(data, file, "utf-16"), [f"{Path(file).name}: read as UTF-16."]
-    try:
-        return decode(data, file), []
-    except InputError as error:
-        if "NUL" in error.problem:
-            raise
-        return decode(data, file, "cp1252"), [f"{Path(file).name}: not UTF-8, read as Windows-1252."]
 
 
 def _split(text: str, delimiter: str, file: str) -> list[tuple[int, list[str]]]:
@@ -178,8 +174,10 @@ def _find_header(above, width: int, file: str) -> tuple[list[str], list[str | No
             problem = f"there are {width} columns of data below {len(heads)} headings; if numbers have decimal commas, "
             raise InputError(f"{problem}export with semicolons; else give --delimiter", file=file, row=line)
         bare = [cell.strip("[]() ") for cell in (*heads, "")[:width]]
-        if len(above) > 1 and abs(len(above[-2][1]) - width) <= 1 and _is_unit_row(bare):
-            units, (line, heads) = bare, above[-2]
+        stated = [cell for cell in bare if cell not in ("", "-")]
+        if len(above) > 1 and abs(len(above[-2][1]) - width) <= 1 and all(map(_is_unit, stated)) and any(
+                _is_unit(cell, bare=True) for cell in stated):
+            units, (line, heads) = bare, above[-2]  # a row of units only, one of them of the bench's own quantities
         cells = [*heads, ""][:width]
     split = [split_heading(cell) if cell else (f"column {j + 1}", None) for j, cell in enumerate(cells)]
     names = [name for name, _ in split]
@@ -191,12 +189,6 @@ def _find_header(above, width: int, file: str) -> tuple[list[str], list[str | No
             problem = f"the heading says {own!r} and the unit row {unit!r}; correct one"
             raise InputError(problem, file=file, column=name, row=line)
     return names, [unit or own for unit, (_, own) in zip(units, split, strict=True)], line
-
-
-def _is_unit_row(cells: list[str]) -> bool:
-    """Whether a row holds units only, at least one of them of the bench's own quantities."""
-    stated = [cell for cell in cells if cell not in ("", "-")]
-    return all(map(_is_unit, stated)) and any(_is_unit(cell, bare=True) for cell in stated)
 
 
 def _find_decimal(cells: list[str], file: str) -> str:

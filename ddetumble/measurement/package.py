@@ -1,12 +1,10 @@
 """A campaign's data package, read and written: every number in SI, or one sentence on what is wrong and where."""
 
-import csv
 import hashlib
 import json
 import os
 import re
-import secrets
-import shutil
+import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,7 @@ from .campaign import Campaign, Column, arrange_samples
 from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, parse_descriptor
 from .kinds import find_kind, take_kind, write_kind
 from .tables import convert_column, decode, parse_table, pick_column, read_bytes
-from .units import Uncertainty, check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
+from .units import check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
 
 
 UNITLESS = ("sequence", "repeats")
@@ -92,9 +90,9 @@ def _read_package(descriptor: Path) -> Campaign:
     if samples is not None:
         independent = checks.check_samples(samples, records.keys, kind)
         channels = {name: column for name, column in samples.columns.items() if name != independent}
-        frame = pd.DataFrame({"record": samples.keys} | samples.values)[["record", independent, *channels]]
+        frame = pd.DataFrame({"record": samples.keys} | samples.values)
         parts |= {"independent": samples.columns[independent], "channels": channels,
-                  "samples": arrange_samples(frame, records.keys)}
+                  "samples": arrange_samples(frame.reindex(columns=["record", independent, *channels]), records.keys)}
     if peaks is not None:
         checks.check_peaks(peaks, records.keys)
         for name, column in peaks.columns.items():
@@ -115,7 +113,21 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
     """Read one table and convert its numeric columns; its bytes go into the digest, remarks into the notes."""
     path, name = str(locate_resource(resource, descriptor)), resource.name
     with error_place(f"resource {name}: "):
-        fields = _check_fields(resource)
+        fields: dict[str, FieldModel] = {}
+        for field in resource.table.fields:
+            with error_place(column=field.name):
+                if field.name in fields:
+                    raise InputError("there are two fields of that name; keep one")
+                if field.name != "record" and role_of(field.name) and not field.numeric:
+                    raise InputError(f'declare the field as "type": "number" (now {field.type or "no type"})')
+            fields[field.name] = field
+        if "record" not in fields:
+            raise InputError("there is no field record; add the key that names the test", column="record")
+        if name == "records" and resource.table.primaryKey not in (None, "record", ["record"]):
+            raise InputError('the primaryKey must be "record"')
+        for link in resource.table.foreignKeys:
+            if link.reference.resource != "records" or link.fields not in ("record", ["record"]):
+                raise InputError('a foreign key must lead from "record" to the resource records')
         if resource.encoding.lower().replace("_", "-") not in ("utf-8", "utf8", "utf-8-sig", "ascii"):
             raise InputError(f"the encoding {resource.encoding!r} is not read; save the table as UTF-8")
         delimiter, quote = resource.dialect.delimiter, resource.dialect.quoteChar
@@ -154,34 +166,13 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
     return numbers
 
 
-def _check_fields(resource: ResourceModel) -> dict[str, FieldModel]:
-    """Fields by name: none twice, a text key `record`, and numbers declared as numbers."""
-    fields = {}
-    for field in resource.table.fields:
-        if field.name in fields:
-            raise InputError("there are two fields of that name; keep one", column=field.name)
-        fields[field.name] = field
-        if field.name != "record" and role_of(field.name) and not field.numeric:
-            problem = f'declare the field as "type": "number" (now {field.type or "no type"})'
-            raise InputError(problem, column=field.name)
-    if "record" not in fields:
-        raise InputError("there is no field record; add the key that names the test", column="record")
-    if resource.name == "records" and resource.table.primaryKey not in (None, "record", ["record"]):
-        raise InputError('the primaryKey must be "record"')
-    for link in resource.table.foreignKeys:
-        if link.reference.resource != "records" or link.fields not in ("record", ["record"]):
-            raise InputError('a foreign key must lead from "record" to the resource records')
-    return fields
-
-
 def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[str]) -> tuple[Column, float]:
     """What is known about a numeric column, and what has to be added to its numbers to make pressures absolute [Pa]."""
     name, offset = field.name, 0.0
-    if field.unit is None and name not in UNITLESS and role_of(name) != "pure number":
-        wanted = si_unit(name) if role_of(name) else "mm"
-        raise InputError(f'resource {resource}: the field has no unit; add "unit": "{wanted}" or what it is ("1" for a '
-                         "ratio)")
     with error_place(f"resource {resource}: "):
+        if field.unit is None and name not in UNITLESS and role_of(name) != "pure number":
+            wanted = si_unit(name) if role_of(name) else "mm"
+            raise InputError(f'the field has no unit; add "unit": "{wanted}" or what it is ("1" for a ratio)')
         unit = check_unit(field.unit or "1", name)
     uncertainty, common = (None if text is None else parse_uncertainty(text, unit, name)
                            for text in (field.uncertainty, field.common_uncertainty))
@@ -221,31 +212,27 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
     with error_place(file=folder):
         if folder.exists() and not folder.is_dir():
             raise InputError("is a file; name a folder for the campaign")
-        taken = folder.is_dir() and any(folder.iterdir())
-        if taken and not (folder / "datapackage.json").is_file():
-            raise InputError("the folder holds other files; name a new folder for the campaign")
-        if taken and not overwrite:
-            raise InputError("the folder holds a campaign already; name a new one, or replace it with --overwrite")
+        if folder.is_dir() and any(folder.iterdir()):
+            if not (folder / "datapackage.json").is_file():
+                raise InputError("the folder holds other files; name a new folder for the campaign")
+            if not overwrite:
+                raise InputError("the folder holds a campaign already; name a new one, or replace it with --overwrite")
     texts = format_campaign(replace(campaign, name=campaign.name or folder.name), folder)
-    draft = folder.parent / f".{folder.name}-{secrets.token_hex(4)}"
     try:
-        draft.mkdir(parents=True)
-        for name, text in texts.items():
-            (draft / name).write_text(text, encoding="utf-8", newline="")
-        try:
-            written = read_campaign(draft)
-        except InputError as error:
-            name = Path(error.file).name if error.file else None
-            raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
-        if taken:
-            for name in texts:  # the descriptor is last
-                os.replace(draft / name, folder / name)
-        else:
-            os.replace(draft, folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as draft:
+            for name, text in texts.items():
+                (Path(draft) / name).write_text(text, encoding="utf-8", newline="")
+            try:
+                written = read_campaign(draft)
+            except InputError as error:
+                name = Path(error.file).name if error.file else None
+                raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
+            folder.mkdir(exist_ok=True)
+            for name in texts:  # the descriptor is last: without it there is no campaign
+                os.replace(Path(draft) / name, folder / name)
     except OSError as error:
         raise InputError(f"the campaign cannot be written: {error.strerror}", file=folder) from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
     return replace(written, path=folder, notes=campaign.notes)
 
 
@@ -259,11 +246,11 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
         parts["peaks"] = campaign.peaks, campaign.peak_columns
     texts, resources = {}, []
     for name, (frame, columns) in parts.items():
-        frame = frame[list(columns)].astype(float)
+        cells = {column: frame[column].to_numpy(dtype=float) for column in columns}
         for column in set(UNITLESS) & set(columns):
-            frame[column] = frame[column].map(lambda x: int(x) if x.is_integer() else x).astype(object)
-        frame.index = frame.index.map(str)
-        texts[f"{name}.csv"] = frame.to_csv(index_label="record", lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+            cells[column] = np.array([int(x) if x.is_integer() else x for x in cells[column].tolist()], dtype=object)
+        table = pd.DataFrame(cells, index=frame.index.map(str))
+        texts[f"{name}.csv"] = table.to_csv(index_label="record", lineterminator="\n")
         schema: dict[str, Any] = {"fields": [{"name": "record", "type": "string"}, *map(_describe, columns.values())]}
         if name == "records":
             schema["primaryKey"] = "record"
@@ -288,23 +275,21 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
 
 
 def _describe(column: Column) -> dict:
+    """A column's field in the descriptor."""
     field: dict[str, Any] = {"name": column.name, "type": "integer" if column.name in UNITLESS else "number"}
     if column.name not in UNITLESS:
         field["unit"] = column.unit
     for key, uncertainty in (("uncertainty", column.uncertainty), ("common_uncertainty", column.common)):
-        if uncertainty is not None:
-            field[key] = _format_uncertainty(uncertainty, column.unit)
+        if uncertainty is None:
+            continue
+        if uncertainty.relative is None and uncertainty.absolute is not None:
+            field[key] = f"{float(uncertainty.absolute)!r} {column.unit}"
+        elif uncertainty.relative is not None and uncertainty.absolute is None:
+            field[key] = f"{float(f'{uncertainty.relative * 100:.15g}')!r} %"
+        else:
+            raise InputError("an uncertainty is written either as absolute or as relative, not as both")
     if column.assumed:
         field["assumed"] = True
-    description = column.description
-    if column.gauge and "gauge" not in description:
-        description = f"{description} Measured against the ambient pressure; absolute here.".strip()
+    gauge = "Measured against the ambient pressure; absolute here."
+    description = f"{column.description} {gauge if column.gauge and 'gauge' not in column.description else ''}".strip()
     return field | ({"description": description} if description else {})
-
-
-def _format_uncertainty(uncertainty: Uncertainty, unit: str) -> str:
-    if uncertainty.relative is None and uncertainty.absolute is not None:
-        return f"{float(uncertainty.absolute)!r} {unit}"
-    if uncertainty.relative is not None and uncertainty.absolute is None:
-        return f"{float(f'{uncertainty.relative * 100:.15g}')!r} %"
-    raise InputError("an uncertainty is written either as absolute or as relative, not as both")

@@ -55,33 +55,24 @@ class Table:
 
 
 def read_bytes(path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        InputError: It is not there, is a folder or a device, cannot be opened, or is too large for the memory.
-    """
+    """Read a whole file; refused are folders, devices, and what cannot be opened or is too large for the memory."""
     path = Path(path)
     try:
-        if path.is_dir():
-            raise InputError("is a folder; a file is needed here", file=path)
         if path.exists() and not path.is_file():
-            raise InputError("is not a plain file", file=path)
+            what = "is a folder; a file is needed here" if path.is_dir() else "is not a plain file"
+            raise InputError(what, file=path)
         refuse_memory(CELLS * path.stat().st_size, f"reading {path}")
         return path.read_bytes()
     except FileNotFoundError:
         raise InputError("there is no such file; check the path", file=path) from None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
 
 
 def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
-    """Bytes as text, without a byte-order mark.
-
-    Raises:
-        InputError: NUL bytes, or bytes that are not in that encoding; the line is named.
-    """
+    """Bytes as text, without a byte-order mark; NUL and bytes that are not in that encoding are refused by line."""
     if b"\0" in data and encoding != "utf-16":
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         raise InputError("holds a NUL byte: the file is damaged, or is not text", file=file, row=line)
@@ -95,11 +86,7 @@ def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
 
 def split_rows(text: str, file: str, delimiter: str, quote: str = '"', strict: bool = True
                ) -> list[tuple[int, list[str]]]:
-    """Line number, counted from 1, and cells of each row of a CSV file.
-
-    Raises:
-        InputError: Broken quotes (where `strict`), or a cell without end.
-    """
+    """Line number, counted from 1, and cells of each row of a CSV file; broken quotes are refused where `strict`."""
     rows, start = [], 1
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, quotechar=quote, strict=strict)
     try:
@@ -113,12 +100,6 @@ def split_rows(text: str, file: str, delimiter: str, quote: str = '"', strict: b
 
 def parse_table(text: str, file: str, delimiter: str = ",", quote: str = '"') -> Table:
     """Text of a CSV file with one header line to columns of text.
-
-    Args:
-        text: The file's text.
-        file: Its name, for messages.
-        delimiter: One character between cells.
-        quote: The character around quoted cells.
 
     Raises:
         InputError: Empty file, header only, empty or duplicate headings, a row with too few or too many cells, an
@@ -220,11 +201,7 @@ def _convert_cell(cell: str, decimal: str) -> tuple[str | None, float]:
 
 
 def pick_column(table: Table, column: str) -> list[str]:
-    """Cells of a column as text.
-
-    Raises:
-        InputError: The table has no such column.
-    """
+    """Cells of a column as text; one that the table does not have is refused."""
     if column not in table.columns:
         raise InputError(f"there is no column {column!r}; the file has {', '.join(table.columns)}", file=table.file)
     return table.columns[column]

@@ -24,6 +24,7 @@ ALIASES = {
     "mps": "m/s", "kph": "km/h", "usec": "us", "dps": "deg/s", "℃": "degC", "°C": "degC", "℉": "degF", "°F": "degF",
 }  # fmt: skip
 _GAUGE = {"barg", "psig", "bar(g)", "psi(g)", "mbarg", "kpag", "mpag", "barü", "bar_g"}
+_PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·⋅×µ", "0123456789-***μ")
 _HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "mN (or MN)", "hz": "Hz"}
 
 # Kinds of quantities and their SI units.
@@ -67,21 +68,13 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as read: SI value = value · scale + offset.
+    """A unit as read: SI value = value · scale + offset."""
 
-    Args:
-        text: As the user wrote it.
-        scale: SI units in one of these.
-        offset: SI value of zero; nought except for temperatures in °C or °F.
-        dimension: Powers of the base dimensions, empty for a pure number.
-        si: The SI unit, as text.
-    """
-
-    text: str
+    text: str  # as the user wrote it
     scale: float
-    offset: float
-    dimension: Mapping
-    si: str
+    offset: float  # nought except for temperatures in °C or °F
+    dimension: Mapping  # powers of the base dimensions, empty for a pure number
+    si: str  # the SI unit
 
     def convert(self, values):
         """Values in this unit to SI, same shape; exact decimal steps (mm to m) are divided, so 0.25 ms is 0.00025 s."""
@@ -103,11 +96,7 @@ def si_unit(quantity: str) -> str:
 
 @lru_cache(maxsize=512)
 def parse_unit(text: str) -> Unit:
-    """Read a unit.
-
-    Raises:
-        InputError: The text is no unit, or one whose zero or scale is not plain (decibels).
-    """
+    """Read a unit; what is none is refused, and one whose zero or scale is not plain (decibels)."""
     text = text.strip()
     if text.casefold().replace(" ", "") in _GAUGE:
         raise InputError(f'unit {text!r} is a gauge pressure: write the plain unit (bar, psi), mark the field '
@@ -134,11 +123,7 @@ def parse_unit(text: str) -> Unit:
 
 
 def check_unit(text: str, quantity: str) -> Unit:
-    """Read a unit and check that it suits the quantity of that name (a column or a parameter).
-
-    Raises:
-        InputError: The unit is unknown or of the wrong dimension.
-    """
+    """Read a unit; one of another dimension than the quantity of that name (a column or a parameter) is refused."""
     unit, kind = parse_unit(text), role_of(quantity)
     if kind is None:
         return unit
@@ -159,11 +144,7 @@ def check_unit(text: str, quantity: str) -> Unit:
 
 
 def parse_quantity(text: str | float, quantity: str) -> float:
-    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as SI.
-
-    Raises:
-        InputError: No finite number, no unit where one is needed, or one of the wrong dimension.
-    """
+    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as finite SI."""
     number, rest = _split_number(text, quantity)
     if not rest and role_of(quantity) not in (None, "pure number"):
         raise InputError(f"{quantity} needs a unit: write it like '{text} {si_unit(quantity)}'")
@@ -176,8 +157,7 @@ def parse_quantity(text: str | float, quantity: str) -> float:
 def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertainty:
     """Read one standard deviation: absolute ("0.25 N") or relative ("0.5 %"), for a column with that unit.
 
-    Raises:
-        InputError: Not positive, no unit, wrong dimension, or relative on a temperature scale with an offset.
+    Refused are numbers that are not positive, and relative ones on a temperature scale with an offset.
     """
     number, rest = _split_number(text, f"the uncertainty of {quantity}")
     if not (number > 0 and math.isfinite(number)):
@@ -207,9 +187,7 @@ def _spell(text: str) -> str | None:
     """Text that pint reads as meant, or None: aliases, superscripts, `m.s-1`; no numbers, calls or long powers."""
     if text in ALIASES:
         return ALIASES[text]
-    for sign, plain in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True):
-        text = text.replace(sign, plain)
-    text = text.replace("·", "*").replace("⋅", "*").replace("×", "*").replace("µ", "μ").replace("^", "**")
+    text = text.translate(_PLAIN).replace("^", "**")
     text = re.sub(r"(?<=\w)\.(?=[^\W\d])", "*", text)
     text = re.sub(r"(?<=[A-Za-zμ])(-?\d)(?![\w*])", r"**\1", text)
     word = r"[^\W\d_][\w]{0,30}|[%°Ω]"
