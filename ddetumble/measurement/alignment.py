@@ -13,6 +13,7 @@ from scipy import special, stats
 
 from .._errors import InputError, error_place
 from .checks import share_work
+from .columns import Plan
 from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .units import parse_quantity, si_unit
 
@@ -31,17 +32,24 @@ class RawTest:
     values: dict[str, np.ndarray]  # samples by quantity [SI], each of shape (samples,)
 
 
-def align_tests(tests: list[RawTest], sources, onset, notes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
+def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, float], dict[str, float]]:
     """Turn the force of impacts positive, move contact to time nought, and take the offsets off, in place.
 
-    `sources` gains `initial_pressure` where only the pressure channel tells it; `onset` is the value of --onset.
+    The plan gains `initial_pressure` where only the pressure channel tells it; `onset` is the value of --onset.
 
     Returns:
         By column [SI]: the standard deviation before contact, where every test shows it, and that of each record's time
         origin; and the standard deviation of an error that all records share.
     """
-    _turn_positive(tests, notes)
-    times, common = _given_onsets(tests, sources, onset, notes), 0.0
+    notes = plan.notes
+    signs = []
+    for test in tests:
+        f = test.values["normal_force"]
+        f = f[~np.isnan(f)]
+        middle = np.median(f[: max(5, len(f) // 20)]) if f.size else 0.0
+        signs.append(-1.0 if f.size and middle - f.min() > 1.5 * (f.max() - middle) else 1.0)
+    _turn_sign(tests, "normal_force", signs, "while pressing", notes)
+    times, common = _given_onsets(tests, plan, onset), 0.0
     if times is None:
         found = _find_onsets(tests, notes)
         contacts = [(float(time), f" ± {sd * 1e3:.3g} ms") for time, sd in zip(found.time, found.sd, strict=True)]
@@ -71,8 +79,8 @@ def align_tests(tests: list[RawTest], sources, onset, notes: list[str]) -> tuple
                     shown.append(f"{name} {offset:.4g} {si_unit(name)}")
         offset = f"offsets taken off: {', '.join(shown)}" if shown else "no offset to take off"
         notes.append(f"Record {test.key}: contact at {contact * 1e3:.6g} ms{error} of the raw time; {offset}.")
-    if "initial_pressure" not in sources.values and len(before) == len(tests):
-        sources.add("initial_pressure", before, "Pa", "the pressure channel")
+    if "initial_pressure" not in plan.conditions and len(before) == len(tests):
+        plan.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")
     shared = {} if times is not None else {"time": common}
     if moving:
@@ -100,35 +108,32 @@ def _find_onsets(tests: list[RawTest], notes: list[str]) -> Onsets:
     return found
 
 
-def _turn_positive(tests: list[RawTest], notes: list[str]) -> None:
-    signs = []
-    for test in tests:
-        f = test.values["normal_force"]
-        f = f[~np.isnan(f)]
-        middle = np.median(f[: max(5, len(f) // 20)]) if f.size else 0.0
-        signs.append(bool(f.size) and middle - f.min() > 1.5 * (f.max() - middle))
-        if signs[-1] != signs[0]:
-            raise InputError("the force has another sign than in the records before; export all alike", file=test.file)
-    if all(signs):
+def _turn_sign(tests: list[RawTest], name: str, signs: list[float], usual: str, notes: list[str]) -> None:
+    """Turn a channel whose signs are negative in all records; where some are positive, neither can be told wrong."""
+    if min(signs) < 0:
+        against = tests[signs.index(min(signs))]
+        if max(signs) > 0:
+            raise InputError(f"the {name} of record {against.key!r} has another sign than that of record "
+                             f"{tests[signs.index(max(signs))].key!r}; export all alike", file=against.file)
         for test in tests:
-            test.values["normal_force"] = -test.values["normal_force"]
-        notes.append("The force counts compression as negative in the raw files; its sign was turned.")
+            test.values[name] = -test.values[name]
+        notes.append(f"The {name} does not count positive {usual} in the raw files; its sign was turned.")
 
 
-def _given_onsets(tests: list[RawTest], sources, onset, notes: list[str]) -> dict[str, float] | None:
+def _given_onsets(tests: list[RawTest], plan: Plan, onset) -> dict[str, float] | None:
     """Onset by record from --onset or the table of conditions, or None."""
-    table = sources.values.pop("onset", None)
+    table = plan.conditions.pop("onset", None)
     if onset is None:
         if table:
-            notes.append("The contact onset was read from the column onset of the table of conditions.")
+            plan.notes.append("The contact onset was read from the column onset of the table of conditions.")
         return table
     if str(onset) == "onset" and table:
         return table
     with error_place(option="--onset"):
-        if str(onset) in sources.values:
-            if sources.units[onset] != "s":
+        if str(onset) in plan.conditions:
+            if plan.si[onset] != "s":
                 raise InputError(f"the column {onset!r} is not a time")
-            return sources.values.pop(onset)
+            return plan.conditions.pop(onset)
         if not isinstance(onset, int | float) and str(onset).strip() not in ("0", "0.0"):
             with error_place("is a time like '12.5 ms', or a column of the table of conditions: "):
                 onset = parse_quantity(onset, "time")
@@ -191,16 +196,8 @@ def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) ->
 def turn_friction(tests: list[RawTest], notes: list[str]) -> None:
     """Make friction count positive along the slip, in place."""
     shares = [share_work(test.values["slip"], test.values["tangential_force"]) for test in tests]
-    if min(shares) >= -DOUBT:
-        return
-    against = tests[int(np.argmin(shares))]
-    if max(shares) > DOUBT:
-        problem = f"the friction of record {against.key!r} counts negative along the slip and that of record "
-        problem += f"{tests[int(np.argmax(shares))].key!r} positive; export all alike"
-        raise InputError(problem, file=against.file)
-    for test in tests:
-        test.values["tangential_force"] = -test.values["tangential_force"]
-    notes.append("The friction counts negative along the slip in the raw files; its sign was turned.")
+    signs = [share if abs(share) > DOUBT else 0.0 for share in shares]
+    _turn_sign(tests, "tangential_force", signs, "along the slip", notes)
 
 
 def take_means(tests: list[RawTest], name: str, headings: dict[str, str]) -> dict[str, float]:

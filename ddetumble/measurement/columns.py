@@ -1,8 +1,12 @@
 """Which column of a laboratory's file holds which quantity: as told, by its heading, or by its unit."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from .._errors import InputError
+from .checks import IMPORT_REMEDY, Rows, check_values
 from .headings import expand_role, guess_role, name_condition, read_pairs
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
@@ -15,7 +19,7 @@ WEIGHED = "--known 'effective_mass=1.2 kg' makes a force of"
 
 @dataclass
 class Plan:
-    """The options of an import and the running account of decisions.
+    """The options of an import, the conditions found so far, and the running account of decisions.
 
     Args:
         kind: Of the records.
@@ -23,8 +27,11 @@ class Plan:
         keep: Further columns to the names that they get.
         units: Unit by quantity or column, from --unit.
         mass: Effective mass [kg] that makes a force of an acceleration, or None.
+        ambient: Pressure [Pa] that makes gauge pressures absolute; None where they are absolute already.
         si: SI unit of every quantity found so far.
         headings: Quantity to the heading it was read from, for messages.
+        conditions: Values by condition and record key, SI.
+        sources: Where each condition comes from.
         notes: Every decision, in sentences.
     """
 
@@ -33,13 +40,33 @@ class Plan:
     keep: dict[str, str]
     units: dict[str, str]
     mass: float | None = None
+    ambient: float | None = None
     si: dict[str, str] = field(default_factory=dict)
     headings: dict[str, str] = field(default_factory=dict)
+    conditions: dict[str, dict[str, float]] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+
+    def add(self, name: str, values: dict[str, float], unit: str, source: str,
+            places: Mapping[str, Mapping] | None = None) -> None:
+        """Add a condition, `values` by record key; `places` gives file, column and row of each, if there are some."""
+        if name in self.conditions:
+            raise InputError(f"{name} is given twice, by {self.sources[name]} and by {source}; keep one")
+        if name == self.kind.pressure and self.ambient is not None:
+            values = {key: value + self.ambient for key, value in values.items()}
+        self.conditions[name], self.si[name], self.sources[name] = values, unit, source
+        remedy = IMPORT_REMEDY if self.ambient is None else ""
+        for key, value in values.items():
+            place = (places or {}).get(key, {})
+            try:
+                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None, remedy)
+            except InputError as error:
+                by = "" if place else f" (given by {source})"
+                raise InputError(f"{name} of record {key!r}: {error.problem}{by}", **place) from None
 
 
 def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, mass: float | None) -> Plan:
-    """The options about columns; those that such records have no use for are refused."""
+    """The options about columns."""
     choices, extra = {}, {}
     entries = keep.items() if isinstance(keep, dict) else [
         entry.rpartition("=")[::2] for entry in ([keep] if isinstance(keep, str) else keep or ())]
@@ -48,10 +75,6 @@ def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, m
             choices[expand_role(name.strip(), kind)] = column.strip()
         else:
             extra[column] = name_condition(split_heading(column)[0])
-    if force is not None and not kind.main:
-        raise InputError(f"--force does not apply to the family {kind.name}")
-    if slip is not None and not kind.path:
-        raise InputError(f"--slip does not apply to the family {kind.name}; {FRICTION_TEST}")
     told = {kind.main: force, "time": time, "slip": slip, "record": record_column}
     choices |= {role: column for role, column in told.items() if column is not None}
     return Plan(kind, choices, extra, read_pairs("unit", units), mass)

@@ -1,70 +1,22 @@
-"""Conditions of a laboratory's tests from where they are written: a table, file names, or the command line."""
+"""Conditions of a laboratory's tests from a table or from file names."""
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
-from .._errors import InputError, error_place
-from .checks import IMPORT_REMEDY, Rows, check_values
+from .._errors import InputError
 from .columns import Plan, read_unit
 from .headings import guess_role, is_counter, name_condition
 from .layout import read_layout
 from .tables import Table, convert_column
-from .units import ROLES, check_unit, parse_quantity, si_unit
+from .units import ROLES, check_unit, si_unit
 
 
-class Conditions:
-    """Conditions as they come in, each from one source only, SI; `ambient` [Pa] makes gauge pressures absolute."""
-
-    def __init__(self, plan: Plan, ambient: float | None):
-        self.plan, self.ambient = plan, ambient
-        self.values: dict[str, dict[str, float]] = {}
-        self.units: dict[str, str] = {}
-        self.sources: dict[str, str] = {}
-        self.headings: list[str] = []  # of the table of conditions
-
-    def add(self, name: str, values: dict[str, float], unit: str, source: str,
-            places: Mapping[str, Mapping] | None = None) -> None:
-        """Add a condition, `values` by record key; `places` gives file, column and row of each, if there are some."""
-        if name in self.values:
-            raise InputError(f"{name} is given twice, by {self.sources[name]} and by {source}; keep one")
-        if name == self.plan.kind.pressure and self.ambient is not None:
-            values = {key: value + self.ambient for key, value in values.items()}
-        self.values[name], self.units[name], self.sources[name] = values, unit, source
-        remedy = IMPORT_REMEDY if self.ambient is None else ""
-        for key, value in values.items():
-            place = (places or {}).get(key, {})
-            try:
-                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None, remedy)
-            except InputError as error:
-                by = "" if place else f" (given by {source})"
-                raise InputError(f"{name} of record {key!r}: {error.problem}{by}", **place) from None
-
-
-def read_options(conditions: Conditions, keys: list[str], pressure, speed, load) -> None:
-    """Add what --pressure, --speed and --load say for all records."""
-    kind = conditions.plan.kind
-    names = (("pressure", pressure, kind.pressure), ("speed", speed, kind.speed), ("load", load, kind.load))
-    for option, given, name in names:
-        if given is None:
-            continue
-        if not name:
-            raise InputError(f"--{option} does not apply to the family {kind.name}")
-        with error_place(option=f"--{option}"):
-            value = parse_quantity(given, name)
-        conditions.add(name, dict.fromkeys(keys, value), check_unit(si_unit(name), name).si, f"--{option}")
-        conditions.plan.notes.append(
-            f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
-
-
-def read_conditions(conditions: Conditions, path, records: dict[str, str]) -> None:
+def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
     """Add the columns of a table of conditions with one row a file or record; `records`: key to name of the raw file.
 
     It has a column `file` or `record`, then one column a condition, with units in the headings; `onset` is a time.
     """
-    plan, table = conditions.plan, read_layout(path)
+    table = read_layout(path)
     links = {name.casefold(): name for name in table.columns if name.casefold() in ("file", "record")}
     for name in table.columns:
         if not links and guess_role(name, plan.kind) == "record":
@@ -72,12 +24,13 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str]) -> No
     if not links:
         raise InputError("the table needs a column file or record that says which test a row is for", file=path)
     rows = _match(table, links, records)
-    conditions.headings = [column for column in table.columns if column not in links.values()]
     plan.notes += [f"Conditions were read from {Path(path).name}.", *table.notes]
     unused = len(table) - len(set(rows.values()))
     if unused:
         plan.notes.append(f"{Path(path).name}: {unused} rows belong to no test that was imported.")
-    for column in conditions.headings:
+    for column in table.columns:
+        if column in links.values():
+            continue
         if is_counter(column):
             plan.notes.append(f"The column {column} only counts repeats: it is no condition and was left out.")
             continue
@@ -94,16 +47,16 @@ def read_conditions(conditions: Conditions, path, records: dict[str, str]) -> No
         values = checked.convert(convert_column(table, column, decimal=table.decimal))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
         found = {key: float(values[row]) for key, row in rows.items()}
-        conditions.add(name, found, checked.si, Path(path).name, places)
+        plan.add(name, found, checked.si, Path(path).name, places)
 
 
-def read_names(conditions: Conditions, pattern: str, records: dict[str, str]) -> None:
+def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
     """Add conditions that stand in the file names; `records`: key to name of the raw file.
 
     The pattern is the name without its ending, like `{initial_pressure}MPa_{approach_speed}ms`; a unit may stand in the
     braces (`{initial_pressure:MPa}`), and `{}` or `{_}` matches anything.
     """
-    parts, plan = re.split(r"\{([^{}]*)\}", pattern), conditions.plan
+    parts = re.split(r"\{([^{}]*)\}", pattern)
     if len(parts) < 3 or any("{" in part or "}" in part for part in parts[::2]):
         raise InputError(f"--name-pattern {pattern!r} needs braces around names, like '{{initial_pressure}}MPa'")
     expression, units = re.escape(parts[0]), {}
@@ -127,7 +80,7 @@ def read_names(conditions: Conditions, pattern: str, records: dict[str, str]) ->
         found[key] = [float(text.replace(",", ".")) for text in match.groups()]
     for i, (name, unit) in enumerate(units.items()):
         values = {key: float(unit.convert(numbers[i])) for key, numbers in found.items()}
-        conditions.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
+        plan.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
     plan.notes.append(f"From the file names: {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
 
 

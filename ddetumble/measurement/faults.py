@@ -30,7 +30,7 @@ _TEXTS = {  # what is seen, what was done, what to do
                 "Choose a wider range of the gauge or the amplifier."),
     "held": ("{channel} stands still for a while in {records}, which noise does not allow.", "{gone}.",
              "Look at the gauge, its cable and the logger."),
-    "spike": ("{single} of {channel} in {records} {stand} more than {deviations} deviations off the neighbours.",
+    "spike": ("{single} of {channel} in {records} {stand} more than {deviations:g} deviations off the neighbours.",
               "{gone}.", "Look for interference or a loose contact."),
     "uneven": ("The sampling of {records} is uneven: {low:.3g} to {high:.3g} {unit} from one to the next.",
                "Every sample is taken where it stands, and the noise's correlation from pairs of samples.",
@@ -75,8 +75,8 @@ def _tell(kind: str, keys, channel: str, left_out: bool = False, **facts) -> Fau
     keys = tuple(keys)
     records = f"record {keys[0]}" if len(keys) == 1 else (
         f"records {join_words(keys)}" if len(keys) <= 4 else f"{len(keys)} records ({keys[0]} among them)")
-    facts = {"records": records, "channel": channel, "they_are": "It is" if len(keys) == 1 else "They are",
-             "them": "it" if len(keys) == 1 else "them"} | facts
+    they_are, them = ("It is", "it") if len(keys) == 1 else ("They are", "them")
+    facts |= {"records": records, "channel": channel, "they_are": they_are, "them": them}
     seen, done, remedy = (text.format(**facts) for text in _TEXTS[kind])
     return Fault("missing" if kind == "blind" else kind, keys, channel, seen, done, remedy, left_out)
 
@@ -103,7 +103,9 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
         for part in rows.values():
             step = np.sign(np.diff(samples[path].to_numpy(dtype=float)[part]))
             turning[part[1:-1]] = step[1:] * step[:-1] <= 0
-    for channel in _list_screened(campaign):
+    # Channels whose readings carry noise of their own: all but the path of slip records and attitudes.
+    screened = [c for c in campaign.channels if not c.startswith("attitude_") and c != path]
+    for channel in screened:
         values = samples[channel].to_numpy(dtype=float).copy()
         lost = np.isnan(values) & ~turning
         if lost.any():
@@ -136,30 +138,23 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
             keys, number = [key for key, part in rows.items() if mask[part].any()], int(mask.sum())
             if not keys:
                 continue
-            at = sorted({f"{value:.4g}" for key in keys for value in limits[key]})
+            at, one = sorted({f"{value:.4g}" for key in keys for value in limits[key]}), number == 1
             where = "each at its largest or smallest reading"
             if 0 < len(at) <= 3:
                 where = f"at {join_words(at)} {campaign.channels[channel].unit}"
-            found.append(_tell(
-                kind, keys, channel, where=where, deviations=f"{settings.spike:g}",
-                gone="It is left out" if number == 1 else f"{number} samples are left out",
-                single="A single sample" if number == 1 else f"{number} single samples",
-                stand="stands" if number == 1 else "stand"))
+            found.append(_tell(kind, keys, channel, where=where, deviations=settings.spike,
+                               gone="It is left out" if one else f"{number} samples are left out",
+                               single="A single sample" if one else f"{number} single samples",
+                               stand="stands" if one else "stand"))
         samples[channel] = values
     found += _find_uneven(campaign.independent.unit, abscissa, time, settings)
     found += find_truncated(campaign, settings)
-    copied = _find_copies(campaign, groups, settings)
+    copied = _find_copies(campaign, screened, groups, settings)
     cleaned = dc.replace(campaign, samples=samples)
     if copied:
         out = {key for one in copied for key in one.records}
         cleaned = cleaned.select([key for key in cleaned.record_keys if key not in out])
     return cleaned, (*found, *copied)
-
-
-def _list_screened(campaign: Campaign) -> list[str]:
-    """Channels whose readings carry noise of their own: all but the path of slip records and attitudes."""
-    path = find_kind(campaign.family).path
-    return [c for c in campaign.channels if not c.startswith("attitude_") and c != path]
 
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
@@ -195,7 +190,7 @@ def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: fl
             near = at | (side * middle > side * value - settings.near * sd)
             clipped[there[np.flatnonzero(ndimage.binary_propagation(at, mask=near))]] = True
             limits += [value] * (value not in limits)
-        elif value != 0.0 or np.abs(y[[run[0] - 1, run[-1] + 1]]).max() >= 6.0 * sd:
+        elif value != 0.0 or np.abs(y[np.clip([run[0] - 1, run[-1] + 1], 0, len(y) - 1)]).max() >= 6.0 * sd:
             held[there[run]] = True  # a file may hold zeros where nothing acts
     return clipped, held & ~clipped, limits
 
@@ -213,12 +208,12 @@ def find_blind(campaign: Campaign) -> tuple[Fault, ...]:
     return tuple(found)
 
 
-def _find_copies(campaign: Campaign, groups: dict, settings: ScreeningSettings) -> list[Fault]:
+def _find_copies(campaign: Campaign, screened: list[str], groups: dict, settings: ScreeningSettings) -> list[Fault]:
     """Records whose samples are another's: noise does not repeat itself."""
     assert campaign.samples is not None
     alike: dict[tuple, list[str]] = {}
     for key, part in campaign.samples.groupby("record", sort=False):
-        x = part[_list_screened(campaign)].to_numpy(dtype=float)
+        x = part[screened].to_numpy(dtype=float)
         x = x[np.isfinite(x).all(axis=1)]
         if len(x) >= 20 and np.mean(np.any(np.diff(x, axis=0) != 0, axis=1)) >= settings.copied:
             alike.setdefault(tuple(np.round(x[2:14].ravel(), 12)), []).append(str(key))

@@ -11,8 +11,8 @@ from .._errors import InputError, error_place
 from .alignment import RawTest, align_tests, start_clocks, take_means, turn_axes, turn_friction
 from .campaign import Campaign, Column
 from .checks import IMPORT_REMEDY, check_keys, check_known, check_record, check_values
-from .columns import Plan, choose_columns, find_unit, make_plan
-from .conditions import Conditions, read_conditions, read_names, read_options
+from .columns import FRICTION_TEST, Plan, choose_columns, find_unit, make_plan
+from .conditions import read_conditions, read_names
 from .faults import find_truncated
 from .headings import expand_role, read_pairs
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
@@ -65,14 +65,20 @@ def import_tests(
     """
     with error_place(option="--family"):
         kind = find_kind(take_kind(family))
+    options = {"pressure": (pressure, kind.pressure), "speed": (speed, kind.speed), "load": (load, kind.load)}
+    useful = {"force": (force, kind.main), "slip": (slip, kind.path), "onset": (onset, kind.has_contact),
+              "symmetry-axis": (symmetry_axis, kind.rates)}
+    for option, (given, applies) in (options | useful).items():
+        if given is not None and not applies:
+            hint = f"; {FRICTION_TEST}" if option in ("slip", "load") else ""
+            raise InputError(f"--{option} does not apply to the family {kind.name}{hint}")
     parameters = _read_known(known, ambient, kind)
     plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
-    offset = None  # what gauge pressures count from [Pa]
     if kind.pressure and gauge:
-        offset = parameters.get("ambient_pressure")
-        if offset is None:
+        plan.ambient = parameters.get("ambient_pressure")
+        if plan.ambient is None:
             raise InputError("gauge pressures need the ambient pressure of the day; give --ambient '101.3 kPa'")
-        plan.notes.append(f"The ambient pressure of {offset:g} Pa was added to the gauge pressures.")
+        plan.notes.append(f"The ambient pressure of {plan.ambient:g} Pa was added to the gauge pressures.")
     elif kind.pressure:
         asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
         plan.notes.append(f"Pressures were taken as absolute{asked}.")
@@ -84,46 +90,45 @@ def import_tests(
             problem = f"the record {test.key!r} is there twice; rename the file or the record in its column"
             raise InputError(problem, file=test.file)
         files[test.key] = test.file
-    sources = Conditions(plan, offset)
-    means = _collect_constants(tests, sources, plan)
+    means = _collect_constants(tests, plan)
     if conditions is not None:
-        read_conditions(sources, conditions, files)
+        read_conditions(plan, conditions, files)
     if name_pattern is not None:
-        read_names(sources, name_pattern, files)
-    read_options(sources, list(files), pressure, speed, load)
+        read_names(plan, name_pattern, files)
+    for option, (given, name) in options.items():
+        if given is not None:
+            with error_place(option=f"--{option}"):
+                value = parse_quantity(given, name)
+            plan.add(name, dict.fromkeys(files, value), si_unit(name), f"--{option}")
+            plan.notes.append(f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
     for name, found in means.items():
-        if name not in sources.values:
-            sources.add(name, found, si_unit(name), "its column along the tests")
+        if name not in plan.conditions:
+            plan.add(name, found, si_unit(name), "its column along the tests")
             plan.notes.append(f"{name} is the mean of its column over each test.")
         else:
-            plan.notes.append(f"{name} is that of {sources.sources[name]}; its column along the tests was left out.")
+            plan.notes.append(f"{name} is that of {plan.sources[name]}; its column along the tests was left out.")
     noise, common = {}, {}
     if kind.has_contact:
-        noise, common = align_tests(tests, sources, onset, plan.notes)
-    elif onset is not None:
-        raise InputError(f"--onset does not apply to the family {kind.name}: there is no contact to begin with")
+        noise, common = align_tests(tests, plan, onset)
     if kind.path:
         turn_friction(tests, plan.notes)
     if kind.rates:
         turn_axes(tests, symmetry_axis, plan.notes)
         start_clocks(tests, plan.notes)
-    elif symmetry_axis is not None:
-        raise InputError(f"--symmetry-axis does not apply to the family {kind.name}")
     for test in tests:
-        if "pressure" in test.values and offset is not None:
-            test.values["pressure"] = test.values["pressure"] + offset
+        if "pressure" in test.values and plan.ambient is not None:
+            test.values["pressure"] = test.values["pressure"] + plan.ambient
     for name in kind.needs:
-        if name not in sources.values:
+        if name not in plan.conditions:
             usual = f"--conditions FILE.csv with a column {name}", name
             option, heading = kind.options.get(name, usual)
             where = f"; give {option}, --conditions FILE.csv or --name-pattern" if conditions is None else (
-                f": none of the columns {', '.join(sources.headings)} holds it; add one, like {heading!r}, or give "
-                f"{option}")
+                f": the table gives {', '.join(plan.conditions)}; add a column like {heading!r}, or give {option}")
             raise InputError(f"{name} is not known{where}", file=conditions)
     descriptive, undescribed = kind.described
     if descriptive and not set(descriptive) & set(parameters):
         plan.notes.append(undescribed)
-    if "tangential_speed" in kind.conditions and "tangential_speed" in sources.values:
+    if "tangential_speed" in kind.conditions and "tangential_speed" in plan.conditions:
         if not any("tangential_force" in test.values for test in tests):
             plan.notes.append("The tests have a tangential speed and no tangential force was taken, so the friction "
                               "stays unused; --keep tangential_force=COLUMN takes it.")
@@ -131,7 +136,7 @@ def import_tests(
             plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
                               "the ball cannot turn): 0.5 kg is taken; --known 'rolling_mass=0.4 kg' states it.")
     stated = {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}
-    campaign = replace(_assemble(tests, sources, stated, noise, common), known=parameters,
+    campaign = replace(_assemble(tests, plan, stated, noise, common), known=parameters,
                        title=title or f"Imported {kind.name} tests")
     doubts = map(str, (*find_truncated(campaign), *check_plausibility(campaign)))
     return replace(campaign, notes=(*_condense(plan.notes, [Path(file).name for file in files.values()]), *doubts))
@@ -193,7 +198,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
     return tests
 
 
-def _collect_constants(tests: list[RawTest], sources: Conditions, plan: Plan) -> dict[str, dict[str, float]]:
+def _collect_constants(tests: list[RawTest], plan: Plan) -> dict[str, dict[str, float]]:
     """Move columns that do not change within a test from the samples to the conditions.
 
     Returns:
@@ -213,7 +218,7 @@ def _collect_constants(tests: list[RawTest], sources: Conditions, plan: Plan) ->
         if varying is None:
             found = {test.key: float(np.nanmin(test.values.pop(name))) for test in tests}
             places = {test.key: {"file": test.file, "column": plan.headings.get(name)} for test in tests}
-            sources.add(condition, found, plan.si[name], f"the raw column {name}", places)
+            plan.add(condition, found, plan.si[name], f"the raw column {name}", places)
             plan.notes.append(f"{condition} was read from a column that does not change within a test.")
         elif name in kind.averaged:
             means[condition] = take_means(tests, name, plan.headings)
@@ -243,15 +248,15 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
     return parameters
 
 
-def _assemble(tests: list[RawTest], sources: Conditions, options: dict, noise: dict[str, float],
+def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, float],
               common: dict[str, float]) -> Campaign:
     """Put records, samples and uncertainties together: the stated ones of `options`, and those that were measured."""
-    plan, kind = sources.plan, sources.plan.kind
+    kind = plan.kind
     independent = next(name for name in kind.independents if name in tests[0].values)
     present = dict.fromkeys(name for test in tests for name in test.values if name != independent)
     channels, order = ([*(name for name in usual if name in there), *(name for name in there if name not in usual)]
-                       for usual, there in ((kind.series, present), (kind.conditions, sources.values)))
-    units = {name: plan.si.get(name) or sources.units.get(name) or "1" for name in (independent, *channels, *order)}
+                       for usual, there in ((kind.series, present), (kind.conditions, plan.conditions)))
+    units = {name: plan.si[name] for name in (independent, *channels, *order)}
     stated: dict[str, dict[str, Uncertainty]] = {}
     for option, texts in options.items():
         pairs = {expand_role(name, kind): text for name, text in read_pairs(option, texts).items()}
@@ -279,7 +284,7 @@ def _assemble(tests: list[RawTest], sources: Conditions, options: dict, noise: d
             example = f"--uncertainty {short}='{'0.005' if units[name] == 'rad/s' else '0.25'} {units[name]}'"
             how = "cannot be measured before contact" if kind.has_contact else "is not known"
             raise InputError(f"the uncertainty of {name} {how}; give {example}")
-    exact = [name for name in sources.values if name not in own and name != "sequence"]
+    exact = [name for name in plan.conditions if name not in own and name != "sequence"]
     if exact:
         count, their = ("it counts", "its error") if len(exact) == 1 else ("they count", "their errors")
         plan.notes.append(f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, and {their} can look "
@@ -294,7 +299,7 @@ def _assemble(tests: list[RawTest], sources: Conditions, options: dict, noise: d
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)
     return Campaign(
         name="", title="", family=kind.name, path=None, known={},
-        records=pd.DataFrame({name: [sources.values[name][key] for key in keys] for name in order}, index=keys),
+        records=pd.DataFrame({name: [plan.conditions[name][key] for key in keys] for name in order}, index=keys),
         conditions={name: columns[name] for name in order},
         independent=columns[independent],
         channels={name: columns[name] for name in channels},
