@@ -15,7 +15,6 @@ from .tables import decode
 
 
 Name = Annotated[StrictStr, Field(min_length=1, max_length=200)]
-Text = StrictStr | list[StrictStr]
 Number = StrictStr | StrictInt | StrictFloat | None  # with its unit, where it is text
 
 
@@ -46,25 +45,12 @@ class FieldModel(_Open):
         return self.type in ("number", "integer") or (self.type is None and self.unit is not None)
 
 
-class ReferenceModel(_Open):
-    """The far end of a foreign key."""
-
-    resource: StrictStr = ""
-
-
-class ForeignKeyModel(_Open):
-    """A foreign key of a table."""
-
-    fields: Text
-    reference: ReferenceModel
-
-
 class SchemaModel(_Open):
     """Columns and keys of a table."""
 
     fields: Annotated[list[FieldModel], Field(min_length=1)]
-    primaryKey: Text | None = None
-    foreignKeys: list[ForeignKeyModel] = []
+    primaryKey: StrictStr | list[StrictStr] | None = None
+    foreignKeys: list[dict] = []
     missingValues: list[StrictStr] = [""]
 
 

@@ -59,7 +59,10 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
         raise InputError(f"the delimiter {delimiter!r} is not known; give --delimiter as , ; | tab or space", file=file)
     if decimal not in (None, ".", ","):
         raise InputError(f"the decimal sign is '.' or ',', not {decimal!r}; give it with --decimal", file=file)
-    delimiter = delimiter or _find_delimiter(text, file)
+    if delimiter is None:  # the first of those under which most cells are numbers
+        head = "\n".join(text.splitlines()[:500])
+        shares = {sign: _count_columns(_split(head, sign, file))[1] for sign in DELIMITERS}
+        delimiter = max(shares, key=shares.__getitem__)
     rows = _split(text, delimiter, file)
     first, width, numeric = _find_data(rows, file)
     names, units, above = _find_header(rows[:first], width, file)
@@ -123,30 +126,21 @@ def _is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None
 
 
-def _find_delimiter(text: str, file: str) -> str:
-    """The delimiter under which most cells are numbers; the first of tabs, semicolons, commas … where equal."""
-    head = "\n".join(text.splitlines()[:500])
-    best, share = None, 0.0
-    for delimiter in DELIMITERS:
-        rows = [cells for _, cells in _split(head, delimiter, file)]
-        counts = Counter(len(cells) for cells in rows if any(map(_is_number, cells)))
-        if not counts:
-            continue
-        width, number = counts.most_common(1)[0]
-        numbers = sum(_is_number(cell) for cells in rows if len(cells) == width for cell in cells)
-        if width > 1 and numbers / (number * width) > share + 1e-9:
-            best, share = delimiter, numbers / (number * width)
-    if best is None:
-        raise InputError("no rows with two or more columns of numbers were found; give --delimiter", file=file)
-    return best
+def _count_columns(rows) -> tuple[int, float]:
+    """Usual number of cells in rows that hold numbers, and the share of numbers among these; (0, 0) without any."""
+    numeric = [cells for _, cells in rows if len(cells) > 1 and any(map(_is_number, cells))]
+    if not numeric:
+        return 0, 0.0
+    width = Counter(map(len, numeric)).most_common(1)[0][0]
+    cells = [cell for row in numeric if len(row) == width for cell in row]
+    return width, sum(map(_is_number, cells)) / len(cells)
 
 
 def _find_data(rows, file: str) -> tuple[int, int, list[int]]:
     """Position of the first data row, number of columns, and which columns hold numbers."""
-    counts = Counter(len(cells) for _, cells in rows if len(cells) > 1 and any(map(_is_number, cells)))
-    if not counts:
-        raise InputError("no rows with two or more columns of numbers were found; check --delimiter", file=file)
-    width = counts.most_common(1)[0][0]
+    width, _ = _count_columns(rows)
+    if not width:
+        raise InputError("no rows with two or more columns of numbers were found; give --delimiter", file=file)
     marks = {i: list(map(_is_number, cells)) for i, (_, cells) in enumerate(rows) if len(cells) == width}
     marks = {i: mark for i, mark in marks.items() if any(mark)}
     # Samples may be missing, so a column counts as numeric where most of the cells that are not empty are numbers.

@@ -126,7 +126,9 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
         if name == "records" and resource.table.primaryKey not in (None, "record", ["record"]):
             raise InputError('the primaryKey must be "record"')
         for link in resource.table.foreignKeys:
-            if link.reference.resource != "records" or link.fields not in ("record", ["record"]):
+            far = link.get("reference")
+            if link.get("fields") not in ("record", ["record"]) or not isinstance(far, dict) \
+                    or far.get("resource") != "records":
                 raise InputError('a foreign key must lead from "record" to the resource records')
         if resource.encoding.lower().replace("_", "-") not in ("utf-8", "utf8", "utf-8-sig", "ascii"):
             raise InputError(f"the encoding {resource.encoding!r} is not read; save the table as UTF-8")
