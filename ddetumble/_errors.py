@@ -1,5 +1,7 @@
 """The two ways in which a command can fail: the input was bad, or the computation did not succeed."""
 
+import contextlib
+
 
 def _plain(text: str) -> str:
     """Make text printable on one line, whatever bytes a damaged file put into it."""
@@ -52,3 +54,19 @@ class ComputationError(RuntimeError):
 def _rebuild(kind, problem, file, column, row, key, option):
     """Build an `InputError` again on the far side of a process boundary."""
     return kind(problem, file=file, column=column, row=row, key=key, option=option)
+
+
+@contextlib.contextmanager
+def error_place(prefix: str = "", **place):
+    """Say of an `InputError` raised inside where it is, as far as it does not say so itself.
+
+    Args:
+        prefix: What its problem begins with.
+        place: `file`, `column`, `row`, `key` or `option`.
+    """
+    try:
+        yield
+    except InputError as error:
+        known = {name: getattr(error, name) for name in ("file", "column", "row", "key", "option")}
+        place |= {name: value for name, value in known.items() if value is not None}
+        raise InputError(prefix + error.problem, **place) from None

@@ -72,7 +72,7 @@ def test_samples(tmp_path, old, new, words):
         ("0.41", "0", ("line 3", "column approach_speed", "positive")),
         ("0.41", "-0.4", ("line 3", "column approach_speed", "positive")),
         ("0.41", "", ("line 3", "column approach_speed", "empty")),
-        ("r02,2", "r01,2", ("line 3", "column record", "'r01' is there already on line 2")),
+        ("r02,2", "r01,2", ("line 3", "column record", "'r01' has a row already on line 2")),
         ("r02,2", "r02,1.5", ("line 3", "column sequence", "whole number")),
         ("r02,2", "r02,0", ("line 3", "column sequence", "whole number")),
         ("r02,2,1.5,0.41\n", "r02,2,1.5,0.41\nr03,3,1,1\n", ("line 4", "'r03' has no samples")),
@@ -105,7 +105,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (("family",), "crash", ("family must be impact, slip or tumble", "'crash'")),
+        (("family",), "crash", ("family is impact, slip", "'crash'")),
         (("family",), None, ("family", "missing")),
         (("resources",), [], ("resources",)),
         (("resources",), None, ("resources is missing",)),

@@ -70,7 +70,7 @@ def test_friction_that_counts_negative_is_turned(tmp_path, over_time):
     campaign = import_tests(turned, **OPTIONS)
     np.testing.assert_allclose(campaign.trace("a")["tangential_force"], columns[-1], atol=1e-6)
     other = stroke(tmp_path / "b.csv", columns, headings)
-    with pytest.raises(InputError, match="'a' counts negative along the slip and that of record 'b' positive"):
+    with pytest.raises(InputError, match="record 'a' has another sign than that of record 'b'"):
         import_tests([turned, other], **OPTIONS)
 
 
@@ -99,7 +99,8 @@ def test_a_load_measured_along_the_stroke_is_averaged(tmp_path):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        (TABLE.replace("Load", "Gewicht"), r"settings.csv: normal_load is not known: .*Gewicht, p, v.*--load '20 N'"),
+        (TABLE.replace("Load", "Gewicht"),
+         "settings.csv: normal_load is not known: .*gewicht, internal_pressure, slip_speed.*--load '20 N'"),
         (TABLE.replace("a;20", "a;-20"), r"settings.csv, line 2, column Load: normal_load of record 'a': must be"),
         (TABLE.replace("a;20;10", "a;20;-1"), "settings.csv, line 2, column p: .*--gauge and --ambient"),
         (TABLE.replace("[bar]", "[barg]"), "settings.csv, column p: 'barg' is a gauge pressure; give --unit"),
@@ -148,7 +149,7 @@ def test_options_of_friction_tests_are_refused_elsewhere(tmp_path, option):
 
 def test_strokes_back_without_a_time_ask_for_it(tmp_path):
     _, slip, force = back_and_forth()
-    with pytest.raises(InputError, match="line 43, .*slip of record 'a' does not increase here.*export the time"):
+    with pytest.raises(InputError, match="line 43, .*record 'a' the slip goes back.*give the time"):
         import_tests(stroke(tmp_path / "a.csv", (slip, force)), **OPTIONS)
 
 

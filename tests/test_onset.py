@@ -39,8 +39,7 @@ def draw_tests(count, *, noise=0.25, interval=1e-4, effects=None, ringing=None, 
 
 def judge(found):
     """Errors [s] and their stated deviations, own and common."""
-    errors = np.array([one.time for one in found.each]) - LEAD
-    return errors, np.array([one.sd for one in found.each]), found.common_sd
+    return found.time - LEAD, found.sd, found.common_sd
 
 
 @pytest.mark.parametrize(("noise", "interval", "seed"), [(0.25, 1e-4, 1), (0.25, 2.5e-4, 2), (1.0, 2.5e-4, 3)])
@@ -86,7 +85,7 @@ def test_a_trace_alone(noise):
     for seed in range(12):
         onset = 0.0123 + 1e-5 * (seed % 10)
         found = find_onsets(*([x] for x in raw_trace(onset=onset, noise=noise, seed=seed)))
-        scores.append((found.each[0].time - onset) / np.hypot(found.each[0].sd, found.common_sd))
+        scores.append((found.time[0] - onset) / np.hypot(found.sd[0], found.common_sd))
     assert abs(np.mean(scores)) < 1 and np.max(np.abs(scores)) < 3
 
 
@@ -94,7 +93,7 @@ def test_onset_of_a_rise_that_begins_with_a_slope():
     time = np.arange(600) / 10e3
     force = 50 * np.sin(np.pi * np.clip((time - 0.0123) / 0.016, 0, 1))
     found = find_onsets([time], [force + 0.05 * np.random.default_rng(0).standard_normal(600)])
-    assert abs(found.each[0].time - 0.0123) < 3 * np.hypot(found.each[0].sd, found.common_sd) < 2e-3
+    assert abs(found.time[0] - 0.0123) < 3 * np.hypot(found.sd[0], found.common_sd) < 2e-3
 
 
 def test_onset_says_if_it_cannot():

@@ -1,109 +1,101 @@
-"""Put the raw traces of impacts on one footing: contact at time nought, no offsets, force positive."""
+"""Raw records on one footing.
+
+Impacts: contact at time nought, no offsets, force positive. Friction: positive along the slip, one load and pressure a
+record. Tumbling: time from each record's start, body z along the axis of symmetry.
+"""
 
 import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
-from .._errors import InputError
-from .checks import FEWEST_SAMPLES
-from .onset import FEWEST_BEFORE, Onsets, find_rise, locate_onsets
+from .._errors import InputError, error_place
+from .checks import share_work
+from .columns import Plan
+from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .units import parse_quantity, si_unit
+
+
+DOUBT = 0.2  # share of the work above which the sign of a record's friction is beyond doubt
+STEADY = 0.1  # relative standard deviation up to which a measured load counts as one load
 
 
 @dataclass
 class RawTest:
-    """One test on its way into a campaign.
-
-    Args:
-        key: Its record key.
-        file: The raw file it came from.
-        lines: Line number of each sample, shape (samples,).
-        values: Samples by quantity [SI], each of shape (samples,).
-    """
+    """One test on its way into a campaign."""
 
     key: str
     file: str
-    lines: np.ndarray
-    values: dict[str, np.ndarray]
+    lines: np.ndarray  # line number of each sample, shape (samples,)
+    values: dict[str, np.ndarray]  # samples by quantity [SI], each of shape (samples,)
 
 
-def align_tests(tests, sources, onset, notes):
-    """Turn the force positive, move contact to time nought, and take the offsets off, in place.
+def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, float], dict[str, float]]:
+    """Turn the force of impacts positive, move contact to time nought, and take the offsets off, in place.
 
-    Args:
-        tests: The tests, with `time` [s] and `normal_force` [N].
-        sources: Conditions found so far; gains `initial_pressure` where only the pressure channel tells it.
-        onset: Value of --onset, or None to find each test's own.
-        notes: Gains what was decided.
+    The plan gains `initial_pressure` where only the pressure channel tells it; `onset` is the value of --onset.
 
     Returns:
-        Standard deviation before contact by channel [SI], where every test shows it; that of each record's time
-        origin [s]; and by column the standard deviation of an error that all records share [SI].
-
-    Raises:
-        InputError: Time that does not increase, forces of both signs, or no onset to be found.
+        By column [SI]: the standard deviation before contact, where every test shows it, and that of each record's time
+        origin; and the standard deviation of an error that all records share.
     """
-    _turn_positive(tests, notes)
+    notes = plan.notes
+    signs = []
     for test in tests:
-        check_increase(test)
-    times = _given_onsets(tests, sources, onset, notes)
+        f = test.values["normal_force"]
+        f = f[~np.isnan(f)]
+        middle = np.median(f[: max(5, len(f) // 20)]) if f.size else 0.0
+        signs.append(-1.0 if f.size and middle - f.min() > 1.5 * (f.max() - middle) else 1.0)
+    _turn_sign(tests, "normal_force", signs, "while pressing", notes)
+    times, common = _given_onsets(tests, plan, onset), 0.0
     if times is None:
         found = _find_onsets(tests, notes)
-        contacts = [(one.time, f" ± {one.sd * 1e3:.3g} ms") for one in found.each]
-        clock = math.sqrt(float(np.mean([one.sd**2 for one in found.each])))
-        common = found.common_sd
+        contacts = [(float(time), f" ± {sd * 1e3:.3g} ms") for time, sd in zip(found.time, found.sd, strict=True)]
+        clock, common = math.sqrt(float(np.mean(found.sd**2))), found.common_sd
     else:
         contacts = [(times[test.key], "") for test in tests]
         clock = float(np.median([np.median(np.diff(test.values["time"])) for test in tests])) / math.sqrt(12)
-        common = None
         notes.append(f"The time origin was given; its uncertainty is that of the sampling, {clock * 1e3:.3g} ms.")
     squares, before, moving = {}, {}, []
     for test, (contact, error) in zip(tests, contacts, strict=True):
         test.values["time"] = t = test.values["time"] - contact
-        calm, shown = t < 0, []
+        shown = []
         for name, values in list(test.values.items()):
-            there = calm & ~np.isnan(values)
-            quiet = values[there] if name != "time" else np.empty(0)
-            if quiet.size < FEWEST_BEFORE:
+            calm = (t < 0) & ~np.isnan(values)
+            quiet = values[calm]
+            if name == "time" or quiet.size < FEWEST_BEFORE:
                 continue
             squares.setdefault(name, []).append(float(np.var(quiet, ddof=1)))
-            if name in ("normal_force", "tangential_force", "depression"):
-                if name == "depression" and _find_slope(t[there], quiet):
-                    moving.append(test)
-                    continue
-                offset = find_offset(quiet)
-                if not offset:
-                    continue
-                test.values[name] = values - offset
-                shown.append(f"{name} {offset:.4g} {si_unit(name)}")
             if name == "pressure":
                 before[test.key] = float(quiet.mean())
+            elif name == "depression" and _is_moving(t[calm], quiet):
+                moving.append(test)
+            elif name in ("normal_force", "tangential_force", "depression"):
+                offset = find_offset(quiet)
+                if offset:
+                    test.values[name] = values - offset
+                    shown.append(f"{name} {offset:.4g} {si_unit(name)}")
         offset = f"offsets taken off: {', '.join(shown)}" if shown else "no offset to take off"
         notes.append(f"Record {test.key}: contact at {contact * 1e3:.6g} ms{error} of the raw time; {offset}.")
-    if "initial_pressure" not in sources.values and len(before) == len(tests):
-        sources.add("initial_pressure", before, "Pa", "the pressure channel")
+    if "initial_pressure" not in plan.conditions and len(before) == len(tests):
+        plan.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")
-    shared = {} if common is None else {"time": common}
+    shared = {} if times is not None else {"time": common}
     if moving:
-        squares["depression"], shared["depression"] = _zero_position(moving, tests, math.hypot(clock, common or 0.0))
+        squares["depression"], shared["depression"] = _zero_position(moving, tests, math.hypot(clock, common))
         notes.append("The depression moves before contact, like the position of the arm: it is zero at the onset, and "
                      "what lies before contact and after separation was left out. Its zero shares the onsets' error, "
                      f"{shared['depression'] * 1e3:.3g} mm.")
     spreads = {name: math.sqrt(float(np.mean(v))) for name, v in squares.items() if len(v) == len(tests)}
-    return spreads, clock, shared
+    return spreads | {"time": clock}, shared
 
 
-def _find_onsets(tests, notes) -> Onsets:
+def _find_onsets(tests: list[RawTest], notes: list[str]) -> Onsets:
     """Onsets of all tests, and in words what they share."""
-    rises = []
-    for test in tests:
-        try:
-            rises.append(find_rise(test.values["time"], test.values["normal_force"]))
-        except InputError as error:
-            raise InputError(f"record {test.key!r}: {error.problem}", file=test.file) from None
-    found = locate_onsets(rises, [test.key for test in tests])
+    found = find_onsets([test.values["time"] for test in tests], [test.values["normal_force"] for test in tests],
+                        [f"{test.file}: record {test.key!r}: " for test in tests])
     notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms: how the force begins, "
                  "and the delay of the measuring chain, which the force itself does not show.")
     if found.start != "curved":
@@ -116,54 +108,36 @@ def _find_onsets(tests, notes) -> Onsets:
     return found
 
 
-def _turn_positive(tests, notes) -> None:
-    signs = []
-    for test in tests:
-        f = test.values["normal_force"]
-        f = f[~np.isnan(f)]
-        middle = np.median(f[: max(5, len(f) // 20)]) if f.size else 0.0
-        signs.append(bool(f.size) and middle - f.min() > 1.5 * (f.max() - middle))
-    if any(signs) and not all(signs):
-        test = tests[signs.index(not signs[0])]
-        raise InputError("the force has another sign than in the records before; export all alike", file=test.file)
-    if all(signs):
+def _turn_sign(tests: list[RawTest], name: str, signs: list[float], usual: str, notes: list[str]) -> None:
+    """Turn a channel whose signs are negative in all records; where some are positive, neither can be told wrong."""
+    if min(signs) < 0:
+        against = tests[signs.index(min(signs))]
+        if max(signs) > 0:
+            raise InputError(f"the {name} of record {against.key!r} has another sign than that of record "
+                             f"{tests[signs.index(max(signs))].key!r}; export all alike", file=against.file)
         for test in tests:
-            test.values["normal_force"] = -test.values["normal_force"]
-        notes.append("The force counts compression as negative in the raw files; its sign was turned.")
+            test.values[name] = -test.values[name]
+        notes.append(f"The {name} does not count positive {usual} in the raw files; its sign was turned.")
 
 
-def _given_onsets(tests, sources, onset, notes) -> dict[str, float] | None:
+def _given_onsets(tests: list[RawTest], plan: Plan, onset) -> dict[str, float] | None:
     """Onset by record from --onset or the table of conditions, or None."""
-    table = sources.values.pop("onset", None)
+    table = plan.conditions.pop("onset", None)
     if onset is None:
         if table:
-            notes.append("The contact onset was read from the column onset of the table of conditions.")
+            plan.notes.append("The contact onset was read from the column onset of the table of conditions.")
         return table
-    if isinstance(onset, int | float) or str(onset).strip() in ("0", "0.0"):
-        return dict.fromkeys((test.key for test in tests), float(onset))
     if str(onset) == "onset" and table:
         return table
-    if str(onset) in sources.values:
-        if sources.units[onset] != "s":
-            raise InputError(f"--onset: the column {onset!r} is not a time")
-        return sources.values.pop(onset)
-    try:
-        return dict.fromkeys((test.key for test in tests), parse_quantity(onset, "time"))
-    except InputError as error:
-        problem = f"--onset is a time like '12.5 ms', or a column of the table of conditions: {error.problem}"
-        raise InputError(problem) from None
-
-
-def check_increase(test: "RawTest", name: str = "time") -> None:
-    """Refuse a test whose abscissa does not increase throughout, or with too few samples."""
-    back = np.flatnonzero(~(np.diff(test.values[name]) > 0))
-    if back.size:
-        problem = f"the {name} of record {test.key!r} does not increase here; sort the rows, keep each once, "
-        problem += "or tell the tests in the file apart with --record-column"
-        problem += "; for strokes back and forth, export the time too" if name != "time" else ""
-        raise InputError(problem, file=test.file, column=name, row=int(test.lines[back[0] + 1]))
-    if len(test.lines) < FEWEST_SAMPLES:
-        raise InputError(f"record {test.key!r} has fewer than {FEWEST_SAMPLES} samples", file=test.file)
+    with error_place(option="--onset"):
+        if str(onset) in plan.conditions:
+            if plan.si[onset] != "s":
+                raise InputError(f"the column {onset!r} is not a time")
+            return plan.conditions.pop(onset)
+        if not isinstance(onset, int | float) and str(onset).strip() not in ("0", "0.0"):
+            with error_place("is a time like '12.5 ms', or a column of the table of conditions: "):
+                onset = parse_quantity(onset, "time")
+    return dict.fromkeys((test.key for test in tests), float(onset))
 
 
 def find_offset(quiet: np.ndarray) -> float:
@@ -176,23 +150,17 @@ def find_offset(quiet: np.ndarray) -> float:
     return offset if abs(offset) > limit * quiet.std(ddof=1) / math.sqrt(quiet.size) else 0.0
 
 
-def _find_slope(t, quiet) -> float:
-    """Rate at which a channel moves before contact, 0 where noise alone could do it."""
-    x = t - t.mean()
-    slope = float(x @ quiet) / float(x @ x)
-    residual = quiet - quiet.mean() - slope * x
-    error = math.sqrt(float(residual @ residual) / max(len(x) - 2, 1) / float(x @ x))
-    return slope if abs(slope) > 6 * error and abs(slope) * np.ptp(t) > 1e-9 else 0.0
+def _is_moving(t: np.ndarray, quiet: np.ndarray) -> bool:
+    """Whether a channel moves before contact: six standard errors, so that noise alone does not, and a nanometre."""
+    line = stats.linregress(t, quiet)
+    return abs(line.slope) > max(6 * line.stderr, 1e-9 / np.ptp(t))
 
 
-def _zero_position(moving, tests, clock) -> tuple[list[float], float]:
+def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) -> tuple[list[float], float]:
     """Turn the arm's position into the depression, in place: zero at the onset, and only in contact.
 
     Returns:
         Variances about the straight approach [m²], and the standard deviation of the zero that all share [m].
-
-    Raises:
-        InputError: It moves in some records only, or does not turn back in contact: it is no depression.
     """
     if len(moving) < len(tests):
         other = next(test for test in tests if test not in moving)
@@ -223,3 +191,64 @@ def _zero_position(moving, tests, clock) -> tuple[list[float], float]:
         inside = (t > 0) & (t < (t[gone[0]] if gone.size else np.inf))
         test.values["depression"] = np.where(inside, x, np.nan)
     return variances, error
+
+
+def turn_friction(tests: list[RawTest], notes: list[str]) -> None:
+    """Make friction count positive along the slip, in place."""
+    shares = [share_work(test.values["slip"], test.values["tangential_force"]) for test in tests]
+    signs = [share if abs(share) > DOUBT else 0.0 for share in shares]
+    _turn_sign(tests, "tangential_force", signs, "along the slip", notes)
+
+
+def take_means(tests: list[RawTest], name: str, headings: dict[str, str]) -> dict[str, float]:
+    """Mean over each record of what was measured along it and has to be steady [SI]; the tests lose the quantity."""
+    means = {}
+    for test in tests:
+        values = test.values.pop(name)
+        values = values[np.isfinite(values)]
+        means[test.key] = mean = float(values.mean()) if len(values) else float("nan")
+        spread = float(values.std()) / abs(mean) if mean else float("inf")
+        if not spread < STEADY:
+            shown = f"{values.min():.4g} to {values.max():.4g} {si_unit(name)}" if len(values) else "no value at all"
+            problem = f"{name} changes too much within record {test.key!r} ({shown}) to be one condition; cut the "
+            problem += "record to where it is steady, or give the nominal value as a condition and rename this column"
+            raise InputError(problem, file=test.file, column=headings.get(name))
+    return means
+
+
+def start_clocks(tests: list[RawTest], notes: list[str]) -> None:
+    """Count the time of each record from its first sample, in place; the rates there are what a fit starts from."""
+    moved = {test.key: float(test.values["time"][0]) for test in tests if test.values["time"][0] != 0.0}
+    for test in tests:
+        test.values["time"] = test.values["time"] - moved.get(test.key, 0.0)
+    if moved:
+        first = next(iter(moved))
+        more = f" (and likewise in {len(moved) - 1} more)" if len(moved) > 1 else ""
+        notes.append(f"Time counts from the first sample of each record: {moved[first]:g} s was taken off in record "
+                     f"{first}{more}.")
+
+
+def turn_axes(tests: list[RawTest], axis: str | None, notes: list[str]) -> None:
+    """Make the axis of symmetry body z by a cyclic exchange of the axes, which keeps them right-handed, in place."""
+    if axis is None:
+        notes.append("The body's axis of symmetry is taken as z; --symmetry-axis x or y says otherwise.")
+        return
+    orders = {"x": "yzx", "y": "zxy", "z": "xyz"}  # old axes in the places of x, y and z
+    axis = str(axis).strip().lower()
+    if axis not in orders:
+        raise InputError(f"--symmetry-axis is x, y or z, not {axis!r}")
+    order = orders[axis]
+    for test in tests:
+        old = dict(test.values)
+        for name in old:
+            if not re.fullmatch("(angular_velocity|attitude)_[xyz]|attitude_[123]", name):
+                continue
+            letters = "123" if name[-1] in "123" else "xyz"  # of a quaternion, whose scalar is 0 or w
+            wanted = name[:-1] + letters["xyz".index(order[letters.index(name[-1])])]
+            if wanted not in old:
+                raise InputError(f"--symmetry-axis {axis} needs all three axes, and there is no {wanted}",
+                                 file=test.file)
+            test.values[name] = old[wanted]
+    if axis != "z":
+        notes.append(f"The body's axis of symmetry, {axis} in the raw files, was made z: x, y, z here are "
+                     f"{', '.join(order)} there.")

@@ -105,16 +105,7 @@ class Campaign:
         if self.samples is None:
             raise InputError(f"campaign {self.name} holds peaks only, no samples")
         self._check_keys([key])
-        rows = self.samples["record"] == key
-        return self.samples.loc[rows].drop(columns="record").reset_index(drop=True)
-
-    def uncertainty(self, name: str) -> Uncertainty | None:
-        """Uncertainty of a condition, channel, peak or the independent variable; None where none is stated.
-
-        Raises:
-            InputError: The campaign has no such column.
-        """
-        return self.column(name).uncertainty
+        return self.samples.loc[self.samples["record"] == key].drop(columns="record").reset_index(drop=True)
 
     def column(self, name: str) -> Column:
         """What is known about a column, wherever it stands (a channel before a condition of the same name).
@@ -122,11 +113,16 @@ class Campaign:
         Raises:
             InputError: The campaign has no such column.
         """
-        own = {} if self.independent is None else {self.independent.name: self.independent}
-        for columns in (own, self.channels, self.peak_columns, self.conditions):
-            if name in columns:
-                return columns[name]
-        raise InputError(f"campaign {self.name} has no column {name!r}")
+        columns = {**self.conditions, **self.peak_columns, **self.channels}
+        if self.independent is not None:
+            columns[self.independent.name] = self.independent
+        if name not in columns:
+            raise InputError(f"campaign {self.name} has no column {name!r}")
+        return columns[name]
+
+    def uncertainty(self, name: str) -> Uncertainty | None:
+        """Uncertainty of a column, None where none is stated; see `column`."""
+        return self.column(name).uncertainty
 
     def select(self, keys) -> "Campaign":
         """The same campaign with some of its records only, in the order of `keys`; the hash stays that of the source.
@@ -145,16 +141,16 @@ class Campaign:
         return replace(self, records=self.records.loc[keys], samples=samples, peaks=peaks)
 
     def _check_keys(self, keys):
-        for key in keys:
-            if key not in self.records.index:
-                raise InputError(f"campaign {self.name} has no record {key!r}; it has {_listed(self.record_keys)}")
+        unknown = [key for key in keys if key not in self.records.index]
+        if unknown:
+            there = ", ".join(self.record_keys[:8]) + (", …" if len(self.records) > 8 else "")
+            raise InputError(f"campaign {self.name} has no record {unknown[0]!r}; it has {there}")
 
 
 def arrange_samples(samples: pd.DataFrame, keys) -> pd.DataFrame:
     """Put the samples of each record together, in the order of `keys`, keeping their order within a record."""
-    place = {key: i for i, key in enumerate(keys)}
-    position = samples["record"].map(place).to_numpy()  # pyright: ignore[reportArgumentType]
-    if len(position) and (position[1:] < position[:-1]).any():
+    position = pd.Index(list(keys)).get_indexer(pd.Index(samples["record"]))
+    if (position[1:] < position[:-1]).any():
         samples = samples.iloc[np.argsort(position, kind="stable")]
     return samples.reset_index(drop=True)
 
@@ -164,10 +160,6 @@ def thin_campaign(campaign: Campaign, most: int) -> tuple[Campaign, str]:
 
     What is kept are readings as they were taken: their noise is as stated, and no feature is smoothed away. Estimates
     are less exact than all samples would make them, by up to the root of the share kept.
-
-    Args:
-        campaign: with samples.
-        most: samples of all records together.
 
     Returns:
         The campaign, and a sentence that says so; the campaign itself and no sentence where it has no more.
@@ -180,8 +172,3 @@ def thin_campaign(campaign: Campaign, most: int) -> tuple[Campaign, str]:
     return replace(campaign, samples=kept), (
         f"Of {len(campaign.samples):,} samples {len(kept):,} were taken, one in {int(np.max(step))} of the longest "
         f"record: more than {most:,} would take too long here. `fit` takes all of them.")
-
-
-def _listed(words, most: int = 8) -> str:
-    words = list(words)
-    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")

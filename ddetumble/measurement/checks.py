@@ -1,10 +1,16 @@
-"""What the numbers of a campaign must satisfy, whatever file they came from."""
+"""What the numbers of a campaign must satisfy, whatever file they came from.
+
+`rows` is whatever says where numbers stand: it has the `file` and the `lines` of its rows.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from .._errors import InputError
 from .kinds import RecordKind
-from .tables import Table
 from .units import role_of, si_unit
 
 
@@ -25,12 +31,15 @@ _NOT_NEGATIVE = {"initial_pressure", "internal_pressure", "restitution", "temper
 _COUNTS = {"sequence", "repeats"}
 
 
-def check_known(name: str, value: float | None) -> None:
-    """Refuse a known parameter that no ball or body can have.
+class Rows(NamedTuple):
+    """Rows of a file."""
 
-    Raises:
-        InputError: Not positive where it must be, or a restitution above one.
-    """
+    file: str
+    lines: np.ndarray
+
+
+def check_known(name: str, value: float | None) -> None:
+    """Refuse a known parameter that no body can have: not positive where it must be, a restitution above one."""
     if value is None:
         return
     if name in _POSITIVE and value <= 0:
@@ -39,97 +48,109 @@ def check_known(name: str, value: float | None) -> None:
         raise InputError(f"restitution lies above 0 and at most at 1; it is {value:g}")
 
 
-def check_keys(keys: list[str], table: Table) -> None:
+def refuse_rows(bad, rows, column: str, explain: str | Callable[[int], str]) -> None:
+    """Refuse the first row that is bad, if there is one, by its line; `explain` says what is wrong with it."""
+    if np.any(bad):
+        i = int(np.flatnonzero(bad)[0])
+        raise InputError(explain if isinstance(explain, str) else explain(i), file=rows.file, column=column,
+                         row=rows.lines[i])
+
+
+def check_keys(keys: Sequence[str], rows, column: str = "record") -> None:
     """Refuse a record key that is empty or cannot be printed."""
-    for key, line in zip(keys, table.lines, strict=True):
-        if not key or not key.isprintable():
-            problem = "the record key holds control characters" if key else "the record key is empty"
-            raise InputError(f"{problem}; name the test", file=table.file, column="record", row=line)
+    refuse_rows([not key for key in keys], rows, column, "the record key is empty; name the test")
+    refuse_rows([not key.isprintable() for key in keys], rows, column,
+                "the record key holds control characters; name the test")
 
 
-def check_finite(values: np.ndarray, table: Table, column: str) -> None:
-    """Refuse numbers that overflow in SI units; missing values (NaN) pass."""
-    _refuse(np.isinf(values), table, column, lambda i: "the number is too large in SI units; check number and unit")
-
-
-def check_values(name: str, values: np.ndarray, table: Table, resource: str, uncertainty,
-                 remedy: str = PACKAGE_REMEDY) -> None:
-    """Refuse values that the quantity of that name cannot have; `values` in SI, shape (rows,).
-
-    The message on a negative pressure ends with `remedy`.
-
-    Raises:
-        InputError: Zero or negative speeds, loads and peaks, pressures below vacuum (sampled ones by more than six
-            standard deviations), counts that are no whole numbers from 1 on.
-    """
-    shown = si_unit(name)
-    if name in _COUNTS:
-        bad = (values < 1) | (values != np.round(values))
-        _refuse(bad, table, name, lambda i: f"must be a whole number from 1 on; it is {values[i]:g}")
-    elif resource != "samples" and name in _POSITIVE:
-        _refuse(values <= 0, table, name, lambda i: f"must be positive; it is {values[i]:g} {shown} in SI units")
-    elif resource != "samples" and name in _NOT_NEGATIVE or name == "pressure":
-        slack = 6 * uncertainty.sd(values) if name == "pressure" and uncertainty else 0.0
-        hint = remedy if role_of(name) == "pressure" else ""
-        kind = "an absolute pressure cannot be" if role_of(name) == "pressure" else "cannot be"
-        _refuse(values < -slack, table, name, lambda i: f"{kind} negative; it is {values[i]:g} {shown} in SI{hint}")
-
-
-def check_samples(samples, keys: list[str], kind: RecordKind, descriptor: str) -> str:
-    """Check the samples of all records and return the name of the independent variable.
+def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, remedy: str = PACKAGE_REMEDY,
+                 column: str = "") -> None:
+    """Refuse values that the quantity of that name cannot have: numbers that overflow, zero or negative speeds, loads
+    and peaks, pressures below vacuum (sampled ones by more than six standard deviations), counts that are no whole
+    numbers from 1 on.
 
     Args:
-        samples: The table as numbers: `table`, `keys`, `columns`, `values`.
-        keys: Keys of the records.
-        kind: Of the campaign's records.
-        descriptor: File to name where a column is absent.
+        name: Of the quantity.
+        values: In SI, shape (rows,); NaN passes.
+        rows: Where they stand.
+        resource: `records`, `samples` or `peaks`.
+        uncertainty: Of the values, or None.
+        remedy: What the message on a negative pressure ends with.
+        column: Heading of the column, where it is another than the name.
+    """
+    column, hint = column or name, ""
+
+    def refuse(bad, what):
+        refuse_rows(bad, rows, column, lambda i: f"{what}; it is {values[i]:g} {si_unit(name)} in SI units{hint}")
+
+    refuse_rows(np.isinf(values), rows, column, "the number is too large in SI units; check number and unit")
+    if name in _COUNTS:
+        refuse((values < 1) | (values != np.round(values)), "must be a whole number from 1 on")
+    elif resource != "samples" and name in _POSITIVE:
+        refuse(values <= 0, "must be positive")
+    elif resource != "samples" and name in _NOT_NEGATIVE or name == "pressure":
+        pressed = role_of(name) == "pressure"
+        hint = remedy if pressed else ""
+        slack = 6 * uncertainty.sd(values) if name == "pressure" and uncertainty else 0.0
+        refuse(values < -slack, "an absolute pressure cannot be negative" if pressed else "cannot be negative")
+
+
+def check_record(key: str, values: Mapping[str, np.ndarray], independent: str, rows, remedy: str = "") -> None:
+    """Refuse the samples of one record, by name, if they are too few or their abscissae do not increase.
+
+    `rows` says where they stand, `remedy` what else may help where they do not increase.
+    """
+    x = values[independent]
+    strokes = "" if independent == "time" else "; for strokes back and forth give the time too"
+
+    def explain(i):
+        before, now = x[i - 1], x[i]
+        what = "is there twice" if before == now else f"goes back from {before:g} to {now:g} {si_unit(independent)}"
+        return (f"within record {key!r} the {independent} {what}; sort the rows of each record and keep each "
+                f"once{remedy}{strokes}")
+
+    refuse_rows(np.diff(x, prepend=-np.inf) <= 0, rows, independent, explain)
+    channels = [y for name, y in values.items() if name != independent]
+    count = int(np.any(np.isfinite(channels), axis=0).sum()) if channels else 0
+    if count < FEWEST_SAMPLES:
+        problem = f"record {key!r} has only {count} samples with a value; at least {FEWEST_SAMPLES} are needed"
+        raise InputError(problem, file=rows.file, column="record", row=rows.lines[-1])
+
+
+def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:
+    """Check the samples of all records, a table with `keys` and `values` by name, and return the name of the abscissa.
 
     Raises:
         InputError: No independent variable or channel, an unknown record, unsorted or repeated abscissae, a channel
             or record without values, fewer than five samples a record, or friction that counts against the slip in all.
     """
-    independent = _pick_independent(samples, kind, descriptor)
-    channels = [name for name in samples.columns if name != independent]
-    if not set(kind.channels) & set(channels):
-        problem = f"resource samples of the family {kind.name} needs at least one of {', '.join(kind.channels)}"
-        raise InputError(problem, file=descriptor)
-    codes = _link(samples, keys)
-    x = samples.values[independent]
-    present = np.zeros(len(x), dtype=bool)
-    for name in channels:
-        filled = ~np.isnan(samples.values[name])
-        present |= filled
-        if not filled.any():
-            raise InputError("the channel has no value at all; remove it", file=samples.table.file, column=name)
-    order = np.argsort(codes, kind="stable")
-    lines = samples.table.lines[order]
-    backward = np.flatnonzero((np.diff(codes[order]) == 0) & ~(np.diff(x[order]) > 0))
-    if backward.size:
-        i = backward[0]
-        key, before, now = samples.keys[order[i + 1]], x[order[i]], x[order[i + 1]]
-        what = "is there twice" if before == now else f"goes back from {before:g} to {now:g} {si_unit(independent)}"
-        remedy = "sort the samples of each record and keep each abscissa once"
-        if independent != "time":
-            remedy = f"for reversed strokes give a time column, with {independent} as a channel"
-        problem = f"within record {key!r} the {independent} {what}; {remedy}"
-        raise InputError(problem, file=samples.table.file, column=independent, row=lines[i + 1])
-    if kind.path in samples.columns and kind.main in channels:
-        _check_sign(samples, keys, codes, kind)
-    counts = np.bincount(codes[present], minlength=len(keys))
-    used = np.bincount(codes, minlength=len(keys)) > 0
-    for i in np.flatnonzero(used & (counts < FEWEST_SAMPLES)):
-        problem = f"record {keys[i]!r} has only {counts[i]} samples with a value; at least {FEWEST_SAMPLES} are needed"
-        line = samples.table.lines[codes == i][-1]
-        raise InputError(problem, file=samples.table.file, column="record", row=line)
+    independent = next((name for name in kind.independents if name in samples.values), None)
+    if independent is None:
+        raise InputError(f"resource samples needs the column {' or '.join(kind.independents)}; add it with its unit")
+    if not set(kind.channels) & set(samples.values) - {independent}:
+        raise InputError(f"resource samples of the family {kind.name} needs at least one of {', '.join(kind.channels)}")
+    refuse_rows(np.isnan(samples.values[independent]), samples, independent,
+                "the cell is empty; every sample needs its abscissa")
+    for name, values in samples.values.items():
+        refuse_rows([bool(np.isnan(values).all())], samples, name, "the channel has no value at all; remove it")
+    shares = []
+    for key, rows in _link(samples, keys).items():
+        values = {name: x[rows] for name, x in samples.values.items()}
+        check_record(key, values, independent, Rows(samples.file, samples.lines[rows]))
+        if kind.path in values and kind.main in values:
+            shares.append(share_work(values[kind.path], values[kind.main]))
+    # Any model would have such friction drive the motion. Where only some records are so, the force may hold more than
+    # friction, such as a pressure on the rod of a seal.
+    if len(shares) == len(keys) and max(shares) < OPPOSED:
+        problem = "the friction is negative where the slip grows; it counts positive along the slip: turn the sign of "
+        raise InputError(f"{problem}the column", file=samples.file, column=kind.main)
     return independent
 
 
 def share_work(slip: np.ndarray, force: np.ndarray) -> float:
     """Work of the friction over that of its amount: 1 where it counts positive along the slip, -1 where negative.
 
-    Args:
-        slip: Position, shape (samples,) [m]; NaN is left out.
-        force: Friction, shape (samples,) [N]; NaN is left out.
+    Position [m] and friction [N] have shape (samples,); NaN is left out.
     """
     there = np.isfinite(slip) & np.isfinite(force)
     step, mean = np.diff(slip[there]), 0.5 * (force[there][1:] + force[there][:-1])
@@ -137,70 +158,29 @@ def share_work(slip: np.ndarray, force: np.ndarray) -> float:
     return float(np.sum(mean * step)) / amount if amount > 0 else 0.0
 
 
-def check_peaks(peaks, keys: list[str]) -> None:
-    """Check the table of peaks: one row a record, with a measured peak in each.
-
-    Raises:
-        InputError: No peak column, a row without a peak, an unknown record or one that is there twice.
+def check_peaks(peaks, keys: Sequence[str]) -> None:
+    """Refuse a table of peaks without a peak column, or with a row without a peak or of an unknown or repeated record.
     """
-    names = [name for name in PEAKS if name in peaks.columns]
+    names = [name for name in PEAKS if name in peaks.values]
     if not names:
-        raise InputError(f"there is no column {' or '.join(PEAKS)}; add what was measured", file=peaks.table.file)
-    codes = _link(peaks, keys)
-    first = dict(zip(codes[::-1], range(len(codes) - 1, -1, -1), strict=True))
-    for i, code in enumerate(codes):
-        if first[code] != i:
-            problem = f"record {peaks.keys[i]!r} has a row already; give one row a record, with repeats for a mean"
-            raise InputError(problem, file=peaks.table.file, column="record", row=peaks.table.lines[i])
-    empty = np.all([np.isnan(peaks.values[name]) for name in names], axis=0)
-    _refuse(empty, peaks.table, names[0], lambda i: "the row holds no measured peak; fill it in or remove the row")
+        raise InputError(f"there is no column {' or '.join(PEAKS)}; add what was measured", file=peaks.file)
+    check_unique(peaks)
+    _link(peaks, keys)
+    refuse_rows(np.all([np.isnan(peaks.values[name]) for name in names], axis=0), peaks, names[0],
+                "the row holds no measured peak; fill it in or remove the row")
 
 
-def check_coverage(records, samples, peaks) -> None:
-    """Refuse a record for which nothing was measured."""
-    measured = {key for table in (samples, peaks) if table is not None for key in table.keys}
-    for key, line in zip(records.keys, records.table.lines, strict=True):
-        if key not in measured:
-            problem = f"record {key!r} has no samples or peak; add them or remove the record"
-            raise InputError(problem, file=records.table.file, column="record", row=line)
+def check_unique(rows) -> None:
+    """Refuse a second row of one record."""
+    first = {}
+    for key, line in zip(rows.keys, rows.lines, strict=True):
+        if first.setdefault(key, line) != line:
+            problem = f"the record {key!r} has a row already on line {first[key]}; give every test its own key"
+            raise InputError(problem, file=rows.file, column="record", row=line)
 
 
-def _check_sign(samples, keys: list[str], codes: np.ndarray, kind: RecordKind) -> None:
-    """Refuse friction that counts negative along the slip in all records: any model would have it drive the motion.
-
-    Where only some do, the force may hold more than friction, such as a pressure on the rod of a seal.
-    """
-    slip, force = samples.values[kind.path], samples.values[kind.main]
-    if all(share_work(slip[codes == i], force[codes == i]) < OPPOSED for i in range(len(keys))):
-        problem = "the friction is negative where the slip grows; it counts positive along the slip: turn the sign of "
-        raise InputError(f"{problem}the column", file=samples.table.file, column=kind.main)
-
-
-def _pick_independent(samples, kind: RecordKind, descriptor: str) -> str:
-    name = next((name for name in kind.independents if name in samples.columns), None)
-    if name is None:
-        wanted = " or ".join(kind.independents)
-        raise InputError(f"resource samples needs the column {wanted}; add it with its unit", file=descriptor)
-    missing = np.isnan(samples.values[name])
-    _refuse(missing, samples.table, name, lambda i: "the cell is empty; every sample needs its abscissa")
-    return name
-
-
-def _link(table, keys: list[str]) -> np.ndarray:
-    """Position of each row's record among `keys`; an unknown one is refused."""
-    position = {key: i for i, key in enumerate(keys)}
-    codes = np.array([position.get(key, -1) for key in table.keys])
-    _refuse(
-        codes < 0,
-        table.table,
-        "record",
-        lambda i: f"the record {table.keys[i]!r} is not in the records table; add it there or correct the key",
-    )
-    return codes
-
-
-def _refuse(bad: np.ndarray, table: Table, column: str, explain) -> None:
-    """Raise for the first bad row, if there is one."""
-    if np.any(bad):
-        i = int(np.flatnonzero(bad)[0])
-        raise InputError(explain(i), file=table.file, column=column, row=table.lines[i])
+def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:
+    """Positions of the rows of each record; an unknown one is refused."""
+    refuse_rows(~np.isin(table.keys, list(keys)), table, "record", lambda i: (
+        f"the record {table.keys[i]!r} is not in the records table; add it there or correct the key"))
+    return {str(key): rows for key, rows in pd.Series(table.keys).groupby(table.keys, sort=False).indices.items()}

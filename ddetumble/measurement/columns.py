@@ -1,84 +1,94 @@
 """Which column of a laboratory's file holds which quantity: as told, by its heading, or by its unit."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from .._errors import InputError
-from .conditions import name_condition, read_unit
-from .headings import expand_role, guess_role, read_pairs
+from .checks import IMPORT_REMEDY, Rows, check_values
+from .headings import expand_role, guess_role, name_condition, read_pairs
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
 from .units import Unit, check_unit, parse_unit, si_unit
 
 
-ACCELERATION = (0.0, 1.0, -2.0, 0.0)
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
+WEIGHED = "--known 'effective_mass=1.2 kg' makes a force of"
 
 
 @dataclass
 class Plan:
-    """The options of an import and the running account of decisions.
+    """The options of an import, the conditions found so far, and the running account of decisions.
 
     Args:
         kind: Of the records.
         choices: Quantity to the column that was named for it.
-        units: Unit by quantity or column, from --unit.
         keep: Further columns to the names that they get.
+        units: Unit by quantity or column, from --unit.
+        mass: Effective mass [kg] that makes a force of an acceleration, or None.
+        ambient: Pressure [Pa] that makes gauge pressures absolute; None where they are absolute already.
         si: SI unit of every quantity found so far.
         headings: Quantity to the heading it was read from, for messages.
+        conditions: Values by condition and record key, SI.
+        sources: Where each condition comes from.
         notes: Every decision, in sentences.
-        mass: Effective mass [kg] that makes a force of an acceleration, or None.
     """
 
     kind: RecordKind
     choices: dict[str, str]
-    units: dict[str, str]
     keep: dict[str, str]
-    si: dict[str, str]
-    headings: dict[str, str]
-    notes: list[str]
+    units: dict[str, str]
     mass: float | None = None
+    ambient: float | None = None
+    si: dict[str, str] = field(default_factory=dict)
+    headings: dict[str, str] = field(default_factory=dict)
+    conditions: dict[str, dict[str, float]] = field(default_factory=dict)
+    sources: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, name: str, values: dict[str, float], unit: str, source: str,
+            places: Mapping[str, Mapping] | None = None) -> None:
+        """Add a condition, `values` by record key; `places` gives file, column and row of each, if there are some."""
+        if name in self.conditions:
+            raise InputError(f"{name} is given twice, by {self.sources[name]} and by {source}; keep one")
+        if name == self.kind.pressure and self.ambient is not None:
+            values = {key: value + self.ambient for key, value in values.items()}
+        self.conditions[name], self.si[name], self.sources[name] = values, unit, source
+        remedy = IMPORT_REMEDY if self.ambient is None else ""
+        for key, value in values.items():
+            place = (places or {}).get(key, {})
+            try:
+                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None, remedy)
+            except InputError as error:
+                by = "" if place else f" (given by {source})"
+                raise InputError(f"{name} of record {key!r}: {error.problem}{by}", **place) from None
 
 
-def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, mass: float | None = None) -> Plan:
-    """The options about columns, checked against the kind of records.
-
-    Raises:
-        InputError: An option that such records have no use for.
-    """
+def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, mass: float | None) -> Plan:
+    """The options about columns."""
     choices, extra = {}, {}
-    keep = [keep] if isinstance(keep, str) else keep or []
-    entries = keep.items() if isinstance(keep, dict) else [(None, column) for column in keep]
+    entries = keep.items() if isinstance(keep, dict) else [
+        entry.rpartition("=")[::2] for entry in ([keep] if isinstance(keep, str) else keep or ())]
     for name, column in entries:
-        if name is None:
-            name, sign, rest = str(column).rpartition("=")
-            name, column = (name.strip(), rest.strip()) if sign else (None, column)
-        if name is not None:
-            choices[expand_role(name, kind)] = column
+        if name:
+            choices[expand_role(name.strip(), kind)] = column.strip()
         else:
             extra[column] = name_condition(split_heading(column)[0])
-    if force is not None:
-        if not kind.main:
-            raise InputError(f"--force does not apply to the family {kind.name}")
-        choices[kind.main] = force
-    if slip is not None and not kind.path:
-        raise InputError(f"--slip does not apply to the family {kind.name}; {FRICTION_TEST}")
-    for role, column in (("time", time), ("slip", slip), ("record", record_column)):
-        if column is not None:
-            choices[role] = column
-    return Plan(kind, choices, read_pairs("unit", units), extra, {}, {}, [], mass)
+    told = {kind.main: force, "time": time, "slip": slip, "record": record_column}
+    choices |= {role: column for role, column in told.items() if column is not None}
+    return Plan(kind, choices, extra, read_pairs("unit", units), mass)
 
 
 def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     """Quantity to column: as told, by heading, and force, time or slip by their unit if nothing else has it.
 
-    Raises:
-        InputError: A column that is not there, or more than one that may be meant; the option is named.
+    Where more than one may be meant, the option that settles it is named.
     """
-    columns, kind = raw.table.columns, plan.kind
-    roles = {role: find_column(raw, column) for role, column in plan.choices.items()}
+    kind = plan.kind
+    roles = {role: _find_column(raw, column) for role, column in plan.choices.items()}
     guesses = {}
-    for column in columns:
+    for column in raw.columns:
         role = guess_role(column, kind)
         if role and role not in roles and column not in roles.values():
             guesses.setdefault(role, []).append(column)
@@ -87,122 +97,104 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     for role, found in guesses.items():
         if len(found) > 1:
             option = options.get(role, f"--keep {role}=COLUMN")
-            problem = f"{role} can be any of {', '.join(found)}; say which with {option}"
-            raise InputError(problem, file=raw.table.file)
+            raise InputError(f"{role} can be any of {', '.join(found)}; say which with {option}", file=raw.file)
         roles[role] = found[0]
     if not set(kind.independents) & set(roles):
         option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"
         independent = kind.path or kind.independents[0]
-        roles[independent] = _choose_by_unit(raw, independent, roles, option)
+        roles[independent] = _choose_by_unit(raw, independent, roles, option, plan)
     if kind.main and kind.main not in roles:
-        roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan.mass is not None)
+        roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan)
     if kind.path and kind.path not in roles:
-        problem = f"there is a time and no slip: the file has {', '.join(columns)}; give --slip COLUMN, or export how "
-        raise InputError(problem + "far the rubber has slid", file=raw.table.file)
+        problem = f"there is a time and no slip: the file has {', '.join(raw.columns)}; give --slip COLUMN, or export "
+        raise InputError(problem + "how far the rubber has slid", file=raw.file)
     if kind.rates and not any(name in roles for name in kind.rates):
         problem = "no column is an angular velocity; choose with --keep angular_velocity_x=COLUMN and so on"
-        raise InputError(problem, file=raw.table.file)
+        raise InputError(problem, file=raw.file)
     for heading, name in plan.keep.items():
-        column = find_column(raw, heading)
+        column = _find_column(raw, heading)
         if column not in roles.values():
             roles[name] = column
     plan.headings.update(roles)
     return roles
 
 
-def find_column(raw: RawFile, text: str) -> str:
-    """The column that an option names: by its heading with or without the unit, or by its number.
-
-    Raises:
-        InputError: The file has no such column.
-    """
-    columns, text = raw.table.columns, str(text).strip()
-    if text in columns:
-        return text
-    if f"column {text}" in columns:
-        return f"column {text}"
+def _find_column(raw: RawFile, text: str) -> str:
+    """The column that an option names: by its heading with or without the unit, or by its number."""
+    text = str(text).strip()
     name, unit = split_heading(text)
-    if name in columns and unit is not None and unit == raw.units.get(name):
-        return name
-    raise InputError(f"there is no column {text!r}; the file has {_list_columns(raw)}", file=raw.table.file)
+    for column in (text, f"column {text}", name if unit is not None and unit == raw.units.get(name) else text):
+        if column in raw.columns:
+            return column
+    there = ", ".join(name + (f" [{raw.units[name]}]" if raw.units[name] else "") for name in raw.columns)
+    raise InputError(f"there is no column {text!r}; the file has {there}", file=raw.file)
 
 
-def _list_columns(raw: RawFile) -> str:
-    """Headings of a file with their units."""
-    return ", ".join(name + (f" [{raw.units[name]}]" if raw.units.get(name) else "") for name in raw.table.columns)
-
-
-def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str, accelerations: bool = False) -> str:
-    """The only column left whose unit measures the quantity; an acceleration where a mass makes a force of it."""
-    dimensions = [check_unit(si_unit(role), role).dimension]
-    if accelerations and role == "normal_force":
-        dimensions.append(ACCELERATION)
-    fits = []
-    for dimension in dimensions:
-        for column, unit in raw.units.items() if not fits else ():
-            try:
-                if unit and column not in roles.values() and check_unit(unit, "").dimension == dimension:
-                    fits.append(column)
-            except InputError:
-                continue
-    if len(fits) != 1:
-        problem = f"cannot tell which column is the {role}: the file has {', '.join(raw.table.columns)}; give {option}"
-        if any(name.casefold() == "file" for name in raw.table.columns):
-            problem += f"; if it is the table of conditions, give --conditions {raw.table.file}"
-        elif (role == "normal_force" and not accelerations
-              and any(map(_is_acceleration, filter(None, raw.units.values())))):
-            problem += "; --known 'effective_mass=1.2 kg' makes a force of an acceleration"
-        elif role in ("time", "normal_force") and _has_path(raw.table.columns):
-            problem += f", or, {FRICTION_TEST}"
-        raise InputError(problem, file=raw.table.file)
-    return fits[0]
-
-
-def _has_path(columns: Iterable[str]) -> bool:
-    """Whether a heading names a path, as records of some kind have it."""
-    return any(kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in columns)
-
-
-def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
-    """Unit of a column, from --unit or its heading.
-
-    Raises:
-        InputError: None is stated, or one that does not measure the quantity.
-    """
-    given = {expand_role(split_heading(name)[0], plan.kind): unit for name, unit in plan.units.items()}
-    text = plan.units.get(column) or given.get(role) or given.get(column) or raw.units.get(column)
-    if text is None and role == "sequence":
-        text = "1"
-    name = "force" if role == plan.kind.main else role
-    if text is None:
-        problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
-        raise InputError(problem, file=raw.table.file, column=column)
-    if role == "normal_force" and _is_acceleration(text):
-        if plan.mass is None:
-            problem = "the column holds an acceleration; --known 'effective_mass=1.2 kg' makes a force of it"
-            raise InputError(problem, file=raw.table.file, column=column)
-        plan.notes.append(f"normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
-        unit = parse_unit(text)
-        return Unit(text, unit.scale * plan.mass, 0.0, check_unit("N", role).dimension, "N")
-    _note_contradiction(text, raw.units.get(column), role, name, plan)
-    return read_unit(text, role, raw.table.file, column, name, f" (--unit {name}=… sets another)")
-
-
-def _is_acceleration(text: str) -> bool:
+def _measures(unit: str | None, like: str) -> bool:
+    """Whether a unit is of the dimension of another."""
     try:
-        return parse_unit(text).dimension == ACCELERATION
+        return unit is not None and parse_unit(unit).dimension == parse_unit(like).dimension
     except InputError:
         return False
 
 
-def _note_contradiction(text: str, heading: str | None, role: str, name: str, plan: Plan) -> None:
-    """Tell of a unit given with --unit for a column whose heading states another of the same kind."""
+def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str, plan: Plan) -> str:
+    """The only column left whose unit measures the quantity; an acceleration where a mass makes a force of it."""
+    fits = {si: [column for column in raw.columns if column not in roles.values() and _measures(raw.units[column], si)]
+            for si in (si_unit(role), "m/s^2")}
+    found, accelerations = fits.values()
+    weighed = role == "normal_force" and plan.mass is not None
+    found = found or (accelerations if weighed else [])
+    if len(found) == 1:
+        return found[0]
+    hint = ""
+    if any(name.casefold() == "file" for name in raw.columns):
+        hint = f"; if it is the table of conditions, give --conditions {raw.file}"
+    elif role == "normal_force" and not weighed and accelerations:
+        hint = f"; {WEIGHED} an acceleration"
+    elif role in ("time", "normal_force") and any(
+            kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in raw.columns):
+        hint = f", or, {FRICTION_TEST}"
+    raise InputError(f"cannot tell which column is the {role}: the file has {', '.join(raw.columns)}; give {option}"
+                     + hint, file=raw.file)
+
+
+def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
+    """Unit of a column, from --unit or its heading; refused where it does not measure the quantity."""
+    given = {expand_role(split_heading(name)[0], plan.kind): unit for name, unit in plan.units.items()}
+    stated = raw.units[column]
+    text = plan.units.get(column) or given.get(role) or given.get(column) or stated
+    text = "1" if text is None and role == "sequence" else text
+    name = "force" if role == plan.kind.main else role
+    if text is None:
+        problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
+        raise InputError(problem, file=raw.file, column=column)
+    if role == "normal_force" and _measures(text, "m/s^2"):
+        if plan.mass is None:
+            raise InputError(f"the column holds an acceleration; {WEIGHED} it", file=raw.file, column=column)
+        plan.notes.append(f"normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
+        return Unit(text, parse_unit(text).scale * plan.mass, 0.0, parse_unit("N").dimension, "N")
+    unit = read_unit(text, role, raw.file, column, name, f" (--unit {name}=… sets another)")
+    if stated is not None and _measures(stated, text):
+        other = parse_unit(stated)
+        ratio = unit.scale / other.scale
+        if (ratio, unit.offset) != (1.0, other.offset):
+            times = f"{max(ratio, 1 / ratio):.4g} times {'less' if ratio > 1 else 'more'}"
+            plan.notes.append(f"Units: --unit {name}={text} was taken although the heading says {stated}, {times}; "
+                              "leave the option out if the heading is right.")
+    return unit
+
+
+def read_unit(text: str, role: str, file: str, column: str, name: str = "", more: str = "") -> Unit:
+    """A unit as stated in a file's column, refused where it does not measure a quantity.
+
+    `name` is that of the quantity in `--unit` (default: the role's own), `more` what a message ends with; of a gauge
+    pressure it says which options settle it.
+    """
     try:
-        given, stated = check_unit(text, role), None if heading is None else check_unit(heading, role)
-    except InputError:
-        return
-    if stated is not None and (given.scale, given.offset) != (stated.scale, stated.offset):
-        ratio = given.scale / stated.scale
-        times = f"{max(ratio, 1 / ratio):.4g} times {'less' if ratio > 1 else 'more'}"
-        plan.notes.append(f"Units: --unit {name}={text} was taken although the heading says {heading}, {times}; leave "
-                          "the option out if the heading is right.")
+        return check_unit(text, role)
+    except InputError as error:
+        problem = error.problem
+        if "gauge" in problem:
+            problem = f"{text!r} is a gauge pressure; give --unit {name or role}=bar --gauge and --ambient '101.3 kPa'"
+        raise InputError(problem + more, file=file, column=column) from None

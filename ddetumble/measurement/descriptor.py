@@ -3,30 +3,19 @@
 import json
 import math
 import re
+from collections import Counter
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    StrictBool,
-    StrictFloat,
-    StrictInt,
-    StrictStr,
-    ValidationError,
-)
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, ValidationError
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .._settings import locate_campaign
-from .._user_files import split_name
-from .kinds import ELSEWHERE, KINDS
-from .tables import decode, read_bytes
+from .tables import decode
 
 
 Name = Annotated[StrictStr, Field(min_length=1, max_length=200)]
-Text = StrictStr | list[StrictStr]
+Number = StrictStr | StrictInt | StrictFloat | None  # with its unit, where it is text
 
 
 class _Open(BaseModel):
@@ -41,8 +30,8 @@ class FieldModel(_Open):
     name: Name
     type: StrictStr | None = None
     unit: StrictStr | None = None
-    uncertainty: StrictStr | StrictInt | StrictFloat | None = None
-    common_uncertainty: StrictStr | StrictInt | StrictFloat | None = None
+    uncertainty: Number = None
+    common_uncertainty: Number = None
     reference: Literal["gauge", "absolute"] | None = None
     assumed: StrictBool = False
     description: StrictStr = ""
@@ -56,26 +45,12 @@ class FieldModel(_Open):
         return self.type in ("number", "integer") or (self.type is None and self.unit is not None)
 
 
-class ReferenceModel(_Open):
-    """The far end of a foreign key."""
-
-    resource: StrictStr = ""
-    fields: Text
-
-
-class ForeignKeyModel(_Open):
-    """A foreign key of a table."""
-
-    fields: Text
-    reference: ReferenceModel
-
-
 class SchemaModel(_Open):
     """Columns and keys of a table."""
 
     fields: Annotated[list[FieldModel], Field(min_length=1)]
-    primaryKey: Text | None = None
-    foreignKeys: list[ForeignKeyModel] = []
+    primaryKey: StrictStr | list[StrictStr] | None = None
+    foreignKeys: list[dict] = []
     missingValues: list[StrictStr] = [""]
 
 
@@ -102,102 +77,78 @@ class ResourceModel(_Open):
     table: SchemaModel = Field(alias="schema")
 
 
-def _check_family(name: str) -> str:
-    if name not in KINDS and split_name(name) is None:
-        raise ValueError("no family")
-    return name
-
-
 class DescriptorModel(_Open):
     """The whole descriptor."""
 
     name: Annotated[StrictStr, Field(max_length=200)] = ""
     title: StrictStr = ""
-    family: Annotated[StrictStr, AfterValidator(_check_family)]
-    known: dict[Name, StrictStr | StrictInt | StrictFloat | None] = {}
+    family: StrictStr
+    known: dict[Name, Number] = {}
     resources: Annotated[list[ResourceModel], Field(min_length=1)]
     sources: list[dict] = []
     licenses: list[dict] = []
 
 
 def find_descriptor(path) -> Path:
-    """The descriptor of a campaign given as its folder, as the descriptor itself, or by the name of a shipped one.
-
-    Raises:
-        InputError: There is no such folder or file, or the folder holds no `datapackage.json`.
-    """
-    try:
-        path = locate_campaign(path)
-        if path.is_dir():
-            path = path / "datapackage.json"
+    """The descriptor of a campaign given as its folder, as the descriptor itself, or by the name of a shipped one."""
+    with error_place(file=path):
+        try:
+            path = locate_campaign(path)
+            if path.is_dir():
+                if not (path / "datapackage.json").exists():
+                    raise InputError("there is no datapackage.json in this folder; is it a campaign?")
+                return path / "datapackage.json"
             if not path.exists():
-                raise InputError("there is no datapackage.json in this folder; is it a campaign?", file=path.parent)
-        elif path.exists() and path.suffix != ".json":
-            raise InputError("is a file; a campaign is a folder with a datapackage.json", file=path)
-        elif not path.exists():
-            raise InputError("there is no such campaign folder; check the path", file=path)
-    except (OSError, ValueError) as error:
-        raise error if isinstance(error, InputError) else InputError("is not a usable path", file=path) from None
-    return path
+                raise InputError("there is no such campaign folder; check the path")
+            if path.suffix != ".json":
+                raise InputError("is a file; a campaign is a folder with a datapackage.json")
+            return path
+        except InputError:
+            raise
+        except (OSError, ValueError):
+            raise InputError("is not a usable path") from None
 
 
 def parse_descriptor(data: bytes, file: str) -> DescriptorModel:
-    """Bytes of a descriptor to its checked model.
-
-    Raises:
-        InputError: Not UTF-8, not JSON (line and character are named), or not the schema (the key is named).
+    """Bytes of a descriptor to its checked model; what is not JSON is refused by line, what breaks the schema by key.
     """
     text = decode(data, file)
-    if not text.strip():
-        raise InputError("the file is empty; it needs the campaign's descriptor", file=file)
-    try:
-        tree = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_repeated)
-    except json.JSONDecodeError as error:
-        cut = "; the file seems cut off" if error.pos >= len(text.rstrip()) - 1 else ""
-        problem = f"is not valid JSON at character {error.colno} of the line: {error.msg}{cut}"
-        raise InputError(problem, file=file, row=error.lineno) from None
-    except RecursionError:
-        raise InputError("is nested too deeply to be a descriptor", file=file) from None
-    except ValueError as error:
-        raise InputError(f"is not a valid descriptor: {error}", file=file) from None
-    if not isinstance(tree, dict):
-        raise InputError("must be a JSON object with family, known and resources", file=file)
-    try:
-        return DescriptorModel.model_validate(tree)
-    except ValidationError as error:
-        raise InputError(_explain(error, tree), file=file) from None
-
-
-def read_descriptor(path: Path) -> tuple[DescriptorModel, bytes]:
-    """Read a descriptor file: its model and its bytes."""
-    data = read_bytes(path)
-    return parse_descriptor(data, str(path)), data
+    with error_place(file=file):
+        if not text.strip():
+            raise InputError("the file is empty; it needs the campaign's descriptor")
+        try:
+            tree = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_repeated)
+            if isinstance(tree, dict):
+                return DescriptorModel.model_validate(tree)
+        except json.JSONDecodeError as error:
+            cut = "; the file seems cut off" if error.pos >= len(text.rstrip()) - 1 else ""
+            problem = f"is not valid JSON at character {error.colno} of the line: {error.msg}{cut}"
+            raise InputError(problem, row=error.lineno) from None
+        except ValidationError as error:
+            raise InputError(_explain(error, tree)) from None
+        except RecursionError:
+            raise InputError("is nested too deeply to be a descriptor") from None
+        except ValueError as error:
+            raise InputError(f"is not a valid descriptor: {error}") from None
+        raise InputError("must be a JSON object with family, known and resources")
 
 
 def locate_resource(resource: ResourceModel, descriptor: Path) -> Path:
-    """Path of a resource's table, which must lie inside the campaign's folder.
-
-    Raises:
-        InputError: An absolute path, a web address, one with `..` or one that a link leads out of the folder.
-    """
+    """Path of a resource's table, which must lie inside the campaign's folder, also where it is a link."""
     name = resource.path if isinstance(resource.path, str) else resource.path[0]
-    place = PurePosixPath(name)
-    if not name or not name.isprintable() or "\\" in name or re.match(r"[A-Za-z][\w+.-]*:", name):
-        problem = f"the path {name!r} of resource {resource.name} is not a plain relative path with forward slashes"
-        raise InputError(problem, file=descriptor)
-    if place.is_absolute() or ".." in place.parts:
-        problem = f"the path {name!r} of resource {resource.name} leaves the campaign's folder; put the table inside"
-        raise InputError(problem, file=descriptor)
-    folder = descriptor.parent
-    path = folder / name
-    try:
-        inside = path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError) as error:
-        raise InputError(f"the path {name!r} of resource {resource.name} cannot be used", file=descriptor) from error
-    if not inside:
-        problem = f"the path {name!r} of resource {resource.name} is a link out of the folder; put the table inside"
-        raise InputError(problem, file=descriptor)
-    return path
+    place, folder = PurePosixPath(name), descriptor.parent
+    with error_place(f"the path {name!r} of resource {resource.name} ", file=descriptor):
+        if not name or not name.isprintable() or "\\" in name or re.match(r"[A-Za-z][\w+.-]*:", name):
+            raise InputError("is not a plain relative path with forward slashes")
+        if place.is_absolute() or ".." in place.parts:
+            raise InputError("leaves the campaign's folder; put the table inside")
+        try:
+            inside = (folder / name).resolve().is_relative_to(folder.resolve())
+        except (OSError, RuntimeError) as error:
+            raise InputError("cannot be used") from error
+        if not inside:
+            raise InputError("is a link out of the folder; put the table inside")
+    return folder / name
 
 
 def _refuse_constant(word: str):
@@ -205,18 +156,16 @@ def _refuse_constant(word: str):
 
 
 def _refuse_repeated(pairs: list) -> dict:
-    tree = dict(pairs)
-    if len(tree) < len(pairs):
-        names = [name for name, _ in pairs]
-        again = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the key {again!r} is there twice in one object; keep one")
-    return tree
+    again = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
+    if again:
+        raise ValueError(f"the key {again[0]!r} is there twice in one object; keep one")
+    return dict(pairs)
 
 
 def _explain(error: ValidationError, tree: dict) -> str:
     """The first mistake that pydantic found, as a sentence with the place in the descriptor."""
-    details = error.errors(include_url=False, include_input=True, include_context=False)
-    first = details[0]
+    first = error.errors(include_url=False, include_input=True, include_context=False)[0]
+    given = first["input"]
     place, here = "", tree
     for part in first["loc"]:
         try:
@@ -228,14 +177,8 @@ def _explain(error: ValidationError, tree: dict) -> str:
             place += f"[{part + 1}]" + (f" ({name})" if isinstance(name, str) else "")
         elif not re.search(r"[\[(]", part) and part not in ("str", "int", "float"):
             place += f"{'.' if place else ''}{part}"
-    if first["loc"] == ("family",):
-        given = repr(first["input"]) if "family" in tree else "missing"
-        *names, last = KINDS
-        hint = f"; {ELSEWHERE[tree['family']]}" if str(tree.get("family")) in ELSEWHERE else ""
-        return f"family must be {', '.join(names)} or {last}, or FILE.py:NAME for your own, and is {given}{hint}"
     if first["type"] == "missing":
         return f"{place} is missing; add it"
-    given = first["input"]
     if isinstance(given, float) and not math.isfinite(given):
         given = "not finite"
     shown = repr(given) if isinstance(given, str | int | float | bool | None) else f"of type {type(given).__name__}"

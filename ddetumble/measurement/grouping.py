@@ -11,9 +11,9 @@ FEWEST = 3  # conditions with which one can be left out and the others still say
 def group_conditions(records: pd.DataFrame) -> np.ndarray:
     """Number of the unit that is left out together with each record, shape (records,).
 
-    The unit is the condition (`label_conditions`); where there are too few of them, every record is one of its own.
+    The unit is the condition; where there are too few of them, every record is one of its own.
     """
-    groups = label_conditions(records)
+    groups = _label_conditions(records)
     return groups if groups.max() + 1 >= FEWEST else np.arange(len(records))
 
 
@@ -29,29 +29,22 @@ def can_leave_out(records: pd.DataFrame, free_running: bool = False) -> bool:
 
 def count_conditions(records: pd.DataFrame) -> int:
     """How many conditions records were measured at."""
-    return int(label_conditions(records).max()) + 1
+    return int(_label_conditions(records).max()) + 1
 
 
-def label_conditions(records: pd.DataFrame) -> np.ndarray:
+def _label_conditions(records: pd.DataFrame) -> np.ndarray:
     """Number of the condition to which each record belongs, shape (records,).
 
     Settings scatter about nominal values: along each condition, sorted values are cut where neighbours differ by more
     than 3 %. The order in a series is no condition. Without any condition all records belong to the same.
     """
-    labels = []
-    for name in records.columns:
-        if name == "sequence":
-            continue
-        values = records[name].to_numpy(dtype=float)
-        order = np.argsort(values)
-        ordered = values[order]
-        size = np.maximum(np.abs(ordered[1:]), 1e-300)
-        label = np.zeros(len(values), dtype=int)
-        label[order[1:]] = np.cumsum(np.diff(ordered) / size > GAP)
-        labels.append(label)
-    if not labels:
-        return np.zeros(len(records), dtype=int)
-    return np.ravel(np.unique(np.stack(labels, axis=1), axis=0, return_inverse=True)[1])
+    labels = np.zeros((len(records), records.shape[1]), dtype=int)
+    for label, name in zip(labels.T, records.columns, strict=True):
+        if name != "sequence":
+            order = np.argsort(records[name].to_numpy(dtype=float))
+            ordered = records[name].to_numpy(dtype=float)[order]
+            label[order[1:]] = np.cumsum(np.diff(ordered) / np.maximum(np.abs(ordered[1:]), 1e-300) > GAP)
+    return np.ravel(np.unique(labels, axis=0, return_inverse=True)[1])
 
 
 def name_conditions(records: pd.DataFrame, groups: np.ndarray) -> list[dict[str, float]]:

@@ -13,22 +13,25 @@ _COMMON = {
     "depression": "depression depth indentation compressiondepth eindrücktiefe eindringtiefe",
     "pressure": "p pressure druck gaspressure innendruck",
 }
-_COUNTERS = {"repeat", "repeats", "repetition", "replicate", "replica", "wiederholung", "wdh", "essai"}
+_COUNTERS = "repeats? repetition replicate replica wiederholung wdh essai".replace(" ", "|")
 
 
 def guess_role(heading: str, kind: RecordKind) -> str | None:
     """The quantity that a heading (without its unit) names in raw data of a kind, or None."""
     word = re.sub(r"[\W_]+", "", heading).casefold()
-    for role, words in {**_COMMON, **kind.words}.items():
-        if word in words.split() or word == role.replace("_", ""):
-            return role
-    return None
+    return next((role for role, words in {**_COMMON, **kind.words}.items()
+                 if word in words.split() or word == role.replace("_", "")), None)
 
 
 def is_counter(heading: str) -> bool:
     """Whether a heading names a number that only tells repeats of one condition apart."""
     word = re.sub(r"[\W_]+", "", heading).casefold()
-    return re.sub(r"(no|nr|number|id)$", "", word) in _COUNTERS
+    return re.fullmatch(f"({_COUNTERS})(no|nr|number|id)?", word) is not None
+
+
+def name_condition(text: str) -> str:
+    """A column's name for a heading: lower case, words joined by underscores."""
+    return re.sub(r"\W+", "_", text).strip("_").lower() or "condition"
 
 
 def expand_role(name: str, kind: RecordKind) -> str:
@@ -43,16 +46,14 @@ def read_pairs(option: str, given) -> dict[str, str]:
     Raises:
         InputError: An entry without "=", or a name given twice.
     """
-    if given is None:
-        return {}
     if isinstance(given, dict):
         return {str(key): str(value) for key, value in given.items()}
     pairs = {}
-    for entry in [given] if isinstance(given, str) else given:
-        name, sign, value = str(entry).partition("=")
-        if not sign or not name.strip() or not value.strip():
+    for entry in [given] if isinstance(given, str) else given or ():
+        name, _, value = map(str.strip, str(entry).partition("="))
+        if not name or not value:
             raise InputError(f"--{option} is given as NAME=VALUE, not {entry!r}")
-        if name.strip() in pairs:
-            raise InputError(f"--{option} gives {name.strip()!r} twice")
-        pairs[name.strip()] = value.strip()
+        if name in pairs:
+            raise InputError(f"--{option} gives {name!r} twice")
+        pairs[name] = value
     return pairs

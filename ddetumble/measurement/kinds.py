@@ -9,9 +9,9 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .._user_files import place_file, require_trust, run_file, split_name, trust_file
 from .sizes import Measure, measure_impact, measure_nothing, measure_slip, measure_tumbling
 
@@ -84,14 +84,10 @@ IMPACT = RecordKind(
     unknown=("effective_mass", "restitution"),
     pressure="initial_pressure",
     speed="approach_speed",
-    described=(
-        ("outer_diameter",),
-        "The ball's outer diameter is not stated; --known 'outer_diameter=60 mm' states it.",
-    ),
-    options={
-        "initial_pressure": ("--pressure '1.0 MPa'", "p [MPa]"),
-        "approach_speed": ("--speed '0.4 m/s'", "v [m/s]"),
-    },
+    described=(("outer_diameter",),
+               "The ball's outer diameter is not stated; --known 'outer_diameter=60 mm' states it."),
+    options={"initial_pressure": ("--pressure '1.0 MPa'", "p [MPa]"),
+             "approach_speed": ("--speed '0.4 m/s'", "v [m/s]")},
     has_contact=True,
     measure=measure_impact,
 )
@@ -119,14 +115,9 @@ SLIP = RecordKind(
     load="normal_load",
     averaged=("normal_load", "pressure"),
     described=(
-        _RUBBER,
-        f"The rubber is not described ({', '.join(_RUBBER)}): the paper's is taken; --known states another.",
-    ),
-    options={
-        "internal_pressure": ("--pressure '1.0 MPa'", "p [MPa]"),
-        "slip_speed": ("--speed '20 mm/s'", "v [mm/s]"),
-        "normal_load": ("--load '20 N'", "Load [N]"),
-    },
+        _RUBBER, f"The rubber is not described ({', '.join(_RUBBER)}): the paper's is taken; --known states another."),
+    options={"internal_pressure": ("--pressure '1.0 MPa'", "p [MPa]"), "slip_speed": ("--speed '20 mm/s'", "v [mm/s]"),
+             "normal_load": ("--load '20 N'", "Load [N]")},
     path="slip",
     measure=measure_slip,
 )
@@ -139,28 +130,21 @@ TUMBLE = RecordKind(
     independents=("time",),
     conditions=("temperature",),
     needs=(),
-    words={
-        f"angular_velocity_{axis}": f"angularvelocity{axis} omega{axis} w{axis} ω{axis} gyro{axis} gyroscope{axis} "
-        f"rate{axis}"
-        for axis in "xyz"
-    },
+    words={f"angular_velocity_{axis}": " ".join(word + axis for word in (
+        "angularvelocity", "omega", "w", "ω", "gyro", "gyroscope", "rate")) for axis in "xyz"},
     unknown=("inertia_ratio",),
     rates=_RATES,
     measure=measure_tumbling,
 )
 KINDS: dict[str, RecordKind] = {kind.name: kind for kind in (IMPACT, SLIP, TUMBLE)}
 DEFAULT_KIND = IMPACT.name  # where nothing says which
-# Names that are no kind of records, and how such records are given.
-ELSEWHERE = {
+ELSEWHERE = {  # names that are no kind of records, and how such records are given
     "oblique": "oblique impacts are of the family impact, with a tangential speed among the conditions and "
-    "--keep tangential_force=COLUMN",
-}
+    "--keep tangential_force=COLUMN"}
 
 
-@dataclass(frozen=True)
-class _Own:
-    """A kind of tests of the user's own: the object that was given, its file ("" where it has none) and its name there.
-    """
+class _Own(NamedTuple):
+    """A kind of tests of the user's own, its file ("" where it has none) and its name there."""
 
     given: Any
     file: str
@@ -195,8 +179,11 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
     Raises:
         InputError: There is no such kind, file or name, or the name is that of another kind.
     """
-    if not isinstance(given, str):
-        return _take(given, *_locate(given))
+    if not isinstance(given, str):  # named in the module in which its model of a record was written
+        module = sys.modules.get(getattr(getattr(given, "observe", None), "__module__", ""))
+        file = getattr(module, "__file__", None)
+        name = next((name for name, value in vars(module).items() if value is given), "") if module and file else ""
+        return _take(_Own(given, str(Path(file).resolve()) if file and name else "", name))
     own = split_name(given)
     if own is None:
         if given not in list_kinds():
@@ -215,7 +202,21 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
     found = run_file(file).__dict__.get(variable)
     if found is None:
         raise InputError(f"there is no {variable!r} in the file", file=file)
-    return _take(found, str(file.resolve()), variable)
+    return _take(_Own(found, str(file.resolve()), variable))
+
+
+def _take(own: _Own) -> str:
+    kind = getattr(own.given, "kind", None)
+    with error_place(file=own.file or None):
+        if not isinstance(kind, RecordKind) or getattr(own.given, "name", None) != kind.name:
+            raise InputError(f"{own.variable or own.given!r} is no kind of tests: it has to be a `Family` whose `kind` "
+                             "has the same name")
+        before = _TAKEN.get(kind.name)
+        if kind.name in KINDS or kind.name in ELSEWHERE or before is not None and before.file != own.file:
+            where = f" in {before.file}" if before is not None and before.file else ""
+            raise InputError(f"there is a kind of tests {kind.name!r} already{where}; give this one another name")
+    _TAKEN[kind.name] = own
+    return kind.name
 
 
 def write_kind(name: str, folder: Path) -> str:
@@ -224,33 +225,11 @@ def write_kind(name: str, folder: Path) -> str:
     Raises:
         InputError: The kind is one of the user's own that stands in no file.
     """
-    if name in KINDS or name not in _TAKEN:
+    own = _TAKEN.get(name)
+    if own is None:
         return name
-    own = _TAKEN[name]
     if not own.file:
         raise InputError(f"the kind of tests {name!r} stands in no file that could be named beside the data; give it "
                          "as FILE.py:NAME")
     trust_file(Path(own.file))
     return f"{place_file(Path(own.file), folder)}:{own.variable}"
-
-
-def _take(found: Any, file: str, variable: str) -> str:
-    kind = getattr(found, "kind", None)
-    if not isinstance(kind, RecordKind) or getattr(found, "name", None) != kind.name:
-        problem = f"{variable or found!r} is no kind of tests: it has to be a `Family` whose `kind` has the same name"
-        raise InputError(problem, file=file or None)
-    before = _TAKEN.get(kind.name)
-    if kind.name in KINDS or kind.name in ELSEWHERE or before is not None and before.file != file:
-        where = f" in {before.file}" if before is not None and before.file else ""
-        raise InputError(f"there is a kind of tests {kind.name!r} already{where}; give this one another name",
-                         file=file or None)
-    _TAKEN[kind.name] = _Own(found, file, variable)
-    return kind.name
-
-
-def _locate(given: Any) -> tuple[str, str]:
-    """File and name of an object: those of the module in which its model of a record was written."""
-    module = sys.modules.get(getattr(getattr(given, "observe", None), "__module__", ""))
-    file = getattr(module, "__file__", None)
-    found = [name for name, value in vars(module).items() if value is given] if module is not None else []
-    return (str(Path(file).resolve()), found[0]) if file and found else ("", "")

@@ -1,7 +1,5 @@
 """The layout of a laboratory's raw file: delimiter, decimal sign, preamble, headings and units, each one reported."""
 
-import csv
-import io
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -10,72 +8,75 @@ from pathlib import Path
 import numpy as np
 
 from .._errors import InputError
-from .tables import Table, decode, read_bytes
+from .tables import Table, decode, read_bytes, split_rows
 from .units import parse_unit, role_of
 
 
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "spaces"}
 _NUMBER = re.compile(r"[-+−]?(\d[\d.,]*|[.,]\d+)([eE][-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
-# Dimensions (mass, length, time, temperature) that a heading's bare suffix may have: length, time, force, pressure, …
-_PLAIN = {(0, 1, 0, 0), (0, 0, 1, 0), (1, 1, -2, 0), (1, -1, -2, 0), (0, 1, -1, 0), (0, 0, -1, 0), (0, 0, 0, 1)}
-_LETTERS = ("N", "s", "m", "K", "V")
+_PLAIN = ("m", "s", "N", "Pa", "m/s", "rad/s", "K")  # of the dimensions that a heading's bare suffix may have
+_LETTERS = ("N", "s", "m", "K", "V", "%", "1")  # single characters that may be a unit there
 
 
 @dataclass(frozen=True)
-class RawFile:
-    """A raw file taken apart.
+class RawFile(Table):
+    """A raw file taken apart: cells as text by column name (the heading without its unit).
 
     Args:
-        table: Cells as text by column name (the heading without its unit).
         units: Unit of each column as its heading or the unit row gives it, or None.
         decimal: "." or ",".
         notes: What was decided, in sentences.
     """
 
-    table: Table
     units: dict[str, str | None]
     decimal: str
     notes: tuple[str, ...]
 
 
 def read_layout(path, *, delimiter: str | None = None, decimal: str | None = None) -> RawFile:
-    """Take a raw file apart.
+    """Take a raw file apart: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
 
-    Args:
-        path: The file: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
-        delimiter: One of "," ";" "|" "tab" "space"; None to find it.
-        decimal: "." or ","; None to find it.
+    The delimiter (one of "," ";" "|" "tab" "space") and the decimal sign ("." or ",") are found where they are None.
 
     Raises:
         InputError: It cannot be told, or the rows do not agree with one another; the option that settles it is named.
     """
-    file = str(path)
-    text, notes = _decode(read_bytes(path), file)
+    file, short = str(path), Path(path).name
+    data, encoding = read_bytes(path), "utf-8"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    try:
+        text = decode(data, file, encoding)
+    except InputError as error:
+        if "NUL" in error.problem:
+            raise
+        encoding = "windows-1252"
+        text = decode(data, file, encoding)
+    notes = [] if encoding == "utf-8" else [f"{short}: read as {encoding.upper()}."]
     delimiter = {"tab": "\t", "\\t": "\t", "space": " "}.get(delimiter or "", delimiter)
     if delimiter not in (None, *DELIMITERS):
         raise InputError(f"the delimiter {delimiter!r} is not known; give --delimiter as , ; | tab or space", file=file)
     if decimal not in (None, ".", ","):
         raise InputError(f"the decimal sign is '.' or ',', not {decimal!r}; give it with --decimal", file=file)
-    delimiter = delimiter or _find_delimiter(text, file)
+    if delimiter is None:  # the first of those under which most cells are numbers
+        head = "\n".join(text.splitlines()[:500])
+        shares = {sign: _count_columns(_split(head, sign, file))[1] for sign in DELIMITERS}
+        delimiter = max(shares, key=shares.__getitem__)
     rows = _split(text, delimiter, file)
     first, width, numeric = _find_data(rows, file)
-    header, units, above = _find_header(rows, first, width, file)
-    data = rows[first:]
-    for line, cells in data:
+    names, units, above = _find_header(rows[:first], width, file)
+    for line, cells in rows[first:]:
         if len(cells) != width:
             hint = "; if numbers have decimal commas, export with semicolons" if delimiter == "," else ""
             raise InputError(f"the row has {len(cells)} cells where others have {width}{hint}", file=file, row=line)
-    decimal = decimal or _find_decimal([cells[j] for _, cells in data for j in numeric], file)
-    lines = np.array([line for line, _ in data])
-    columns = {name: [cells[j] for _, cells in data] for j, name in enumerate(header)}
-    empty = [name for name, cells in columns.items() if not any(cells)]
-    columns = {name: cells for name, cells in columns.items() if name not in empty}
-    sign = "decimal points" if decimal == "." else "decimal commas"
+    lines, data = zip(*rows[first:], strict=True)
+    decimal = decimal or _find_decimal([cells[j] for cells in data for j in numeric], file)
+    columns = {name: list(cells) for name, cells in zip(names, zip(*data, strict=True), strict=True) if any(cells)}
     place = f"headings on line {above}" if above else "no headings"
-    place = f"{sign}, {place}, data from line {lines[0]}"
-    notes.append(f"{Path(file).name}: {DELIMITERS[delimiter]} between cells, {place}.")
-    return RawFile(Table(file, columns, lines), {name: units[name] for name in columns}, decimal, tuple(notes))
+    sign = "points" if decimal == "." else "commas"
+    notes.append(f"{short}: {DELIMITERS[delimiter]} between cells, decimal {sign}, {place}, data from line {lines[0]}.")
+    return RawFile(file, columns, np.array(lines), dict(zip(names, units, strict=True)), decimal, tuple(notes))
 
 
 def split_heading(text: str) -> tuple[str, str | None]:
@@ -88,153 +89,100 @@ def split_heading(text: str) -> tuple[str, str | None]:
     if match and (_is_unit(match[2]) or "[" in text):
         return match[1].strip(" _,:"), match[2] or "1"
     match = re.fullmatch(r"(.*\w)(?:\s*/\s*|\s+in\s+|\s*,\s*)(\S+)", text)
-    if match and _is_unit(match[2], match[1]):
+    if match and _is_unit(match[2], bare=True):
         return match[1], match[2]
-    if role_of(text.lower()) is None and len(text.split("_")[0]) > 2:
-        parts = text.split("_")
+    parts = text.split("_")
+    if role_of(text.lower()) is None and len(parts[0]) > 2:
         for i in range(1, len(parts)):
             unit = "/".join(parts[i:])
-            if all(_is_unit(part) for part in parts[i:]) and _is_unit(unit, "_".join(parts[:i])):
+            if all(map(_is_unit, parts[i:])) and _is_unit(unit, bare=True):
                 return "_".join(parts[:i]), unit
     return text, None
 
 
-def _is_unit(text: str, stem: str | None = None) -> bool:
-    """Whether text reads as a unit; after a bare stem only one that a test bench would write there."""
+def _is_unit(text: str, bare: bool = False) -> bool:
+    """Whether text reads as a unit; without brackets only as one that a test bench would write there."""
     try:
         unit = parse_unit(text)
     except InputError as error:
         return "gauge" in error.problem
-    if stem is None:
+    if not bare:
         return True
-    letter = len(text) > 1 or text in _LETTERS or text == "%"
-    return letter and (tuple(unit.dimension) in _PLAIN or text in ("%", "1", "V", "mV", "deg", "rad"))
-
-
-def _decode(data: bytes, file: str) -> tuple[str, list[str]]:
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return decode(data, file, "utf-16"), [f"{Path(file).name}: read as UTF-16."]
-    try:
-        return decode(data, file), []
-    except InputError as error:
-        if "NUL" in error.problem:
-            raise
-        return decode(data, file, "cp1252"), [f"{Path(file).name}: not UTF-8, read as Windows-1252."]
+    plain = text in ("%", "1", "V", "mV", "deg", "rad")
+    plain = plain or any(unit.dimension == parse_unit(si).dimension for si in _PLAIN)
+    return plain and (len(text) > 1 or text in _LETTERS)
 
 
 def _split(text: str, delimiter: str, file: str) -> list[tuple[int, list[str]]]:
     """Rows with something in them: line number and stripped cells."""
-    if delimiter == " ":
-        rows = []
-        for i, line in enumerate(text.splitlines()):
-            cells = re.sub(r"\s+(?=[\[(])", " ", line.strip())
-            rows.append((i + 1, [re.sub("\0", " ", c) for c in re.sub(r" (?=[\[(])", "\0", cells).split()]))
+    if delimiter == " ":  # no cell begins with a bracket: that is the unit of the heading before
+        rows = [(i, re.split(r"\s+(?![\s\[(])", line.strip())) for i, line in enumerate(text.splitlines(), 1)]
     else:
-        rows, start = [], 1
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
-        try:
-            for cells in reader:
-                rows.append((start, [cell.strip() for cell in cells]))
-                start = reader.line_num + 1
-        except csv.Error as error:
-            raise InputError(f"broken quoting or an endless cell ({error}); mend it", file=file, row=start) from None
-    return [(line, cells) for line, cells in rows if any(cells)]
+        rows = split_rows(text, file, delimiter, strict=False)
+    return [(line, [cell.strip() for cell in cells]) for line, cells in rows if any(map(str.strip, cells))]
 
 
-def _find_delimiter(text: str, file: str) -> str:
-    """The delimiter under which most cells are numbers; the first of tabs, semicolons, commas … where equal."""
-    head = "\n".join(text.splitlines()[:500])
-    best, share = None, 0.0
-    for delimiter in DELIMITERS:
-        rows = [cells for _, cells in _split(head, delimiter, file)]
-        counts = Counter(len(cells) for cells in rows if any(map(_NUMBER.fullmatch, cells)))
-        if not counts:
-            continue
-        width, number = counts.most_common(1)[0]
-        numbers = sum(bool(_NUMBER.fullmatch(cell)) for cells in rows if len(cells) == width for cell in cells)
-        if width > 1 and numbers / (number * width) > share + 1e-9:
-            best, share = delimiter, numbers / (number * width)
-    if best is None:
-        raise InputError("no rows with two or more columns of numbers were found; give --delimiter", file=file)
-    return best
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def _count_columns(rows) -> tuple[int, float]:
+    """Usual number of cells in rows that hold numbers, and the share of numbers among these; (0, 0) without any."""
+    numeric = [cells for _, cells in rows if len(cells) > 1 and any(map(_is_number, cells))]
+    if not numeric:
+        return 0, 0.0
+    width = Counter(map(len, numeric)).most_common(1)[0][0]
+    cells = [cell for row in numeric if len(row) == width for cell in row]
+    return width, sum(map(_is_number, cells)) / len(cells)
 
 
 def _find_data(rows, file: str) -> tuple[int, int, list[int]]:
     """Position of the first data row, number of columns, and which columns hold numbers."""
-    counts = Counter(len(cells) for _, cells in rows if len(cells) > 1 and any(map(_NUMBER.fullmatch, cells)))
-    if not counts:
-        raise InputError("no rows with two or more columns of numbers were found; check --delimiter", file=file)
-    width = counts.most_common(1)[0][0]
-    marks = [
-        [bool(_NUMBER.fullmatch(cell)) for cell in cells] if len(cells) == width else None for _, cells in rows
-    ]
+    width, _ = _count_columns(rows)
+    if not width:
+        raise InputError("no rows with two or more columns of numbers were found; give --delimiter", file=file)
+    marks = {i: list(map(_is_number, cells)) for i, (_, cells) in enumerate(rows) if len(cells) == width}
+    marks = {i: mark for i, mark in marks.items() if any(mark)}
     # Samples may be missing, so a column counts as numeric where most of the cells that are not empty are numbers.
-    likely = [i for i, mark in enumerate(marks) if mark is not None and any(mark)]
-    numbers = np.sum([mark for mark in marks if mark is not None and any(mark)], axis=0)
-    filled = np.sum([[bool(cell) for cell in rows[i][1]] for i in likely], axis=0)
-    numeric = [j for j in range(width) if numbers[j] > 0.5 * filled[j]]
-    if not numeric:
-        raise InputError("no column holds numbers throughout; check --delimiter and --decimal", file=file)
-
-    def regular(i):
-        return marks[i] is not None and all(marks[i][j] or not rows[i][1][j] for j in numeric) and any(marks[i])
-
-    runs, start = [], None
-    for i in range(len(rows) + 1):
-        if i < len(rows) and regular(i):
-            start = i if start is None else start
-        elif start is not None:
-            runs.append((i - start, -start))
-            start = None
-    if not runs:
-        raise InputError("no row holds numbers in all numeric columns; check --delimiter and --decimal", file=file)
-    first = -max(runs)[1]
-    while first > 0 and any(map(_NUMBER.fullmatch, rows[first - 1][1])):
+    filled = np.sum([[bool(cell) for cell in rows[i][1]] for i in marks], axis=0)
+    numeric = np.flatnonzero(np.sum(list(marks.values()), axis=0) > 0.5 * filled).tolist()
+    regular = [i for i, mark in marks.items() if all(mark[j] or not rows[i][1][j] for j in numeric)]
+    if not numeric or not regular:
+        raise InputError("no columns hold numbers throughout; check --delimiter and --decimal", file=file)
+    runs = np.split(regular, np.flatnonzero(np.diff(regular) > 1) + 1)
+    first = int(max(runs, key=len)[0])
+    while first > 0 and any(map(_is_number, rows[first - 1][1])):
         first -= 1
-    stray = [i for i in range(first) if regular(i) and len(numeric) > 1]
-    if stray:
-        problem = f"text interrupts the numbers (data stand already on line {rows[stray[0]][0]}); remove or split it"
+    if regular[0] < first and len(numeric) > 1:
+        problem = f"text interrupts the numbers (data stand already on line {rows[regular[0]][0]}); remove or split it"
         raise InputError(problem, file=file, row=rows[first - 1][0])
     return first, width, numeric
 
 
-def _find_header(rows, first: int, width: int, file: str) -> tuple[list[str], dict[str, str | None], int | None]:
-    """Names and units of the columns, and the line of the headings."""
-    above = rows[:first]
-    if above and len(above[-1][1]) != width:
-        extra = [cell for cell in above[-1][1][width:] if cell]
-        if extra or len(above[-1][1]) < width - 1:
-            problem = f"there are {width} columns of data below {len(above[-1][1])} headings"
-            hint = "; if numbers have decimal commas, export with semicolons; else give --delimiter"
-            raise InputError(problem + hint, file=file, row=above[-1][0])
-    line = None
-    cells, units = [""] * width, [None] * width
+def _find_header(above, width: int, file: str) -> tuple[list[str], list[str | None], int | None]:
+    """Names and units of the columns from the rows above the data, and the line of the headings."""
+    line, cells, units = None, [""] * width, [""] * width
     if above:
-        line, cells = above[-1][0], (above[-1][1] + [""])[:width]
-        bare = [cell.strip("[]() ") for cell in cells]
-        if len(above) > 1 and abs(len(above[-2][1]) - width) <= 1 and _is_unit_row(bare):
-            units = [unit or None for unit in bare]
-            line, cells = above[-2][0], (above[-2][1] + [""])[:width]
+        line, heads = above[-1]
+        if len(heads) < width - 1 or any(heads[width:]):
+            problem = f"there are {width} columns of data below {len(heads)} headings; if numbers have decimal commas, "
+            raise InputError(f"{problem}export with semicolons; else give --delimiter", file=file, row=line)
+        bare = [cell.strip("[]() ") for cell in (*heads, "")[:width]]
+        stated = [cell for cell in bare if cell not in ("", "-")]
+        if len(above) > 1 and abs(len(above[-2][1]) - width) <= 1 and all(map(_is_unit, stated)) and any(
+                _is_unit(cell, bare=True) for cell in stated):
+            units, (line, heads) = bare, above[-2]  # a row of units only, one of them of the bench's own quantities
+        cells = [*heads, ""][:width]
     split = [split_heading(cell) if cell else (f"column {j + 1}", None) for j, cell in enumerate(cells)]
     names = [name for name, _ in split]
     names = [cells[j] if names.count(name) > 1 else name for j, name in enumerate(names)]
-    for name in names:
+    for name, unit, (_, own) in zip(names, units, split, strict=True):
         if names.count(name) > 1:
             raise InputError(f"the heading {name!r} is there twice; give each column its own", file=file, row=line)
-    found = {}
-    for j, name in enumerate(names):
-        if units[j] and split[j][1] and units[j] != split[j][1]:
-            problem = f"the heading says {split[j][1]!r} and the unit row {units[j]!r}; correct one"
+        if unit and own and unit != own:
+            problem = f"the heading says {own!r} and the unit row {unit!r}; correct one"
             raise InputError(problem, file=file, column=name, row=line)
-        found[name] = units[j] or split[j][1]
-    return names, found, line
-
-
-def _is_unit_row(cells: list[str]) -> bool:
-    """Whether a row holds units only, at least one of them of the bench's own quantities."""
-    if not all(not cell or cell == "-" or _is_unit(cell) for cell in cells):
-        return False
-    return any(cell and cell != "-" and _is_unit(cell, "") for cell in cells)
+    return names, [unit or own for unit, (_, own) in zip(units, split, strict=True)], line
 
 
 def _find_decimal(cells: list[str], file: str) -> str:

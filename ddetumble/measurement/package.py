@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import re
-import shutil
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,39 +12,31 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from . import checks
 from .campaign import Campaign, Column, arrange_samples
-from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, read_descriptor
+from .descriptor import FieldModel, ResourceModel, find_descriptor, locate_resource, parse_descriptor
 from .kinds import find_kind, take_kind, write_kind
-from .tables import Table, convert_column, decode, parse_table, pick_column, read_bytes
-from .units import Uncertainty, Unit, check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
+from .tables import convert_column, decode, parse_table, pick_column, read_bytes
+from .units import check_unit, parse_quantity, parse_uncertainty, parse_unit, role_of, si_unit
 
 
 UNITLESS = ("sequence", "repeats")
 
 
 @dataclass
-class _Context:
-    """What all tables of one package share while it is read."""
-
-    descriptor: Path
-    known: dict
-    hash: "hashlib._Hash"
-    notes: list
-
-    def refuse(self, problem: str, column: str | None = None):
-        raise InputError(problem, file=self.descriptor, column=column)
-
-
-@dataclass
 class _Numbers:
     """A table with its numbers in SI."""
 
-    table: Table
+    file: str
+    lines: np.ndarray
     keys: list[str]
     columns: dict[str, Column]
     values: dict[str, np.ndarray]
+
+    def frame(self) -> pd.DataFrame:
+        """The numbers of a table with one row a record, indexed by its key."""
+        return pd.DataFrame(self.values, index=pd.Index(self.keys, name="record", dtype=object))
 
 
 def read_campaign(path) -> Campaign:
@@ -62,215 +53,145 @@ def read_campaign(path) -> Campaign:
         InputError: Anything missing, malformed or impossible; file, column and line are named where there is one.
     """
     descriptor = find_descriptor(path)
-    model, data = read_descriptor(descriptor)
-    digest = hashlib.sha256(b"%d\n" % len(data) + data)
-    context = _Context(descriptor, _read_known(model.known, descriptor), digest, [])
-    resources = {}
+    with error_place(file=descriptor):
+        return _read_package(descriptor)
+
+
+def _read_package(descriptor: Path) -> Campaign:
+    data = read_bytes(descriptor)
+    model = parse_descriptor(data, str(descriptor))
+    digest, notes, known = hashlib.sha256(b"%d\n" % len(data) + data), [], {}
+    for name, value in model.known.items():
+        with error_place(key=f"known.{name}"):
+            known[name] = None if value is None else parse_quantity(value, name)
+            checks.check_known(name, known[name])
+    resources: dict[str, ResourceModel] = {}
     for resource in model.resources:
         if resource.name in resources:
-            context.refuse(f"there are two resources named {resource.name!r}; keep one")
+            raise InputError(f"there are two resources named {resource.name!r}; keep one")
         resources[resource.name] = resource
         if resource.name not in ("records", "samples", "peaks"):
-            context.notes.append(f"The resource {resource.name} is not part of a campaign and was left out.")
+            notes.append(f"The resource {resource.name} is not part of a campaign and was left out.")
     if "records" not in resources:
-        context.refuse("there is no resource named records; add the table with one row a test")
+        raise InputError("there is no resource named records; add the table with one row a test")
     if not {"samples", "peaks"} & set(resources):
-        context.refuse("there is no resource named samples or peaks; add the table with the measurements")
-
-    family = _take_family(model.family, descriptor)
+        raise InputError("there is no resource named samples or peaks; add the table with the measurements")
+    family = take_kind(model.family, descriptor.parent)
     kind = find_kind(family)
-    described = [field.name for field in resources["records"].table.fields]
     for name in kind.needs:
-        if name not in described:
-            context.refuse(f"records of the family {family} need this condition; add its column and field", name)
-    records = _read_resource(resources["records"], context)
-    _check_unique(records)
-    samples = peaks = None
-    if "samples" in resources:
-        samples = _read_resource(resources["samples"], context)
-        independent = checks.check_samples(samples, records.keys, kind, str(descriptor))
-    if "peaks" in resources:
-        peaks = _read_resource(resources["peaks"], context)
-        checks.check_peaks(peaks, records.keys)
-    checks.check_coverage(records, samples, peaks)
-    for name, column in {} if peaks is None else peaks.columns.items():
-        if column.common is not None:
-            context.refuse("common_uncertainty of a peak is not read; state that of a condition", name)
-
-    campaign = Campaign(
-        name=model.name or descriptor.resolve().parent.name,
-        title=model.title,
-        family=family,
-        path=descriptor.parent,
-        known=context.known,
-        records=_frame(records),
-        conditions=records.columns,
-        sha256=context.hash.hexdigest(),
-        sources=tuple(model.sources),
-        licences=tuple(model.licenses),
-        notes=tuple(context.notes),
-    )
+        if name not in [field.name for field in resources["records"].table.fields]:
+            problem = f"records of the family {family} need this condition; add its column and field"
+            raise InputError(problem, column=name)
+    tables = {name: _read_resource(resources[name], descriptor, known, digest, notes)
+              for name in ("records", "samples", "peaks") if name in resources}
+    records, samples, peaks = tables["records"], tables.get("samples"), tables.get("peaks")
+    checks.check_unique(records)
+    parts: dict[str, Any] = {}
     if samples is not None:
+        independent = checks.check_samples(samples, records.keys, kind)
         channels = {name: column for name, column in samples.columns.items() if name != independent}
-        order = {"record": samples.keys, independent: samples.values[independent]}
-        frame = pd.DataFrame(order | {name: samples.values[name] for name in channels})
-        campaign = replace(
-            campaign,
-            independent=samples.columns[independent],
-            channels=channels,
-            samples=arrange_samples(frame, records.keys),
-        )
+        frame = pd.DataFrame({"record": samples.keys} | samples.values)
+        parts |= {"independent": samples.columns[independent], "channels": channels,
+                  "samples": arrange_samples(frame.reindex(columns=["record", independent, *channels]), records.keys)}
     if peaks is not None:
-        campaign = replace(campaign, peaks=_frame(peaks), peak_columns=peaks.columns)
-    return campaign
+        checks.check_peaks(peaks, records.keys)
+        for name, column in peaks.columns.items():
+            if column.common is not None:
+                problem = "common_uncertainty of a peak is not read; state that of a condition"
+                raise InputError(problem, column=name)
+        parts |= {"peaks": peaks.frame(), "peak_columns": peaks.columns}
+    measured = {key for table in (samples, peaks) if table is not None for key in table.keys}
+    checks.refuse_rows([key not in measured for key in records.keys], records, "record", lambda i: (
+        f"record {records.keys[i]!r} has no samples or peak; add them or remove the record"))
+    return Campaign(
+        name=model.name or descriptor.resolve().parent.name, title=model.title, family=family, path=descriptor.parent,
+        known=known, records=records.frame(), conditions=records.columns, sha256=digest.hexdigest(),
+        sources=tuple(model.sources), licences=tuple(model.licenses), notes=tuple(notes), **parts)
 
 
-def _take_family(given: str, descriptor: Path) -> str:
-    try:
-        return take_kind(given, descriptor.parent)
-    except InputError as error:
-        if error.file is not None:
-            raise
-        raise InputError(error.problem, file=descriptor, key="family") from None
-
-
-def _read_known(known: dict, descriptor: Path) -> dict[str, float | None]:
-    values = {}
-    for name, value in known.items():
-        try:
-            values[name] = None if value is None else parse_quantity(value, name)
-            checks.check_known(name, values[name])
-        except InputError as error:
-            raise InputError(error.problem, file=descriptor, key=f"known.{name}") from None
-    return values
-
-
-def _read_resource(resource: ResourceModel, context: _Context) -> _Numbers:
-    """Read one table and convert its numeric columns."""
-    path = locate_resource(resource, context.descriptor)
-    fields = _check_fields(resource, context)
-    if resource.encoding.lower().replace("_", "-") not in ("utf-8", "utf8", "utf-8-sig", "ascii"):
-        context.refuse(f"the encoding {resource.encoding!r} of {resource.name} is not read; save the table as UTF-8")
+def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, digest, notes: list[str]) -> _Numbers:
+    """Read one table and convert its numeric columns; its bytes go into the digest, remarks into the notes."""
+    path, name = str(locate_resource(resource, descriptor)), resource.name
+    with error_place(f"resource {name}: "):
+        fields: dict[str, FieldModel] = {}
+        for field in resource.table.fields:
+            with error_place(column=field.name):
+                if field.name in fields:
+                    raise InputError("there are two fields of that name; keep one")
+                if field.name != "record" and role_of(field.name) and not field.numeric:
+                    raise InputError(f'declare the field as "type": "number" (now {field.type or "no type"})')
+            fields[field.name] = field
+        if "record" not in fields:
+            raise InputError("there is no field record; add the key that names the test", column="record")
+        if name == "records" and resource.table.primaryKey not in (None, "record", ["record"]):
+            raise InputError('the primaryKey must be "record"')
+        for link in resource.table.foreignKeys:
+            far = link.get("reference")
+            if link.get("fields") not in ("record", ["record"]) or not isinstance(far, dict) \
+                    or far.get("resource") != "records":
+                raise InputError('a foreign key must lead from "record" to the resource records')
+        if resource.encoding.lower().replace("_", "-") not in ("utf-8", "utf8", "utf-8-sig", "ascii"):
+            raise InputError(f"the encoding {resource.encoding!r} is not read; save the table as UTF-8")
+        delimiter, quote = resource.dialect.delimiter, resource.dialect.quoteChar
+        if resource.format == "tsv" and "delimiter" not in resource.dialect.model_fields_set:
+            delimiter = "\t"
+        if delimiter == quote:
+            raise InputError("the delimiter and the quote character are the same; change one")
     data = read_bytes(path)
-    name = resource.name.encode()
-    context.hash.update(b"%d %d\n" % (len(name), len(data)) + name + data)
-    delimiter = resource.dialect.delimiter
-    if resource.format == "tsv" and "delimiter" not in resource.dialect.model_fields_set:
-        delimiter = "\t"
-    if delimiter == resource.dialect.quoteChar:
-        context.refuse(f"resource {resource.name}: the delimiter and the quote character are the same; change one")
-    text = decode(data, str(path))
-    table = parse_table(text, str(path), delimiter=delimiter, quote=resource.dialect.quoteChar)
-    for name in fields:
-        pick_column(table, name)
-    for name in table.columns:
-        if name not in fields:
-            problem = f"the column is not described in {context.descriptor.name}; add a field for it or remove it"
-            raise InputError(problem, file=table.file, column=name)
-    keys = [cell.strip() for cell in table.columns["record"]]
+    digest.update(b"%d %d\n" % (len(name.encode()), len(data)) + name.encode() + data)
+    table = parse_table(decode(data, path), path, delimiter, quote)
+    for column in fields:
+        pick_column(table, column)
+    for column in table.columns:
+        if column not in fields:
+            problem = f"the column is not described in {descriptor.name}; add a field for it or remove it"
+            raise InputError(problem, file=path, column=column)
+    keys = [cell.strip() for cell in table.columns.pop("record")]
     checks.check_keys(keys, table)
-    numbers = _Numbers(table, keys, {}, {})
-    missing = frozenset(resource.table.missingValues)
-    for name, field in fields.items():
-        if name != "record" and field.numeric:
-            _convert_field(field, numbers, missing, resource.name, context)
-        elif name != "record":
-            context.notes.append(f"The column {name} of {resource.name} is not numeric and was left out.")
+    numbers = _Numbers(path, table.lines, keys, {}, {})
+    for column in table.columns:
+        field = fields[column]
+        if not field.numeric:
+            notes.append(f"The column {column} of {name} is not numeric and was left out.")
+            continue
+        with error_place(column=column):
+            known_about, offset = _describe_field(field, name, known, notes)
+        sparse = name != "records" and column not in ("time", *UNITLESS)
+        values = convert_column(table, column, decimal=field.decimalChar, allow_missing=sparse,
+                                missing=frozenset(resource.table.missingValues))
+        with np.errstate(over="ignore"):
+            values = check_unit(field.unit or "1", column).convert(values) + offset
+        checks.check_values(column, values, table, name, known_about.uncertainty)
+        if column in ("initial_pressure", "internal_pressure") and not np.all(values):
+            notes.append(f"The column {column} holds absolute pressures of zero: a ball without gas.")
+        numbers.columns[column], numbers.values[column] = known_about, values
     return numbers
 
 
-def _check_fields(resource: ResourceModel, context: _Context) -> dict[str, FieldModel]:
-    """Fields by name: none twice, a text key `record`, and numbers declared as numbers."""
-    fields = {}
-    for field in resource.table.fields:
-        if field.name in fields:
-            context.refuse(f"resource {resource.name} has two fields of that name; keep one", field.name)
-        fields[field.name] = field
-        if field.name != "record" and role_of(field.name) and not field.numeric:
-            given = field.type or "no type"
-            context.refuse(f'resource {resource.name}: declare the field as "type": "number" (now {given})', field.name)
-    if "record" not in fields:
-        context.refuse(f"resource {resource.name} has no field record; add the key that names the test", "record")
-    key = resource.table.primaryKey
-    if resource.name == "records" and key not in (None, "record", ["record"]):
-        context.refuse('the primaryKey of records must be "record"')
-    for link in resource.table.foreignKeys:
-        if link.reference.resource != "records" or link.fields not in ("record", ["record"]):
-            context.refuse(f'resource {resource.name}: a foreign key must lead from "record" to the resource records')
-    return fields
-
-
-def _convert_field(field: FieldModel, numbers: _Numbers, missing, resource: str, context: _Context) -> None:
-    """Convert one numeric column to SI and note what is known about it."""
-    name = field.name
-    unit = _field_unit(field, resource, context)
-    uncertainty, common = (_read_uncertainty(text, unit, name, context)
+def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[str]) -> tuple[Column, float]:
+    """What is known about a numeric column, and what has to be added to its numbers to make pressures absolute [Pa]."""
+    name, offset = field.name, 0.0
+    with error_place(f"resource {resource}: "):
+        if field.unit is None and name not in UNITLESS and role_of(name) != "pure number":
+            wanted = si_unit(name) if role_of(name) else "mm"
+            raise InputError(f'the field has no unit; add "unit": "{wanted}" or what it is ("1" for a ratio)')
+        unit = check_unit(field.unit or "1", name)
+    uncertainty, common = (None if text is None else parse_uncertainty(text, unit, name)
                            for text in (field.uncertainty, field.common_uncertainty))
-    gauge = field.reference == "gauge"
-    sparse = resource != "records" and name not in ("time", *UNITLESS)
-    values = convert_column(
-        numbers.table, name, decimal=field.decimalChar, missing=missing, allow_missing=sparse
-    )
-    with np.errstate(over="ignore"):
-        values = unit.convert(values)
-    checks.check_finite(values, numbers.table, name)
-    if gauge:
-        values = values + _ambient(name, unit, context)
-        context.notes.append(f"The gauge pressures of {name} were made absolute with the stated ambient_pressure.")
+    if field.reference == "gauge":
+        if unit.dimension != parse_unit("Pa").dimension:
+            raise InputError('only a pressure can have "reference": "gauge"')
+        offset = known.get("ambient_pressure")
+        if offset is None:
+            raise InputError('gauge pressures need the ambient pressure: add "ambient_pressure": "101.3 kPa" or as '
+                             "measured")
         if any(one is not None and one.relative is not None for one in (uncertainty, common)):
-            problem = 'the uncertainty of a gauge pressure must be absolute, like "2 kPa" (per cent of what?)'
-            context.refuse(problem, name)
+            raise InputError('the uncertainty of a gauge pressure must be absolute, like "2 kPa" (per cent of what?)')
+        notes.append(f"The gauge pressures of {name} were made absolute with the stated ambient_pressure.")
     if field.assumed:
-        context.notes.append(f"The column {name} is marked as an assumption, not a measurement.")
-    checks.check_values(name, values, numbers.table, resource, uncertainty)
-    if name in ("initial_pressure", "internal_pressure") and not np.all(values):
-        context.notes.append(f"The column {name} holds absolute pressures of zero: a ball without gas.")
-    numbers.columns[name] = Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common)
-    numbers.values[name] = values
-
-
-def _read_uncertainty(text, unit: Unit, name: str, context: _Context) -> Uncertainty | None:
-    try:
-        return None if text is None else parse_uncertainty(text, unit, name)
-    except InputError as error:
-        context.refuse(error.problem, name)
-
-
-def _field_unit(field: FieldModel, resource: str, context: _Context) -> Unit:
-    if field.unit is None:
-        if field.name in UNITLESS or role_of(field.name) == "pure number":
-            return parse_unit("1")
-        wanted = si_unit(field.name) if role_of(field.name) else "mm"
-        problem = f'resource {resource}: the field has no unit; add "unit": "{wanted}" or what it is ("1" for a ratio)'
-        context.refuse(problem, field.name)
-    try:
-        return check_unit(field.unit, field.name)
-    except InputError as error:
-        context.refuse(f"resource {resource}: {error.problem}", field.name)
-
-
-def _ambient(name: str, unit: Unit, context: _Context) -> float:
-    if unit.dimension != parse_unit("Pa").dimension:
-        context.refuse('only a pressure can have "reference": "gauge"', name)
-    ambient = context.known.get("ambient_pressure")
-    if ambient is None:
-        problem = 'gauge pressures need the ambient pressure: add "ambient_pressure": "101.3 kPa" or as measured'
-        context.refuse(problem, name)
-    return ambient
-
-
-def _check_unique(records: _Numbers) -> None:
-    seen = {}
-    for key, line in zip(records.keys, records.table.lines, strict=True):
-        if key in seen:
-            problem = f"the record {key!r} is there already on line {seen[key]}; give every test its own key"
-            raise InputError(problem, file=records.table.file, column="record", row=line)
-        seen[key] = line
-
-
-def _frame(numbers: _Numbers) -> pd.DataFrame:
-    """Numbers of a table with one row a record, indexed by its key."""
-    return pd.DataFrame(numbers.values, index=pd.Index(numbers.keys, name="record", dtype=object))
+        notes.append(f"The column {name} is marked as an assumption, not a measurement.")
+    gauge = field.reference == "gauge"
+    return Column(name, unit.si, uncertainty, gauge, field.assumed, field.description, common), offset
 
 
 def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Campaign:
@@ -290,56 +211,48 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
         InputError: The folder is taken, cannot be written, or the campaign does not pass the checks.
     """
     folder = Path(os.path.abspath(folder))
-    if folder.exists() and not folder.is_dir():
-        raise InputError("is a file; name a folder for the campaign", file=folder)
-    if folder.is_dir() and any(folder.iterdir()):
-        if not (folder / "datapackage.json").is_file():
-            raise InputError("the folder holds other files; name a new folder for the campaign", file=folder)
-        if not overwrite:
-            problem = "the folder holds a campaign already; name a new one, or replace it with --overwrite"
-            raise InputError(problem, file=folder)
-    texts = format_campaign(replace(campaign, name=campaign.name or folder.name), folder)
-    parent = folder.parent
-    try:
-        parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=parent))
-    except OSError as error:
-        raise InputError(f"the folder cannot be made: {error.strerror}", file=folder) from None
-    try:
-        for name, text in texts.items():
-            (draft / name).write_text(text, encoding="utf-8", newline="")
-        try:
-            read_campaign(draft)
-        except InputError as error:
-            name = Path(error.file).name if error.file else None
-            raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
-        os.chmod(draft, 0o777 & ~_umask())
+    with error_place(file=folder):
+        if folder.exists() and not folder.is_dir():
+            raise InputError("is a file; name a folder for the campaign")
         if folder.is_dir() and any(folder.iterdir()):
-            for name in texts:  # the descriptor is last
-                os.replace(draft / name, folder / name)
-        else:
-            os.replace(draft, folder)
+            if not (folder / "datapackage.json").is_file():
+                raise InputError("the folder holds other files; name a new folder for the campaign")
+            if not overwrite:
+                raise InputError("the folder holds a campaign already; name a new one, or replace it with --overwrite")
+    texts = format_campaign(replace(campaign, name=campaign.name or folder.name), folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as draft:
+            for name, text in texts.items():
+                (Path(draft) / name).write_text(text, encoding="utf-8", newline="")
+            try:
+                written = read_campaign(draft)
+            except InputError as error:
+                name = Path(error.file).name if error.file else None
+                raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
+            folder.mkdir(exist_ok=True)
+            for name in texts:  # the descriptor is last: without it there is no campaign
+                os.replace(Path(draft) / name, folder / name)
     except OSError as error:
         raise InputError(f"the campaign cannot be written: {error.strerror}", file=folder) from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
-    written = read_campaign(folder)
-    return replace(written, notes=campaign.notes)
+    return replace(written, path=folder, notes=campaign.notes)
 
 
 def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]:
     """The files of a campaign that is written into `folder`, name to text, the descriptor last."""
-    texts, resources = {}, []
-    if campaign.samples is not None:
-        assert campaign.independent is not None
+    parts = {"records": (campaign.records, campaign.conditions)}
+    if campaign.samples is not None and campaign.independent is not None:
         columns = {campaign.independent.name: campaign.independent} | campaign.channels
-        parts = {"records": (campaign.records, campaign.conditions), "samples": (campaign.samples, columns)}
-    else:
-        parts = {"records": (campaign.records, campaign.conditions)}
+        parts["samples"] = campaign.samples.set_index("record"), columns
     if campaign.peaks is not None:
-        parts["peaks"] = (campaign.peaks, campaign.peak_columns)
+        parts["peaks"] = campaign.peaks, campaign.peak_columns
+    texts, resources = {}, []
     for name, (frame, columns) in parts.items():
-        texts[f"{name}.csv"] = _format_table(frame, columns)
+        cells = {column: frame[column].to_numpy(dtype=float) for column in columns}
+        for column in set(UNITLESS) & set(columns):
+            cells[column] = np.array([int(x) if x.is_integer() else x for x in cells[column].tolist()], dtype=object)
+        table = pd.DataFrame(cells, index=frame.index.map(str))
+        texts[f"{name}.csv"] = table.to_csv(index_label="record", lineterminator="\n")
         schema: dict[str, Any] = {"fields": [{"name": "record", "type": "string"}, *map(_describe, columns.values())]}
         if name == "records":
             schema["primaryKey"] = "record"
@@ -347,7 +260,8 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
             link = {"resource": "records", "fields": "record"}
             schema["foreignKeys"] = [{"fields": "record", "reference": link}]
         resources.append({"name": name, "path": f"{name}.csv", "format": "csv", "schema": schema})
-    known = {name: None if value is None else _shown(value, si_unit(name)) for name, value in campaign.known.items()}
+    known = {name: value if value is None else float(value) if si_unit(name) == "1" else f"{float(value)!r} "
+             f"{si_unit(name)}" for name, value in campaign.known.items()}
     descriptor = {
         "name": re.sub(r"[^a-z0-9._-]+", "-", campaign.name.lower()).strip("-.") or "campaign",
         "title": campaign.title,
@@ -363,57 +277,21 @@ def format_campaign(campaign: Campaign, folder: Path = Path()) -> dict[str, str]
 
 
 def _describe(column: Column) -> dict:
+    """A column's field in the descriptor."""
     field: dict[str, Any] = {"name": column.name, "type": "integer" if column.name in UNITLESS else "number"}
     if column.name not in UNITLESS:
         field["unit"] = column.unit
-    if column.uncertainty is not None:
-        field["uncertainty"] = _format_uncertainty(column.uncertainty, column.unit)
-    if column.common is not None:
-        field["common_uncertainty"] = _format_uncertainty(column.common, column.unit)
+    for key, uncertainty in (("uncertainty", column.uncertainty), ("common_uncertainty", column.common)):
+        if uncertainty is None:
+            continue
+        if uncertainty.relative is None and uncertainty.absolute is not None:
+            field[key] = f"{float(uncertainty.absolute)!r} {column.unit}"
+        elif uncertainty.relative is not None and uncertainty.absolute is None:
+            field[key] = f"{float(f'{uncertainty.relative * 100:.15g}')!r} %"
+        else:
+            raise InputError("an uncertainty is written either as absolute or as relative, not as both")
     if column.assumed:
         field["assumed"] = True
-    description = column.description
-    if column.gauge and "gauge" not in description:
-        description = f"{description} Measured against the ambient pressure; absolute here.".strip()
+    gauge = "Measured against the ambient pressure; absolute here."
+    description = f"{column.description} {gauge if column.gauge and 'gauge' not in column.description else ''}".strip()
     return field | ({"description": description} if description else {})
-
-
-def _format_uncertainty(uncertainty: Uncertainty, unit: str) -> str:
-    if uncertainty.relative is not None and uncertainty.absolute is None:
-        return f"{float(f'{uncertainty.relative * 100:.15g}')!r} %"
-    if uncertainty.relative is not None or uncertainty.absolute is None:
-        raise InputError("an uncertainty is written either as absolute or as relative, not as both")
-    return f"{float(uncertainty.absolute)!r} {unit}"
-
-
-def _shown(value: float, unit: str) -> str | float:
-    return float(value) if unit == "1" else f"{float(value)!r} {unit}"
-
-
-def _format_table(frame: pd.DataFrame, columns: dict[str, Column]) -> str:
-    """A table as CSV: text keys (quoted where needed), numbers with the fewest digits that give them back."""
-    keys = frame["record"] if "record" in frame.columns else frame.index
-    cells = [[_quoted(str(key)) for key in keys]]
-    for name in columns:
-        values = frame[name].to_numpy(dtype=float)
-        whole = name in UNITLESS
-        cells.append([_format_number(value, whole) for value in values.tolist()])
-    rows = [",".join(["record", *map(_quoted, columns)])] + [",".join(row) for row in zip(*cells, strict=True)]
-    return "\n".join(rows) + "\n"
-
-
-def _format_number(value: float, whole: bool) -> str:
-    if np.isnan(value):
-        return ""
-    text = repr(value)
-    return text[:-2] if whole and text.endswith(".0") else text
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace('"', '""') + '"' if re.search(r'[,"\r\n]', text) else text
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

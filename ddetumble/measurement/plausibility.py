@@ -5,15 +5,15 @@ relation that holds whatever effect is missing: impulse, speed and duration of a
 stiffness, and with it the pressure, within a factor of about two.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .campaign import Campaign
 from .kinds import find_kind
 from .sizes import Size
-from .units import check_unit, si_unit
+from .units import parse_unit, role_of, si_unit
 
 
 # Ranges are those of benches and objects that the models are made for, widened to the next round number: lowest and
@@ -45,8 +45,10 @@ MISTAKES: dict[str, tuple[tuple[str, str], ...]] = {  # the unit that the values
     "force": (("N", "kN"), ("kN", "N"), ("mN", "N"), ("N", "mN"), ("kgf", "N"), ("N", "kgf"), ("gf", "N")),
     "length": (("mm", "m"), ("m", "mm"), ("um", "mm"), ("mm", "um"), ("um", "m"), ("cm", "m"), ("mm", "cm")),
     "angular velocity": (("deg/s", "rad/s"), ("rad/s", "deg/s"), ("rpm", "rad/s")),
-    "temperature": (),
 }  # fmt: skip
+_SUSPECTS = ("initial_pressure", "internal_pressure", "approach_speed", "slip_speed", "tangential_speed", "normal_load",
+             "normal_force", "tangential_force", "time", "depression", "slip", "angular_velocity",
+             "elastic_modulus")  # columns whose unit may be wrong, the likeliest first
 
 
 @dataclass(frozen=True)
@@ -92,61 +94,47 @@ def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
     """
     ranges = {**RANGES, **find_kind(campaign.family).ranges}
     sizes = _measure_sizes(campaign, ranges)
-    odd = [name for name, size in sizes.items() if not _is_within(name, size.value, ranges)]
+    odd = [name for name, size in sizes.items() if not _is_within(size.value, ranges[name])]
     if not odd:
         return ()
-    mistakes, doubtful = [], all(" over " in name for name in odd)
-    for column, kind in _list_columns(campaign).items():
-        if not all(column in sizes[name].powers for name in odd):
-            continue
-        mistakes += _list_mistakes(column, kind, sizes, odd if doubtful else [], ranges)
+    mistakes, relations = [], [name for name in odd if " over " in name]
+    for column in _SUSPECTS:
+        if all(column in sizes[name].powers for name in odd):
+            mistakes += _list_mistakes(column, sizes, len(relations) == len(odd), ranges)
     if mistakes:
         return (_ask(odd[0], sizes[odd[0]], tuple(mistakes), ranges),)
     # A relation of several columns is the more doubtful: it is told only where nothing else is.
-    plain = [name for name in odd if " over " not in name] or odd
+    plain = [name for name in odd if name not in relations] or odd
     return tuple(_ask(name, sizes[name], (), ranges) for name in plain)
 
 
-def _list_mistakes(column: str, kind: str, sizes: Mapping[str, "Size"], strictly: Sequence[str],
-                   ranges: Ranges) -> list[tuple[str, str, str]]:
-    """Wrong units of one column that would explain all sizes; those named in `strictly` have to be explained well.
+def _is_within(value: float, limits: tuple[float, float]) -> bool:
+    return limits[0] <= value <= limits[1]
+
+
+def _list_mistakes(column: str, sizes: Mapping[str, Size], doubtful: bool, ranges: Ranges
+                   ) -> list[tuple[str, str, str]]:
+    """Wrong units of one column that would explain all sizes; where only relations are odd, they have to do it well.
 
     Several where the sizes leave it open which, as of kPa, bar and psi: those first that bring ratios of columns
     nearest to their typical values.
     """
-    found, good, misses = [], [], {}
-    for actual, stated in MISTAKES[kind]:
-        factor = check_unit(actual, "").scale / check_unit(stated, "").scale
+    found, good, gas = {}, [], "stiffness over that of the gas"
+    for actual, stated in MISTAKES[role_of(column) or "angular velocity"]:
+        factor = parse_unit(actual).scale / parse_unit(stated).scale
         corrected = {name: size.value * factor ** size.powers.get(column, 0) for name, size in sizes.items()}
-        if all(_is_within(name, value, ranges, name in strictly) for name, value in corrected.items()):
-            found.append((column, actual, stated))
-            misses[found[-1]] = sum(abs(np.log(corrected[name] / typical)) for name, typical in TYPICAL.items()
-                                    if name in corrected)
-            good += [found[-1]] * all(_is_within(name, value, ranges, True) for name, value in corrected.items())
-    return sorted(good or found, key=misses.__getitem__)
-
-
-def _is_within(name: str, value: float, ranges: Ranges, strictly: bool = False) -> bool:
-    """Whether a size is plausible; where it is all that is odd, a corrected unit has to explain it well."""
-    low, high = CORRECTED if strictly and name.startswith("stiffness") else ranges[name]
-    return low <= value <= high
-
-
-def _list_columns(campaign: Campaign) -> dict[str, str]:
-    """Columns whose unit may be wrong, with the kind of their quantity; the likeliest first."""
-    kinds = {"initial_pressure": "pressure", "internal_pressure": "pressure", "approach_speed": "speed",
-             "slip_speed": "speed", "tangential_speed": "speed", "normal_load": "force", "normal_force": "force",
-             "tangential_force": "force", "time": "time", "depression": "length", "slip": "length",
-             "angular_velocity": "angular velocity", "temperature": "temperature",
-             "elastic_modulus": "pressure"}  # fmt: skip
-    there = {*campaign.conditions, *campaign.channels, *campaign.known}
-    there |= set() if campaign.independent is None else {campaign.independent.name}
-    there |= {"angular_velocity"} if any(name.startswith("angular_velocity") for name in there) else set()
-    return {name: kind for name, kind in kinds.items() if name in there}
+        strictly = gas not in corrected or _is_within(corrected[gas], CORRECTED)
+        odd = gas in sizes and not _is_within(sizes[gas].value, ranges[gas])
+        if all(_is_within(value, ranges[name]) for name, value in corrected.items()) and (
+                strictly or not (doubtful and odd)):
+            found[column, actual, stated] = sum(
+                abs(np.log(corrected[name] / typical)) for name, typical in TYPICAL.items() if name in corrected)
+            good += [(column, actual, stated)] * strictly
+    return sorted(good or found, key=found.__getitem__)
 
 
 def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, Size]:
-    """Everything in `ranges` that a campaign tells, by name."""
+    """Everything in `ranges` that a campaign tells, by name: medians over the records."""
     sizes, kind = {}, find_kind(campaign.family)
     for name, column in campaign.conditions.items():
         values = campaign.records[name].to_numpy(dtype=float)
@@ -157,17 +145,13 @@ def _measure_sizes(campaign: Campaign, ranges: Ranges) -> dict[str, Size]:
         known = campaign.known.get(name)
         if known is not None:
             sizes[name] = Size(known, si_unit(name), {name: 1})
-    rows: dict[str, list[float]] = {}
-    powers: dict[str, tuple[str, Mapping[str, int]]] = {}
+    rows: dict[str, list[Size]] = {}
     for key in campaign.record_keys if campaign.samples is not None else ():
         for name, size in kind.measure(campaign.trace(key), campaign.records.loc[key].to_dict()).items():
-            rows.setdefault(name, []).append(size.value)
-            powers[name] = size.unit, size.powers
-    for name, values in rows.items():
-        finite = [value for value in values if np.isfinite(value) and value > 0]
-        if finite:
-            sizes[name] = Size(float(np.median(finite)), *powers[name])
-    return sizes
+            if np.isfinite(size.value) and size.value > 0:
+                rows.setdefault(name, []).append(size)
+    return sizes | {name: replace(own[0], value=float(np.median([size.value for size in own])))
+                    for name, own in rows.items()}
 
 
 def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], ranges: Ranges) -> Implausibility:
@@ -175,13 +159,11 @@ def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], rang
     unit = "" if size.unit == "1" else f" {size.unit}"
     of = "" if name in NUMBERS else " (median of the records)"
     seen = f"{name} is {size.value:.3g}{unit}{of}, where {low:.3g} to {high:.3g}{unit} is expected"
-    units: dict[tuple[str, str], list[str]] = {}
+    guesses: dict[str, dict[str, list[str]]] = {}
     for column, actual, stated in mistakes:
-        units.setdefault((column, stated), []).append(actual)
-    guesses: dict[str, list[str]] = {}
-    for (column, stated), actual in units.items():
-        guesses.setdefault(column, []).append(f"in {' or '.join(actual)} where {stated} is stated")
-    listed = [f"{column} {', or '.join(ways)}" for column, ways in guesses.items()]
+        guesses.setdefault(column, {}).setdefault(stated, []).append(actual)
+    listed = [f"{column} " + ", or ".join(f"in {' or '.join(actual)} where {stated} is stated"
+                                          for stated, actual in ways.items()) for column, ways in guesses.items()]
     remedy = f"are the values of {', or of '.join(listed)}?" if listed else (
         "are the units of all columns right, and the scales of the gauges?")
     return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -47,13 +48,8 @@ _QUANTITIES = {
 }  # fmt: skip
 _MAIN = ("initial_pressure", "approach_speed", "tangential_speed", "normal_load", "internal_pressure", "slip_speed")
 _DIGITS = {"normal_load": "#.3g", "slip_speed": ".3g"}  # others by their unit
-VERDICTS = {
-    "nothing-missing": "nothing missing",
-    "explained": "explained",
-    "improved": "improved, not explained",
-    "unexplained": "unexplained",
-    "undecided": "undecided",
-}
+VERDICTS = {"nothing-missing": "nothing missing", "explained": "explained", "improved": "improved, not explained",
+            "unexplained": "unexplained", "undecided": "undecided"}
 
 
 def describe_quantity(name: str, values=None, unit: str = "") -> Quantity:
@@ -93,17 +89,21 @@ def typeset(text: str) -> str:
     """Numbers, units and laws as they stand in print: `4e-08` as 4 × 10⁻⁸, `1/s**2` as 1/s², `(x - d)+^n` as (x − d)₊ⁿ,
     true minus signs, and no line that ends between a number and its unit.
     """
-    text = re.sub(rf"(?<![\w.]){_POWER} ± {_POWER}", _join_powers, text)
-    text = re.sub(rf"(?<![\w.]){_POWER}", lambda found: _raise(found[1], int(found[2])), text)
-    text = re.sub(r"\*\*(-?\d+)(?![\d.]*\d)", lambda found: found[1].translate(_SMALL_TYPE), text)
-    text = re.sub(r"(?<=[A-Za-z])\*\*(?=[-\d])", "^", text)
-    text = re.sub(r"\)\+(?=$|[\^\s;,:)])", ")₊", text)
-    text = re.sub(r"\^(\d+|n)(?![\w.])", lambda found: found[1].translate(_SMALL_TYPE), text)
-    text = re.sub(r"(?<=[\w)]) - (?=\w+\))", " − ", text)
-    text = re.sub(r"(?<![\w.)\]−-])-(?=\.?\d)", "−", text)
-    text = re.sub(r"(?<=\d)%", " %", text)
-    text = re.sub(rf"(?<=[\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (?={_UNITS}|1/)", "\u00a0", text)
-    return re.sub(r"(?<=[\w)]) ([<>±×]|(?<=\bp )=) (?=[-−\d(])", "\u00a0\\1\u00a0", text)
+    for pattern, printed in (
+        (rf"(?<![\w.]){_POWER} ± {_POWER}", _join_powers),
+        (rf"(?<![\w.]){_POWER}", lambda found: _raise(found[1], int(found[2]))),
+        (r"\*\*(-?\d+)(?![\d.]*\d)", lambda found: found[1].translate(_SMALL_TYPE)),
+        (r"(?<=[A-Za-z])\*\*(?=[-\d])", "^"),
+        (r"\)\+(?=$|[\^\s;,:)])", ")₊"),
+        (r"\^(\d+|n)(?![\w.])", lambda found: found[1].translate(_SMALL_TYPE)),
+        (r"(?<=[\w)]) - (?=\w+\))", " − "),
+        (r"(?<![\w.)\]−-])-(?=\.?\d)", "−"),
+        (r"(?<=\d)%", " %"),
+        (rf"(?<=[\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (?={_UNITS}|1/)", "\u00a0"),
+        (r"(?<=[\w)]) ([<>±×]|(?<=\bp )=) (?=[-−\d(])", "\u00a0\\1\u00a0"),
+    ):
+        text = re.sub(pattern, printed, text)
+    return text
 
 
 def _raise(mantissa: str, power: int) -> str:
@@ -121,11 +121,8 @@ def _join_powers(found: re.Match) -> str:
 
 def shorten(text, length: int) -> str:
     """Text from a file on one line; the middle is left out where it is longer than `length`, as ends tell apart."""
-    text = clean(text, 4000)
-    if len(text) <= length:
-        return text
-    end = (length - 1) // 2
-    return f"{text[: length - 1 - end]}…{text[len(text) - end :]}"
+    text, end = clean(text, 4000), (length - 1) // 2
+    return text if len(text) <= length else f"{text[: length - 1 - end]}…{text[len(text) - end :]}"
 
 
 def shorten_names(names: Iterable, length: int) -> dict[str, str]:
@@ -134,14 +131,12 @@ def shorten_names(names: Iterable, length: int) -> dict[str, str]:
     Of those longer than `length`, whole words that all of them begin or end with are left out first, then the middle;
     names that would then be alike are numbered in their order.
     """
-    full = list(dict.fromkeys(str(name) for name in names))
-    short = {name: clean(name, 4000) for name in full}
+    short = {name: clean(name, 4000) for name in map(str, names)}
     words = {name: re.split(r"(?<=[_\-./ ])", text) for name, text in short.items() if len(text) > length}
     if len(words) > 1:
         least = min(map(len, words.values())) - 1
-        head = next((i for i in range(least) if len({own[i] for own in words.values()}) > 1), least)
-        least -= head
-        tail = next((i for i in range(least) if len({own[-1 - i] for own in words.values()}) > 1), least)
+        head = min(len(os.path.commonprefix(list(words.values()))), least)
+        tail = min(len(os.path.commonprefix([own[::-1] for own in words.values()])), least - head)
         short |= {name: "".join(own[head : len(own) - tail]).strip("_-./ ") for name, own in words.items()}
     short = {name: shorten(text, length) for name, text in short.items()}
     count = Counter(short.values())
@@ -157,13 +152,12 @@ def vary(records: Iterable[Mapping[str, float]]) -> tuple[str, ...]:
     Pressure and speed of an impact, and load, pressure and speed of a slip record, count also where all are alike.
     """
     records = list(records)
-    names = [name for name in _MAIN if any(name in record for record in records)]
-    names += sorted({name for record in records for name in record} - set(_MAIN) - {"sequence"})
+    there = {name for record in records for name in record} - {"sequence"}
     kept = []
-    for name in names:
+    for name in (*(name for name in _MAIN if name in there), *sorted(there - set(_MAIN))):
         values = np.array([record.get(name, np.nan) for record in records], dtype=float)
         values = values[np.isfinite(values)]
-        if values.size and (values.max() - values.min() > 0.02 * np.abs(values).max() or name in _MAIN):
+        if values.size and (name in _MAIN or np.ptp(values) > 0.02 * np.abs(values).max()):
             kept.append(name)
     return tuple(kept)
 
@@ -199,9 +193,9 @@ def name_step(steps: Sequence, number: int, model: str) -> str:
     if not number:
         return clean(model, 34)
     step, before = steps[number], steps[number - 1].effects
-    new = [f"+ {clean(effect, 34)}" for effect in step.effects if effect not in before]
-    gone = [f"− {clean(effect, 34)}" for effect in before if effect not in step.effects]
-    return ", ".join((*new, *gone)) or f"+ {clean(step.added, 34)}"
+    changes = [f"+ {clean(effect, 34)}" for effect in step.effects if effect not in before]
+    changes += [f"− {clean(effect, 34)}" for effect in before if effect not in step.effects]
+    return ", ".join(changes) or f"+ {clean(step.added, 34)}"
 
 
 def format_quantity(name: str, value: float, longest: float = 0.0) -> str:
@@ -210,10 +204,10 @@ def format_quantity(name: str, value: float, longest: float = 0.0) -> str:
     return f"{format_plain(value * shown.scale)} {shown.unit}".rstrip()
 
 
-def join_words(words: Sequence[str], last: str = "and") -> str:
+def join_words(words: Iterable[str], last: str = "and") -> str:
     """Words with commas between them, and `last` before the last one."""
-    words = list(words)
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" {last} " + words[-1]
+    *first, end = words
+    return f"{', '.join(first)} {last} {end}" if first else end
 
 
 def format_plain(value: float) -> str:
@@ -226,10 +220,10 @@ def format_estimate(value: float, sd: float, unit: str = "") -> str:
     if not (math.isfinite(sd) and sd > 0):
         return f"{value:.4g} {unit}".rstrip() + " (its uncertainty is not known)"
     places = 1 - _magnitude(sd)
+    shown, spread = format_value(value, sd), format_value(sd, sd)
     if 1e-3 <= max(abs(value), sd) < 1e7 and places <= 9:
-        shown, spread = (f"{round(x, places):.{max(places, 0)}f}" for x in (float(value), float(sd)))
-        return f"{shown} ± {spread} {unit}".rstrip()
-    return f"{format_value(value, sd)} ± {format_value(sd, sd)} {unit}".rstrip()
+        shown, spread = (_format_places(x, places) for x in (float(value), float(sd)))
+    return f"{shown} ± {spread} {unit}".rstrip()
 
 
 def format_number(value, digits: int = 3) -> str:
@@ -240,8 +234,7 @@ def format_number(value, digits: int = 3) -> str:
         return "0"
     if not 1e-3 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}"
-    places = digits - 1 - _magnitude(value)
-    return f"{round(value, places):.{max(0, places)}f}"
+    return _format_places(value, digits - 1 - _magnitude(value))
 
 
 def format_value(value: float, sd: float) -> str:
@@ -250,8 +243,7 @@ def format_value(value: float, sd: float) -> str:
         return format_number(value, 4)
     if value != 0 and not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{max(1, min(8, _magnitude(value) - _magnitude(sd) + 1))}e}"
-    places = 1 - _magnitude(sd)
-    return f"{round(value, places):.{max(0, min(9, places))}f}"
+    return _format_places(value, 1 - _magnitude(sd))
 
 
 def format_share(value: float, places: int = 0) -> str:
@@ -275,6 +267,11 @@ def say_p(value: float) -> str:
     """A p-value with its letter: `p = 0.41`, `p < 0.001`, or `no p-value`."""
     text = format_p(value)
     return "no p-value" if text == "–" else f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+def _format_places(value: float, places: int) -> str:
+    """A number rounded to decimal places, to tens and hundreds where these are negative; at most nine are shown."""
+    return f"{round(value, places):.{min(max(places, 0), 9)}f}"
 
 
 def _magnitude(value: float) -> int:

@@ -1,13 +1,9 @@
-"""Spikes: single readings off a smooth curve on which all readings around them lie.
-
-Nothing here knows physics: a jump, a kink and a peak are none, and what comes at one time in several records is no
-accident either.
+"""Spikes: single readings off a smooth curve on which all readings around them lie; a jump, a kink and a peak are none.
 """
 
 import dataclasses as dc
-import itertools
-import math
 from collections.abc import Hashable, Mapping
+from itertools import combinations
 
 import numpy as np
 from scipy import special
@@ -53,8 +49,7 @@ class ScreeningSettings:
 
 SCREENING = ScreeningSettings()
 WINDOW = 9  # samples in which a spike is looked for
-_LEFT_OUT = tuple(np.array(list(itertools.combinations(range(WINDOW), n)), dtype=int).reshape(math.comb(WINDOW, n), n)
-                  for n in range(3))
+_LEFT_OUT = tuple(np.array(list(combinations(range(WINDOW), n)), dtype=int) for n in range(3))
 
 
 def find_spikes(time: np.ndarray, x: np.ndarray, sd: float, settings: ScreeningSettings = SCREENING) -> np.ndarray:
@@ -85,13 +80,11 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float, settings: ScreeningS
         part = slice(first, first + WINDOW)
         spikes = _leave_window(t[part], y[part], sd, settings)
         found[there[k]] = outside[k] if spikes is None else k - first in spikes
-    # So many are no accidents.
-    return found if found.mean() <= settings.many else np.zeros(len(x), dtype=bool)
+    return found & (found.mean() <= settings.many)  # more are no accidents
 
 
 def leave_common_spikes(time: dict[str, np.ndarray], spikes: dict[str, np.ndarray],
-                        groups: Mapping[str, Hashable], settings: ScreeningSettings = SCREENING
-                        ) -> dict[str, np.ndarray]:
+                        groups: Mapping[str, Hashable], settings: ScreeningSettings) -> dict[str, np.ndarray]:
     """Spikes without those that come at one time in more records than chance would have it: these are the experiment's.
 
     Args:
@@ -100,10 +93,9 @@ def leave_common_spikes(time: dict[str, np.ndarray], spikes: dict[str, np.ndarra
         groups: conditions of every record; repeats have the same.
         settings: thresholds.
     """
-    found, count = dict(spikes), sum(len(t) for t in time.values())
+    found, count = {key: own.copy() for key, own in spikes.items()}, sum(map(len, time.values()))
     total = sum(int(own.sum()) for own in spikes.values())
     for key, own in spikes.items():
-        found[key] = kept = own.copy()
         for k in np.flatnonzero(own):
             near = settings.common * float(np.median(np.diff(time[key])))
             others = {other: np.abs(t - time[key][k]) <= near for other, t in time.items() if other != key}
@@ -113,26 +105,20 @@ def leave_common_spikes(time: dict[str, np.ndarray], spikes: dict[str, np.ndarra
                 samples = sum(int(window.sum()) for window in windows.values())
                 rate = max(total - hits - 1, 0.5) / count
                 if hits and total * special.bdtrc(hits - 1, samples, rate) < settings.recurs:
-                    kept[k] = False
+                    found[key][k] = False
     return found
 
 
 def _leave_window(time: np.ndarray, y: np.ndarray, sd: float, settings: ScreeningSettings) -> tuple[int, ...] | None:
-    """Places within a window that are off a cubic on which all others lie; None where there is no such cubic.
-
-    Args:
-        time, y: of the samples and readings of the window, shape (WINDOW,).
-        sd: standard deviation of the noise, in the readings' unit.
-        settings: thresholds.
-    """
-    t = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
+    """Places within a window that are off a cubic on which all others lie; None where there is no such cubic."""
+    t, limit = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, settings.smooth**2 * sd**2
     basis = np.stack([np.ones_like(t), t, t * t, t**3], axis=1)
     for k in range(2, len(t) - 1):  # a step, and a kink where three samples on either side show it
         edge = 0.5 * (t[k - 1] + t[k])
         broken = [t > edge, np.maximum(t - edge, 0.0)] if 3 <= k <= len(t) - 3 else [t > edge]
         moving = np.concatenate([basis, np.stack(broken, axis=1)], axis=1)
         rest = y - moving @ np.linalg.lstsq(moving, y)[0]
-        if rest @ rest <= (len(y) - moving.shape[1]) * settings.smooth**2 * sd**2:
+        if rest @ rest <= (len(y) - moving.shape[1]) * limit:
             return ()
     for out in _LEFT_OUT:
         kept = np.ones((len(out), len(y)))
@@ -140,7 +126,7 @@ def _leave_window(time: np.ndarray, y: np.ndarray, sd: float, settings: Screenin
         inverse = np.linalg.inv(np.einsum("ck,ki,kj->cij", kept, basis, basis))
         rest = y - np.einsum("ki,cij,cj->ck", basis, inverse, (kept * y) @ basis)
         misfit = np.sum(kept * rest**2, axis=1) / (len(y) - 4.0 - out.shape[1])
-        fine = np.flatnonzero(misfit <= settings.smooth**2 * sd**2)
+        fine = np.flatnonzero(misfit <= limit)
         if not len(fine):
             continue
         # Where several would do, what all of them leave out.
@@ -153,27 +139,19 @@ def _leave_window(time: np.ndarray, y: np.ndarray, sd: float, settings: Screenin
 
 def _stand_outside(time: np.ndarray, y: np.ndarray, sd: float, settings: ScreeningSettings) -> np.ndarray:
     """Readings off the cubic, the range and the lines of two neighbours on each side, shape (samples,); see above."""
-    off, middle = leave_cubic(time, y), y[2:-2]
+    off, middle, limit = np.abs(leave_cubic(time, y)), y[2:-2], settings.spike * sd
     around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
-    outside = np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle)
-    ahead, behind = middle - 2.0 * y[1:-3] + y[:-4], middle - 2.0 * y[3:-1] + y[4:]
-    outside = np.minimum(outside, np.minimum(np.abs(ahead), np.abs(behind)))
-    bad = (np.abs(off) > settings.spike * sd) & (outside > settings.spike * sd)
+    lines = np.abs([middle - 2.0 * y[1:-3] + y[:-4], middle - 2.0 * y[3:-1] + y[4:]])
+    outside = np.min([np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle), *lines], axis=0)
+    bad = (off > limit) & (outside > limit)
     # What stands off beside a larger one stands off because of it.
-    size = np.where(bad, np.abs(off), 0.0)
-    beside = np.pad(size, 2)
-    bad &= size >= np.max([beside[k:k + len(size)] for k in (0, 1, 3, 4)], axis=0)
-    return np.pad(bad, 2)
+    beside = np.pad(np.where(bad, off, 0.0), 2)
+    return np.pad(bad & (beside[2:-2] >= np.max([beside[k:k + len(bad)] for k in (0, 1, 3, 4)], axis=0)), 2)
 
 
 def leave_cubic(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Each sample but two at either end less the cubic through its four neighbours, in deviations of one sample."""
-    at = np.stack([time[k:len(time) - 4 + k] for k in (0, 1, 3, 4)])
-    y = np.stack([x[k:len(x) - 4 + k] for k in (0, 1, 3, 4)])
+    at, y = (np.stack([z[k:len(z) - 4 + k] for k in (0, 1, 3, 4)]) for z in (time, x))
     t = time[2:-2]
-    weights = np.ones_like(at)
-    for i in range(4):
-        for j in range(4):
-            if i != j:
-                weights[i] *= (t - at[j]) / (at[i] - at[j])
+    weights = np.stack([np.prod([(t - at[j]) / (at[i] - at[j]) for j in range(4) if j != i], axis=0) for i in range(4)])
     return (x[2:-2] - np.sum(weights * y, axis=0)) / np.sqrt(1.0 + np.sum(weights**2, axis=0))

@@ -19,6 +19,21 @@ from .._settings import refuse_memory
 
 CELLS = 20  # bytes of memory a byte of a table takes while it is read, as text and as numbers (measured: 19)
 _DIGITS = frozenset("0123456789+-.eE")
+# Cells that are no numbers, and what to do about them; at first those with the other decimal sign.
+_OTHER_SIGN = {
+    ".": (r"[-+]?\d*,\d+([eE][-+]?\d+)?", "has a comma; write a decimal point, and no thousands separators"),
+    ",": (r"[-+]?\d*\.\d+([eE][-+]?\d+)?",
+          "has a point where decimals are written with commas; write all numbers alike"),
+}
+_MISTAKES = (
+    (r"[-+]?\d{1,3}([,.'’\s_]\d{3})+([.,]\d*)?", "has thousands separators; write the number without them"),
+    (r"[−–]\s*[\d.,]+([eE].*)?", "begins with a typographic minus; write a plain hyphen-minus"),
+    (r"[-+]?[\d.,]+([eE][-+]?\d+)?\s*[^\W\d].*",
+     "has a unit or text after the number; put the unit into the descriptor or header"),
+    (r"[-+]?(nan|n/?a|null|none|inf(inity)?|#n/a|#value!|#div/0!|-+)",
+     "is not a number; leave the cell empty where a sample is missing, or drop the row"),
+    (".*", "is not a number; correct the cell or drop the row"),
+)
 
 
 @dataclass(frozen=True)
@@ -40,32 +55,24 @@ class Table:
 
 
 def read_bytes(path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        InputError: It is not there, is a folder or a device, cannot be opened, or is too large for the memory.
-    """
+    """Read a whole file; refused are folders, devices, and what cannot be opened or is too large for the memory."""
     path = Path(path)
     try:
-        if path.is_dir():
-            raise InputError("is a folder; a file is needed here", file=path)
         if path.exists() and not path.is_file():
-            raise InputError("is not a plain file", file=path)
+            what = "is a folder; a file is needed here" if path.is_dir() else "is not a plain file"
+            raise InputError(what, file=path)
         refuse_memory(CELLS * path.stat().st_size, f"reading {path}")
         return path.read_bytes()
     except FileNotFoundError:
         raise InputError("there is no such file; check the path", file=path) from None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise error if isinstance(error, InputError) else InputError(f"cannot be read: {reason}", file=path) from None
+        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
 
 
 def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
-    """Bytes as text, without a byte-order mark.
-
-    Raises:
-        InputError: NUL bytes, or bytes that are not in that encoding; the line is named.
-    """
+    """Bytes as text, without a byte-order mark; NUL and bytes that are not in that encoding are refused by line."""
     if b"\0" in data and encoding != "utf-16":
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         raise InputError("holds a NUL byte: the file is damaged, or is not text", file=file, row=line)
@@ -77,14 +84,22 @@ def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
         raise InputError(problem, file=file, row=line) from None
 
 
-def parse_table(text: str, file: str, *, delimiter: str = ",", quote: str = '"') -> Table:
-    """Text of a CSV file with one header line to columns of text.
+def split_rows(text: str, file: str, delimiter: str, quote: str = '"', strict: bool = True
+               ) -> list[tuple[int, list[str]]]:
+    """Line number, counted from 1, and cells of each row of a CSV file; broken quotes are refused where `strict`."""
+    rows, start = [], 1
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, quotechar=quote, strict=strict)
+    try:
+        for cells in reader:
+            rows.append((start, cells))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"broken quoting or an endless cell ({error}); mend the line", file=file, row=start) from None
+    return rows
 
-    Args:
-        text: The file's text.
-        file: Its name, for messages.
-        delimiter: One character between cells.
-        quote: The character around quoted cells.
+
+def parse_table(text: str, file: str, delimiter: str = ",", quote: str = '"') -> Table:
+    """Text of a CSV file with one header line to columns of text.
 
     Raises:
         InputError: Empty file, header only, empty or duplicate headings, a row with too few or too many cells, an
@@ -92,36 +107,52 @@ def parse_table(text: str, file: str, *, delimiter: str = ",", quote: str = '"')
     """
     if not text.strip():
         raise InputError("the file is empty; it needs a header line and data rows", file=file)
-    rows, lines = [], []
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, quotechar=quote, strict=True)
-    try:
-        start = 1
-        for row in reader:
-            rows.append(row)
-            lines.append(start)
-            start = reader.line_num + 1
-    except csv.Error as error:
-        raise InputError(f"broken quoting or an endless cell ({error}); mend the line", file=file, row=start) from None
-    while not rows[-1]:
+    rows = split_rows(text, file, delimiter, quote)
+    while not rows[-1][1]:
         rows.pop()
-        lines.pop()
-    header = [cell.strip() for cell in rows[0]]
-    _check_header(header, rows[1:], file, lines[0], delimiter)
-    width = len(header)
-    if any(len(row) != width for row in rows):
-        _blame_row(rows, lines, header, file, delimiter)
-    columns = {name: list(cells) for name, cells in zip(header, zip(*rows[1:], strict=True), strict=True)}
-    return Table(file, columns, np.array(lines[1:]))
+    (above, header), rows = rows[0], rows[1:]
+    header = [cell.strip() for cell in header]
+    _check_header(header, file, above, delimiter)
+    if not rows:
+        raise InputError("there are no data rows below the header", file=file, row=above)
+    for line, cells in rows:
+        if not cells:
+            raise InputError("the line is empty; remove it", file=file, row=line)
+        if len(cells) != len(header):
+            hint = ""
+            if len(cells) < len(header):
+                hint = "; complete the row (was the file cut off?)"
+            elif delimiter == ",":
+                hint = "; if numbers are written with commas, write decimal points and no thousands separators"
+            problem = f"the row has {len(cells)} cell{'s' * (len(cells) > 1)} and the header {len(header)}{hint}"
+            raise InputError(problem, file=file, row=line)
+    lines, data = zip(*rows, strict=True)
+    return Table(file, dict(zip(header, map(list, zip(*data, strict=True)), strict=True)), np.array(lines))
 
 
-def read_table(path, *, delimiter: str = ",", quote: str = '"') -> Table:
-    """Read a UTF-8 CSV file; see `parse_table` for what is refused."""
-    return parse_table(decode(read_bytes(path), str(path)), str(path), delimiter=delimiter, quote=quote)
+def _check_header(header: list[str], file: str, line: int, delimiter: str) -> None:
+    if not header:
+        raise InputError("the first line is empty; it must hold the column names", file=file, row=line)
+    for i, name in enumerate(header):
+        if not name:
+            raise InputError(f"column {i + 1} has no name in the header; name it or remove it", file=file, row=line)
+        if header.count(name) > 1:
+            problem = f"the heading {name!r} is there {header.count(name)} times; give each column its own name"
+            raise InputError(problem, file=file, row=line)
+    other = next((sign for sign in ";\t|," if sign in header[0]), None) if len(header) == 1 else None
+    if other:
+        shown = "a tab" if other == "\t" else repr(other)
+        problem = f'cells seem to be separated by {shown}, not {delimiter!r}; state it as "dialect": '
+        raise InputError(problem + '{"delimiter": …} of the resource', file=file, row=line)
 
 
-def convert_column(
-    table: Table, column: str, *, decimal: str = ".", missing=("",), allow_missing: bool = False
-) -> np.ndarray:
+def read_table(path) -> Table:
+    """Read a UTF-8 CSV file with commas; see `parse_table` for what is refused."""
+    return parse_table(decode(read_bytes(path), str(path)), str(path))
+
+
+def convert_column(table: Table, column: str, *, decimal: str = ".", missing=("",), allow_missing: bool = False
+                   ) -> np.ndarray:
     """Numbers of a column, shape (rows,), in the unit of the file.
 
     Args:
@@ -142,93 +173,35 @@ def convert_column(
                 return values
     except ValueError:
         pass
-    values = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        cell = cell.strip()
-        if cell in missing or not cell:
-            if not allow_missing:
-                problem = "the cell is empty; every row needs a number here"
-                problem = problem if not cell else f"{cell!r} stands for a missing value, and every row needs a number"
-                raise InputError(problem, file=table.file, column=column, row=table.lines[i])
-            values[i] = math.nan
+    values = np.full(len(cells), math.nan)
+    for i, cell in enumerate(map(str.strip, cells)):
+        problem = None
+        if not cell or cell in missing:
+            stands = f"{cell!r} stands for a missing value" if cell else "the cell is empty"
+            problem = None if allow_missing else f"{stands}; every row needs a number here"
         else:
-            values[i] = _convert_cell(cell, decimal, table.file, column, table.lines[i])
+            problem, values[i] = _convert_cell(cell, decimal)
+        if problem:
+            raise InputError(problem, file=table.file, column=column, row=table.lines[i])
     return values
 
 
-def pick_column(table: Table, column: str) -> list[str]:
-    """Cells of a column as text.
-
-    Raises:
-        InputError: The table has no such column.
-    """
-    if column not in table.columns:
-        raise InputError(f"there is no column {column!r}; the file has {', '.join(table.columns)}", file=table.file)
-    return table.columns[column]
-
-
-def _convert_cell(cell: str, decimal: str, file: str, column: str, line: int) -> float:
+def _convert_cell(cell: str, decimal: str) -> tuple[str | None, float]:
+    """What is wrong with a cell, and its number."""
     plain = cell if decimal == "." else cell.replace(".", "|").replace(decimal, ".")
     if set(plain) <= _DIGITS:
         try:
             value = float(plain)
+            return (None if math.isfinite(value) else f"{cell!r} is too large a number"), value
         except ValueError:
             pass
-        else:
-            if math.isfinite(value):
-                return value
-            raise InputError(f"{cell!r} is too large a number", file=file, column=column, row=line)
-    raise InputError(_explain_cell(cell, decimal), file=file, column=column, row=line)
+    mistakes = (_OTHER_SIGN[decimal], *_MISTAKES)
+    words = next(words for pattern, words in mistakes if re.fullmatch(pattern, cell, re.IGNORECASE | re.DOTALL))
+    return f"{cell!r} {words}", math.nan
 
 
-def _explain_cell(cell: str, decimal: str) -> str:
-    """Why a cell is no number, and what to do."""
-    if re.fullmatch(r"[-+]?(nan|n/?a|null|none|inf(inity)?|#n/a|#value!|#div/0!|-+)", cell, re.IGNORECASE):
-        return f"{cell!r} is not a number; leave the cell empty where a sample is missing, or drop the row"
-    if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) and decimal == ".":
-        return f"{cell!r} has a comma; write a decimal point, and no thousands separators"
-    if decimal == "," and re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", cell):
-        return f"{cell!r} has a point where decimals are written with commas; write all numbers alike"
-    if re.fullmatch(r"[-+]?\d{1,3}([,.'’\s_]\d{3})+([.,]\d*)?", cell):
-        return f"{cell!r} has thousands separators; write the number without them"
-    if re.fullmatch(r"[−–]\s*[\d.,]+([eE].*)?", cell):
-        return f"{cell!r} begins with a typographic minus; write a plain hyphen-minus"
-    if re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?\s*[^\W\d].*", cell):
-        return f"{cell!r} has a unit or text after the number; put the unit into the descriptor or header"
-    return f"{cell!r} is not a number; correct the cell or drop the row"
-
-
-def _check_header(header: list[str], rows: list, file: str, line: int, delimiter: str) -> None:
-    if not header:
-        raise InputError("the first line is empty; it must hold the column names", file=file, row=line)
-    for i, name in enumerate(header):
-        if not name:
-            raise InputError(f"column {i + 1} has no name in the header; name it or remove it", file=file, row=line)
-        if header.count(name) > 1:
-            problem = f"the heading {name!r} is there {header.count(name)} times; give each column its own name"
-            raise InputError(problem, file=file, row=line)
-    if len(header) == 1:
-        for other in ";\t|,":
-            if other != delimiter and other in header[0]:
-                shown = "a tab" if other == "\t" else repr(other)
-                problem = f'cells seem to be separated by {shown}, not {delimiter!r}; state it as "dialect": '
-                raise InputError(problem + '{"delimiter": …} of the resource', file=file, row=line)
-    if not rows:
-        raise InputError("there are no data rows below the header", file=file, row=line)
-
-
-def _blame_row(rows, lines, header, file, delimiter) -> None:
-    for row, line in zip(rows, lines, strict=True):
-        if not row:
-            raise InputError("the line is empty; remove it", file=file, row=line)
-        if len(row) != len(header):
-            problem = f"the row has {_count(len(row), 'cell')} and the header {len(header)}"
-            if len(row) > len(header) and delimiter == ",":
-                problem += "; if numbers are written with commas, write decimal points and no thousands separators"
-            elif len(row) < len(header):
-                problem += "; complete the row (was the file cut off?)"
-            raise InputError(problem, file=file, row=line)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+def pick_column(table: Table, column: str) -> list[str]:
+    """Cells of a column as text; one that the table does not have is refused."""
+    if column not in table.columns:
+        raise InputError(f"there is no column {column!r}; the file has {', '.join(table.columns)}", file=table.file)
+    return table.columns[column]

@@ -6,7 +6,8 @@ version, `Nm` as a textile number-metre. Every unit is checked against the dimen
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -23,20 +24,12 @@ ALIASES = {
     "mps": "m/s", "kph": "km/h", "usec": "us", "dps": "deg/s", "℃": "degC", "°C": "degC", "℉": "degF", "°F": "degF",
 }  # fmt: skip
 _GAUGE = {"barg", "psig", "bar(g)", "psi(g)", "mbarg", "kpag", "mpag", "barü", "bar_g"}
+_PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻·⋅×µ", "0123456789-***μ")
 _HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "mN (or MN)", "hz": "Hz"}
 
-# Dimension of a role: exponents of (mass, length, time, temperature); the SI unit as written and shown.
-_KINDS = {
-    "pressure": ("Pa", (1, -1, -2, 0)),
-    "speed": ("m/s", (0, 1, -1, 0)),
-    "force": ("N", (1, 1, -2, 0)),
-    "length": ("m", (0, 1, 0, 0)),
-    "time": ("s", (0, 0, 1, 0)),
-    "angular velocity": ("rad/s", (0, 0, -1, 0)),
-    "mass": ("kg", (1, 0, 0, 0)),
-    "temperature": ("K", (0, 0, 0, 1)),
-    "pure number": ("1", (0, 0, 0, 0)),
-}
+# Kinds of quantities and their SI units.
+_KINDS = {"pressure": "Pa", "speed": "m/s", "force": "N", "length": "m", "time": "s", "angular velocity": "rad/s",
+          "mass": "kg", "temperature": "K", "pure number": "1"}
 _ROLES = {
     "pressure": "initial_pressure internal_pressure pressure ambient_pressure tensile_strength real_contact_pressure "
     "contour_pressure composite_modulus elastic_modulus",
@@ -48,8 +41,7 @@ _ROLES = {
     "mass": "effective_mass tangential_mass rolling_mass",
     "temperature": "temperature",
     "pure number": "sequence repeats restitution inertia_ratio adhesion_constant loss_factor slip_scale poisson_ratio "
-    "friction_coefficient "
-    "attitude attitude_w attitude_x attitude_y attitude_z attitude_0 attitude_1 attitude_2 attitude_3",
+    "friction_coefficient attitude " + " ".join(f"attitude_{a}" for a in "wxyz0123"),
 }
 ROLES = {name: kind for kind, names in _ROLES.items() for name in names.split()}
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -76,21 +68,13 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as read: SI value = value · scale + offset.
+    """A unit as read: SI value = value · scale + offset."""
 
-    Args:
-        text: As the user wrote it.
-        scale: SI units in one of these.
-        offset: SI value of zero; nought except for temperatures in °C or °F.
-        dimension: Exponents of mass, length, time, temperature and, where they occur, further base dimensions.
-        si: The SI unit, as text.
-    """
-
-    text: str
+    text: str  # as the user wrote it
     scale: float
-    offset: float
-    dimension: tuple
-    si: str
+    offset: float  # nought except for temperatures in °C or °F
+    dimension: Mapping  # powers of the base dimensions, empty for a pure number
+    si: str  # the SI unit
 
     def convert(self, values):
         """Values in this unit to SI, same shape; exact decimal steps (mm to m) are divided, so 0.25 ms is 0.00025 s."""
@@ -107,23 +91,16 @@ def role_of(name: str) -> str | None:
 
 def si_unit(quantity: str) -> str:
     """SI unit of a quantity of fixed role, e.g. "Pa" for `initial_pressure`; "1" for a name without one."""
-    kind = role_of(quantity)
-    return "1" if kind is None else _KINDS[kind][0]
+    return _KINDS[role_of(quantity) or "pure number"]
 
 
 @lru_cache(maxsize=512)
 def parse_unit(text: str) -> Unit:
-    """Read a unit.
-
-    Raises:
-        InputError: The text is no unit, or one whose zero or scale is not plain (decibels).
-    """
+    """Read a unit; what is none is refused, and one whose zero or scale is not plain (decibels)."""
     text = text.strip()
     if text.casefold().replace(" ", "") in _GAUGE:
-        raise InputError(
-            f'unit {text!r} is a gauge pressure: write the plain unit (bar, psi), mark the field "reference": "gauge" '
-            "and state ambient_pressure"
-        )
+        raise InputError(f'unit {text!r} is a gauge pressure: write the plain unit (bar, psi), mark the field '
+                         '"reference": "gauge" and state ambient_pressure')
     spelling = _spell(text)
     if spelling is None:
         raise InputError(f"unit {text!r} is not one I can read; write it like N, MPa, m/s, N*s/m or kg*m^2")
@@ -131,76 +108,47 @@ def parse_unit(text: str) -> Unit:
     try:
         unit = registry.parse_units(spelling)
         zero, one, two = (registry.Quantity(x, unit).to_base_units() for x in (0.0, 1.0, 2.0))
-        base = dict(one.dimensionality)
         low, middle, high = float(zero.magnitude), float(one.magnitude), float(two.magnitude)
-        exponents = {key: float(value) for key, value in base.items()}  # pyright: ignore[reportArgumentType]
-        shown = f"{one.units:~C}"
+        dimension, shown = one.dimensionality, f"{one.units:~C}"
     except Exception as error:  # pint raises many kinds, some of them bare AssertionErrors
         hint = _HINTS.get(text.casefold())
-        hint = f"; did you mean {hint}?" if hint else ""
-        raise InputError(f"unit {text!r} is not known{hint or '; write it like N, MPa, m/s or mm'}") from error
+        hint = f"did you mean {hint}?" if hint else "write it like N, MPa, m/s or mm"
+        raise InputError(f"unit {text!r} is not known; {hint}") from error
     if not all(map(math.isfinite, (low, middle, high))) or middle == low:
         raise InputError(f"unit {text!r} has no finite size in SI units")
     if abs((high - middle) - (middle - low)) > 1e-9 * abs(high - middle):
         raise InputError(f"unit {text!r} is logarithmic; write the values in a linear unit")
     scale = middle if low == 0 else round(middle - low, 12)
-    names = ("[mass]", "[length]", "[time]", "[temperature]")
-    dimension = tuple(exponents.pop(name, 0.0) for name in names) + tuple(sorted(exponents.items()))
     return Unit(text or "1", scale, low, dimension, shown or "1")
 
 
 def check_unit(text: str, quantity: str) -> Unit:
-    """Read a unit and check that it suits the quantity of that name (a column or a parameter).
-
-    Raises:
-        InputError: The unit is unknown or of the wrong dimension.
-    """
-    unit = parse_unit(text)
-    kind = role_of(quantity)
+    """Read a unit; one of another dimension than the quantity of that name (a column or a parameter) is refused."""
+    unit, kind = parse_unit(text), role_of(quantity)
     if kind is None:
         return unit
-    wanted, dimension = _KINDS[kind]
-    if unit.dimension != tuple(map(float, dimension)):
-        raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted})"
-                         + _explain_unit(unit, kind))  # fmt: skip
+    wanted = parse_unit(_KINDS[kind])
+    if unit.dimension != wanted.dimension:
+        hint = ""
+        spelt = {"C": "degC", "F": "degF", "kg": "kgf", "g": "gf"}.get(unit.text) or _HINTS.get(unit.text.casefold())
+        measured = next((k for k, si in _KINDS.items() if parse_unit(si).dimension == unit.dimension), "pure number")
+        if spelt and parse_unit(spelt.split()[0]).dimension == wanted.dimension:
+            hint = f"; did you mean {spelt}?"
+        elif measured != "pure number":
+            hint = (f"; {unit.text} is of a {measured}: correct the unit, or take the column that holds the "
+                    f"{wanted.text}")
+        raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted.text}){hint}")
     if kind == "angular velocity" and re.search("Hz|hertz", unit.text):
         raise InputError(f"unit {unit.text!r} leaves open whether {quantity} counts turns; write rad/s, deg/s or rpm")
-    return Unit(unit.text, unit.scale, unit.offset, unit.dimension, wanted)
-
-
-def _explain_unit(unit: Unit, wanted: str) -> str:
-    """What a unit of the wrong dimension may have been meant as, or what it measures."""
-    dimension = tuple(map(float, _KINDS[wanted][1]))
-    spelt = {"C": "degC", "F": "degF", "kg": "kgf", "g": "gf"}.get(unit.text) or _HINTS.get(unit.text.casefold())
-    if spelt and parse_unit(spelt.split()[0]).dimension == dimension:
-        return f"; did you mean {spelt}?"
-    measured = next((kind for kind, (_, d) in _KINDS.items() if tuple(map(float, d)) == unit.dimension), None)
-    if measured in (None, "pure number"):
-        return ""
-    return f"; {unit.text} is of a {measured}: correct the unit, or take the column that holds the {wanted}"
-
-
-def to_si(value, unit: str, quantity: str = ""):
-    """Convert a number or array from `unit` to SI, same shape, after checking the unit against `quantity`.
-
-    Raises:
-        InputError: The unit is unknown or of the wrong dimension.
-    """
-    value = np.asarray(value, dtype=float)
-    converted = check_unit(unit, quantity).convert(value)
-    return float(converted) if value.ndim == 0 else converted
+    return replace(unit, si=wanted.text)
 
 
 def parse_quantity(text: str | float, quantity: str) -> float:
-    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as SI.
-
-    Raises:
-        InputError: No finite number, no unit where one is needed, or one of the wrong dimension.
-    """
+    """Read a value with its unit ("60 mm"), or a bare number where the quantity has no dimension, as finite SI."""
     number, rest = _split_number(text, quantity)
     if not rest and role_of(quantity) not in (None, "pure number"):
         raise InputError(f"{quantity} needs a unit: write it like '{text} {si_unit(quantity)}'")
-    value = float(to_si(number, rest, quantity))
+    value = float(check_unit(rest, quantity).convert(number))
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")
     return value
@@ -209,8 +157,7 @@ def parse_quantity(text: str | float, quantity: str) -> float:
 def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertainty:
     """Read one standard deviation: absolute ("0.25 N") or relative ("0.5 %"), for a column with that unit.
 
-    Raises:
-        InputError: Not positive, no unit, wrong dimension, or relative on a temperature scale with an offset.
+    Refused are numbers that are not positive, and relative ones on a temperature scale with an offset.
     """
     number, rest = _split_number(text, f"the uncertainty of {quantity}")
     if not (number > 0 and math.isfinite(number)):
@@ -219,12 +166,12 @@ def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertain
         if unit.offset:
             raise InputError(f"the uncertainty of {quantity} cannot be relative in {unit.text}: write it like '0.5 K'")
         return Uncertainty(None, number / 100)
-    if not rest and any(unit.dimension):
+    if not rest and unit.dimension:
         raise InputError(f"the uncertainty of {quantity} needs a unit: write it like '{text} {unit.text}' or '0.5 %'")
     own = check_unit(rest, quantity)
     if own.dimension != unit.dimension:
         raise InputError(f"the uncertainty of {quantity} is in {own.text!r} and its values are in {unit.text!r}")
-    return Uncertainty(float(Unit(own.text, own.scale, 0.0, own.dimension, own.si).convert(number)), None)
+    return Uncertainty(float(replace(own, offset=0.0).convert(number)))
 
 
 def _split_number(text, quantity: str) -> tuple[float, str]:
@@ -240,9 +187,7 @@ def _spell(text: str) -> str | None:
     """Text that pint reads as meant, or None: aliases, superscripts, `m.s-1`; no numbers, calls or long powers."""
     if text in ALIASES:
         return ALIASES[text]
-    for sign, plain in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True):
-        text = text.replace(sign, plain)
-    text = text.replace("·", "*").replace("⋅", "*").replace("×", "*").replace("µ", "μ").replace("^", "**")
+    text = text.translate(_PLAIN).replace("^", "**")
     text = re.sub(r"(?<=\w)\.(?=[^\W\d])", "*", text)
     text = re.sub(r"(?<=[A-Za-zμ])(-?\d)(?![\w*])", r"**\1", text)
     word = r"[^\W\d_][\w]{0,30}|[%°Ω]"
