@@ -28,15 +28,7 @@ def multiply(first: Array, second: Array) -> Array:
 
 
 def rotate(attitude: Array, vector: Array) -> Array:
-    r"""Body components to inertial ones, $v' = q \otimes v \otimes q^*$.
-
-    Args:
-        attitude: unit quaternion, shape (..., 4) [-].
-        vector: in the body frame, shape (..., 3) [any unit].
-
-    Returns:
-        The vector in the inertial frame, shape (..., 3) [same unit].
-    """
+    r"""Body components to inertial ones, $v' = q \otimes v \otimes q^*$, shapes (..., 4), (..., 3) to (..., 3)."""
     w, u = attitude[..., :1], attitude[..., 1:]
     twice = 2.0 * jnp.cross(u, vector)
     return vector + w * twice + jnp.cross(u, twice)
@@ -47,23 +39,11 @@ def rotate_back(attitude: Array, vector: Array) -> Array:
     return rotate(conjugate(attitude), vector)
 
 
-def to_matrix(attitude: Array) -> Array:
-    """Matrix whose product with body components gives inertial ones, shape (..., 3, 3) [-]."""
-    columns = [rotate(attitude, jnp.broadcast_to(axis, (*attitude.shape[:-1], 3))) for axis in jnp.eye(3)]
-    return jnp.stack(columns, axis=-1)
-
-
 def from_matrix(matrix: Array) -> Array:
-    r"""Unit quaternion of a rotation matrix, with $w \ge 0$ where it is not tiny.
+    r"""Unit quaternion (..., 4) of a proper rotation matrix (..., 3, 3), with $w \ge 0$ where it is not tiny.
 
     The matrix gives all products $4 q_i q_j$; the row of the largest diagonal is the quaternion times a number that is
     at least 1, so that nothing cancels (S. W. Shepperd, J. Guidance and Control 1 (1978) 223).
-
-    Args:
-        matrix: proper rotation, shape (..., 3, 3) [-].
-
-    Returns:
-        Shape (..., 4) [-].
     """
     def entry(i, j):
         return matrix[..., i, j]
@@ -81,13 +61,9 @@ def from_matrix(matrix: Array) -> Array:
 
 
 def from_rotation_vector(vector: Array) -> Array:
-    r"""Unit quaternion of a turn by $|v|$ about $v$, $q = (\cos |v|/2, \; v \sin(|v|/2)/|v|)$; smooth at zero.
+    r"""Unit quaternion (..., 4) of a turn by $|v|$ [rad] about $v$ (..., 3); smooth at zero.
 
-    Args:
-        vector: axis times angle, shape (..., 3) [rad].
-
-    Returns:
-        Shape (..., 4) [-].
+    $q = (\cos |v|/2, \; v \sin(|v|/2)/|v|)$.
     """
     square = jnp.sum(vector**2, axis=-1, keepdims=True)
     small = square < 1e-4
@@ -99,13 +75,9 @@ def from_rotation_vector(vector: Array) -> Array:
 
 
 def to_rotation_vector(attitude: Array) -> Array:
-    r"""Axis times angle of a unit quaternion, the angle between 0 and pi; smooth at no turn.
+    r"""Axis times angle, 0 to pi, of a unit quaternion, shapes (..., 4) to (..., 3) [rad]; smooth at no turn.
 
-    Args:
-        attitude: shape (..., 4) [-].
-
-    Returns:
-        $v = 2 u \arctan(|u|/w)/|u|$ with $w \ge 0$, shape (..., 3) [rad].
+    $v = 2 u \arctan(|u|/w)/|u|$ with $w \ge 0$.
     """
     q = jnp.where(attitude[..., :1] < 0, -attitude, attitude)
     w, u = q[..., :1], q[..., 1:]
@@ -118,15 +90,7 @@ def to_rotation_vector(attitude: Array) -> Array:
 
 
 def turn(attitude: Array, angular_velocity: Array) -> Array:
-    r"""Rate of the attitude, $\dot q = \frac{1}{2} q \otimes (0, \omega)$.
-
-    Args:
-        attitude: shape (..., 4) [-].
-        angular_velocity: body components, shape (..., 3) [rad/s].
-
-    Returns:
-        Shape (..., 4) [1/s].
-    """
+    r"""Rate of the attitude (..., 4) [1/s], $\dot q = \frac{1}{2} q \otimes (0, \omega)$, body components [rad/s]."""
     w, u = attitude[..., :1], attitude[..., 1:]
     scalar = -jnp.sum(u * angular_velocity, axis=-1, keepdims=True)
     return 0.5 * jnp.concatenate([scalar, w * angular_velocity + jnp.cross(u, angular_velocity)], axis=-1)

@@ -130,15 +130,7 @@ def find_memory() -> float:
 
 
 def refuse_memory(size: float, what: str) -> None:
-    """Refuse what would take more memory than is allowed, rather than be killed by the system for it.
-
-    Args:
-        size: that it takes [bytes].
-        what: that takes it, the subject of a sentence.
-
-    Raises:
-        InputError: It is more than `find_memory` allows.
-    """
+    """Raise `InputError` where `what` (the subject of a sentence) would take more memory [bytes] than is allowed."""
     allowed = find_memory()
     if size > allowed:
         raise InputError(f"{what} would take about {size / 1e9:.2g} GB of memory, and {allowed / 1e9:.2g} GB are "

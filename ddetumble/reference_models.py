@@ -6,6 +6,8 @@ Each table is that of one family of tests, which holds it (`Family.models`).
 import dataclasses as dc
 import math
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 
@@ -15,55 +17,27 @@ if TYPE_CHECKING:
 
 @dc.dataclass(frozen=True)
 class BuiltinModel:
-    """A reference model that comes with the toolkit.
+    """A reference model that comes with the toolkit."""
 
-    Attributes:
-        text: which equations it is, one sentence.
-        law: in one line.
-        source: where the law comes from.
-        make: builds the template.
-        rival: whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
-            themselves, or feed energy in, are none.
-    """
-
-    text: str
-    law: str
-    source: str
-    make: "Callable[[], AbstractModel]"
+    text: str  # which equations it is, one sentence
+    law: str  # in one line
+    source: str  # where the law comes from
+    make: "Callable[[], AbstractModel]"  # builds the template
+    # whether `discover` tries it in place of another before it stacks three effects. Readings that contradict
+    # themselves, or feed energy in, are none.
     rival: bool = True
 
 
-def _ball(quarter: bool = False, **choices: Any) -> Any:
-    from ._numerics import scalar
-    from .contact.law import Ball
-
-    return Ball(contact_radius_coefficient=scalar(0.25), **choices) if quarter else Ball(**choices)
-
-
-def _soft() -> Any:
-    from .contact.law import PowerLaw
-
-    return PowerLaw()
+def _make(kind: str, *parts: Callable[[], Any], **choices: Any) -> Any:
+    """A model of `ddetumble.contact`, such as `law.Ball`, from what makes its parts."""
+    module, _, name = kind.partition(".")
+    return getattr(import_module(f"ddetumble.contact.{module}"), name)(*(part() for part in parts), **choices)
 
 
-def _friction(name: str, **choices: Any) -> Any:
-    from .contact import sliding
-
-    return getattr(sliding, name)(**choices)
-
-
-def _striker(normal: Any, tangential: Any) -> Any:
-    from .contact.gripping import Striker
-
-    return Striker(normal, tangential)
-
-
-def _body() -> Any:
-    from .contact.torque import RigidBody
-
-    return RigidBody()
-
-
+_ball, _soft, _body = partial(_make, "law.Ball"), partial(_make, "law.PowerLaw"), partial(_make, "torque.RigidBody")
+_quarter = partial(_ball, contact_radius_coefficient=0.25, doubled_core=True, damping_form="printed")
+_rubber, _coulomb = partial(_make, "sliding.RubberFriction"), partial(_make, "sliding.CoulombFriction")
+_adhesion, _striker = partial(_make, "sliding.AdhesionHysteresis"), partial(_make, "gripping.Striker")
 _GAS, _HUNT = "P' = P0 V0/V'", "Hunt & Crossley 1975, J. Appl. Mech. 42, 440"
 _EQ6 = "Lankarani & Nikravesh 1990, J. Mech. Des. 112, 369"
 _EQ8 = "mu = tan(delta_L) [pi/4 K sigma_0/p_r + pi/10 (3 P'/E*)^(2/3)]"
@@ -75,28 +49,28 @@ MODELS: dict[str, BuiltinModel] = {
     "paper-eq6": BuiltinModel(
         "as paper, with the damping coefficient of Eq. 6, which delivers another restitution than asked for.",
         f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}, c_n = 3 (1 - e^2)/(4 v1)",
-        f"the paper, Eqs. 2 to 6; {_EQ6}", lambda: _ball(damping_form="printed")),
+        f"the paper, Eqs. 2 to 6; {_EQ6}", partial(_ball, damping_form="printed")),
     "paper-doubled-core": BuiltinModel(
         "as paper, with the cylinder under the contact disc counted twice, as Eq. 2 prints it.",
         f"F_n = P' pi b^2 (1 + c_n w), b = pi delta/4, {_GAS}, V' with pi b^2 d twice",
-        f"the paper, Eqs. 2 to 5 as printed; {_HUNT}", lambda: _ball(doubled_core=True)),
+        f"the paper, Eqs. 2 to 5 as printed; {_HUNT}", partial(_ball, doubled_core=True)),
     "paper-printed": BuiltinModel(
         "Eq. 7 as printed: b = depression/4 in the area alone, Eq. 2 with its doubled core, Eq. 6; a tenth of the "
         "force.", f"F_n = P' pi b^2 (1 + c_n w), b = delta/4, {_GAS}, V' of b = pi delta/4",
         f"the paper, Eqs. 2 to 7 as printed; {_EQ6}",
-        lambda: _ball(True, volume_coefficient=math.pi / 4, doubled_core=True, damping_form="printed"), rival=False),
+        partial(_quarter, volume_coefficient=math.pi / 4), rival=False),
     "paper-quarter": BuiltinModel(
         "Eq. 7 with b = depression/4 in the volume too, doubled core, Eq. 6; the perimeter is not kept.",
         f"F_n = P' pi b^2 (1 + c_n w), b = delta/4, {_GAS}", f"the paper, Eqs. 2 to 7, another reading; {_EQ6}",
-        lambda: _ball(True, doubled_core=True, damping_form="printed"), rival=False),
+        _quarter, rival=False),
     "paper-eq5-sign": BuiltinModel(
         "as paper, with the sign of Eq. 5 at face value: damping lowers the force while loading and feeds energy in.",
         f"F_n = P' pi b^2 (1 - c_n w), b = pi delta/4, {_GAS}", "the paper, Eq. 5 as printed",
-        lambda: _ball(damping_sign=-1.0), rival=False),
+        partial(_ball, damping_sign=-1.0), rival=False),
     "matunaga": BuiltinModel(
         "Eq. 1: a truncated sphere at constant pressure, with exact damping.",
         "F_n = P0 pi b^2 (1 + c_n w), b^2 = delta (D - delta)", f"the paper, Eq. 1 (Matunaga); {_HUNT}",
-        lambda: _ball(truncated=True)),
+        partial(_ball, truncated=True)),
     "power-law": BuiltinModel(
         "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
         "F_n = F_10 (delta/10 mm)^n (c/c_0)^beta (1 + c_n w)", f"Hertz 1882 is n = 3/2; {_HUNT}", _soft),
@@ -104,28 +78,28 @@ MODELS: dict[str, BuiltinModel] = {
 SLIP_MODELS: dict[str, BuiltinModel] = {
     "paper": BuiltinModel(
         "Eqs. 8 to 11 with e = 1: friction at zero slip is that of Eq. 8 alone.",
-        f"f = mu F_n, {_EQ8} + {_EQ9}, e = 1", "the paper, Eqs. 8 to 11", lambda: _friction("RubberFriction")),
+        f"f = mu F_n, {_EQ8} + {_EQ9}, e = 1", "the paper, Eqs. 8 to 11", _rubber),
     "paper-printed": BuiltinModel(
         "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
         f"f = mu F_n, {_EQ8} + {_EQ9}", "the paper, Eqs. 8 to 11 as printed",
-        lambda: _friction("RubberFriction", printed=True), rival=False),
+        partial(_rubber, printed=True), rival=False),
     "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", f"f = mu F_n, {_EQ8}", "the paper, Eq. 8",
-                        lambda: _friction("AdhesionHysteresis")),
+                        _adhesion),
     "coulomb": BuiltinModel("a constant coefficient of friction.", "f = mu F_n", "Coulomb 1785",
-                            lambda: _friction("CoulombFriction")),
+                            _coulomb),
 }  # fmt: skip
 OBLIQUE_MODELS: dict[str, BuiltinModel] = {
     "paper": BuiltinModel(
         "the ball of Eqs. 2 to 5 with the friction of Eq. 8; Eqs. 9 and 10 end at loads below those of an impact.",
         f"{MODELS['paper'].law}; {SLIP_MODELS['eq8'].law}", f"the paper, Eqs. 2 to 5 and 8; {_HUNT}",
-        lambda: _striker(_ball(), _friction("AdhesionHysteresis"))),
+        partial(_striker, _ball, _adhesion)),
     "coulomb": BuiltinModel(
         "the ball of Eqs. 2 to 5 with a constant coefficient of friction.", f"{MODELS['paper'].law}; f = mu F_n",
-        f"the paper, Eqs. 2 to 5; Coulomb 1785; {_HUNT}", lambda: _striker(_ball(), _friction("CoulombFriction"))),
+        f"the paper, Eqs. 2 to 5; Coulomb 1785; {_HUNT}", partial(_striker, _ball, _coulomb)),
     "power-law": BuiltinModel(
         "a soft body without gas, with a constant coefficient of friction.",
         f"{MODELS['power-law'].law}; f = mu F_n", f"{MODELS['power-law'].source}; Coulomb 1785",
-        lambda: _striker(_soft(), _friction("CoulombFriction"))),
+        partial(_striker, _soft, _coulomb)),
 }  # fmt: skip
 _EULER = "I domega/dt + omega x I omega = 0, I = diag(1, 1, inertia_ratio)"
 TUMBLE_MODELS: dict[str, BuiltinModel] = {

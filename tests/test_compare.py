@@ -9,7 +9,7 @@ from ddetumble._errors import InputError
 from ddetumble._settings import find_data
 from ddetumble.cli import main
 from ddetumble.contact.law import Ball
-from ddetumble.effects.wall import WallStiffness
+from ddetumble.effects.impact import WallStiffness
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.families import FAMILIES

@@ -20,7 +20,7 @@ from ddetumble.contact.effect import (
 )
 from ddetumble.contact.law import PowerLaw
 from ddetumble.effects import IMPACT
-from ddetumble.effects.wall import WallStiffness
+from ddetumble.effects.impact import WallStiffness
 
 
 @final

@@ -265,8 +265,7 @@ def test_map_sizes_are_found(tmp_path, capsys):
 def test_a_channel_is_proposed(tmp_path):
     """Gain of the gauge against a larger contact, conditions held: the depression parts them, the force does not."""
     from ddetumble.contact.law import Ball
-    from ddetumble.effects.sensor import SensorGain
-    from ddetumble.effects.wall import MembraneArea
+    from ddetumble.effects.impact import MembraneArea, SensorGain
     from ddetumble.exam.simulators.impact_campaigns import make_campaign
 
     made = make_campaign("held", 3, {"sensor-gain": {"g": 1.08}}, {"effective_mass": 1.4, "restitution": 0.75},

@@ -23,8 +23,8 @@ from ddetumble.dynamics.impact import follow, read_motion
 from ddetumble.dynamics.strike import _COURSE, grip
 from ddetumble.effects import OBLIQUE
 from ddetumble.effects.directions import OBLIQUE_DIRECTIONS
+from ddetumble.effects.impact import ArmServo, ViscoelasticWall, ViscousDashpot, WallStiffness
 from ddetumble.effects.oblique import OffCentreReaction, TangentialCompliance
-from ddetumble.effects.rig import ArmServo
 from ddetumble.effects.slip import (
     AdhesiveOffset,
     FrictionalHeating,
@@ -33,7 +33,6 @@ from ddetumble.effects.slip import (
     Stribeck,
     ViscousFriction,
 )
-from ddetumble.effects.wall import ViscoelasticWall, ViscousDashpot, WallStiffness
 from ddetumble.exam.simulators.oblique import CHANNELS, integrate_strike, simulate_strike
 from ddetumble.families import name_family
 from ddetumble.inference.archive import resolve_model

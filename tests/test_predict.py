@@ -12,7 +12,7 @@ from ddetumble.cli import main
 from ddetumble.contact.law import Ball
 from ddetumble.dynamics import simulate_impact as simulate_impact
 from ddetumble.dynamics.impact import bound_depression
-from ddetumble.effects.wall import StressSoftening, WallStiffness
+from ddetumble.effects.impact import StressSoftening, WallStiffness
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact import simulate
 from ddetumble.exam.simulators.impact_campaigns import make_campaign

@@ -8,13 +8,13 @@ import pytest
 from ddetumble import InputError, check_effect
 from ddetumble.cli import main
 from ddetumble.effects import stage_of
-from ddetumble.effects.template import STAGES, write_template
+from ddetumble.effects.template import LAWS, write_template
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.models import list_effects, resolve_effect
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", LAWS)
 def test_every_stage_keeps_the_contract(stage, tmp_path):
     """What the template says, unchanged, is an effect."""
     source, _ = write_template("own-law", stage, tmp_path)

@@ -23,7 +23,6 @@ from ddetumble._rotation import (
     multiply,
     rotate,
     rotate_back,
-    to_matrix,
     to_rotation_vector,
     turn,
 )
@@ -45,7 +44,7 @@ from ddetumble.dynamics import (
     to_euler_angles,
     trace_point,
 )
-from ddetumble.dynamics.bodies import integrate_mesh, shift_inertia
+from ddetumble.dynamics.bodies import integrate_mesh
 from ddetumble.dynamics.elliptic import first_kind, jacobi
 from ddetumble.dynamics.free_motion import coast_symmetric
 
@@ -97,11 +96,10 @@ def test_rotations(p, q, v):
     """SciPy's rotations, round trips and the laws of a group."""
     ours = Rotation.from_quat(q, scalar_first=True)
     assert np.allclose(rotate(q, v), ours.apply(v), atol=1e-14)
-    assert np.allclose(to_matrix(jnp.asarray(q)), ours.as_matrix(), atol=1e-14)
     assert np.allclose(rotate_back(q, rotate(q, v)), v, atol=1e-14)
     assert np.allclose(rotate(multiply(p, q), v), rotate(p, rotate(q, v)), atol=1e-14)
     assert np.allclose(multiply(q, conjugate(q)), [1, 0, 0, 0], atol=1e-14)
-    assert measure_turn(from_matrix(to_matrix(jnp.asarray(q))), q) < 1e-14
+    assert measure_turn(from_matrix(jnp.asarray(ours.as_matrix())), q) < 1e-14
     assert measure_turn(from_rotation_vector(to_rotation_vector(q)), q) < 1e-14
     assert np.allclose(to_rotation_vector(from_rotation_vector(v)), v, atol=1e-14)  # |v| < pi
 
@@ -145,9 +143,6 @@ def test_textbook_bodies():
     solid, hole, tube = Cylinder(4.0, 1.0, 3.0), Cylinder(1.0, 0.5, 3.0), HollowCylinder(3.0, 0.5, 1.0, 3.0)
     assert np.allclose(tube.inertia(), solid.inertia() - hole.inertia())
     assert np.isclose(tube.volume(), solid.volume() - hole.volume())
-    whole, half = Box(2.0, [1.0, 1.0, 2.0]), Box(1.0, [1.0, 1.0, 1.0])
-    shifted = shift_inertia(half.inertia(), jnp.asarray(1.0), jnp.array([0.0, 0.0, 0.5]))
-    assert np.allclose(2.0 * shifted, whole.inertia())
 
 
 @pytest.mark.slow

@@ -3,25 +3,26 @@
     print(check_effect(WallStiffness))
     check_effect(MyEffect).require()
 
-Trials are short and in fixed steps: quick to compile, for checks of a law that need no accuracy.
+The motion of a trial is prescribed, and its steps are even: quick to compile, for checks of a law that need no
+accuracy.
 """
 
 import dataclasses as dc
 import functools
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from .._errors import InputError
-from .effect import STAGE_OF, AbstractEffect, AbstractModel, Parameter, family_of, parameters_of
-from .gripping import Patch, StrikeLaw, Striker, find_height, share_friction, solve_slider
+from .effect import AbstractEffect, AbstractModel, family_of, list_stages, parameters_of
+from .gripping import Patch, StrikeLaw, Striker, find_height
 from .law import Ball, ContactLaw
 from .signal import Signal
 from .sliding import CoulombFriction, FrictionLaw, RubberFriction, Slide
@@ -30,27 +31,17 @@ from .torque import RigidBody, Spin, TumbleLaw
 
 TOLERANCE = 1e-10  # compiled against eager, batch against loop, relative to the largest value
 MOST = 12  # combinations of starts that are tried
-IMPACT_STEPS = 192  # of a trial impact, even
-PATCH_STEPS = 48
-_ALIVE = 1e-9  # smallest change of a reading by a typical change of a parameter, relative to the largest reading
+STEPS = 128  # of a trial impact, even
+ALIVE = 1e-9  # smallest change of a reading by a typical change of a parameter, relative to the largest reading
 _MODELS = ("gas", "geometry", "damping", "rubber")  # what only a reference model can provide
 
 Readings = dict[str, Array]
 Found = str | tuple[bool, str]  # what is wrong, or whether a clause holds and what was found
 
 
-# ---- the report ----------------------------------------------------------------------------------------------------
-
-
 @dc.dataclass(frozen=True)
 class Check:
-    """One clause of the contract.
-
-    Attributes:
-        name: what was checked.
-        ok: whether it holds.
-        sentence: what was found and, where it does not hold, what to do.
-    """
+    """One clause of the contract: its name, whether it holds, and what was found (or, broken, what to do)."""
 
     name: str
     ok: bool
@@ -59,12 +50,7 @@ class Check:
 
 @dc.dataclass(frozen=True)
 class EffectReport:
-    """What `check_effect` found.
-
-    Attributes:
-        effect: id of the effect, or the name of its class.
-        checks: all clauses, in the order in which they were tried.
-    """
+    """What `check_effect` found: id of the effect (or name of its class), and all clauses in the order of trial."""
 
     effect: str
     checks: tuple[Check, ...]
@@ -72,7 +58,7 @@ class EffectReport:
     @property
     def ok(self) -> bool:
         """Whether every clause holds."""
-        return all(check.ok for check in self.checks)
+        return not self.failures
 
     @property
     def failures(self) -> tuple[Check, ...]:
@@ -93,72 +79,53 @@ class EffectReport:
         return "\n".join([f"{self.effect} {verdict}", *lines])
 
 
-# ---- trials, one a family ------------------------------------------------------------------------------------------
+# ---- trials, one a family: readings of one record from law and conditions ------------------------------------------
 
 
-class Path(eqx.Module):
-    """How the ball moved in a trial impact: time [s], depression [m], rate [m/s], states, each (nodes, ...)."""
+def read_impact(law: ContactLaw, conditions: Mapping[str, Array]) -> Readings:
+    """Forces [N], pressure [Pa] and the gauge's reading [N] in an impact along half a sine; states by Heun's method.
 
-    time: Float[Array, " nodes"]
-    depression: Float[Array, " nodes"]
-    rate: Float[Array, " nodes"]
-    states: Float[Array, "nodes states"]
-    touching: Array  # at the end
-
-
-def follow_impact(law: ContactLaw, conditions: Mapping[str, Array], span: Array) -> tuple[Readings, Path]:
-    """One impact by Heun's method in `IMPACT_STEPS` equal steps: what `read_impact` gives, and the path."""
-    diameter, damping = law.start(conditions)
-    step = span / IMPACT_STEPS
-
-    def field(time, y):
-        contact = law.contact(conditions, diameter, time, y[0], y[1], y[2:])
-        forces = law.forces(contact, damping, y[2:])
-        push = jnp.stack([y[1], (forces.drive - forces.normal) / law.reference.inertia()])
-        return jnp.concatenate([push, law.rates(contact, y[2:])]), forces
-
-    def advance(carry, time):
-        y, touching = carry
-        first, forces = field(time, y)
-        second, _ = field(time + step, y + step * first)
-        after = y + 0.5 * step * (first + second)
-        left = touching & (after[0] > 0.0)
-        return (jnp.where(left, after, y.at[:2].set(0.0)), left), (y, forces)
-
-    effects = [jnp.asarray(effect.initial()) for effect in law.stateful()]
-    start = jnp.stack([jnp.zeros(()), conditions["approach_speed"], *effects])
-    time = step * jnp.arange(IMPACT_STEPS + 1)
-    (_, touching), (y, forces) = jax.lax.scan(advance, (start, jnp.asarray(True)), time)
-    path = Path(time, y[:, 0], y[:, 1], y[:, 2:], touching)
-    return _gauge_impact(law, forces, path), path
-
-
-def read_impact(law: ContactLaw, conditions: Mapping[str, Array], path: Path) -> Readings:
-    """Forces [N], pressure [Pa] and the gauge's reading [N] along a path, the states being those of the law's effects.
+    The sine is as deep as the reference model's elastic force alone lets the ball come.
     """
+    def squeeze(depth):
+        zero = jnp.zeros(())
+        return bare.contact(conditions, law.reference.diameter(), zero, depth, zero, jnp.zeros((0,))).elastic_force
+
+    bare = law.reference.extend(())
+    depths = jnp.geomspace(1e-6, 1.0, 256)
+    force = jax.vmap(squeeze)(depths)
+    work = jnp.cumsum(0.5 * (force[1:] + force[:-1]) * jnp.diff(depths))
+    speed = conditions["approach_speed"]
+    deepest = jnp.interp(0.5 * law.reference.inertia() * speed**2, work, depths[1:])
+    phase = jnp.linspace(0.0, jnp.pi, STEPS + 1)
+    course = deepest / speed * phase, deepest * jnp.sin(phase), speed * jnp.cos(phase)
+    step = course[0][1]
     diameter, damping = law.start(conditions)
 
-    def at(time, depression, rate, states):
-        contact = law.contact(conditions, diameter, time, depression, rate, states)
-        return law.forces(contact, damping, states)
+    def change(states, place):
+        return law.rates(law.contact(conditions, diameter, *place, states), states)
 
-    states = path.states[:, : len(law.stateful())]
-    return _gauge_impact(law, jax.vmap(at)(path.time, path.depression, path.rate, states), path)
+    def advance(states, places):
+        here, there = places
+        first = change(states, here)
+        return states + 0.5 * step * (first + change(states + step * first, there)), states
+
+    ends = tuple(x[:-1] for x in course), tuple(x[1:] for x in course)
+    last, states = jax.lax.scan(advance, law.begin_states(), ends)
+
+    def push(states, *place):
+        contact = law.contact(conditions, diameter, *place, states)
+        return law.forces(contact, damping, states), contact.pressure
+
+    found, pressure = jax.vmap(push)(jnp.concatenate([states, last[None]]), *course)
+    reading = found.normal
+    if law.has_sensor():  # a parabola for every two steps
+        gauge = law.reading(Signal(jnp.full((STEPS // 2,), 2.0 * step), reading[:-1:2], reading[1::2], reading[2::2]))
+        reading = jnp.concatenate([gauge.start[:1], jnp.stack([gauge.middle, gauge.end], axis=1).reshape(-1)])
+    return {"force": found.normal - found.drive, "pressure": pressure, "reading": reading}
 
 
-def _gauge_impact(law: ContactLaw, forces: Any, path: Path) -> Readings:
-    """Readings of an impact: the gauge sees the force in contact, a parabola for every two steps."""
-    read = {"force": forces.normal, "drive": forces.drive, "pressure": forces.pressure, "depression": path.depression}
-    force = jnp.where((path.depression > 0.0) | (path.time == 0.0), forces.normal, 0.0)
-    if not law.has_sensor():
-        return read | {"reading": force}
-    widths = jnp.full(((len(force) - 1) // 2,), 2.0) * path.time[1]
-    reading = law.reading(Signal(widths, force[:-1:2], force[1::2], force[2::2]))
-    inner = jnp.stack([reading.middle, reading.end], axis=1).reshape(-1)
-    return read | {"reading": jnp.concatenate([reading.start[:1], inner])}
-
-
-def read_stroke(law: FrictionLaw, conditions: Mapping[str, Array], _: None) -> Readings:
+def read_stroke(law: FrictionLaw, conditions: Mapping[str, Array]) -> Readings:
     """Force of a forward and a backward stroke [N]; the work is what 5 N would have done."""
     nothing = jnp.zeros(())
     speed, pressure = conditions.get("slip_speed", nothing), conditions.get("internal_pressure", nothing)
@@ -171,36 +138,25 @@ def read_stroke(law: FrictionLaw, conditions: Mapping[str, Array], _: None) -> R
     return {"reading": jnp.concatenate([jax.vmap(force, (0, None))(slips, jnp.asarray(way)) for way in (1.0, -1.0)])}
 
 
-def read_patch(law: StrikeLaw, conditions: Mapping[str, Array], _: None) -> Readings:
-    """Friction of a patch under half a sine of load (60 N, 30 ms), by backward Euler, shape (steps,) [N]."""
-    reference = law.reference
-    mobility = 1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass
-    step = jnp.asarray(0.03 / PATCH_STEPS)
-    diameter = reference.ball.diameter()
+def read_patch(law: StrikeLaw, conditions: Mapping[str, Array]) -> Readings:
+    """How far a patch gives way before it slides [m], and its friction less what brakes rolling [N].
 
-    def advance(state, share):
-        relative, rolling, spring, path, work = state
-        wave = jnp.sin(jnp.pi * share)
-        depression = 0.005 * wave
-        pressure = conditions.get("initial_pressure", jnp.zeros(()))
-        patch = Patch(0.03 * share, depression, jnp.pi / 4 * depression, find_height(diameter, depression), pressure,
+    Under half a sine of load (60 N, 30 ms) and of depression (5 mm), while the speed falls and 2 J/m of work add up.
+    """
+    diameter = law.reference.ball.diameter()
+    pressure = conditions.get("initial_pressure", jnp.zeros(()))
+
+    def read(share):
+        wave, speed, path = jnp.sin(jnp.pi * share), conditions["tangential_speed"] * (1.0 - share), 0.01 * share
+        patch = Patch(0.03 * share, 0.005 * wave, 0.004 * wave, find_height(diameter, 0.005 * wave), pressure,
                       60.0 * wave, conditions)
-        limit = law.limit(patch, relative, path, work)
-        brake = law.brake(patch) * share_friction(rolling, reference.creep_speed) / reference.rolling_mass
-        braked = relative + step * brake
-        speed = solve_slider((law.compliance(patch) + step**2 * mobility) * limit, step, spring + step * braked,
-                             reference.creep_speed)
-        force = limit * share_friction(speed, reference.creep_speed)
-        after = braked - step * mobility * force
-        spring, path = spring + step * (after - speed), path + step * jnp.abs(speed)
-        rolling = rolling + step * (force / reference.rolling_mass - brake)
-        return (after, rolling, spring, path, work + step * force * speed), force
+        limit = law.limit(patch, speed, path, 2.0 * path)
+        return {"slip": path + law.compliance(patch) * limit, "friction": limit - law.brake(patch)}
 
-    start = (conditions["tangential_speed"], *[jnp.zeros(())] * 4)
-    return {"reading": jax.lax.scan(advance, start, (jnp.arange(PATCH_STEPS) + 1.0) / PATCH_STEPS)[1]}
+    return jax.vmap(read)(jnp.linspace(0.0, 1.0, 25))
 
 
-def read_turning(law: TumbleLaw, conditions: Mapping[str, Array], _: None) -> Readings:
+def read_turning(law: TumbleLaw, conditions: Mapping[str, Array]) -> Readings:
     """Rates as the gyroscopes read them along a prescribed motion [rad/s], and angular accelerations times 100 s."""
     start, moments = jnp.stack([conditions[axis] for axis in "xyz"]), law.moments()
     times = jnp.linspace(0.0, 500.0, 25)
@@ -221,201 +177,137 @@ def read_turning(law: TumbleLaw, conditions: Mapping[str, Array], _: None) -> Re
     return {"reading": jnp.concatenate([law.read(rates, times), changes])}
 
 
-def _put_in_orbit(model: AbstractModel) -> AbstractModel:
-    """The body, in an orbit of 1e-3 rad/s where it is in none."""
-    if isinstance(model, RigidBody) and not float(model.orbit_rate):
-        return dc.replace(model, orbit_rate=jnp.asarray(1e-3))
-    return model
+class Rig(NamedTuple):
+    """How effects of one family are tried, where no model and no conditions are given."""
 
-
-@dc.dataclass(frozen=True, eq=False)
-class Rig:
-    """How effects of one family are tried.
-
-    Attributes:
-        usual: makes the reference model that is extended where none is given.
-        conditions: of three records, where none are given, SI.
-        read: readings of one record from law, conditions and path.
-        follow: readings and path from law, conditions and duration [s]; the course is prescribed where it is None.
-        measured: readings that are differentiated.
-        prepare: completes a reference model.
-        provides: what the rig has beside the reference model.
-    """
-
-    usual: Callable[[], AbstractModel]
-    conditions: Mapping[str, Sequence[float]]
-    read: Callable[[Any, Mapping[str, Array], Any], Readings]
-    follow: Callable[[Any, Mapping[str, Array], Array], tuple[Readings, Any]] | None = None
-    measured: tuple[str, ...] = ("reading",)
-    prepare: Callable[[AbstractModel], AbstractModel] = lambda model: model
-    provides: tuple[str, ...] = ()
-
-    def run(self, law: Any, conditions: Mapping[str, Array], span: Array) -> tuple[Readings, Any]:
-        """Readings and path of one record."""
-        return (self.read(law, conditions, None), None) if self.follow is None else self.follow(law, conditions, span)
+    usual: Callable[[], AbstractModel]  # reference model
+    conditions: Mapping[str, Sequence[float]]  # of three records, SI
+    read: Callable[[Any, Mapping[str, Array]], Readings]
 
 
 _SERIES = {"sequence": (1.0, 4.0, 9.0)}
 _STRIKE = {"initial_pressure": (0.6e6, 1.1e6, 2.3e6), "approach_speed": (0.25, 0.5, 0.34), **_SERIES}
 _OBLIQUE = Rig(lambda: Striker(Ball(), CoulombFriction()), {**_STRIKE, "tangential_speed": (0.1, 0.3, 0.6)}, read_patch)
 RIGS = {
-    Ball.family: Rig(Ball, _STRIKE, read_impact, follow_impact, ("reading", "depression", "pressure")),
+    Ball.family: Rig(Ball, _STRIKE, read_impact),
     RubberFriction.family: Rig(
         RubberFriction, {"normal_load": (6.0, 14.0, 27.0), "internal_pressure": (0.6e6, 1.1e6, 2.3e6),
                          "slip_speed": (0.02, 0.1, 0.4), **_SERIES}, read_stroke),
     RigidBody.family: Rig(
         RigidBody, {"x": (0.05, 0.02, -0.07), "y": (0.03, -0.06, 0.04), "z": (0.08, 0.05, -0.09), **_SERIES},
-        read_turning, prepare=_put_in_orbit, provides=("orbit_rate",)),
+        read_turning),
 }  # fmt: skip
 
 
-@eqx.filter_jit
-def _run_all(rig: Rig, law: Any, conditions: Mapping[str, Array], spans: Array) -> tuple[Readings, Any]:
-    return jax.vmap(rig.run, in_axes=(None, 0, 0))(law, conditions, spans)
-
-
-# ---- the effect on its rig -----------------------------------------------------------------------------------------
-
-
 class Bench:
-    """An effect, a reference model and the records on which it is tried; compiles when it is first asked.
-
-    Args:
-        rig: of the effect's family.
-        kind: class of the effect.
-        reference: the model that it extends; the rig's usual one if None.
-        conditions: of a few records, each shape (records,); the rig's, and whatever else the effect requires of a
-            record, if None.
+    """An effect on its rig, with a reference model and the records on which it is tried; arguments as `check_effect`.
     """
 
-    def __init__(self, rig: Rig, kind: Any, reference: AbstractModel | None,
-                 conditions: Mapping[str, Sequence[float]] | None):
+    def __init__(self, kind: Any, reference: AbstractModel | None, conditions: Mapping[str, Sequence[float]] | None):
         if not (isinstance(kind, type) and issubclass(kind, AbstractEffect)):
             raise TypeError("an effect is a class derived from one of the stages in ddetumble.contact.effect.")
-        self.rig, self.kind, self.parameters = rig, kind, parameters_of(kind)
-        self.reference = rig.prepare(rig.usual() if reference is None else reference)
+        rig = RIGS.get(family_of(kind), _OBLIQUE)
+        self.kind, self.parameters, self.read = kind, parameters_of(kind), rig.read
         kind()  # pyright: ignore[reportCallIssue]  # raises where a method or a default is missing
-        self.provides = {*self.reference.provides, *rig.provides}
+        reference = rig.usual() if reference is None else reference
+        self.provides = set(reference.provides)
+        if isinstance(reference, RigidBody):  # put in orbit where it is in none
+            self.provides |= {"orbit_rate"}
+            if not float(reference.orbit_rate):
+                reference = dc.replace(reference, orbit_rate=jnp.asarray(1e-3))
+        self.reference, self.bare = reference, reference.extend(())
         if conditions is None:
             provided = {*_MODELS, *self.provides, *rig.conditions}
             conditions = {**rig.conditions, **{x: (1.0, 2.0, 3.0) for x in kind.requires if x not in provided}}
         self.conditions = {key: jnp.asarray(value, dtype=float) for key, value in conditions.items()}
-        self.records = len(next(iter(self.conditions.values())))
+        self.records = [{name: value[k] for name, value in self.conditions.items()}
+                        for k in range(len(next(iter(self.conditions.values()))))]
         self.null = np.array([p.default for p in self.parameters])
         several = [p.starts or (p.default + 0.3 * p.typical,) for p in self.parameters]
         self.starts = [np.array(values) for values in itertools.islice(itertools.product(*several), MOST)]
         self.traces = 0
-        self._seen: dict[tuple[float, ...], tuple[Any, Readings]] = {}
+        self._seen: dict[tuple[float, ...], tuple[Readings, Readings]] = {}
 
-        def run_one(law, record, span):
+        @eqx.filter_jit
+        def run(law, record):
             self.traces += 1
-            return rig.run(law, record, span)
+            return self.read(law, record)
 
+        @eqx.filter_jit
         def run_slopes(values):
-            def measure(v):
-                found = jax.vmap(rig.run, in_axes=(None, 0, 0))(self.build(v), self.conditions, self.spans)
-                return {name: found[0][name] for name in rig.measured}, found
-
-            _, push, found = jax.linearize(measure, values, has_aux=True)
+            found, push = jax.linearize(lambda v: self.run_batch(self.build(v)), values)
             return found, jax.vmap(push)(jnp.eye(len(self.parameters)))
 
-        self._run_one, self._run_slopes = eqx.filter_jit(run_one), eqx.filter_jit(run_slopes)
-
-    @functools.cached_property
-    def spans(self) -> Array:
-        """Durations in which the reference model separates, shape (records,) [s], with half as much again to spare."""
-        spans = np.full(self.records, 1e-3)
-        for _ in range(14 if self.rig.follow else 0):
-            touching = np.asarray(_run_all(self.rig, self.bare, self.conditions, jnp.asarray(spans))[1].touching)
-            if not touching.any():
-                break
-            spans = np.where(touching, 2.0 * spans, spans)
-        return jnp.asarray(1.5 * spans)
-
-    @functools.cached_property
-    def bare(self) -> Any:
-        """The law without the effect."""
-        return self.reference.extend(())
+        self._run, self._run_slopes = run, run_slopes
 
     def build(self, values: Any) -> Any:
         """The law with the effect at these field values."""
         return self.reference.extend((self.kind(**{p.field: values[k] for k, p in enumerate(self.parameters)}),))
 
-    def record(self, k: int) -> dict[str, Array]:
-        """Conditions of one record."""
-        return {name: value[k] for name, value in self.conditions.items()}
+    def run_batch(self, law: Any) -> Readings:
+        """Readings of all records under a law."""
+        return jax.vmap(self.read, in_axes=(None, 0))(law, self.conditions)
 
-    def run_one(self, values: Any, k: int) -> tuple[Readings, Any]:
-        """Readings and path of one record, compiled; `traces` counts how often."""
-        return self._run_one(self.build(values), self.record(k), self.spans[k])
+    def run_one(self, values: Any, k: int) -> Readings:
+        """Readings of one record, compiled; `traces` counts how often."""
+        return self._run(self.build(values), self.records[k])
 
-    def run_all(self, values: Any) -> tuple[Any, Readings]:
-        """Readings and paths of all records, and derivatives of what is measured, once for all clauses."""
+    def run_all(self, values: Any) -> tuple[Readings, Readings]:
+        """Readings of all records and their derivatives by the parameters, once for all clauses."""
         key = tuple(float(v) for v in values)
         if key not in self._seen:
-            _ = self.spans  # not to be found while a program is traced
             self._seen[key] = self._run_slopes(jnp.asarray(key))
         return self._seen[key]
-
-    def list_nulls(self) -> Iterator[tuple[tuple[float, ...], int, str]]:
-        """Values at which the effect is absent, whatever its shape parameters, a record, and the values in words."""
-        shapes = [(p.default, *p.starts) if p.kind == "shape" else (p.default,) for p in self.parameters]
-        for values in itertools.islice(itertools.product(*shapes), MOST):
-            where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(self.parameters, values, strict=True))
-            for k in range(self.records):
-                yield values, k, where
 
 
 # ---- the clauses ---------------------------------------------------------------------------------------------------
 
 
 def _find_gap(bench: Bench) -> Found:
-    kind, provided = bench.kind, {*bench.provides, *bench.conditions}
-    stages = [name for base, name in STAGE_OF if issubclass(kind, base)] or [kind.stage] * bool(kind.stage)
+    """It has one stage, an id, a law, a reference, and all that it requires of model and records."""
+    kind = bench.kind
+    stages = list_stages(kind)
     if len(stages) != 1:
         return f"it has {len(stages)} stages ({', '.join(stages) or 'none'}); derive it from exactly one."
     for field in ("id", "law", "reference"):
         if not str(getattr(kind, field, "")).strip():
             return f"`{field}` is empty."
     for need in kind.requires:
-        if need not in provided:
+        if need not in {*bench.provides, *bench.conditions}:
             return f"it requires {need!r}, which {type(bench.reference).__name__} and the conditions do not provide."
     return True, f"acts on {stages[0]}; {kind.law} ({kind.reference})."
 
 
 def _check_units(bench: Bench) -> Found:
+    """Every number is a declared parameter whose unit `pint` reads; a power may be another parameter (`N/m^q`)."""
     declared = {p.field for p in bench.parameters}
     for field in dc.fields(bench.kind):
         if field.name not in declared and not field.metadata.get("static"):
             return f"`{field.name}` has no unit: declare it by `parameter(unit, ...)` or `eqx.field(static=True)`."
     if not bench.parameters:
         return "it has no parameter: declare its amplitude by `parameter(unit, ...)`."
-    problems = [text for one in bench.parameters if (text := _check_unit(one, bench.parameters))]
-    return problems[0] if problems else (True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in bench.parameters) + ".")
+    for one in bench.parameters:
+        if not isinstance(one.unit, str):
+            return f"the unit of {one.name} is missing: give it as text, '' for a pure number."
+        text = one.unit
+        for other in bench.parameters:
+            text = re.sub(rf"(\^|\*\*){re.escape(other.name)}\b", rf"\g<1>({other.default!r})", text)
+        try:
+            _make_registry().parse_units(text)
+        except Exception:  # pint raises many kinds
+            return f"pint cannot read the unit {one.unit!r} of {one.name}; write it like N/m, N*s/m or 1/s."
+    return True, ", ".join(f"{p.name} [{p.unit or '1'}]" for p in bench.parameters) + "."
 
 
 @functools.cache
-def _registry():
+def _make_registry():
     import pint
 
     return pint.UnitRegistry()
 
 
-def _check_unit(one: Parameter, parameters: Sequence[Parameter]) -> str:
-    """What is wrong with a parameter's unit; a power may be another parameter's name (`N/m^q`)."""
-    if not isinstance(one.unit, str):
-        return f"the unit of {one.name} is missing: give it as text, '' for a pure number."
-    text = one.unit
-    for other in parameters:
-        text = re.sub(rf"(\^|\*\*){re.escape(other.name)}\b", rf"\g<1>({other.default!r})", text)
-    try:
-        _registry().parse_units(text)
-    except Exception:  # pint raises many kinds
-        return f"pint cannot read the unit {one.unit!r} of {one.name}; write it like N/m, N*s/m or 1/s."
-    return ""
-
-
 def _check_limits(bench: Bench) -> Found:
+    """Limits, where stated, have a reason and hold the null and all starts."""
     stated = []
     for one in bench.parameters:
         low, high = one.limits
@@ -425,80 +317,84 @@ def _check_limits(bench: Bench) -> Found:
             continue
         if not one.limits_reason.strip():
             return f"limits of {one.name} have no reason: say why in `limits_reason`."
-        outside = [value for value in map(one.transform.publish, (one.default, *one.starts))
-                   if not low <= value <= high]
-        if outside:
-            return f"limits of {one.name} leave out {outside[0]:g}, its null or a start of its fits."
+        for value in map(one.transform.publish, (one.default, *one.starts)):
+            if not low <= value <= high:
+                return f"limits of {one.name} leave out {value:g}, its null or a start of its fits."
         stated.append(f"{one.name} {low:g} to {high:g}")
     return True, (", ".join(stated) or "none stated") + "."
 
 
 def _check_flattening(bench: Bench) -> Found:
+    """Its leaves are its parameters, and a round trip keeps them."""
     effect = bench.kind(**{p.field: v for p, v in zip(bench.parameters, bench.starts[0], strict=True)})
     leaves, structure = jax.tree.flatten(effect)
     if len(leaves) != len(bench.parameters):
         return f"it has {len(leaves)} leaves and {len(bench.parameters)} parameters."
-    again = jax.tree.unflatten(structure, leaves)
     jax.tree.unflatten(structure, [object()] * len(leaves))  # JAX does this too
-    same = eqx.tree_equal(effect, again)
-    return bool(same), "flatten and unflatten keep it." if same else "flatten and unflatten change it."
+    same = bool(eqx.tree_equal(effect, jax.tree.unflatten(structure, leaves)))
+    return same, "flatten and unflatten keep it." if same else "flatten and unflatten change it."
 
 
 def _compare_eager(bench: Bench) -> Found:
-    values, k = [float(v) for v in bench.starts[0]], 1 % bench.records
-    readings, path = bench.run_one(values, k)
-    eager = bench.rig.read(bench.build(values), bench.record(k), path)
-    worst = max(measure_difference(eager[name], readings[name]) for name in readings)
-    return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
+    """Compiled readings are those of the law evaluated operation by operation."""
+    k = 1 % len(bench.records)
+    eager = bench.read(bench.build([float(v) for v in bench.starts[0]]), bench.records[k])
+    return _compare(eager, bench.run_one(bench.starts[0], k))
 
 
 def _count_traces(bench: Bench) -> Found:
+    """New values, Python numbers among them, meet the program that is there."""
     bench.run_one(bench.null, 0)
     before = bench.traces
     bench.run_one([int(v) if float(v).is_integer() else float(v) for v in bench.null], 0)
-    bench.run_one(bench.starts[-1], bench.records - 1)
+    bench.run_one(bench.starts[-1], -1)
     if bench.traces > before:
         return "a new value compiles the program anew; `parameter(...)` makes a field an array, which does not."
     return True, "new values meet the program that is there already."
 
 
 def _find_infinite(bench: Bench) -> Found:
+    """Readings and derivatives are finite at every start."""
     for values in bench.starts:
-        where = dict(zip([p.name for p in bench.parameters], (float(v) for v in values), strict=True))
+        where = dict(zip([p.name for p in bench.parameters], values.tolist(), strict=True))
         for what, found in zip(("reading", "derivative"), bench.run_all(values), strict=True):
-            if not all(np.isfinite(value).all() for value in jax.tree.leaves(found)):
+            if not all(np.isfinite(value).all() for value in found.values()):
                 return f"a {what} is not finite at {where}."
     return True, f"readings and derivatives are finite at {len(bench.starts)} starts."
 
 
 def _compare_loop(bench: Bench) -> Found:
-    batch, worst = bench.run_all(bench.starts[0])[0][0], 0.0
-    for k in range(bench.records):
-        one = bench.run_one(bench.starts[0], k)[0]
-        worst = max(worst, *(measure_difference(one[name], batch[name][k]) for name in bench.rig.measured))
-    return worst <= TOLERANCE, f"they differ by {worst:.1e} of the largest value."
+    """All records at once give what one after the other gives."""
+    loop = [bench.run_one(bench.starts[0], k) for k in range(len(bench.records))]
+    batch = bench.run_all(bench.starts[0])[0]
+    return _compare({name: np.stack([one[name] for one in loop]) for name in batch}, batch)
 
 
 def _compare_null(bench: Bench) -> Found:
-    for values, k, where in bench.list_nulls():
-        record = bench.record(k)
-        path = bench.run_one(values, k)[1] if bench.rig.follow else None
-        extended, bare = (bench.rig.read(law, record, path) for law in (bench.build(values), bench.bare))
-        for name in bare:
-            a, b = np.asarray(extended[name]), np.asarray(bare[name])
-            if not np.array_equal(a, b):
-                return f"the {name} changes by up to {np.abs(a - b).max():.3g} [SI] at {where}."
+    """At its null, whatever its shapes, readings are to the last bit those without it."""
+    shapes = [(p.default, *p.starts) if p.kind == "shape" else (p.default,) for p in bench.parameters]
+    nulls = list(itertools.islice(itertools.product(*shapes), MOST))
+    for record in bench.records:
+        bare = bench.read(bench.bare, record)
+        for values in nulls:
+            extended = bench.read(bench.build(values), record)
+            for name in bare:
+                if not np.array_equal(extended[name], bare[name]):
+                    where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(bench.parameters, values, strict=True))
+                    change = np.abs(extended[name] - bare[name]).max()
+                    return f"the {name} changes by up to {change:.3g} [SI] at {where}."
     return True, "every reading is that without it, to the last bit."
 
 
 def _find_slope(bench: Bench, k: int) -> Found:
+    """An amplitude moves a reading at its null; a shape, or one that is singular there, over its starts."""
     one = bench.parameters[k]
     scanned = one.kind == "shape" or one.transform.reciprocal or one.singular
     points = bench.starts if scanned else [bench.null]
     if one.kind == "shape":
         points = [np.where(np.arange(len(bench.parameters)) == k, v, p)
                   for p in bench.starts for v in (one.starts or (one.default,))]
-    bare, best = _run_all(bench.rig, bench.bare, bench.conditions, bench.spans)[0], 0.0
+    bare, best = bench.run_batch(bench.bare), 0.0
     for values in points:
         for name, slopes in bench.run_all(values)[1].items():
             slope, largest = np.asarray(slopes[k]), float(np.abs(bare[name]).max())
@@ -506,26 +402,26 @@ def _find_slope(bench: Bench, k: int) -> Found:
                 return f"the derivative of the {name} is not finite{'' if scanned else ' at the null'}."
             best = max(best, float(np.abs(slope).max() * one.typical / max(largest, 1e-300)))
     place = "over its starts" if scanned else "at its null"
-    if best <= _ALIVE:
+    if best <= ALIVE:
         remedy = "nothing reads it" if scanned else "let the law start linearly in its amplitude"
         return f"no reading moves with it {place}: {remedy}."
     change = f"{one.typical:g} {one.unit}".rstrip()
     return True, f"a typical change ({change}) moves a reading by {best:.1e} of its largest value {place}."
 
 
-CLAUSES: tuple[tuple[str, str, Callable[[Bench], Found]], ...] = (
-    ("complete", "It has one stage, an id, a law, a reference, and all that it requires of model and records.",
-     _find_gap),
-    ("units", "Every number is a declared parameter whose unit `pint` reads.", _check_units),
-    ("limits", "Limits, where stated, have a reason and hold the null and all starts.", _check_limits),
-    ("flattens", "Its leaves are its parameters, and a round trip keeps them.", _check_flattening),
-    ("compiled = eager", "Compiled readings are those of the law evaluated operation by operation.", _compare_eager),
-    ("compiles once", "New values, Python numbers among them, meet the program that is there.", _count_traces),
-    ("finite at its starts", "Readings and derivatives are finite at every start.", _find_infinite),
-    ("batch = loop", "All records at once give what one after the other gives.", _compare_loop),
-    ("absent at its null", "At its null, whatever its shapes, readings are to the last bit those without it.",
-     _compare_null),
-)  # after these a clause `... alive` for every parameter: it moves a reading at its null, or over its starts
+def _compare(one: Mapping[str, Any], other: Mapping[str, Any]) -> Found:
+    """Whether readings differ by rounding alone."""
+    worst = np.max([np.abs(np.asarray(one[name]) - value).max() / max(float(np.abs(value).max()), 1e-300)
+                    for name, value in other.items()])
+    worst = worst if np.isfinite(worst) else np.inf
+    return bool(worst <= TOLERANCE), f"they differ by {worst:.1e} of the largest value."
+
+
+CLAUSES: dict[str, Callable[[Bench], Found]] = {
+    "complete": _find_gap, "units": _check_units, "limits": _check_limits, "flattens": _check_flattening,
+    "compiled = eager": _compare_eager, "compiles once": _count_traces, "finite at its starts": _find_infinite,
+    "batch = loop": _compare_loop, "absent at its null": _compare_null,
+}  # after these a clause `... alive` for every parameter
 
 
 def check_effect(
@@ -550,25 +446,21 @@ def check_effect(
     """
     name = str(getattr(effect_class, "id", "") or getattr(effect_class, "__name__", effect_class))
     try:
-        bench = Bench(RIGS.get(family_of(effect_class), _OBLIQUE), effect_class, reference, conditions)
+        bench = Bench(effect_class, reference, conditions)
     except Exception as error:
-        return EffectReport(name, (Check("complete", False, explain_error(error)),))
-    clauses = [(title, clause) for title, _, clause in CLAUSES]
-    clauses += [(f"{one.name} alive", functools.partial(_find_slope, k=k)) for k, one in enumerate(bench.parameters)]
-    return EffectReport(name, tuple(_judge(title, clause, bench) for title, clause in clauses))
+        return EffectReport(name, (Check("complete", False, _explain(error)),))
+    clauses = CLAUSES | {f"{p.name} alive": functools.partial(_find_slope, k=k) for k, p in enumerate(bench.parameters)}
+    checks = []
+    for title, clause in clauses.items():
+        try:
+            found = clause(bench)
+        except Exception as error:  # whatever a law raises breaks the clause
+            found = _explain(error)
+        checks.append(Check(title, *(found if isinstance(found, tuple) else (False, found))))
+    return EffectReport(name, tuple(checks))
 
 
-def _judge(name: str, clause: Callable[[Bench], Found], bench: Bench) -> Check:
-    """Try one clause; an exception breaks it."""
-    try:
-        found = clause(bench)
-    except Exception as error:
-        return Check(name, False, explain_error(error))
-    ok, sentence = found if isinstance(found, tuple) else (False, found)
-    return Check(name, bool(ok), sentence)
-
-
-def explain_error(error: Exception) -> str:
+def _explain(error: Exception) -> str:
     """One line about an exception, with the remedy for the commonest two."""
     text = (str(error).strip().splitlines() or [""])[0]
     if isinstance(error, jax.errors.TracerBoolConversionError):
@@ -576,10 +468,3 @@ def explain_error(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"it asks for {text}, which no record has; name the condition in `requires`."
     return f"{type(error).__name__}: {text}"
-
-
-def measure_difference(a: Any, b: Any) -> float:
-    """Largest difference relative to the largest value; infinite where either is not a number."""
-    a, b = np.asarray(a), np.asarray(b)
-    difference = float(np.abs(a - b).max() / max(float(np.abs(b).max()), 1e-300))
-    return difference if np.isfinite(difference) else float("inf")

@@ -1,5 +1,7 @@
 """Hunt-Crossley damping and the restitution that it really gives (Eqs. 5 and 6)."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -33,29 +35,29 @@ def restitution_balance(kappa: Array, restitution: Array) -> Array:
     return damped_work(kappa) - restitution**2 * damped_work(-kappa * restitution)
 
 
-@jax.custom_jvp
-def damping_number(restitution: Array) -> Array:
-    r"""Dimensionless damping $\kappa = c_n v_1$ that gives exactly the restitution $e$, for any spring law.
-
-    Solves the closed form of `restitution_balance` by bisection on $\kappa e \in (0, 1)$; its derivative follows from
-    the implicit-function theorem.
-
-    Args:
-        restitution: $e$ in (0, 1] [-]; larger values are read as 1.
-
-    Returns:
-        $\kappa$ [-], 0 at $e = 1$.
-    """
-    e = jnp.clip(restitution, 1e-3, 1.0)
-
+def _bisect(function: Callable[[Array], Array], high: Array, steps: int) -> Array:
+    """Where a function, positive at 0, falls through zero."""
     def halve(_, bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
-        right = restitution_balance(middle / e, e) > 0
+        right = function(middle) > 0
         return jnp.where(right, middle, low), jnp.where(right, high, middle)
 
-    low, high = jax.lax.fori_loop(0, 56, halve, (jnp.zeros_like(e), jnp.ones_like(e) * (1.0 - 1e-16)))
-    return jnp.where(e >= 1.0, 0.0, 0.5 * (low + high) / e)
+    low, high = jax.lax.fori_loop(0, steps, halve, (jnp.zeros_like(high), high))
+    return 0.5 * (low + high)
+
+
+@jax.custom_jvp
+def damping_number(restitution: Array) -> Array:
+    r"""Dimensionless damping $\kappa = c_n v_1$ that gives exactly the restitution $e$, for any spring; 0 at $e \ge 1$.
+
+    Solves the closed form of `restitution_balance` by bisection on $\kappa e \in (0, 1)$; its derivative follows from
+    the implicit-function theorem.
+    """
+    e = jnp.clip(restitution, 1e-3, 1.0)
+
+    product = _bisect(lambda x: restitution_balance(x / e, e), jnp.ones_like(e) * (1.0 - 1e-16), 56)
+    return jnp.where(e >= 1.0, 0.0, product / e)
 
 
 @damping_number.defjvp
@@ -75,30 +77,12 @@ def exact_damping(restitution: Array, approach_speed: Array) -> Array:
 
 
 def printed_damping(restitution: Array, approach_speed: Array) -> Array:
-    r"""$c_n = 3(1 - e^2)/(4 v_1)$ [s/m], Eq. 6 (Lankarani-Nikravesh).
-
-    Asked for $e = 0.8$ it delivers 0.847, asked for 0.5 it delivers 0.725.
-    """
+    r"""$c_n = 3(1 - e^2)/(4 v_1)$ [s/m], Eq. 6 (Lankarani-Nikravesh); asked for $e = 0.8$ it delivers 0.847."""
     return 3.0 * (1.0 - restitution**2) / (4.0 * approach_speed)
 
 
 def delivered_restitution(kappa: Array) -> Array:
-    r"""Restitution that a given $\kappa = c_n v_1$ really delivers: the closed form solved for $e$ by bisection.
-
-    Args:
-        kappa: dimensionless damping [-], >= 0.
-
-    Returns:
-        $e$ [-] in (0, 1].
-    """
+    r"""Restitution that $\kappa = c_n v_1 \ge 0$ really delivers, in (0, 1]: the closed form solved by bisection."""
     kappa = jnp.asarray(kappa, dtype=float)
     top = jnp.where(kappa > 1.0, 1.0 / jnp.where(kappa > 1.0, kappa, 1.0), 1.0)
-
-    def halve(_, bracket):
-        low, high = bracket
-        middle = 0.5 * (low + high)
-        right = restitution_balance(kappa, middle) > 0
-        return jnp.where(right, middle, low), jnp.where(right, high, middle)
-
-    low, high = jax.lax.fori_loop(0, 60, halve, (jnp.zeros_like(kappa), top))
-    return 0.5 * (low + high)
+    return _bisect(lambda e: restitution_balance(kappa, e), top, 60)

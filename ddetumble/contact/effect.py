@@ -1,22 +1,8 @@
 """What an effect is: one missing piece of physics at one named stage of the contact (the file that users read).
 
 An effect is an `equinox` module with a few parameters. It sees the state of the contact (`Contact`) and returns its own
-contribution; at its null value the contribution is exactly absent. Stages:
-
-=====================  ==========================  ==========================================================
-stage                  class                       returns
-=====================  ==========================  ==========================================================
-size of the ball       `AbstractSizeEffect`        relative growth of the outer diameter [-]
-geometry               `AbstractGeometryEffect`    increment of the contact radius [m]
-gas                    `AbstractGasEffect`         factor on the gas pressure [-]
-elastic force          `AbstractElasticEffect`     increment of the elastic force [N]
-stiffness              `AbstractStiffnessEffect`   factor on the whole elastic force [-]
-contact force          `AbstractContactForce`      increment of the contact force, inside its clamp at zero [N]
-surface                `AbstractSurfaceForce`      increment after the clamp: tension is possible [N]
-drive of the arm       `AbstractDriveEffect`       force of the arm on the ball, towards the plate [N]
-restitution            `AbstractRestitutionEffect` factor on the coefficient of restitution [-]
-sensor                 `AbstractSensorEffect`      what the force gauge reads [N]
-=====================  ==========================  ==========================================================
+contribution; at its null value the contribution is exactly absent. The stages are the classes below, of which it
+derives from one.
 
 An effect that needs a state of its own (gas lost, a relaxing force) is also an `AbstractStatefulEffect`. Effects on
 slip records are in `contact.sliding`, those on tumbling records (torques) in `contact.torque`.
@@ -25,7 +11,7 @@ slip records are in `contact.sliding`, those on tumbling records (torques) in `c
 import abc
 import dataclasses as dc
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self, cast
 
 import equinox as eqx
@@ -39,11 +25,6 @@ from .transform import TRANSFORMS, Transform
 
 
 Scalar = type_scalar
-
-STAGES = (
-    "size", "geometry", "gas", "elastic", "stiffness", "contact", "surface", "drive", "restitution", "sensor",
-)
-
 
 class Contact(eqx.Module):
     """The state of the contact that an effect sees; every entry is a scalar (the caller batches by `vmap`).
@@ -146,11 +127,11 @@ def parameter(
         raise ValueError(f"`parameter(kind=...)` must be 'amplitude', 'shape' or 'reference'; got {kind!r}.")
     if coordinate not in TRANSFORMS:
         raise ValueError(f"`parameter(coordinate=...)` must be linear, log, logit or inverse; got {coordinate!r}.")
-    meta = dict(unit=unit, default=float(default), name=name, kind=kind, typical=float(typical), sign=sign,
-                bounds=bounds or (-float("inf"), float("inf")), limits=limits or (-float("inf"), float("inf")),
-                limits_reason=limits_reason, starts=tuple(float(x) for x in starts), coordinate=coordinate, free=free,
-                singular=singular, text=text)
-    return eqx.field(converter=scalar, default=float(default), metadata={"parameter": meta})
+    free_range = (-float("inf"), float("inf"))
+    declared = Parameter(name or "", "", unit, float(default), kind, float(typical), sign, bounds or free_range,
+                         limits or free_range, limits_reason, tuple(float(x) for x in starts), coordinate, free,
+                         singular, text)
+    return eqx.field(converter=scalar, default=float(default), metadata={"parameter": declared})
 
 
 def parameters_of(module: Any) -> tuple[Parameter, ...]:
@@ -161,12 +142,10 @@ def parameters_of(module: Any) -> tuple[Parameter, ...]:
     """
     found = []
     for field in dc.fields(module):
-        meta = field.metadata.get("parameter")
+        declared = field.metadata.get("parameter")
         part = None if isinstance(module, type) else getattr(module, field.name)
-        if meta is not None:
-            meta = dict(meta)
-            meta["name"] = meta["name"] or field.name
-            found.append(Parameter(field=field.name, **meta))
+        if declared is not None:
+            found.append(dc.replace(declared, name=declared.name or field.name, field=field.name))
         elif isinstance(part, AbstractModel):
             found += [dc.replace(p, field=f"{field.name}.{p.field}") for p in parameters_of(part)]
     return tuple(found)
@@ -204,7 +183,7 @@ class AbstractEffect(eqx.Module):
         reference: where the law comes from.
         requires: what the reference model must have for the effect to mean anything: any of `gas`, `geometry`,
             `damping`, or the name of a condition such as `sequence`.
-        stage: where it acts; the bases of impact effects are told apart by `STAGE_OF`.
+        stage: where it acts; stated by the class that it derives from.
         family: of the records on which it acts: `impact`, `slip`, `tumble` or `oblique` (effects of the first two act
             on oblique impacts too).
     """
@@ -250,6 +229,10 @@ class AbstractLaw(eqx.Module):
     reference: AbstractVar[AbstractModel]
     effects: AbstractVar[tuple[AbstractEffect, ...]]
 
+    def pick(self, kind: type) -> list[Any]:
+        """Effects of one kind, in their order."""
+        return [effect for effect in self.effects if isinstance(effect, kind)]
+
     def __add__(self, effect: AbstractEffect | type[AbstractEffect]) -> Self:
         """This law extended by one more effect, an instance or a class (which then stands at its defaults).
 
@@ -283,6 +266,8 @@ def read_validity(model: AbstractModel) -> dict[str, tuple[float, float]]:
 class AbstractSizeEffect(AbstractEffect):
     """Changes the size of the undeformed ball."""
 
+    stage: ClassVar[str] = "size"
+
     @abc.abstractmethod
     def growth(self, contact: Contact) -> Scalar:
         """Relative growth of the outer diameter [-], from the conditions alone."""
@@ -290,6 +275,8 @@ class AbstractSizeEffect(AbstractEffect):
 
 class AbstractGeometryEffect(AbstractEffect):
     """Changes the radius of the contact disc."""
+
+    stage: ClassVar[str] = "geometry"
 
     @abc.abstractmethod
     def contact_radius(self, contact: Contact) -> Scalar:
@@ -299,6 +286,8 @@ class AbstractGeometryEffect(AbstractEffect):
 class AbstractGasEffect(AbstractEffect):
     """Changes the pressure of the enclosed gas."""
 
+    stage: ClassVar[str] = "gas"
+
     @abc.abstractmethod
     def pressure_factor(self, contact: Contact) -> Scalar:
         """Factor on the gas pressure [-]; 1 at the null."""
@@ -306,6 +295,8 @@ class AbstractGasEffect(AbstractEffect):
 
 class AbstractElasticEffect(AbstractEffect):
     """Adds to the elastic force, so that the damping multiplies it too."""
+
+    stage: ClassVar[str] = "elastic"
 
     @abc.abstractmethod
     def force(self, contact: Contact) -> Scalar:
@@ -315,6 +306,8 @@ class AbstractElasticEffect(AbstractEffect):
 class AbstractStiffnessEffect(AbstractEffect):
     """Multiplies the whole elastic force."""
 
+    stage: ClassVar[str] = "stiffness"
+
     @abc.abstractmethod
     def factor(self, contact: Contact) -> Scalar:
         """Factor on the elastic force [-]; 1 at the null."""
@@ -322,6 +315,8 @@ class AbstractStiffnessEffect(AbstractEffect):
 
 class AbstractContactForce(AbstractEffect):
     """Adds to the contact force before it is clamped at zero."""
+
+    stage: ClassVar[str] = "contact"
 
     @abc.abstractmethod
     def force(self, contact: Contact) -> Scalar:
@@ -331,6 +326,8 @@ class AbstractContactForce(AbstractEffect):
 class AbstractSurfaceForce(AbstractEffect):
     """Adds to the contact force after the clamp: a pulling force is possible."""
 
+    stage: ClassVar[str] = "surface"
+
     @abc.abstractmethod
     def force(self, contact: Contact) -> Scalar:
         """Increment of the contact force [N]."""
@@ -338,6 +335,8 @@ class AbstractSurfaceForce(AbstractEffect):
 
 class AbstractDriveEffect(AbstractEffect):
     """A force of the arm on the ball."""
+
+    stage: ClassVar[str] = "drive"
 
     @abc.abstractmethod
     def force(self, contact: Contact) -> Scalar:
@@ -347,6 +346,8 @@ class AbstractDriveEffect(AbstractEffect):
 class AbstractRestitutionEffect(AbstractEffect):
     """Changes the coefficient of restitution with the conditions."""
 
+    stage: ClassVar[str] = "restitution"
+
     @abc.abstractmethod
     def factor(self, contact: Contact) -> Scalar:
         """Factor on the coefficient of restitution [-]; 1 at the null."""
@@ -355,6 +356,7 @@ class AbstractRestitutionEffect(AbstractEffect):
 class AbstractSensorEffect(AbstractEffect):
     """Changes what the force gauge reads; effects act in ascending `order`."""
 
+    stage: ClassVar[str] = "sensor"
     order: AbstractClassVar[int]
 
     @abc.abstractmethod
@@ -383,26 +385,19 @@ def family_of(effect: Any) -> str:
     return getattr(effect, "family", AbstractEffect.family)
 
 
-STAGE_OF: tuple[tuple[type, str], ...] = (
-    (AbstractSizeEffect, "size"), (AbstractGeometryEffect, "geometry"), (AbstractGasEffect, "gas"),
-    (AbstractElasticEffect, "elastic"), (AbstractStiffnessEffect, "stiffness"), (AbstractContactForce, "contact"),
-    (AbstractSurfaceForce, "surface"), (AbstractDriveEffect, "drive"), (AbstractRestitutionEffect, "restitution"),
-    (AbstractSensorEffect, "sensor"),
-)
+IMPACT_STAGES: tuple[type[AbstractEffect], ...] = (
+    AbstractSizeEffect, AbstractGeometryEffect, AbstractGasEffect, AbstractElasticEffect, AbstractStiffnessEffect,
+    AbstractContactForce, AbstractSurfaceForce, AbstractDriveEffect, AbstractRestitutionEffect, AbstractSensorEffect)
 
 
-def pick_effects(effects: Sequence[AbstractEffect], kind: type) -> list[Any]:
-    """Those of one kind, in their order."""
-    return [effect for effect in effects if isinstance(effect, kind)]
+def list_stages(kind: type) -> list[str]:
+    """Stages from which a class of effects derives."""
+    return [base.__dict__["stage"] for base in kind.__mro__ if base.__dict__.get("stage")]
 
 
 def stage_of(effect: Any) -> str:
     """Name of the stage at which an effect (class or instance) acts."""
-    kind = effect if isinstance(effect, type) else type(effect)
-    for base, name in STAGE_OF:
-        if issubclass(kind, base):
-            return name
-    if getattr(kind, "stage", ""):
-        return kind.stage
-    raise TypeError(f"`{kind.__name__}` has no stage: derive it from one of "
-                    + ", ".join(base.__name__ for base, _ in STAGE_OF) + ".")
+    if not effect.stage:
+        raise TypeError(f"`{getattr(effect, '__name__', type(effect).__name__)}` has no stage: derive it from one of "
+                        + ", ".join(base.__name__ for base in IMPACT_STAGES) + ".")
+    return effect.stage

@@ -51,16 +51,9 @@ def composite_modulus(elastic_modulus: Array, poisson_ratio: Array) -> Array:
 
 def rubber_coefficient(adhesion_constant: Array, loss_factor: Array, strength_ratio: Array, contour_pressure: Array,
                        modulus: Array) -> Array:
-    r"""Friction coefficient of Eq. 8.
+    r"""Friction coefficient of Eq. 8 [-]; the contour pressure $p_c$ is that of the gas [Pa].
 
-    $\mu = \tan\delta_L\,[\frac{\pi}{4} K \sigma_0/p_r + \frac{\pi}{10} (3 p_c/E^*)^{2/3}]$
-
-    Args:
-        adhesion_constant: $K$ [-].
-        loss_factor: $\tan\delta_L$ [-].
-        strength_ratio: $\sigma_0/p_r$, tensile strength over real contact pressure [-].
-        contour_pressure: $p_c$, the pressure of the gas [Pa]; not negative.
-        modulus: $E^*$ [Pa].
+    $\mu = \tan\delta_L\,[\frac{\pi}{4} K \sigma_0/p_r + \frac{\pi}{10} (3 p_c/E^*)^{2/3}]$ [-].
     """
     hysteresis = safe_power(3.0 * contour_pressure / modulus, jnp.asarray(2.0 / 3.0))
     return loss_factor * (jnp.pi / 4.0 * adhesion_constant * strength_ratio + jnp.pi / 10.0 * hysteresis)
@@ -69,21 +62,17 @@ def rubber_coefficient(adhesion_constant: Array, loss_factor: Array, strength_ra
 def slip_coefficients(load: Array, printed: bool = False) -> SlipCoefficients:
     r"""Coefficients of Eq. 9 at a load [N] by the polynomials of Eq. 10, where exp$^{-4}$ stands for $10^{-4}$.
 
-    Args:
-        load: $F_n$ [N].
-        printed: take $e$ from Eq. 10 too. By default $e = 1$: the printed polynomial makes friction without any slip
-            $a(1 - e)F_n$, negative below 29 N (`physics.md`, contradiction 5).
+    $e = 1$ unless `printed`: the polynomial makes friction without any slip $a(1 - e)F_n$, negative below 29 N
+    (`physics.md`, contradiction 5).
     """
     a, b, c, d, e = (p + load * (q + load * r) for p, q, r in POLYNOMIALS.values())
     return SlipCoefficients(a, b, c, d, e if printed else jnp.ones_like(a))
 
 
 def slip_coefficient(slip: Array, coefficients: SlipCoefficients) -> Array:
-    r"""Slip term of Eq. 9, $\mu_{slip}(s) = a + a e^{bs}[c \sinh(ds) - e \cosh(ds)]$ [-].
+    r"""Slip term of Eq. 9 at a slip $s$ since the stroke began, not negative [m].
 
-    Args:
-        slip: $s$ since the stroke began, not negative [m].
-        coefficients: at the load.
+    $\mu_{slip}(s) = a + a e^{bs}[c \sinh(ds) - e \cosh(ds)]$ [-].
     """
     a, b, c, d, e = coefficients
     s = slip / SLIP_UNIT

@@ -16,14 +16,14 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .effect import STAGE_OF, AbstractEffect, AbstractSensorEffect, Scalar, stage_of
+from .effect import IMPACT_STAGES, AbstractEffect, Scalar
 from .gripping import AbstractComplianceEffect, AbstractReactionEffect
 from .sliding import AbstractFrictionForce, AbstractLoadEffect, AbstractRubberEffect
 from .torque import AbstractGyroEffect, AbstractInertiaEffect, AbstractTorque
 
 
-STAGES: dict[str, type[AbstractEffect]] = {stage_of(base): base for base in (
-    *(base for base, _ in STAGE_OF), AbstractRubberEffect, AbstractLoadEffect, AbstractFrictionForce,
+STAGES: dict[str, type[AbstractEffect]] = {base.stage: base for base in (
+    *IMPACT_STAGES, AbstractRubberEffect, AbstractLoadEffect, AbstractFrictionForce,
     AbstractComplianceEffect, AbstractReactionEffect, AbstractInertiaEffect, AbstractTorque, AbstractGyroEffect)}
 LAST = 9  # `order` among effects on sensors: after those of the catalogue, which have 0 to 4
 
@@ -58,7 +58,7 @@ def effect(stage: str, *, id: str = "", law: str = "", reference: str = "", requ
 
     def decorate(function: Callable[..., Any]) -> type[Any]:
         name, text = function.__name__, inspect.getdoc(function) or ""
-        ordered = issubclass(STAGES[stage], (AbstractSensorEffect, AbstractGyroEffect))
+        ordered = "order" in STAGES[stage].__annotations__
         return declare_function(
             function, stage, parameters, function.__qualname__, function.__module__, text,
             id=id or name.replace("_", "-"), law=law or text.partition("\n")[0].rstrip("."), requires=requires,
@@ -91,14 +91,10 @@ def declare_function(function: Callable[..., Any], stage: str, parameters: Mappi
 
 def declare_effect(bases: tuple[type[AbstractEffect], ...], parameters: Mapping[str, Any], methods: Mapping[str, Any],
                    name: str, module: str, text: str, **attributes: Any) -> type[Any]:
-    """A class of effects from its parts.
+    """A class of effects from bases (one or more stages), parameters by name and methods, the laws, by name.
 
-    Args:
-        bases: classes of one or more stages.
-        parameters: by name, each as `parameter(...)` gives it; they may be shared by several classes.
-        methods: the laws by the name of the stage's method.
-        name, module, text: qualified name, module and docstring of the class.
-        attributes: of the class: `id`, `law`, `reference`, ...
+    Parameters, each as `parameter(...)` gives it, may be shared by several classes; name (qualified), module and text
+    are those of the class, attributes its `id`, `law`, `reference`, ...
     """
     own = {key: copy.copy(field) for key, field in parameters.items()}  # a class writes name and type into its fields
     space = {"__annotations__": dict.fromkeys(own, Scalar), **own, **methods, **attributes, "__module__": module,

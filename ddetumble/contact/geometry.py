@@ -7,30 +7,18 @@ from .._numerics import positive_part, safe_sqrt
 
 
 def contact_radius(depression: Array, coefficient: Array) -> Array:
-    r"""Radius of the flat contact disc, $b = \beta_c \delta$.
+    r"""Radius of the flat contact disc, $b = \beta_c \delta$ [m], of a depression [m] and a coefficient [-].
 
-    A cross-section of constant perimeter, $\pi D = \pi d + 4 b$ with $d = D - \delta$, gives $\beta_c = \pi/4$;
-    Eq. 7 as printed needs $\beta_c = 1/4$.
-
-    Args:
-        depression: how far the ball is squeezed, $\delta$ [m], any shape.
-        coefficient: $\beta_c$ [-].
-
-    Returns:
-        $b$ [m], shape of `depression`.
+    A cross-section of constant perimeter, $\pi D = \pi d + 4 b$ with $d = D - \delta$, gives $\beta_c = \pi/4$; Eq. 7
+    as printed needs $\beta_c = 1/4$.
     """
     return coefficient * depression
 
 
 def membrane_area_radius(depression: Array, diameter: Array) -> Array:
-    r"""Contact radius that keeps the membrane's area: $2b^2 + \pi b d + d^2 = D^2$ (catalogue, `membrane-area`).
+    r"""Contact radius [m] that keeps the membrane's area: $2b^2 + \pi b d + d^2 = D^2$ (catalogue, `membrane-area`).
 
-    Args:
-        depression: $\delta$ [m].
-        diameter: undeformed outer diameter $D$ [m].
-
-    Returns:
-        $b$ [m]: $b = (-\pi d + \sqrt{\pi^2 d^2 + 8 (D^2 - d^2)})/4$, written so that nothing cancels.
+    Of depression and diameter, $b = (-\pi d + \sqrt{\pi^2 d^2 + 8 (D^2 - d^2)})/4$, written so that nothing cancels.
     """
     d = diameter - depression
     excess = depression * (diameter + d)
@@ -39,17 +27,10 @@ def membrane_area_radius(depression: Array, diameter: Array) -> Array:
 
 
 def racetrack_volume(radius: Array, half_height: Array, doubled_core: bool = False) -> Array:
-    r"""Volume of the solid of revolution of a racetrack (Eq. 2).
+    r"""Volume [m³] of the solid of revolution of a racetrack (Eq. 2), of $b$ and $r = d/2$ [m].
 
-    $V' = 2\pi \int_0^{r} (b + \sqrt{r^2 - y^2})^2 dy = 2\pi (b^2 r + \pi b r^2/2 + 2 r^3/3)$.
-
-    Args:
-        radius: contact radius $b$ [m].
-        half_height: $r = d/2$ [m].
-        doubled_core: add $\pi b^2 d$ as Eq. 2 prints it, although the integral already holds that cylinder.
-
-    Returns:
-        $V'$ [m³].
+    $V' = 2\pi \int_0^{r} (b + \sqrt{r^2 - y^2})^2 dy = 2\pi (b^2 r + \pi b r^2/2 + 2 r^3/3)$; `doubled_core` adds $\pi
+    b^2 d$ as Eq. 2 prints it, although the integral already holds that cylinder.
     """
     b, r = radius, half_height
     volume = 2.0 * jnp.pi * (b**2 * r + jnp.pi * b * r**2 / 2.0 + 2.0 * r**3 / 3.0)
@@ -62,13 +43,5 @@ def sphere_volume(diameter: Array) -> Array:
 
 
 def truncated_sphere_radius(depression: Array, diameter: Array) -> Array:
-    r"""Contact radius of a sphere cut by a plane, $b = \sqrt{2 R_c \delta - \delta^2}$ (Eq. 1, Matunaga).
-
-    Args:
-        depression: $\delta$ [m].
-        diameter: $2 R_c$ [m].
-
-    Returns:
-        $b$ [m]; 0 for $\delta \le 0$.
-    """
+    r"""Contact radius [m] of a sphere cut by a plane, $b = \sqrt{\delta (D - \delta)}$ (Matunaga, Eq. 1), or 0."""
     return safe_sqrt(positive_part(depression) * (diameter - depression))

@@ -14,15 +14,7 @@ $u = C \dot f + u_s$, $\quad f = F_{max}\, u_s/\sqrt{u_s^2 + u_c^2}$.
 $F_{max}$ is what the friction law (Eqs. 8 to 11 with its effects) gives at the speed $u$ of the ball over the plate,
 after the slider's path and work; $u_c$ is the creep speed, below which rubber creeps instead of sliding (Grosch 1963):
 the transition from slip to grip is smooth, and so are the derivatives. (Were $F_{max}$ to fall with the speed of the
-massless slider, its motion would not be determined: that is why it sees $u$.) Stages of effects, beside those of normal
-and friction models:
-
-=====================  ==============================  ======================================================
-stage                  class                           returns
-=====================  ==============================  ======================================================
-compliance             `AbstractComplianceEffect`      tangential compliance of the patch [m/N]
-reaction               `AbstractReactionEffect`        how far the normal force acts ahead of the centre [m]
-=====================  ==============================  ======================================================
+massless slider, its motion would not be determined: that is why it sees $u$.)
 """
 
 import abc
@@ -130,12 +122,7 @@ class Striker(AbstractModel):
 
 
 class StrikeLaw(AbstractLaw):
-    """A reference model of oblique impacts and the effects that extend it.
-
-    Attributes:
-        reference: the reference model.
-        effects: any number of effects, at their null or not.
-    """
+    """A reference model of oblique impacts and the effects that extend it."""
 
     reference: Striker
     effects: tuple[AbstractEffect, ...] = ()
@@ -154,28 +141,20 @@ class StrikeLaw(AbstractLaw):
 
     def compliance(self, patch: Patch) -> Scalar:
         """Tangential compliance of the patch [m/N]; 0 without effects."""
-        total = jnp.zeros_like(patch.normal_force)
-        for effect in self.effects:
-            if isinstance(effect, AbstractComplianceEffect):
-                total = total + effect.compliance_at(patch)
-        return positive_part(total)
+        return positive_part(sum((effect.compliance_at(patch) for effect in self.pick(AbstractComplianceEffect)),
+                                 jnp.zeros_like(patch.normal_force)))
 
     def brake(self, patch: Patch) -> Scalar:
         """Force that brakes rolling at full speed, the moment of the offset normal force over the height [N]."""
-        total = jnp.zeros_like(patch.normal_force)
-        for effect in self.effects:
-            if isinstance(effect, AbstractReactionEffect):
-                total = total + effect.offset_at(patch)
+        total = sum((effect.offset_at(patch) for effect in self.pick(AbstractReactionEffect)),
+                    jnp.zeros_like(patch.normal_force))
         return safe_divide(total, patch.height) * patch.normal_force
 
     def limit(self, patch: Patch, speed: Array, path: Array, work: Array) -> Scalar:
         """F_max: friction of the sliding patch [N], not negative.
 
-        Args:
-            patch: the contact patch.
-            speed: of the ball over the plate, u, with its sign [m/s].
-            path: slid by the patch so far, whichever way [m].
-            work: done against friction so far [J].
+        Speed u of the ball over the plate, with its sign [m/s]; path slid by the patch so far, whichever way [m]; work
+        done against friction so far [J].
         """
         way = jnp.where(speed < 0, -1.0, 1.0)
         load = jnp.maximum(patch.normal_force, TOUCH)
@@ -190,16 +169,10 @@ def share_friction(speed: Array, creep_speed: Array) -> Array:
 
 @jax.custom_jvp
 def solve_slider(stiff: Array, step: Array, push: Array, creep_speed: Array) -> Scalar:
-    r"""Speed $u_s$ of the slider in $A\,u_s/\sqrt{u_s^2 + u_c^2} + B u_s = R$.
+    r"""Speed $u_s$ of the slider in $A\,u_s/\sqrt{u_s^2 + u_c^2} + B u_s = R$, $A \ge 0$ [m], $B$ [s] and $u_c > 0$.
 
     That is one implicit step of patch and ball. The left side rises, so there is one solution. Newton's method starts
     below it and never passes it, as the left side is concave; the derivative is that of the equation.
-
-    Args:
-        stiff: $A$ [m], not negative.
-        step: $B$ [s], positive.
-        push: $R$ [m].
-        creep_speed: $u_c$ [m/s], positive.
     """
     size = jnp.abs(push)
     speed = jnp.maximum(size / (stiff / creep_speed + step), (size - stiff) / step)

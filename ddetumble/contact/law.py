@@ -1,8 +1,8 @@
 """The contact law: reference models with effects applied to them (Eqs. 1 to 7)."""
 
 import abc
-from collections.abc import Mapping
-from typing import ClassVar, final
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,7 +29,6 @@ from .effect import (
     Contact,
     Scalar,
     parameter,
-    pick_effects,
 )
 from .gas import gas_pressure
 from .geometry import contact_radius, racetrack_volume, sphere_volume, truncated_sphere_radius
@@ -42,19 +41,10 @@ RESTITUTIONS = (1e-3, 0.9999)
 
 
 class Forces(eqx.Module):
-    """What acts at one instant.
+    """What acts at one instant."""
 
-    Attributes:
-        elastic: F_k [N].
-        normal: F_n, on the plate [N].
-        drive: of the arm, towards the plate [N].
-        pressure: of the gas, absolute [Pa].
-    """
-
-    elastic: Scalar
-    normal: Scalar
-    drive: Scalar
-    pressure: Scalar
+    normal: Scalar  # F_n, on the plate [N]
+    drive: Scalar  # of the arm, towards the plate [N]
 
 
 class AbstractReference(AbstractModel):
@@ -98,14 +88,8 @@ class AbstractReference(AbstractModel):
         """c_n [s/m]."""
 
 
-@final
-class Ball(AbstractReference):
-    """The paper's inflated ball: racetrack section, gas, Hunt-Crossley damping.
-
-    Static choices select the printed forms of `physics.md` section 3: `volume_coefficient` (None: as the area's),
-    `doubled_core` (Eq. 2 as printed), `truncated` (Eq. 1: constant pressure, truncated sphere), `damping_form`
-    (`exact`, `printed` for Eq. 6), `damping_sign` (-1 for Eq. 5 taken at face value).
-    """
+class AbstractDamped(AbstractReference):
+    """A reference model with a mass and a coefficient of restitution, which Hunt-Crossley damping realises exactly."""
 
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
                                        bounds=(0.0, jnp.inf), text="mass felt along the normal",
@@ -113,14 +97,36 @@ class Ball(AbstractReference):
     restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
                                     bounds=RESTITUTIONS, text="coefficient of restitution",
                                     limits=(0.0, 1.0), limits_reason="a passive contact returns no more than it takes")
+
+    def inertia(self) -> Scalar:
+        """Effective mass [kg]."""
+        return self.effective_mass
+
+    def rebound(self) -> Scalar:
+        """Coefficient of restitution [-]."""
+        return self.restitution
+
+    def damping(self, restitution: Array, approach_speed: Array) -> Scalar:
+        """Exact c_n."""
+        return exact_damping(restitution, approach_speed)
+
+
+@final
+class Ball(AbstractDamped):
+    """The paper's inflated ball: racetrack section, gas, Hunt-Crossley damping.
+
+    Static choices select the printed forms of `physics.md` section 3: `volume_coefficient` (None: as the area's),
+    `doubled_core` (Eq. 2 as printed), `truncated` (Eq. 1: constant pressure, truncated sphere), `damping_form`
+    (`exact`, `printed` for Eq. 6), `damping_sign` (-1 for Eq. 5 taken at face value).
+    """
+
     outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
                                        bounds=(0.0, jnp.inf), free=False, text="ball before deformation",
                                        limits=(1e-3, 10.0), limits_reason="a ball of a millimetre to one of ten metres")
-    contact_radius_coefficient: Scalar = parameter("", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log",
-                                                   bounds=(0.0, jnp.inf), free=False, text="b over depression",
-                                                   limits=(0.1, 3.0),
-                                                   limits_reason="1/4 as printed, pi/4 for a constant perimeter; a "
-                                                                 "patch is no wider than the ball")
+    contact_radius_coefficient: Scalar = parameter(
+        "", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log", bounds=(0.0, jnp.inf), free=False,
+        text="b over depression", limits=(0.1, 3.0),
+        limits_reason="1/4 as printed, pi/4 for a constant perimeter; a patch is no wider than the ball")
     volume_coefficient: float | None = eqx.field(static=True, default=None)
     doubled_core: bool = eqx.field(static=True, default=False)
     truncated: bool = eqx.field(static=True, default=False)
@@ -150,14 +156,6 @@ class Ball(AbstractReference):
         """F_k = P' pi b**2 (Eq. 4)."""
         return contact.pressure * contact.contact_area
 
-    def inertia(self) -> Scalar:
-        """Effective mass [kg]."""
-        return self.effective_mass
-
-    def rebound(self) -> Scalar:
-        """Coefficient of restitution [-]."""
-        return self.restitution
-
     def damping(self, restitution: Array, approach_speed: Array) -> Scalar:
         """c_n: exact, or Eq. 6."""
         form = {"exact": exact_damping, "printed": printed_damping}[self.damping_form]
@@ -177,33 +175,23 @@ class AbstractGasless(AbstractReference):
 
 
 @final
-class PowerLaw(AbstractGasless):
+class PowerLaw(AbstractDamped, AbstractGasless):
     r"""A soft body without gas: $F_k = F_{10}\,(\delta/10\,\mathrm{mm})^n (c/c_0)^\beta$ (Hertz: n = 1.5).
 
     `condition` names the condition $c$ that the stiffness depends on (a campaign's pressure, or a pad's thickness), ''
     for none; `condition_reference` is $c_0$.
     """
 
-    effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                       bounds=(0.0, jnp.inf), text="mass felt along the normal",
-                                       limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
-    restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
-                                    bounds=RESTITUTIONS, text="coefficient of restitution",
-                                    limits=(0.0, 1.0), limits_reason="a passive contact returns no more than it takes")
     stiffness_force: Scalar = parameter("N", 100.0, kind="reference", typical=50.0, coordinate="log",
-                                        bounds=(0.0, jnp.inf), text="elastic force at 10 mm",
-                                        limits=(1e-6, 1e6),
+                                        bounds=(0.0, jnp.inf), text="elastic force at 10 mm", limits=(1e-6, 1e6),
                                         limits_reason="it resists; 10 mm of foam to 10 mm of a vehicle buffer")
-    exponent: Scalar = parameter("", 1.5, kind="reference", typical=0.5, coordinate="log",
-                                 bounds=(0.5, 6.0), text="power of the depression",
-                                 limits=(0.5, 5.0),
-                                 limits_reason="a dimple of a thin shell 1/2, Hertz 3/2, a cone 2, a membrane 3, "
-                                               "foam that locks more")
-    condition_exponent: Scalar = parameter("", 0.0, kind="reference", typical=0.5,
-                                           text="power of the further condition",
-                                           limits=(-3.0, 3.0),
-                                           limits_reason="thickness of a pad or plate to the power -3 in bending, +3 "
-                                                         "at most")
+    exponent: Scalar = parameter("", 1.5, kind="reference", typical=0.5, coordinate="log", bounds=(0.5, 6.0),
+                                 text="power of the depression", limits=(0.5, 5.0),
+                                 limits_reason="a dimple of a thin shell 1/2, Hertz 3/2, a cone 2, a membrane 3, foam "
+                                               "that locks more")
+    condition_exponent: Scalar = parameter(
+        "", 0.0, kind="reference", typical=0.5, text="power of the further condition", limits=(-3.0, 3.0),
+        limits_reason="thickness of a pad or plate to the power -3 in bending, +3 at most")
     condition: str = eqx.field(static=True, default="")
     condition_reference: float = eqx.field(static=True, default=1.0)
     provides: ClassVar[tuple[str, ...]] = ("damping",)
@@ -216,33 +204,20 @@ class PowerLaw(AbstractGasless):
         ratio = contact.conditions[self.condition] / self.condition_reference
         return force * safe_power(ratio, self.condition_exponent)
 
-    def inertia(self) -> Scalar:
-        """Effective mass [kg]."""
-        return self.effective_mass
-
-    def rebound(self) -> Scalar:
-        """Coefficient of restitution [-]."""
-        return self.restitution
-
-    def damping(self, restitution: Array, approach_speed: Array) -> Scalar:
-        """Exact c_n."""
-        return exact_damping(restitution, approach_speed)
-
 
 class ContactLaw(AbstractLaw):
-    """A reference model and the effects that extend it; contributions of one stage are summed or multiplied.
-
-    Attributes:
-        reference: the reference model.
-        effects: any number of effects, at their null or not.
-    """
+    """A reference model and any number of effects; contributions of one stage are summed or multiplied."""
 
     reference: AbstractReference
     effects: tuple[AbstractEffect, ...] = ()
 
     def stateful(self) -> list:
         """The effects with a state of their own, in the order of the state vector."""
-        return pick_effects(self.effects, AbstractStatefulEffect)
+        return self.pick(AbstractStatefulEffect)
+
+    def begin_states(self) -> Array:
+        """States of the effects at first touch, shape (states,)."""
+        return jnp.stack([jnp.asarray(e.initial()) for e in self.stateful()]) if self.stateful() else jnp.zeros((0,))
 
     def start(self, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
         """Outer diameter [m] and damping c_n [s/m] of a record, which do not change during contact."""
@@ -250,9 +225,9 @@ class ContactLaw(AbstractLaw):
         speed = conditions["approach_speed"]
         first = Contact(zero, zero, speed, zero, zero + 1.0, self.reference.diameter(), zero, zero,
                         conditions.get("initial_pressure", zero), speed, conditions, zero)
-        growth = sum((effect.growth(first) for effect in pick_effects(self.effects, AbstractSizeEffect)), zero)
+        growth = sum((effect.growth(first) for effect in self.pick(AbstractSizeEffect)), zero)
         restitution = self.reference.rebound()
-        for effect in pick_effects(self.effects, AbstractRestitutionEffect):
+        for effect in self.pick(AbstractRestitutionEffect):
             restitution = restitution * effect.factor(first)
         return self.reference.diameter() * (1.0 + growth), self.reference.damping(restitution, speed)
 
@@ -260,69 +235,62 @@ class ContactLaw(AbstractLaw):
                 rate: Array, states: Array) -> Contact:
         """Geometry, gas and elastic force at one instant."""
         zero = jnp.zeros_like(depression)
+        one = jnp.ones_like(zero)
         pressure = conditions.get("initial_pressure", zero)
-        depth = positive_part(depression)
-        def own(contact, effect):
-            return self._own(contact, effect, states)
-
-        bare = Contact(time, depth, rate, zero, zero + 1.0, diameter, zero, zero, pressure,
+        bare = Contact(time, positive_part(depression), rate, zero, zero + 1.0, diameter, zero, zero, pressure,
                        conditions["approach_speed"], conditions, zero)
 
         def increment(radius):
             at = eqx.tree_at(lambda c: c.contact_radius, bare, radius)
-            found = pick_effects(self.effects, AbstractGeometryEffect)
-            return sum((effect.contact_radius(own(at, effect)) for effect in found), zero)
+            return sum((effect.contact_radius(seen) for effect, seen in self._see(AbstractGeometryEffect, at, states)),
+                       zero)
 
-        radius, ratio = self.reference.shape(depth, diameter, increment)
+        radius, ratio = self.reference.shape(bare.depression, diameter, increment)
         shaped = eqx.tree_at(lambda c: (c.contact_radius, c.volume_ratio), bare, (radius, ratio))
-        one = jnp.ones_like(zero)
         gas = gas_pressure(pressure, ratio, one, one)
-        for effect in pick_effects(self.effects, AbstractGasEffect):
-            gas = gas * effect.pressure_factor(own(shaped, effect))
+        for effect, seen in self._see(AbstractGasEffect, shaped, states):
+            gas = gas * effect.pressure_factor(seen)
         filled = eqx.tree_at(lambda c: c.pressure, shaped, gas)
         elastic = self.reference.elastic(filled)
-        for effect in pick_effects(self.effects, AbstractElasticEffect):
-            elastic = elastic + effect.force(own(filled, effect))
-        for effect in pick_effects(self.effects, AbstractStiffnessEffect):
-            elastic = elastic * effect.factor(own(filled, effect))
+        for effect, seen in self._see(AbstractElasticEffect, filled, states):
+            elastic = elastic + effect.force(seen)
+        for effect, seen in self._see(AbstractStiffnessEffect, filled, states):
+            elastic = elastic * effect.factor(seen)
         return eqx.tree_at(lambda c: c.elastic_force, filled, elastic)
 
     def forces(self, contact: Contact, damping: Array, states: Array) -> Forces:
         """Normal force and drive at one instant (Eqs. 4 to 7 with the effects)."""
-        def own(effect):
-            return self._own(contact, effect, states)
-
         normal = contact.elastic_force * (1.0 + damping * contact.depression_rate)
-        for effect in pick_effects(self.effects, AbstractContactForce):
-            normal = normal + effect.force(own(effect))
+        for effect, seen in self._see(AbstractContactForce, contact, states):
+            normal = normal + effect.force(seen)
         normal = positive_part(normal)
-        for effect in pick_effects(self.effects, AbstractSurfaceForce):
-            normal = normal + effect.force(own(effect))
-        return Forces(contact.elastic_force, normal, self.drive(contact, states), contact.pressure)
+        for effect, seen in self._see(AbstractSurfaceForce, contact, states):
+            normal = normal + effect.force(seen)
+        return Forces(normal, self.drive(contact, states))
 
     def drive(self, contact: Contact, states: Array) -> Scalar:
         """Force of the arm towards the plate at one instant [N]."""
-        found = pick_effects(self.effects, AbstractDriveEffect)
-        return sum((effect.force(self._own(contact, effect, states)) for effect in found),
+        return sum((effect.force(seen) for effect, seen in self._see(AbstractDriveEffect, contact, states)),
                    jnp.zeros_like(contact.depression))
-
-    def _own(self, contact: Contact, effect: AbstractEffect, states: Array) -> Contact:
-        """The contact as one effect sees it: with its own state."""
-        place = next((k for k, e in enumerate(self.stateful()) if e is effect), None)
-        return contact if place is None else eqx.tree_at(lambda c: c.state, contact, states[place])
 
     def rates(self, contact: Contact, states: Array) -> Array:
         """Time derivatives of the effects' own states."""
-        found = [effect.rate(eqx.tree_at(lambda c: c.state, contact, states[k]))
-                 for k, effect in enumerate(self.stateful())]
+        found = [effect.rate(seen) for effect, seen in self._see(AbstractStatefulEffect, contact, states)]
         return jnp.stack(found) if found else jnp.zeros((0,))
+
+    def _see(self, kind: type, contact: Contact, states: Array) -> Iterator[tuple[Any, Contact]]:
+        """Effects of one kind, each with the contact as it sees it: with its own state."""
+        stateful = self.stateful()
+        for effect in self.pick(kind):
+            own = [k for k, other in enumerate(stateful) if other is effect]
+            yield effect, eqx.tree_at(lambda c: c.state, contact, states[own[0]]) if own else contact
 
     def has_sensor(self) -> bool:
         """Whether any effect acts on the sensor."""
-        return bool(pick_effects(self.effects, AbstractSensorEffect))
+        return bool(self.pick(AbstractSensorEffect))
 
     def reading(self, force: Signal) -> Signal:
         """What the force gauge reads."""
-        for effect in sorted(pick_effects(self.effects, AbstractSensorEffect), key=lambda e: type(e).order):
+        for effect in sorted(self.pick(AbstractSensorEffect), key=lambda e: type(e).order):
             force = effect.reading(force)
         return force

@@ -9,15 +9,11 @@ from jaxtyping import Array
 
 
 class Signal(eqx.Module):
-    """A signal on consecutive intervals, each a parabola through its value at the start, the middle and the end.
+    """A signal on consecutive intervals, each a parabola through its value at the start, the middle and the end."""
 
-    Attributes:
-        duration: of every interval, shape (intervals,) [s], >= 0.
-        start, middle, end: values there, shape (intervals,); the end of one interval and the start of the next
-            differ where the signal jumps (first touch, separation).
-    """
-
-    duration: Array
+    duration: Array  # of every interval, shape (intervals,) [s], >= 0
+    # values there, shape (intervals,); the end of one interval and the start of the next differ where the
+    # signal jumps (first touch, separation)
     start: Array
     middle: Array
     end: Array
@@ -59,8 +55,7 @@ def _integrals(z: Array) -> tuple[Array, Array, Array, Array]:
 def response_weights(z: Array) -> tuple[Array, Array, Array]:
     r"""$I_k(z) = z \int_0^1 e^{-z(1-u)} u^k du$, k = 0, 1, 2: what a first-order filter makes of $1, u, u^2$.
 
-    Args:
-        z: duration over time constant [-], >= 0.
+    z, duration over time constant [-], is not negative.
     """
     return _integrals(z)[:3]
 
@@ -97,10 +92,9 @@ def _deficits(ratio: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Ar
 
 @jax.custom_jvp
 def lag_deficits(ratio: Array) -> tuple[Array, Array, Array]:
-    r"""$1 - I_k(1/\rho)$, k = 0, 1, 2: by how much a lag falls short of $1, u, u^2$; 0 without a lag.
+    r"""$1 - I_k(1/\rho)$, k = 0, 1, 2: by how much a lag falls short of $1, u, u^2$; 0 without one, $\rho = 0$.
 
-    Args:
-        ratio: $\rho$, time constant over duration [-], >= 0.
+    $\rho$, time constant over duration [-], is not negative.
     """
     return _deficits(ratio)[0]
 
@@ -128,12 +122,7 @@ def _accumulate(decay: Array, push: Array) -> tuple[Array, Array]:
 
 
 def low_pass(signal: Signal, rate: Array) -> Signal:
-    r"""Response $y$ of $dy/dt = r (x - y)$, $y(0) = 0$, exact for each parabola; regular at $r = 0$ (where $y = 0$).
-
-    Args:
-        signal: $x$.
-        rate: $r$ [1/s], >= 0.
-    """
+    r"""Response $y$ of $dy/dt = r (x - y)$, $y(0) = 0$, exact for each parabola; regular at $r = 0$, where $y = 0$."""
     z = signal.duration * jnp.where(rate >= 0.0, rate, 0.0)
     c0, c1, c2 = _parabola(signal)
     i0, i1, i2 = response_weights(z)
@@ -144,12 +133,7 @@ def low_pass(signal: Signal, rate: Array) -> Signal:
 
 
 def lag(signal: Signal, time_constant: Array) -> Signal:
-    r"""Response $y$ of $T\,dy/dt = x - y$, exact for each parabola; regular at $T = 0$ (where $y = x$).
-
-    Args:
-        signal: $x$.
-        time_constant: $T$ [s], >= 0.
-    """
+    r"""Response $y$ of $T\,dy/dt = x - y$, exact for each parabola; regular at $T = 0$ [s], where $y = x$."""
     some = signal.duration > 0.0
     constant = jnp.where(time_constant >= 0.0, time_constant, 0.0)
     ratio = constant / jnp.where(some, signal.duration, 1.0)

@@ -1,15 +1,4 @@
-"""The friction law: a reference model of the friction force over slip, with effects applied to it (Eqs. 8 to 11).
-
-Stages of effects on slip records, as `contact.effect` has them for impacts:
-
-=====================  ==========================  ==========================================================
-stage                  class                       returns
-=====================  ==========================  ==========================================================
-rubber                 `AbstractRubberEffect`      factor on the Eq. 8 part of the coefficient [-]
-load                   `AbstractLoadEffect`        factor on the whole coefficient times load [-]
-friction               `AbstractFrictionForce`     increment of the friction force [N]
-=====================  ==========================  ==========================================================
-"""
+"""The friction law: a reference model of the friction force over slip, with effects applied to it (Eqs. 8 to 11)."""
 
 import abc
 from collections.abc import Mapping
@@ -20,7 +9,7 @@ import jax.numpy as jnp
 from equinox import AbstractClassVar
 from jaxtyping import Array
 
-from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter, pick_effects
+from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter
 from .friction import DIVERGES_ABOVE, composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
 
 
@@ -103,14 +92,11 @@ class AbstractFriction(AbstractModel):
 class AbstractRubberFriction(AbstractFriction):
     """Friction whose adhesive and hysteretic part is Eq. 8, with $p_c = P'$."""
 
-    adhesion_constant: Scalar = parameter("", 0.8, kind="reference", typical=0.4, coordinate="log",
-                                          bounds=(0.0, jnp.inf), text="K of Eq. 8",
-                                          limits=(0.0, 20.0),
-                                          limits_reason="20 would be a coefficient of friction of 1.2 at a loss "
-                                                        "factor of 0.15")
-    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log",
-                                    bounds=(0.0, jnp.inf), text="tan of the loss angle",
-                                    limits=(0.0, 3.0),
+    adhesion_constant: Scalar = parameter(
+        "", 0.8, kind="reference", typical=0.4, coordinate="log", bounds=(0.0, jnp.inf), text="K of Eq. 8",
+        limits=(0.0, 20.0), limits_reason="20 would be a coefficient of friction of 1.2 at a loss factor of 0.15")
+    loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log", bounds=(0.0, jnp.inf),
+                                    text="tan of the loss angle", limits=(0.0, 3.0),
                                     limits_reason="rubber has 0.05 to 0.3, at its glass transition 3")
     tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
                                          bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8",
@@ -165,8 +151,7 @@ class CoulombFriction(AbstractFriction):
     """A constant coefficient: the plainest model that a measurement can be held against."""
 
     friction_coefficient: Scalar = parameter("", 0.3, kind="reference", typical=0.1, coordinate="log",
-                                             bounds=(0.0, jnp.inf), text="friction over load",
-                                             limits=(0.0, 10.0),
+                                             bounds=(0.0, jnp.inf), text="friction over load", limits=(0.0, 10.0),
                                              limits_reason="lubricated 0.01, dry rubber 1 to 4, the softest some 10")
     provides: ClassVar[tuple[str, ...]] = ("rubber",)
 
@@ -180,12 +165,7 @@ class CoulombFriction(AbstractFriction):
 
 
 class FrictionLaw(AbstractLaw):
-    """A reference model and the effects that extend it; factors multiply, forces add.
-
-    Attributes:
-        reference: the reference model.
-        effects: any number of effects, at their null or not.
-    """
+    """A reference model and the effects that extend it; factors multiply, forces add."""
 
     reference: AbstractFriction
     effects: tuple[AbstractEffect, ...] = ()
@@ -193,11 +173,11 @@ class FrictionLaw(AbstractLaw):
     def force(self, slide: Slide) -> Scalar:
         """Friction force against the motion [N] (Eq. 11 with the effects)."""
         rubber = self.reference.rubber(slide)
-        for effect in pick_effects(self.effects, AbstractRubberEffect):
+        for effect in self.pick(AbstractRubberEffect):
             rubber = rubber * effect.factor(slide)
         force = (rubber + self.reference.slipping(slide)) * slide.normal_load
-        for effect in pick_effects(self.effects, AbstractLoadEffect):
+        for effect in self.pick(AbstractLoadEffect):
             force = force * effect.factor(slide)
-        for effect in pick_effects(self.effects, AbstractFrictionForce):
+        for effect in self.pick(AbstractFrictionForce):
             force = force + effect.force(slide)
         return force

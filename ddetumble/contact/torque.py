@@ -2,15 +2,7 @@
 
 Moments and torques are per unit transverse inertia; body z is the symmetry axis, and the moments of the reference body
 are (1, 1, `inertia_ratio`). At t = 0 the body frame coincides with an inertial frame whose x axis is the local vertical
-and whose z axis is the orbit normal. Stages of effects on tumbling records, as `contact.effect` has them for impacts:
-
-=====================  ==========================  ==========================================================
-stage                  class                       returns
-=====================  ==========================  ==========================================================
-inertia                `AbstractInertiaEffect`     increment of the body's three moments [-]
-torque                 `AbstractTorque`            torque on the body, body components [1/s²]
-gyroscope              `AbstractGyroEffect`        what the gyroscopes read [rad/s]
-=====================  ==========================  ==========================================================
+and whose z axis is the orbit normal.
 
 A torque that needs a rotation of its own (fuel, a wheel) is an `AbstractInnerTorque`. A torque of one's own:
 
@@ -36,7 +28,7 @@ import jax.numpy as jnp
 from equinox import AbstractClassVar
 from jaxtyping import Array, Float
 
-from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter, pick_effects
+from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter
 
 
 Vector = Float[Array, "3"]
@@ -117,12 +109,10 @@ class RigidBody(AbstractModel):
     r"""Torque-free rotation of a body of revolution, $I\dot\omega + \omega \times I\omega = 0$, $I = (1, 1, r)$."""
 
     inertia_ratio: Scalar = parameter("", 0.5, kind="reference", typical=0.1, coordinate="log", bounds=(0.0, 2.0),
-                                      text="axial over transverse moment of inertia",
-                                      limits=(0.0, 2.0),
+                                      text="axial over transverse moment of inertia", limits=(0.0, 2.0),
                                       limits_reason="a body of revolution: a thin rod has 0, a flat disc 2")
     orbit_rate: Scalar = parameter("rad/s", 0.0, kind="reference", typical=1e-3, free=False,
-                                   text="angular velocity of the orbit",
-                                   limits=(0.0, 2e-3),
+                                   text="angular velocity of the orbit", limits=(0.0, 2e-3),
                                    limits_reason="at the surface of a planet as dense as the Earth 1.24e-3")
     family: ClassVar[str] = "tumble"
     provides: ClassVar[tuple[str, ...]] = ()
@@ -138,12 +128,7 @@ class RigidBody(AbstractModel):
 
 
 class TumbleLaw(AbstractLaw):
-    """A rigid body and the effects that extend it; moments and torques add, gyroscope effects act one after another.
-
-    Attributes:
-        reference: the body.
-        effects: any number of effects, at their null or not.
-    """
+    """A rigid body and the effects that extend it; moments and torques add, gyroscope effects act one after another."""
 
     reference: RigidBody
     effects: tuple[AbstractEffect, ...] = ()
@@ -151,29 +136,25 @@ class TumbleLaw(AbstractLaw):
     @property
     def inner(self) -> list[Any]:
         """Effects with a body of their own, in the order of their states."""
-        return pick_effects(self.effects, AbstractInnerTorque)
+        return self.pick(AbstractInnerTorque)
 
     def moments(self) -> Vector:
         """Principal moments over the transverse one [-]."""
         moments = self.reference.moments()
-        for effect in pick_effects(self.effects, AbstractInertiaEffect):
+        for effect in self.pick(AbstractInertiaEffect):
             moments = moments + effect.moments()
         return moments
 
     def accelerate(self, spin: Spin, inner: Array) -> tuple[Vector, Array]:
-        r"""Euler's equations $\dot\omega = I^{-1}(\tau - \omega \times I\omega)$ with the inner bodies' own.
+        r"""Angular acceleration of the body and of the inner bodies, shapes (3,) and (inner bodies, 3) [rad/s²].
 
-        Args:
-            spin: the state; `inner` in it is not read.
-            inner: angular velocities of the inner bodies, shape (inner bodies, 3) [rad/s].
-
-        Returns:
-            Angular acceleration of the body, shape (3,), and of the inner bodies, shape (inner bodies, 3) [rad/s²].
+        Euler's equations $\dot\omega = I^{-1}(\tau - \omega \times I\omega)$ at `spin`, in which `inner` is not read;
+        `inner` are the angular velocities of the inner bodies, shape (inner bodies, 3) [rad/s].
         """
         omega, moments = spin.angular_velocity, spin.moments
         total = -cross(omega, moments * omega)
         own = []
-        for effect in pick_effects(self.effects, AbstractTorque):
+        for effect in self.pick(AbstractTorque):
             seen = spin
             if isinstance(effect, AbstractInnerTorque):
                 seen = eqx.tree_at(lambda s: s.inner, spin, inner[len(own)])
@@ -187,7 +168,7 @@ class TumbleLaw(AbstractLaw):
 
     def read(self, angular_velocity: Array, time: Array) -> Array:
         """What the gyroscopes read for rates over time, shapes (samples, 3), (samples,) [rad/s], [s]."""
-        for effect in sorted(pick_effects(self.effects, AbstractGyroEffect), key=lambda e: e.order):
+        for effect in sorted(self.pick(AbstractGyroEffect), key=lambda e: e.order):
             angular_velocity = effect.reading(angular_velocity, time)
         return angular_velocity
 

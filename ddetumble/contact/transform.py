@@ -24,26 +24,16 @@ import numpy as np
 @final
 @dc.dataclass(frozen=True)
 class Transform:
-    """A transform; see the table above.
+    """A transform; see the table above."""
 
-    Attributes:
-        name: `linear`, `log`, `logit` or `inverse`.
-        support: open interval within which the field lies.
-        words: the same in words.
-        from_field: field to coordinate, of a float.
-        to_field: coordinate to field, of floats, numpy and jax arrays alike.
-        slope: size of the derivative of the value by the coordinate, of the value.
-        reciprocal: whether the value is 1/field.
-        unknown: standard deviation of the coordinate beyond which nothing is known; infinite where it has a scale.
-    """
-
-    name: str
-    support: tuple[float, float]
-    words: str
-    from_field: Callable[[float], float]
-    to_field: Callable[[Any], Any]
-    slope: Callable[[float], float]
-    reciprocal: bool = False
+    name: str  # `linear`, `log`, `logit` or `inverse`
+    support: tuple[float, float]  # open interval within which the field lies
+    words: str  # the same in words
+    from_field: Callable[[float], float]  # field to coordinate, of a float
+    to_field: Callable[[Any], Any]  # coordinate to field, of floats, numpy and jax arrays alike
+    slope: Callable[[float], float]  # size of the derivative of the value by the coordinate, of the value
+    reciprocal: bool = False  # whether the value is 1/field
+    # standard deviation of the coordinate beyond which nothing is known; infinite where it has a scale
     unknown: float = math.inf
 
     def allows(self, value: float) -> bool:

@@ -19,14 +19,10 @@ _CYCLE = np.array([0.5, 0.5, 0.5, 0.5])  # takes Y_L to z, Z_L to x, X_L to y
 
 
 def measure_nutation(inertia: Array, angular_velocity: Array) -> Array:
-    r"""Nutation angle between the debris' axis and the angular momentum, $\theta = \angle(\hat z, I\omega)$.
+    r"""Nutation $\theta = \angle(\hat z, I\omega)$ between the debris' axis and the angular momentum, (...) [rad].
 
-    Args:
-        inertia: body components, shape (3, 3), or three principal moments [kg m²].
-        angular_velocity: body components, shape (..., 3) [rad/s].
-
-    Returns:
-        0 to pi, shape (...) [rad]; 0 at rest. Its derivative is taken as 0 where the momentum lies along the axis.
+    Inertia (3, 3) or three principal moments [kg m²]; angular velocity, body components, (..., 3) [rad/s]. 0 at rest;
+    its derivative is taken as 0 where the momentum lies along the axis.
     """
     momentum = angular_velocity @ to_tensor(inertia)
     across = safe_sqrt(momentum[..., 0] ** 2 + momentum[..., 1] ** 2)
@@ -35,17 +31,11 @@ def measure_nutation(inertia: Array, angular_velocity: Array) -> Array:
 
 
 def measure_precession(inertia: Array, angular_velocity: Array) -> Array:
-    r"""Precession rate of the debris' axis about the angular momentum, without torque.
+    r"""Precession rate of the debris' axis about the angular momentum without torque, shape (...) [rad/s].
 
     $\dot\psi = |L| (\omega_x L_x + \omega_y L_y)/(L_x^2 + L_y^2)$, body components; $|L|/I_t$ for a body of revolution,
     which is also taken where the momentum lies along the axis ($1/I_t$ as the mean of $1/I_x$ and $1/I_y$ there).
-
-    Args:
-        inertia: body components, shape (3, 3), or three principal moments [kg m²].
-        angular_velocity: body components, shape (..., 3) [rad/s].
-
-    Returns:
-        Shape (...) [rad/s].
+    Arguments as of `measure_nutation`.
     """
     tensor = to_tensor(inertia)
     momentum = angular_velocity @ tensor
@@ -58,27 +48,18 @@ def measure_precession(inertia: Array, angular_velocity: Array) -> Array:
 
 
 def measure_spin(inertia: Array, angular_velocity: Array) -> Array:
-    r"""Spin rate about the debris' own axis, $\dot\varphi = \omega_z - \dot\psi \cos\theta$, without torque.
+    r"""Spin rate about the debris' axis without torque, $\dot\varphi = \omega_z - \dot\psi \cos\theta$ [rad/s].
 
-    Args:
-        inertia: body components, shape (3, 3), or three principal moments [kg m²].
-        angular_velocity: body components, shape (..., 3) [rad/s].
-
-    Returns:
-        Shape (...) [rad/s].
+    Arguments as of `measure_nutation`.
     """
     cosine = jnp.cos(measure_nutation(inertia, angular_velocity))
     return angular_velocity[..., 2] - measure_precession(inertia, angular_velocity) * cosine
 
 
 def make_momentum_frame(angular_momentum: Array) -> Array:
-    r"""Attitude of the frame $O X_L Y_L Z_L$ in the base frame, $Y_L$ along the momentum, $X_L$ along $Y_L \times Z$.
+    r"""Attitude of the frame $O X_L Y_L Z_L$ in the base frame, unit quaternion (4,), of a momentum (3,), not zero.
 
-    Args:
-        angular_momentum: in the base frame, not zero, shape (3,) [N m s].
-
-    Returns:
-        Unit quaternion, shape (4,) [-]; $X_L$ lies along $X$ where the momentum lies along $Z$.
+    $Y_L$ lies along the momentum, $X_L$ along $Y_L \times Z$, or along $X$ where the momentum lies along $Z$.
     """
     y = angular_momentum / jnp.sqrt(jnp.sum(angular_momentum**2))
     along = y[0] ** 2 + y[1] ** 2 == 0
@@ -89,15 +70,10 @@ def make_momentum_frame(angular_momentum: Array) -> Array:
 
 
 def to_euler_angles(attitude: Array, angular_momentum: Array) -> Array:
-    r"""Precession, nutation and spin angles of an attitude about an angular momentum.
+    r"""Precession, nutation, spin $(\psi, \theta, \varphi)$, (..., 3) [rad], of attitudes about a momentum (3,).
 
-    Args:
-        attitude: unit quaternions, shape (..., 4) [-].
-        angular_momentum: in the base frame, shape (3,) [N m s].
-
-    Returns:
-        $(\psi, \theta, \varphi)$, shape (..., 3) [rad], $\psi$ and $\varphi$ in $-\pi$ to $\pi$; where nutation is 0 or
-        $\pi$ only their sum or difference is defined, and $\varphi$ is 0 there.
+    $\psi$ and $\varphi$ lie in $-\pi$ to $\pi$; where nutation is 0 or $\pi$ only their sum or difference is defined,
+    and $\varphi$ is 0 there. The momentum is given in the base frame.
     """
     base = multiply(jnp.asarray(_CYCLE), conjugate(make_momentum_frame(angular_momentum)))
     w, x, y, z = jnp.moveaxis(multiply(base, attitude), -1, 0)
@@ -114,15 +90,7 @@ def to_euler_angles(attitude: Array, angular_momentum: Array) -> Array:
 
 
 def from_euler_angles(angles: Array, angular_momentum: Array) -> Array:
-    """Attitude of given precession, nutation and spin angles, the inverse of `to_euler_angles`.
-
-    Args:
-        angles: precession, nutation, spin, shape (..., 3) [rad].
-        angular_momentum: in the base frame, shape (3,) [N m s].
-
-    Returns:
-        Unit quaternions, shape (..., 4) [-].
-    """
+    """Attitudes (..., 4) of given precession, nutation and spin (..., 3) [rad], the inverse of `to_euler_angles`."""
     precession, nutation, spin = jnp.moveaxis(0.5 * angles, -1, 0)
     total, difference = precession + spin, precession - spin
     own = jnp.stack([jnp.cos(nutation) * jnp.cos(total), jnp.sin(nutation) * jnp.cos(difference),
@@ -131,12 +99,9 @@ def from_euler_angles(angles: Array, angular_momentum: Array) -> Array:
 
 
 def measure_motion(inertia: Array, attitude: Array, angular_velocity: Array) -> Array:
-    """Euler angles along a motion about its own angular momentum at the start, shape (times, 3) [rad].
+    """Euler angles along a motion, (times, 3) [rad], about its own angular momentum at the start.
 
-    Args:
-        inertia: body components, shape (3, 3), or three principal moments [kg m²].
-        attitude: shape (times, 4) [-].
-        angular_velocity: body components, shape (times, 3) [rad/s].
+    Inertia as of `measure_nutation`, attitude (times, 4), angular velocity, body components, (times, 3) [rad/s].
     """
     return to_euler_angles(attitude, measure_momentum(inertia, attitude[0], angular_velocity[0]))
 

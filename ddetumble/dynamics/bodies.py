@@ -14,33 +14,12 @@ from .._errors import InputError
 from .._numerics import is_known, scalar
 
 
-def shift_inertia(inertia: Array, mass: Array, offset: Array) -> Array:
-    r"""Inertia about a point away from the centre of mass (Steiner), $I + m (|d|^2 1 - d d^T)$.
-
-    Args:
-        inertia: about the centre of mass, shape (3, 3) [kg m²].
-        mass: scalar [kg]; with a minus sign the way back.
-        offset: $d$ from the centre of mass to the point, either way round, shape (3,) [m].
-
-    Returns:
-        Shape (3, 3) [kg m²].
-    """
-    return inertia + mass * (jnp.sum(offset**2) * jnp.eye(3) - jnp.outer(offset, offset))
-
-
 def integrate_mesh(vertices: Array, faces: Any) -> tuple[Array, Array, Array]:
-    r"""Volume and its moments inside a closed triangle mesh, by the divergence theorem.
+    r"""Volume [m³], centre (3,) [m] and second moments about it $\int r r^T dV$ (3, 3) [m⁵] inside a closed mesh.
 
-    Every triangle makes a tetrahedron with a point inside; with $D = \det(a, b, c)$ and $s = a + b + c$ it adds $D/6$
-    to the volume, $D s/24$ to the first moment and $D (a a^T + b b^T + c c^T + s s^T)/120$ to the second. Smooth in
-    the vertices; exact for the polyhedron.
-
-    Args:
-        vertices: shape (vertices, 3) [m].
-        faces: indices of the corners, anticlockwise seen from outside, shape (faces, 3).
-
-    Returns:
-        Volume, scalar [m³]; centre, shape (3,) [m]; second moments about it $\int r r^T dV$, shape (3, 3) [m⁵].
+    By the divergence theorem: every triangle makes a tetrahedron with a point inside; with $D = \det(a, b, c)$ and $s =
+    a + b + c$ it adds $D/6$ to the volume, $D s/24$ to the first moment and $D (a a^T + b b^T + c c^T + s s^T)/120$ to
+    the second. Smooth in the vertices (vertices, 3) [m]; faces (faces, 3) are anticlockwise seen from outside.
     """
     middle = jnp.mean(vertices, axis=0)
     a, b, c = (vertices[faces[:, corner]] - middle for corner in range(3))
@@ -57,13 +36,21 @@ class AbstractBody(eqx.Module):
 
     mass: eqx.AbstractVar[Array]
 
+    def __check_init__(self):
+        for name, value in vars(self).items():
+            if name in ("vertices", "faces"):  # of a mesh, which checks them itself
+                continue
+            if is_known(value) and not (np.all(np.isfinite(value)) and np.all(np.asarray(value) > 0)):
+                raise InputError(f"{name} of a {type(self).__name__} must be positive and finite; got "
+                                 f"{np.asarray(value).tolist()}")
+
     @abstractmethod
     def inertia(self) -> Float[Array, "3 3"]:
         """Inertia tensor about the centre of mass, body components, shape (3, 3) [kg m²]."""
 
-    @abstractmethod
     def centre(self) -> Float[Array, " 3"]:
-        """Centre of mass, body components, shape (3,) [m]."""
+        """Centre of mass, body components, shape (3,) [m]; the origin of all but meshes."""
+        return jnp.zeros(3)
 
     @abstractmethod
     def volume(self) -> Float[Array, ""]:
@@ -72,29 +59,16 @@ class AbstractBody(eqx.Module):
 
 @final
 class Cylinder(AbstractBody):
-    """Solid cylinder, such as the paper's rocket stage of 1000 kg, radius 1 m and length 3 m (Section 5).
+    """Solid cylinder, such as the paper's rocket stage of 1000 kg, radius 1 m and length 3 m (Section 5)."""
 
-    Attributes:
-        mass: [kg].
-        radius: [m].
-        length: along body z [m].
-    """
-
-    mass: Array = eqx.field(converter=scalar, default=1000.0)
-    radius: Array = eqx.field(converter=scalar, default=1.0)
-    length: Array = eqx.field(converter=scalar, default=3.0)
-
-    def __check_init__(self):
-        _check_sizes(self)
+    mass: Array = eqx.field(converter=scalar, default=1000.0)  # [kg]
+    radius: Array = eqx.field(converter=scalar, default=1.0)  # [m]
+    length: Array = eqx.field(converter=scalar, default=3.0)  # along body z [m]
 
     def inertia(self) -> Array:
         r"""$I_a = m r^2/2$, $I_t = m (3 r^2 + l^2)/12$, shape (3, 3) [kg m²]."""
         transverse = self.mass * (3.0 * self.radius**2 + self.length**2) / 12.0
         return jnp.diag(jnp.stack([transverse, transverse, 0.5 * self.mass * self.radius**2]))
-
-    def centre(self) -> Array:
-        """The origin, shape (3,) [m]."""
-        return jnp.zeros(3)
 
     def volume(self) -> Array:
         r"""$\pi r^2 l$ [m³]."""
@@ -107,22 +81,14 @@ class Cylinder(AbstractBody):
 
 @final
 class HollowCylinder(AbstractBody):
-    """Tube without end faces.
+    """Tube without end faces."""
 
-    Attributes:
-        mass: [kg].
-        inner_radius: [m].
-        outer_radius: [m].
-        length: along body z [m].
-    """
-
-    mass: Array = eqx.field(converter=scalar)
-    inner_radius: Array = eqx.field(converter=scalar)
-    outer_radius: Array = eqx.field(converter=scalar)
-    length: Array = eqx.field(converter=scalar)
+    mass: Array = eqx.field(converter=scalar)  # [kg]
+    inner_radius: Array = eqx.field(converter=scalar)  # [m]
+    outer_radius: Array = eqx.field(converter=scalar)  # [m]
+    length: Array = eqx.field(converter=scalar)  # along body z [m]
 
     def __check_init__(self):
-        _check_sizes(self)
         if is_known((self.inner_radius, self.outer_radius)) and np.any(self.inner_radius >= self.outer_radius):
             raise InputError(f"inner_radius must be below outer_radius [m]; got {float(self.inner_radius):.6g} and "
                              f"{float(self.outer_radius):.6g}")
@@ -133,44 +99,26 @@ class HollowCylinder(AbstractBody):
         transverse = self.mass * (3.0 * squares + self.length**2) / 12.0
         return jnp.diag(jnp.stack([transverse, transverse, 0.5 * self.mass * squares]))
 
-    def centre(self) -> Array:
-        """The origin, shape (3,) [m]."""
-        return jnp.zeros(3)
-
     def volume(self) -> Array:
         r"""$\pi (r_o^2 - r_i^2) l$ [m³]."""
         return jnp.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
 
-    def end_face(self) -> Array:
-        """Centre of the upper end, from the centre of mass, shape (3,) [m]."""
-        return jnp.array([0.0, 0.0, 0.5]) * self.length
-
 
 @final
 class Box(AbstractBody):
-    """Cuboid.
+    """Cuboid."""
 
-    Attributes:
-        mass: [kg].
-        lengths: along body x, y, z, shape (3,) [m].
-    """
-
-    mass: Array = eqx.field(converter=scalar)
-    lengths: Array = eqx.field(converter=scalar)
+    mass: Array = eqx.field(converter=scalar)  # [kg]
+    lengths: Array = eqx.field(converter=scalar)  # along body x, y, z, shape (3,) [m]
 
     def __check_init__(self):
         if np.shape(self.lengths) != (3,):
             raise InputError(f"lengths of a Box must be three [m]; got the shape {np.shape(self.lengths)}")
-        _check_sizes(self)
 
     def inertia(self) -> Array:
         r"""$I_x = m (l_y^2 + l_z^2)/12$ and so on, shape (3, 3) [kg m²]."""
         squares = self.lengths**2
         return jnp.diag(self.mass * (jnp.sum(squares) - squares) / 12.0)
-
-    def centre(self) -> Array:
-        """The origin, shape (3,) [m]."""
-        return jnp.zeros(3)
 
     def volume(self) -> Array:
         r"""$l_x l_y l_z$ [m³]."""
@@ -179,26 +127,14 @@ class Box(AbstractBody):
 
 @final
 class Sphere(AbstractBody):
-    """Solid sphere.
+    """Solid sphere."""
 
-    Attributes:
-        mass: [kg].
-        radius: [m].
-    """
-
-    mass: Array = eqx.field(converter=scalar)
-    radius: Array = eqx.field(converter=scalar)
-
-    def __check_init__(self):
-        _check_sizes(self)
+    mass: Array = eqx.field(converter=scalar)  # [kg]
+    radius: Array = eqx.field(converter=scalar)  # [m]
 
     def inertia(self) -> Array:
         r"""$2 m r^2/5$ about every axis, shape (3, 3) [kg m²]."""
         return 0.4 * self.mass * self.radius**2 * jnp.eye(3)
-
-    def centre(self) -> Array:
-        """The origin, shape (3,) [m]."""
-        return jnp.zeros(3)
 
     def volume(self) -> Array:
         r"""$4 \pi r^3/3$ [m³]."""
@@ -207,21 +143,14 @@ class Sphere(AbstractBody):
 
 @final
 class Mesh(AbstractBody):
-    """Solid inside a closed triangle mesh; its mass properties are differentiable in the vertices.
+    """Solid inside a closed triangle mesh; its mass properties are differentiable in the vertices."""
 
-    Attributes:
-        mass: [kg].
-        vertices: shape (vertices, 3) [m].
-        faces: indices of the corners, anticlockwise seen from outside, shape (faces, 3).
-    """
-
-    mass: Array = eqx.field(converter=scalar)
-    vertices: Array = eqx.field(converter=scalar)
+    mass: Array = eqx.field(converter=scalar)  # [kg]
+    vertices: Array = eqx.field(converter=scalar)  # shape (vertices, 3) [m]
+    # indices of the corners, anticlockwise seen from outside, shape (faces, 3)
     faces: Any = eqx.field(converter=lambda faces: faces if not is_known(faces) else np.asarray(faces))
 
     def __check_init__(self):
-        if is_known(self.mass) and not np.all(np.asarray(self.mass) > 0):
-            raise InputError(f"mass of a Mesh must be positive and finite [kg]; got {np.asarray(self.mass).tolist()}")
         if is_known(self.faces):
             check_faces(self.faces, np.shape(self.vertices))
         if is_known((self.vertices, self.faces)):
@@ -277,14 +206,9 @@ def read_mesh(file: str | Path, mass: Any, scale: Any = 1.0) -> Mesh:
 
 
 def check_faces(faces: np.ndarray, shape: tuple[int, ...]) -> None:
-    """Refuse faces that do not close a surface.
+    """Raise `InputError` where faces (faces, 3) over vertices of a shape do not close a surface.
 
-    Args:
-        faces: indices of the corners, shape (faces, 3).
-        shape: of the vertices, (vertices, 3).
-
-    Raises:
-        InputError: where an edge of a face is not shared with exactly one other face that runs along it the other way.
+    Every edge has to be shared with exactly one other face that runs along it the other way.
     """
     if len(shape) != 2 or shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not faces.size:
         raise InputError(f"a mesh needs vertices of shape (vertices, 3) and faces of shape (faces, 3); got {shape} and "
@@ -299,11 +223,3 @@ def check_faces(faces: np.ndarray, shape: tuple[int, ...]) -> None:
         count = int(wrong.sum()) + doubled
         raise InputError(f"a mesh must be closed, each edge shared by two faces of the same sense; {count} of its "
                          f"{len(edges)} edges are not: close its holes, or make the sense the same everywhere")
-
-
-def _check_sizes(body: Any) -> None:
-    """Refuse sizes and masses that are not positive and finite."""
-    for name, value in vars(body).items():
-        if is_known(value) and not (np.all(np.isfinite(value)) and np.all(np.asarray(value) > 0)):
-            raise InputError(f"{name} of a {type(body).__name__} must be positive and finite; got "
-                             f"{np.asarray(value).tolist()}")

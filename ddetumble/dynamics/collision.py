@@ -16,7 +16,7 @@ $C F_{max} u_s/\sqrt{u_s^2 + u_c^2} + \epsilon u_s = \xi + \epsilon u$, $\dot\xi
 A normal force has no moment about the axis of a body of revolution: spin about it goes by friction alone.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import diffrax as dfx
@@ -26,11 +26,12 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
 from .._errors import InputError
 from .._numerics import is_known, safe_divide, safe_sqrt, stop
 from .._rotation import normalise, rotate, rotate_back, turn
+from ..contact.effect import Scalar
 from ..contact.gripping import (
     AbstractComplianceEffect,
     Patch,
@@ -40,9 +41,8 @@ from ..contact.gripping import (
     share_friction,
     solve_slider,
 )
-from .entry import read_conditions
+from .entry import read_conditions, read_law
 from .impact import measure_error
-from .outcome import Collision, Course, Ledger
 from .surfaces import Debris
 
 
@@ -52,6 +52,72 @@ SPAN = 1.0  # s, after which a contact that has not ended is given up
 RELAXATION = 2e-5  # s, of a compliant patch
 PROBE = 5e-3  # m, depression at which the stiffness is estimated
 SHARES = 0.5 - 0.5 * np.cos(np.pi * np.arange(49) / 48)  # of the contact at which its course is read
+
+
+class Course(eqx.Module):
+    """The contact at shares of its duration, shape (places,) each."""
+
+    time: Float[Array, " places"]  # since first touch [s]
+    depression: Float[Array, " places"]  # of the ball [m]
+    rate: Float[Array, " places"]  # of the depression [m/s]
+    pressure: Float[Array, " places"]  # of the gas, absolute [Pa]
+    normal_force: Float[Array, " places"]  # on the debris [N]
+    friction: Float[Array, "places 3"]  # on the debris, inertial components [N]
+    slip_speed: Float[Array, " places"]  # of the ball over the surface [m/s]
+    # from the rim of the contact disc to each edge of the face, shape (places, edges) [m]
+    margins: Float[Array, "places edges"]
+
+
+class Ledger(eqx.Module):
+    """Where momentum and energy went, inertial components."""
+
+    arm_impulse: Array  # of the arm's drive, shape (3,) [N s]
+    # of the arm about the origin: of its drive, of the mount that keeps the ball from turning (or of what turns
+    # the ball), and of the guidance that makes the apparent mass differ by direction, shape (3,) [N m s]
+    arm_moment: Array
+    arm_work: Array  # done by the drive [J]
+    normal_loss: Array  # taken by the contact [J]
+    friction_loss: Array  # taken by the patch [J]
+    rolling_loss: Array  # taken by rolling [J]
+    tip_before: Array  # before it, linear momentum of the apparent mass, shape (3,) [N s]
+    tip_after: Array
+    tip_moment_before: Array  # before it, its angular momentum about the origin, shape (3,) [N m s]
+    tip_moment_after: Array
+    debris_before: Array  # before it, angular momentum of the debris about the origin, shape (3,) [N m s]
+    debris_after: Array
+    energy_before: Array  # before it, of both bodies and the ball's rolling [J]
+    energy_after: Array
+
+
+class Collision(eqx.Module):
+    """Both bodies after one impact, in the frame in which the debris' centre of mass rested at the origin."""
+
+    attitude: Float[Array, " 4"]  # of the debris at separation, unit quaternion [-]
+    angular_velocity: Float[Array, " 3"]  # of the debris at separation, body components [rad/s]
+    angular_momentum: Float[Array, " 3"]  # of the debris about its centre of mass, inertial [N m s]
+    velocity: Float[Array, " 3"]  # of its centre of mass [m/s]
+    displacement: Float[Array, " 3"]  # of its centre of mass [m]
+    impulse: Float[Array, " 3"]  # of the contact force on the debris [N s]
+    arm_velocity: Float[Array, " 3"]  # of the ball [m/s]
+    normal: Float[Array, " 3"]  # outward at first touch, inertial [-]
+    approach_speed: Scalar  # along the normal, at first touch [m/s]
+    tangential_speed: Scalar  # across it, at first touch [m/s]
+    separation: Scalar  # time of separation [s]
+    peak_force: Scalar  # [N]
+    peak_depression: Scalar  # [m]
+    peak_pressure: Scalar  # [Pa]
+    # least distance of the contact disc from each edge; below zero it reaches over one, shape (edges,) [m]
+    margins: Float[Array, " edges"]
+    course: Course  # the contact over its duration
+    ledger: Ledger  # momentum and energy
+    separated: Bool[Array, ""]  # whether they separated within the span
+    failed: Bool[Array, ""]  # whether the integration failed, the ball did not approach, or something is not finite
+    steps: Array  # integration steps taken
+
+    @property
+    def margin(self) -> Array:
+        """Least distance of the contact disc from the nearest edge [m]."""
+        return jnp.min(self.margins, axis=-1)
 
 
 class _State(eqx.Module):
@@ -93,6 +159,16 @@ class _Setup(eqx.Module):
     arm_conditions: Mapping[str, Array]
     relaxation: Array
 
+    def move_tip(self, momentum: Array) -> Array:
+        """Velocity of the apparent mass with a momentum, shape (3,)."""
+        along = self.normal * (self.normal @ momentum)
+        return along / self.law.reference.ball.inertia() + (momentum - along) / self.law.reference.tangential_mass
+
+    def weigh_tip(self, velocity: Array) -> Array:
+        """Momentum of the apparent mass with a velocity, shape (3,)."""
+        along = self.normal * (self.normal @ velocity)
+        return along * self.law.reference.ball.inertia() + (velocity - along) * self.law.reference.tangential_mass
+
 
 class _Touch(eqx.Module):
     """Forces and motion at one instant."""
@@ -111,41 +187,10 @@ class _Touch(eqx.Module):
 def reduce_mass(debris: Debris, point: Array, normal: Array, mass: Array) -> Array:
     r"""Mass that an impact feels along the normal, $1/m_{red} = 1/m_{arm} + 1/m + (r \times n)^T I^{-1} (r \times n)$.
 
-    Args:
-        debris: what is struck.
-        point, normal: of contact, body components, shape (3,) [m], [-].
-        mass: apparent mass of the arm along the normal [kg].
+    Point of contact and normal (3,), body components [m], [-]; `mass` is the arm's apparent one along the normal [kg].
     """
     lever = jnp.cross(point, normal)
     return 1.0 / (1.0 / mass + 1.0 / debris.mass + lever @ jnp.linalg.solve(debris.inertia, lever))
-
-
-def predict_collision(debris: Debris, attitude: Array, angular_velocity: Array, point: Array, arm_velocity: Array,
-                      mass: Array, restitution: Array) -> tuple[Array, Array]:
-    r"""The impact as a frictionless instant, $J = m_{red} (1 + e) v_1$: what plans start from, never their result.
-
-    Returns:
-        Angular momentum after it, inertial components, shape (3,) [N m s]; approach speed [m/s].
-    """
-    normal = debris.surface.find_foot(point).normal
-    speed = -normal @ (rotate_back(attitude, arm_velocity) - jnp.cross(angular_velocity, point))
-    impulse = reduce_mass(debris, point, normal, mass) * (1.0 + restitution) * jnp.maximum(speed, 0.0)
-    after = debris.inertia @ angular_velocity - impulse * jnp.cross(point, normal)
-    return rotate(attitude, after), speed
-
-
-def _turn_tip(setup: _Setup, momentum: Array) -> Array:
-    """Velocity of the apparent mass with a momentum, shape (3,)."""
-    reference = setup.law.reference
-    along = setup.normal * (setup.normal @ momentum)
-    return along / reference.ball.inertia() + (momentum - along) / reference.tangential_mass
-
-
-def _weigh_tip(setup: _Setup, velocity: Array) -> Array:
-    """Momentum of the apparent mass with a velocity, shape (3,)."""
-    reference = setup.law.reference
-    along = setup.normal * (setup.normal @ velocity)
-    return along * reference.ball.inertia() + (velocity - along) * reference.tangential_mass
 
 
 def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
@@ -159,7 +204,7 @@ def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
     contact_point = ball - foot.distance * n
     momentum = setup.momentum + state.spin
     omega = setup.inverse @ rotate_back(attitude, momentum)
-    velocity = setup.velocity + _turn_tip(setup, state.ball_momentum)
+    velocity = setup.velocity + setup.move_tip(state.ball_momentum)
     body = state.debris_momentum / debris.mass
     lever = contact_point - state.debris
     relative = velocity - body - jnp.cross(rotate(attitude, omega), lever)
@@ -194,7 +239,7 @@ def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
     brake = law.brake(patch) * rolling / jnp.sqrt(rolling @ rolling + creep**2)
     force = friction - normal_force * n
     arm = -drive * n0
-    tip = _weigh_tip(setup, velocity)
+    tip = setup.weigh_tip(velocity)
     moved = _State(
         ball=velocity, ball_momentum=arm - force, debris=body, debris_momentum=force,
         attitude=turn(attitude, omega), spin=jnp.cross(lever, force),
@@ -245,12 +290,8 @@ def simulate_collision(law: StrikeLaw | Striker, debris: Debris, attitude: Any, 
         InputError: The law is none of oblique impacts, a condition is missing, a shape is wrong, or the ball is known
             not to approach.
     """
-    law = law.extend(()) if isinstance(law, Striker) else law
-    if not isinstance(law, StrikeLaw):
-        raise InputError("collide needs a Striker(ball, friction), or one with .extend(effects); it is given a "
-                         f"{type(law).__name__}")
-    needs = ("initial_pressure",) if "gas" in law.reference.provides else ()
-    given = read_conditions(conditions, needs, "collide")
+    law, gas = read_law(law, StrikeLaw, "a Striker(ball, friction), or one with .extend(effects)", "collide")
+    given = read_conditions(conditions, gas, "collide")
     vectors = []
     for name, value, size in (("attitude", attitude, 4), ("angular_velocity", angular_velocity, 3),
                               ("point", point, 3), ("arm_velocity", arm_velocity, 3)):
@@ -297,9 +338,8 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
     momentum = 2.0 * mass * v
     size, arm = v * unit, stop(debris.surface.reach())
     three, one = jnp.zeros(3), jnp.zeros(())
-    own = jnp.stack([jnp.asarray(effect.initial()) for effect in stateful]) if stateful else blank
     first = _State(three, three, three, three, attitude, three, three, three, one, one, three, three, one, one, one,
-                   one, own)
+                   one, law.normal.begin_states())
     sizes = jnp.stack([stop(jnp.asarray(e.size(probe))) for e in stateful]) if stateful else blank
     energy = momentum * v
     scale = _State(size, momentum, size, momentum, jnp.ones(()), momentum * arm, v, size, size, energy, momentum,
@@ -331,20 +371,16 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
     separated = solution.result == dfx.RESULTS.event_occurred
     end = solution.ts[0]
     final = unravel(solution.ys[0] * scales)
-    course = _read_course(setup, lambda t: unravel(solution.evaluate(t) * scales), unit, end)
-    bad = ~(separated | (solution.result == dfx.RESULTS.successful)) | (speed <= 0)
-    return _conclude(setup, final, course, end * unit, speed, sliding, omega, separated, bad,
-                     solution.stats["num_steps"])
 
-
-def _read_course(setup: _Setup, evaluate: Callable[[Array], _State], unit: Array, end: Array) -> Course:
-    """The contact at `SHARES` of its duration."""
     def read(share):
-        touch = _touch(setup, share * end * unit, evaluate(share * end))
+        touch = _touch(setup, share * end * unit, unravel(solution.evaluate(share * end) * scales))
         return Course(share * end * unit, touch.depression, touch.rate, touch.pressure, touch.normal_force,
                       touch.friction, touch.slip, touch.margins)
 
-    return jax.vmap(read)(jnp.asarray(SHARES))
+    course = jax.vmap(read)(jnp.asarray(SHARES))
+    bad = ~(separated | (solution.result == dfx.RESULTS.successful)) | (speed <= 0)
+    return _conclude(setup, final, course, end * unit, speed, sliding, omega, separated, bad,
+                     solution.stats["num_steps"])
 
 
 def _find_peak(time: Array, values: Array) -> Array:
@@ -369,8 +405,8 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
     attitude = normalise(final.attitude)
     momentum = setup.momentum + final.spin
     after = setup.inverse @ rotate_back(attitude, momentum)
-    velocity = setup.velocity + _turn_tip(setup, final.ball_momentum)
-    tip_before = _weigh_tip(setup, setup.velocity)
+    velocity = setup.velocity + setup.move_tip(final.ball_momentum)
+    tip_before = setup.weigh_tip(setup.velocity)
     tip_after = tip_before + final.ball_momentum
     ball = setup.start + final.ball
     body = final.debris_momentum / debris.mass

@@ -15,14 +15,10 @@ _PAIRS = np.arange(1, 7)  # images of the pulse on either side
 
 
 def descend(complement: Array) -> tuple[Array, Array, Array]:
-    r"""Arithmetic-geometric mean of 1 and $\sqrt{m_1}$, and the descending Landen moduli.
+    r"""Arithmetic-geometric mean of 1 and $\sqrt{m_1}$, and the descending Landen moduli, of $m_1$ in `SMALLEST` to 1.
 
-    Args:
-        complement: $m_1$ in `SMALLEST` to 1, scalar [-].
-
-    Returns:
-        The mean; the moduli $k_n = (a_{n-1} - b_{n-1})/(a_{n-1} + b_{n-1})$; the $1 - k_n$, without cancellation,
-        each of shape (ITERATIONS,).
+    The moduli are $k_n = (a_{n-1} - b_{n-1})/(a_{n-1} + b_{n-1})$; the third result is $1 - k_n$, without cancellation,
+    both of shape (ITERATIONS,).
     """
     def halve(pair, _):
         a, b = pair
@@ -40,18 +36,11 @@ def quarter_period(complement: Array) -> Array:
 
 
 def jacobi(argument: Array, complement: Array) -> tuple[Array, Array, Array]:
-    r"""sn, cn, dn of $(u | m)$ by descending Landen transformations (Gauss).
+    r"""sn, cn, dn of $(u | m)$ by descending Landen transformations (Gauss), of $m_1$ in `SMALLEST` to 1, scalar.
 
-    From $(\sin, \cos, 1)$ of $u\,\mathrm{agm}$ back up: with $w = 1 + k s^2$,
-    $s' = (1 + k) s/w$, $c' = c d/w$, $d' = (1 - k + k c^2)/w$, in which nothing cancels: cn and dn keep their digits
-    relative to the smallest dn (DLMF 22.7(i)).
-
-    Args:
-        argument: $u$, any shape [-].
-        complement: $m_1$ in `SMALLEST` to 1, scalar [-].
-
-    Returns:
-        sn, cn, dn, shape of `argument` [-].
+    From $(\sin, \cos, 1)$ of $u\,\mathrm{agm}$ back up: with $w = 1 + k s^2$, $s' = (1 + k) s/w$, $c' = c d/w$, $d' =
+    (1 - k + k c^2)/w$, in which nothing cancels: cn and dn keep their digits relative to the smallest dn (DLMF
+    22.7(i)). Shapes are those of the argument $u$.
     """
     mean, moduli, rest = descend(complement)
     s, c = jnp.sin(mean * argument), jnp.cos(mean * argument)
@@ -65,14 +54,10 @@ def jacobi(argument: Array, complement: Array) -> tuple[Array, Array, Array]:
 
 
 def first_kind(sine: Array, cosine: Array, complement: Array) -> Array:
-    r"""Incomplete elliptic integral $F(\varphi | m)$ by ascending amplitudes, $\tan\psi = (b/a) \tan\varphi$.
+    r"""Incomplete elliptic integral $F(\varphi | m)$ of an amplitude between $-\pi$ and $\pi$ [-].
 
-    Args:
-        sine, cosine: of the amplitude, up to a common factor above zero, scalars [-].
-        complement: $m_1$, scalar [-].
-
-    Returns:
-        $F$ for an amplitude between $-\pi$ and $\pi$ [-].
+    By ascending amplitudes, $\tan\psi = (b/a) \tan\varphi$. Sine and cosine of the amplitude count up to a common
+    factor above zero; all are scalars.
     """
     def double(carry, _):
         a, b, sine, cosine, angle = carry
@@ -91,15 +76,8 @@ def integrate_pulses(argument: Array, complement: Array, share: Array) -> Array:
     Poles of the integrand lie at $\pm i (2K' - z)$, $\mathrm{cd}(z | m_1) = \kappa$. Summed along the imaginary period
     they make one pulse, repeated every $2K$; with $\zeta = \pi z/(2K')$ the integral over one of them is elementary:
     $-2A \arctan(\tan(\zeta/2) \tanh(\pi u/(4K')))$, $A = \kappa/\sqrt{(1 - \kappa^2)(1 - m_1 \kappa^2)}$. This is the
-    series of the theta functions in the complementary nome; twelve images are enough for $m_1 \le 0.01$.
-
-    Args:
-        argument: $u$, shape (...) [-].
-        complement: $m_1$ up to 0.01, scalar [-]; the limit of one single pulse below `SMALLEST`.
-        share: $\kappa$ between 0 and 1, scalar [-].
-
-    Returns:
-        The integral, shape (...) [-].
+    series of the theta functions in the complementary nome; twelve images are enough for $m_1 \le 0.01$. Below
+    `SMALLEST` it is the limit of one single pulse. The share $\kappa$ lies between 0 and 1.
     """
     single = complement <= SMALLEST
     m1 = jnp.maximum(complement, SMALLEST)

@@ -9,19 +9,27 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from .._numerics import is_known
+from ..contact.effect import AbstractLaw, AbstractModel
 from ..effects.free import PLAN
+
+
+def read_law(law: Any, kind: type[AbstractLaw], example: str, verb: str) -> tuple[Any, tuple[str, ...]]:
+    """The law, of a reference model the one without effects, and the condition that its gas needs.
+
+    Raises:
+        InputError: It is none of that kind; `example` says which is.
+    """
+    found = law.extend(()) if isinstance(law, AbstractModel) else law
+    if not isinstance(found, kind):
+        raise InputError(f"{verb} needs {example}; it is given a {type(law).__name__}")
+    return found, ("initial_pressure",) if "gas" in found.reference.provides else ()
 
 
 def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str) -> dict[str, Array]:
     """Conditions as scalar arrays; what a free term is laid out by comes along with them as longer ones.
 
-    Args:
-        conditions: by name, SI.
-        needs: those without which nothing can be computed.
-        verb: what asks for them, in messages.
-
     Raises:
-        InputError: One is missing, no number, not scalar, or (where its value is known) not finite.
+        InputError: One that is needed is missing, or one is no number, not scalar, or not finite.
     """
     missing = [name for name in needs if name not in conditions]
     if missing:
@@ -42,11 +50,7 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
 
 
 def read_times(times: Any, verb: str) -> Array:
-    """Wanted times as an array of shape (times,).
-
-    Raises:
-        InputError: They are no numbers, not one-dimensional, none, or (where they are known) not finite.
-    """
+    """Wanted times, shape (times,); `InputError` where they are no numbers, of another shape, none, or not finite."""
     try:
         array = jnp.asarray(times, dtype=float)
     except (TypeError, ValueError):
@@ -59,11 +63,7 @@ def read_times(times: Any, verb: str) -> Array:
 
 
 def refuse_values(values: Mapping[str, Any], verb: str) -> None:
-    """Refuse values that have to be positive and are known not to be.
-
-    Raises:
-        InputError: One is zero, negative, or not a number.
-    """
+    """Raise `InputError` where a value is known that is not positive."""
     for name, value in values.items():
         if is_known(value) and np.ndim(value) == 0 and not float(value) > 0:
             raise InputError(f"{verb}: {name} must be positive; it is {float(value):g}")

@@ -75,19 +75,11 @@ def propagate_torque_free(inertia: Any, attitude: Any, angular_velocity: Any, ti
 
 def coast_symmetric(transverse: Array, axial: Array, attitude: Array, angular_velocity: Array,
                     times: Array) -> tuple[Array, Array]:
-    r"""Motion without torque of a body of revolution about body z, trigonometric.
+    r"""Attitude (times, 4) and angular velocity (times, 3) [rad/s] of a body of revolution about z without torque.
 
     $q(t) = \exp(L t / 2 I_t) \, q \, \exp(\hat z (1 - I_a/I_t) \omega_z t / 2)$ with $L$ in the inertial frame: the
-    body precesses about $L$ at $|L|/I_t$ while it turns about its axis (Goldstein, section 5.6).
-
-    Args:
-        transverse, axial: moments $I_t$, $I_a$, scalars [kg m²].
-        attitude: at time 0, unit quaternion, shape (4,) [-].
-        angular_velocity: at time 0, body components, shape (3,) [rad/s].
-        times: shape (times,) [s].
-
-    Returns:
-        Attitude, shape (times, 4) [-]; angular velocity, shape (times, 3) [rad/s].
+    body precesses about $L$ at $|L|/I_t$ while it turns about its axis (Goldstein, section 5.6). Moments $I_t$, $I_a$
+    [kg m²]; attitude (4,) and angular velocity, body components, (3,) at time 0.
     """
     moments = jnp.stack([transverse, transverse, axial])
     spin = (1.0 - axial / transverse) * angular_velocity[2] * times

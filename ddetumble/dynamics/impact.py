@@ -11,12 +11,11 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
-from .._errors import InputError
 from .._numerics import map_samples, safe_divide, stop
 from ..contact.effect import Scalar
 from ..contact.law import AbstractReference, ContactLaw
 from ..contact.signal import Signal
-from .entry import read_conditions, read_times, refuse_values
+from .entry import read_conditions, read_law, read_times, refuse_values
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
@@ -34,29 +33,17 @@ _TAIL_GRID = (np.arange(1, 25) / 24) ** 3
 
 
 class Impact(eqx.Module):
-    """Channels of one impact at the wanted times.
+    """Channels of one impact at the wanted times."""
 
-    Attributes:
-        normal_force: what the gauge reads, shape (times,) [N].
-        depression: shape (times,) [m].
-        depression_rate: shape (times,) [m/s]; 0 outside contact.
-        pressure: absolute, shape (times,) [Pa].
-        separation: time of separation [s]; the last wanted time where the ball still touches then.
-        rebound_speed: speed at separation [m/s].
-        separated: whether separation was reached.
-        failed: whether the integration failed (too many steps, or not finite).
-        steps: integration steps taken.
-    """
-
-    normal_force: Float[Array, " times"]
-    depression: Float[Array, " times"]
-    depression_rate: Float[Array, " times"]
-    pressure: Float[Array, " times"]
-    separation: Scalar
-    rebound_speed: Scalar
-    separated: Bool[Array, ""]
-    failed: Bool[Array, ""]
-    steps: Array
+    normal_force: Float[Array, " times"]  # what the gauge reads [N]
+    depression: Float[Array, " times"]  # [m]
+    depression_rate: Float[Array, " times"]  # [m/s]; 0 outside contact
+    pressure: Float[Array, " times"]  # absolute [Pa]
+    separation: Scalar  # time of separation [s]; the last wanted time where the ball still touches then
+    rebound_speed: Scalar  # speed at separation [m/s]
+    separated: Bool[Array, ""]  # whether separation was reached
+    failed: Bool[Array, ""]  # whether the integration failed (too many steps, or not finite)
+    steps: Array  # integration steps taken
 
 
 class _Path(eqx.Module):
@@ -68,45 +55,28 @@ class _Path(eqx.Module):
 
 
 class Motion(eqx.Module):
-    """The normal motion of one impact.
+    """The normal motion of one impact."""
 
-    Attributes:
-        path: nodes of the solution.
-        end: time of separation, or of the last wanted time [s].
-        final: state there: depression, its rate, the effects' own.
-        separated, failed, steps: as in `Impact`.
-        diameter, damping: of the record, as `ContactLaw.start` gives them.
-    """
-
-    path: _Path
-    end: Array
-    final: Array
-    separated: Array
+    path: _Path  # nodes of the solution
+    end: Array  # time of separation, or of the last wanted time [s]
+    final: Array  # state there: depression, its rate, the effects' own
+    separated: Array  # as in `Impact`
     failed: Array
     steps: Array
-    diameter: Array
+    diameter: Array  # of the record, as `ContactLaw.start` gives them
     damping: Array
 
 
 class Course(eqx.Module):
-    """What else moves in an impact needs to know of the contact, at given times, all of one shape.
+    """What else moves in an impact needs to know of the contact, at given times, all of one shape."""
 
-    Attributes:
-        time: since first touch [s].
-        depression, rate: of the ball [m], [m/s].
-        pressure: of the gas, absolute [Pa].
-        normal_force: on the plate [N].
-        contact_radius: b [m].
-        drive: force of the arm towards the plate [N].
-    """
-
-    time: Array
-    depression: Array
-    rate: Array
-    pressure: Array
-    normal_force: Array
-    contact_radius: Array
-    drive: Array
+    time: Array  # since first touch [s]
+    depression: Array  # of the ball [m]
+    rate: Array  # of the depression [m/s]
+    pressure: Array  # of the gas, absolute [Pa]
+    normal_force: Array  # on the plate [N]
+    contact_radius: Array  # b [m]
+    drive: Array  # force of the arm towards the plate [N]
 
 
 def _interpolate(path: _Path, time: Array) -> tuple[Array, Array, Array, Array]:
@@ -173,12 +143,9 @@ def simulate_impact(
     Raises:
         InputError: The law is none of impacts, a condition is missing, or a known value is no use.
     """
-    law = law.extend(()) if isinstance(law, AbstractReference) else law
-    if not isinstance(law, ContactLaw):
-        raise InputError("simulate needs a ContactLaw(ball, effects), or a reference model such as Ball(); it is given "
-                         f"a {type(law).__name__}")
-    needs = ("approach_speed", *(("initial_pressure",) if "gas" in law.reference.provides else ()))
-    conditions, times = read_conditions(conditions, needs, "simulate"), read_times(times, "simulate")
+    law, gas = read_law(law, ContactLaw, "a ContactLaw(ball, effects), or a reference model such as Ball()", "simulate")
+    conditions = read_conditions(conditions, ("approach_speed", *gas), "simulate")
+    times = read_times(times, "simulate")
     refuse_values({"approach_speed": conditions["approach_speed"], "effective_mass": law.reference.inertia()},
                   "simulate")
     last = stop(jnp.max(times) if span is None else span)
@@ -188,16 +155,10 @@ def simulate_impact(
 
 @eqx.filter_jit
 def bound_depression(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
-    r"""Depression $\delta$ that an impact does not exceed, $\int_0^\delta F_k\,d\delta' = m_{eff} v_1^2/2$, without
-    solving it: of a ball without damping and of an arm that does not push.
+    r"""Depression that an impact does not exceed [m], without solving it, and the outer diameter $D$ [m].
 
-    Args:
-        law: the contact law; its reference model has a diameter.
-        conditions: `approach_speed` [m/s], `initial_pressure` [Pa, absolute] and whatever the law reads, scalars.
-
-    Returns:
-        The depression [m], infinite where the work up to the whole diameter is less than the kinetic energy; the outer
-        diameter $D$ [m].
+    $\int_0^\delta F_k\,d\delta' = m_{eff} v_1^2/2$ of a ball without damping and of an arm that does not push; infinite
+    where the work up to the whole diameter is less than the kinetic energy. The law's reference model has a diameter.
     """
     diameter, _ = law.start(conditions)
     depths = diameter * jnp.linspace(0.0, 1.0, 1025)
@@ -216,13 +177,11 @@ def follow(law: ContactLaw, conditions: Mapping[str, Array], last: Array, adjoin
     speed = conditions["approach_speed"]
     diameter, damping = law.start(conditions)
     mass = law.reference.inertia()
-    stateful = law.stateful()
-    blank = jnp.zeros((len(stateful),))
-    first = law.contact(conditions, diameter, jnp.zeros(()), jnp.zeros(()), speed, blank)
-    sizes = [jnp.asarray(effect.size(first)) for effect in stateful]
+    first = law.contact(conditions, diameter, jnp.zeros(()), jnp.zeros(()), speed, jnp.zeros((len(law.stateful()),)))
+    sizes = [jnp.asarray(effect.size(first)) for effect in law.stateful()]
     v = stop(speed)
     scale = jnp.stack([v * last, v, *[stop(s) for s in sizes]])
-    start = jnp.stack([jnp.zeros(()), speed, *[effect.initial() for effect in stateful]]) / scale
+    start = jnp.concatenate([jnp.stack([jnp.zeros(()), speed]), law.begin_states()]) / scale
 
     def field(t, y, args):
         return _rates(t * last, y * scale, args) * (last / scale)

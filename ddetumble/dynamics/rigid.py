@@ -30,19 +30,11 @@ class Tumble(eqx.Module):
     steps: Array
 
 
-def accelerate(inertia: Array, angular_velocity: Array, torque: Array, inverse: Array | None = None) -> Array:
-    r"""Euler's equations, $\dot\omega = I^{-1} (\tau - \omega \times I \omega)$, all in body components.
+def accelerate(inertia: Array, angular_velocity: Array, torque: Array, inverse: Array) -> Array:
+    r"""Euler's equations, $\dot\omega = I^{-1} (\tau - \omega \times I \omega)$, body components, (3,) [rad/s²].
 
-    Args:
-        inertia: about the centre of mass, shape (3, 3) [kg m²].
-        angular_velocity: shape (3,) [rad/s].
-        torque: shape (3,) [N m].
-        inverse: of the inertia, where the caller has it, shape (3, 3) [1/(kg m²)].
-
-    Returns:
-        Angular acceleration, shape (3,) [rad/s²].
+    `inverse` is that of the inertia (3, 3), torque [N m].
     """
-    inverse = jnp.linalg.inv(inertia) if inverse is None else inverse
     return inverse @ (torque - jnp.cross(angular_velocity, inertia @ angular_velocity))
 
 
@@ -53,29 +45,19 @@ def measure_energy(inertia: Array, angular_velocity: Array) -> Array:
 
 
 def measure_momentum(inertia: Array, attitude: Array, angular_velocity: Array) -> Array:
-    r"""Angular momentum in the inertial frame, $L = q \otimes I\omega \otimes q^*$.
+    r"""Angular momentum in the inertial frame, $L = q \otimes I\omega \otimes q^*$, shape (..., 3) [N m s].
 
-    Args:
-        inertia: about the centre of mass, body components, shape (3, 3), or three principal moments [kg m²].
-        attitude: shape (..., 4) [-].
-        angular_velocity: body components, shape (..., 3) [rad/s].
-
-    Returns:
-        Shape (..., 3) [N m s].
+    Inertia (3, 3) or three principal moments [kg m²], attitude (..., 4), angular velocity, body components, (..., 3)
+    [rad/s].
     """
     return rotate(attitude, angular_velocity @ to_tensor(inertia))
 
 
 def trace_point(attitude: Array, point: Array, centre: Array | None = None) -> Array:
-    """Path of a point of the body in the inertial frame, such as the centre A of an end face (Figures 16 and 17).
+    """Path of a point of the body in the inertial frame, (times, 3) [m], such as A of an end face (Figures 16 and 17).
 
-    Args:
-        attitude: shape (times, 4) [-].
-        point: from the centre of mass, body components, shape (3,) [m]; (0, 0, l/2) for A of the paper's cylinder.
-        centre: of mass in the inertial frame, shape (3,) or (times, 3) [m] (default: the origin).
-
-    Returns:
-        Shape (times, 3) [m].
+    Attitude (times, 4); the point from the centre of mass, body components, (3,) [m]; `centre` of mass in
+    the inertial frame, (3,) or (times, 3) [m], by default the origin.
     """
     path = rotate(attitude, jnp.broadcast_to(jnp.asarray(point, dtype=float), (*attitude.shape[:-1], 3)))
     return path if centre is None else path + centre
@@ -88,16 +70,7 @@ def to_tensor(inertia: Any) -> Array:
 
 
 def read_start(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -> tuple[Array, Array, Array, Array]:
-    """Check what a motion starts from and bring it into form; what JAX traces cannot be looked at and is let through.
-
-    Args:
-        inertia: shape (3, 3), or three principal moments [kg m²].
-        attitude: quaternion that is not zero, scalar first, shape (4,) [-].
-        angular_velocity: body components, shape (3,) [rad/s].
-        times: ascending, shape (times,) [s].
-
-    Returns:
-        Inertia tensor, unit quaternion, angular velocity, times.
+    """Inertia tensor, unit quaternion, angular velocity and times that a motion starts from, checked where known.
 
     Raises:
         InputError: for a wrong shape, a number that is not finite, an inertia tensor that no body has, a quaternion
@@ -127,14 +100,10 @@ def read_start(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -
 
 
 def check_inertia(inertia: np.ndarray) -> None:
-    """Refuse an inertia tensor that no rigid body has.
+    """Raise `InputError` for an inertia tensor (3, 3), or three principal moments, that no rigid body has.
 
-    Args:
-        inertia: shape (3, 3), or three principal moments [kg m²].
-
-    Raises:
-        InputError: where it is not symmetric, not positive definite, or one principal moment exceeds the sum of the
-            other two by more than rounding.
+    That is one not symmetric, not positive definite, or of one principal moment above the sum of the other two by more
+    than rounding.
     """
     if inertia.ndim == 2:
         if not np.allclose(inertia, inertia.T, rtol=0.0, atol=1e-9 * np.max(np.abs(inertia))):

@@ -16,17 +16,11 @@ SUBSTEPS = 2  # of the Runge-Kutta method between two samples
 
 
 class Friction(eqx.Module):
-    """Friction along a path.
+    """Friction along a path."""
 
-    Attributes:
-        tangential_force: against the motion where `direction` is 1, shape (samples,) [N].
-        work: done against friction since the record began, shape (samples,) [J].
-        failed: whether any value is not finite.
-    """
-
-    tangential_force: Float[Array, " samples"]
-    work: Float[Array, " samples"]
-    failed: Bool[Array, ""]
+    tangential_force: Float[Array, " samples"]  # against the motion where `direction` is 1 [N]
+    work: Float[Array, " samples"]  # done against friction since the record began [J]
+    failed: Bool[Array, ""]  # whether any value is not finite
 
 
 def simulate_sliding(law: FrictionLaw, conditions: Mapping[str, Array], slip: Array, direction: Array | None = None,

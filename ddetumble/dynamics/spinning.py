@@ -26,30 +26,21 @@ for _k, _row in enumerate(_TABLEAU.a_lower):
 
 
 class Spinning(eqx.Module):
-    """Motion at the wanted times.
+    """Motion at the wanted times."""
 
-    Attributes:
-        angular_velocity: what the gyroscopes read, body components, shape (samples, 3) [rad/s].
-        attitude: unit quaternions, scalar first, body to inertial, shape (samples, 4) [-].
-        body: true angular velocity, body components, shape (samples, 3) [rad/s].
-        inner: that of the inner bodies, body components, shape (samples, inner bodies, 3) [rad/s].
-        failed: whether any value is not finite.
-    """
-
-    angular_velocity: Float[Array, "samples 3"]
-    attitude: Float[Array, "samples 4"]
-    body: Float[Array, "samples 3"]
+    angular_velocity: Float[Array, "samples 3"]  # what the gyroscopes read, body components [rad/s]
+    attitude: Float[Array, "samples 4"]  # unit quaternions, scalar first, body to inertial [-]
+    body: Float[Array, "samples 3"]  # true angular velocity, body components [rad/s]
+    # that of the inner bodies, body components, shape (samples, inner bodies, 3) [rad/s]
     inner: Float[Array, "samples bodies 3"]
-    failed: Bool[Array, ""]
+    failed: Bool[Array, ""]  # whether any value is not finite
 
 
 def count_steps(duration: float, fastest: float, interval: float) -> int:
     """Steps of a mesh on which a record is integrated to far below its noise.
 
-    Args:
-        duration: of the record [s].
-        fastest: largest angular speed [rad/s].
-        interval: between samples [s]; a step is no longer than three, unless that were more than 256 steps.
+    Of its duration [s], the largest angular speed [rad/s] and the interval between samples [s]: a step is no longer
+    than three of these, unless that were more than 256 steps.
     """
     longest = min(STEP / max(fastest, 1e-300), max(3.0 * interval, duration / 256))
     return max(int(np.ceil(duration / longest - 1e-9)), 1)

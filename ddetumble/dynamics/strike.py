@@ -14,14 +14,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from .._errors import InputError
 from .._numerics import stop
 from ..contact.effect import Scalar
 from ..contact.gripping import Patch, StrikeLaw, Striker, find_height, share_friction, solve_slider
-from .entry import read_conditions, read_times, refuse_values
-from .impact import ATOL, MAX_STEPS, RTOL, Course, follow, read_motion
+from .entry import read_conditions, read_law, read_times, refuse_values
+from .impact import ATOL, MAX_STEPS, RTOL, Course, Impact, follow, read_motion
 
 
 INTERVALS = 160  # steps of the tangential motion over the contact
@@ -32,71 +31,36 @@ _NEXT = (_MIDDLE - GAMMA, _SECOND, GAMMA)  # weight of each stage's rate in what
 NODES = 97  # at which the normal motion is read, over the contact
 
 
-class Strike(eqx.Module):
-    """Channels of one oblique impact at the wanted times, and where its energy went.
+class Strike(Impact):
+    """Channels of one oblique impact at the wanted times, beside those of an impact, and where its energy went."""
 
-    Attributes:
-        normal_force: what the gauge reads, shape (times,) [N].
-        tangential_force: on the plate, in the direction of motion, shape (times,) [N].
-        slip: of the patch over the plate since first touch, with its sign, shape (times,) [m].
-        depression: shape (times,) [m].
-        depression_rate: shape (times,) [m/s]; 0 outside contact.
-        pressure: absolute, shape (times,) [Pa].
-        separation: time of separation [s]; the last wanted time where the ball still touches then.
-        rebound_speed: of the ball away from the plate at separation [m/s].
-        tangential_speed: of the ball's centre along the plate at separation [m/s].
-        rolling_speed: r omega at separation [m/s].
-        arm_work: done by the arm during contact [J].
-        normal_loss, friction_loss, rolling_loss: what contact, slider and rolling took [J].
-        stored: in the spring of the patch at separation [J].
-        separated: whether separation was reached.
-        failed: whether the integration failed (too many steps, or not finite).
-        steps: integration steps taken along the normal.
-    """
-
-    normal_force: Float[Array, " times"]
-    tangential_force: Float[Array, " times"]
-    slip: Float[Array, " times"]
-    depression: Float[Array, " times"]
-    depression_rate: Float[Array, " times"]
-    pressure: Float[Array, " times"]
-    separation: Scalar
-    rebound_speed: Scalar
-    tangential_speed: Scalar
-    rolling_speed: Scalar
-    arm_work: Scalar
-    normal_loss: Scalar
-    friction_loss: Scalar
-    rolling_loss: Scalar
-    stored: Scalar
-    separated: Bool[Array, ""]
-    failed: Bool[Array, ""]
-    steps: Array
+    tangential_force: Float[Array, " times"]  # on the plate, in the direction of motion [N]
+    slip: Float[Array, " times"]  # of the patch over the plate since first touch, with its sign [m]
+    tangential_speed: Scalar  # of the ball's centre along the plate at separation [m/s]
+    rolling_speed: Scalar  # r omega at separation [m/s]
+    arm_work: Scalar  # done by the arm during contact [J]
+    normal_loss: Scalar  # taken by the contact [J]
+    friction_loss: Scalar  # taken by the slider [J]
+    rolling_loss: Scalar  # taken by rolling [J]
+    stored: Scalar  # in the spring of the patch at separation [J]
 
 
 class Grip(eqx.Module):
-    """The tangential motion of one impact.
+    """The tangential motion of one impact."""
 
-    Attributes:
-        force: of friction, against the motion, at the ends of the steps, shape (steps + 1,) [N].
-        slip: of the slider, with its sign, at the ends of the steps, shape (steps + 1,) [m].
-        speed, rolling: of the ball's centre and r omega, at the end [m/s].
-        deflection: of the patch's spring, at the end [m].
-        work: done against friction by the slider [J].
-        braked: work done by the offset normal force against rolling [J].
-    """
-
-    force: Array
-    slip: Array
-    speed: Array
-    rolling: Array
-    deflection: Array
-    work: Array
-    braked: Array
+    force: Array  # of friction, against the motion, at the ends of the steps, shape (steps + 1,) [N]
+    slip: Array  # of the slider, with its sign, at the ends of the steps, shape (steps + 1,) [m]
+    speed: Array  # of the ball's centre, at the end [m/s]
+    rolling: Array  # r omega, at the end [m/s]
+    deflection: Array  # of the patch's spring, at the end [m]
+    work: Array  # done against friction by the slider [J]
+    braked: Array  # work done by the offset normal force against rolling [J]
 
 
-def _weights(places: np.ndarray, nodes: int) -> np.ndarray:
-    """Cubic interpolation from `nodes` equal places in 0..1 as a matrix, shape (places, nodes)."""
+@functools.cache
+def _place_stages(intervals: int, nodes: int) -> np.ndarray:
+    """Cubic interpolation from `nodes` equal places over 0..1 to the stages of every step, (3 * intervals, nodes)."""
+    places = ((np.arange(intervals)[:, None] + np.array([GAMMA, _MIDDLE, 1.0])) / intervals).ravel()
     x = np.clip(places, 0.0, 1.0) * (nodes - 1)
     first = np.clip(np.floor(x).astype(int) - 1, 0, nodes - 4)
     u, matrix = x - first, np.zeros((len(places), nodes))
@@ -106,32 +70,21 @@ def _weights(places: np.ndarray, nodes: int) -> np.ndarray:
     return matrix
 
 
-@functools.cache
-def _place_stages(intervals: int) -> np.ndarray:
-    """Interpolation from the nodes of a course to the stages of every step, shape (3 * intervals, nodes)."""
-    stages = (np.arange(intervals)[:, None] + np.array([GAMMA, _MIDDLE, 1.0])) / intervals
-    return _weights(stages.ravel(), NODES)
-
-
 _COURSE = np.arange(NODES) / (NODES - 1.0)
 
 
 def grip(law: StrikeLaw, conditions: Mapping[str, Array], diameter: Array, course: Course,
          intervals: int = INTERVALS) -> Grip:
-    """The tangential motion over a finished contact.
+    """The tangential motion over a finished contact, which `course` gives at `NODES` equal steps from first touch on.
 
-    Args:
-        law: of the oblique contact.
-        conditions: `tangential_speed` [m/s] at first touch and whatever the law reads, scalars.
-        diameter: of the undeformed ball [m].
-        course: of the contact, at equal steps from first touch to separation, shape (nodes,) with `NODES` of them.
-        intervals: steps over the contact.
+    Conditions hold `tangential_speed` [m/s] at first touch and whatever the law reads; `diameter` is that of the
+    undeformed ball [m].
     """
     reference = law.reference
     mass, rolling_mass, creep = reference.tangential_mass, reference.rolling_mass, reference.creep_speed
     mobility = 1.0 / mass + 1.0 / rolling_mass
     step = course.time[-1] / intervals
-    to_stages = _place_stages(intervals)
+    to_stages = _place_stages(intervals, NODES)
     # Adhesion pulls: no friction then.
     depression, load = (jnp.maximum(to_stages @ x, 0.0) for x in (course.depression, course.normal_force))
     inputs = {"time": to_stages @ course.time, "depression": depression, "normal_force": load,
@@ -200,12 +153,9 @@ def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, A
     Raises:
         InputError: The law is none of oblique impacts, a condition is missing, or a known value is no use.
     """
-    law = law.extend(()) if isinstance(law, Striker) else law
-    if not isinstance(law, StrikeLaw):
-        raise InputError("strike needs a Striker(ball, friction), or one with .extend(effects); it is given a "
-                         f"{type(law).__name__}")
-    needs = ("approach_speed", "tangential_speed", *(("initial_pressure",) if "gas" in law.reference.provides else ()))
-    conditions, times = read_conditions(conditions, needs, "strike"), read_times(times, "strike")
+    law, gas = read_law(law, StrikeLaw, "a Striker(ball, friction), or one with .extend(effects)", "strike")
+    conditions = read_conditions(conditions, ("approach_speed", "tangential_speed", *gas), "strike")
+    times = read_times(times, "strike")
     refuse_values({"approach_speed": conditions["approach_speed"]} | {
         name: getattr(law.reference, name) for name in ("tangential_mass", "rolling_mass", "creep_speed")}, "strike")
     normal = law.normal
@@ -219,11 +169,11 @@ def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, A
     weights = _simpson(NODES) * motion.end
     bad = ~jnp.isfinite(jnp.sum(moved.force) + jnp.sum(moved.slip))
     return Strike(
-        impact.normal_force, jnp.where(touch, force, 0.0), jnp.where(times > 0.0, slip, 0.0), impact.depression,
-        impact.depression_rate, impact.pressure, impact.separation, impact.rebound_speed, moved.speed,
-        moved.rolling, jnp.sum(weights * course.drive * course.rate),
-        jnp.sum(weights * course.normal_force * course.rate), moved.work, moved.braked,
-        0.5 * moved.force[-1] * moved.deflection, impact.separated, impact.failed | bad, impact.steps)
+        **vars(impact) | {"failed": impact.failed | bad}, tangential_force=jnp.where(touch, force, 0.0),
+        slip=jnp.where(times > 0.0, slip, 0.0), tangential_speed=moved.speed, rolling_speed=moved.rolling,
+        arm_work=jnp.sum(weights * course.drive * course.rate),
+        normal_loss=jnp.sum(weights * course.normal_force * course.rate), friction_loss=moved.work,
+        rolling_loss=moved.braked, stored=0.5 * moved.force[-1] * moved.deflection)
 
 
 def _read_at(times: Array, end: Array, values: Array) -> Array:

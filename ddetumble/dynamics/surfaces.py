@@ -22,17 +22,12 @@ FAR = 1e6  # m, distance to an edge where there is none
 
 
 class Foot(eqx.Module):
-    """The place of a surface that is nearest to a point.
+    """The place of a surface that is nearest to a point."""
 
-    Attributes:
-        distance: of the point from the surface, below zero inside [m].
-        normal: outward, unit, shape (3,) [-].
-        margins: from there to each edge of the face, shape (edges,); below zero where the nearest place is the edge
-            itself, `FAR` for edges of other faces [m].
-    """
-
-    distance: Float[Array, ""]
-    normal: Float[Array, " 3"]
+    distance: Float[Array, ""]  # of the point from the surface, below zero inside [m]
+    normal: Float[Array, " 3"]  # outward, unit [-]
+    # from there to each edge of the face, shape (edges,); below zero where the nearest place is the edge
+    # itself, `FAR` for edges of other faces [m]
     margins: Float[Array, " edges"]
 
     @property
@@ -70,14 +65,10 @@ class AbstractSurface(eqx.Module):
 
 @final
 class CylinderSurface(AbstractSurface):
-    """Side and end faces of a cylinder about body z; the centre of mass is in its middle.
+    """Side and end faces of a cylinder about body z; the centre of mass is in its middle."""
 
-    Attributes:
-        radius, length: [m].
-    """
-
-    radius: Array = eqx.field(converter=scalar)
-    length: Array = eqx.field(converter=scalar)
+    radius: Array = eqx.field(converter=scalar)  # [m]
+    length: Array = eqx.field(converter=scalar)  # [m]
 
     def face_names(self) -> tuple[str, ...]:
         """Side, upper end, lower end."""
@@ -114,13 +105,9 @@ class CylinderSurface(AbstractSurface):
 
 @final
 class SphereSurface(AbstractSurface):
-    """A sphere about the centre of mass.
+    """A sphere about the centre of mass."""
 
-    Attributes:
-        radius: [m].
-    """
-
-    radius: Array = eqx.field(converter=scalar)
+    radius: Array = eqx.field(converter=scalar)  # [m]
 
     def face_names(self) -> tuple[str, ...]:
         """One face."""
@@ -148,23 +135,14 @@ class SphereSurface(AbstractSurface):
 
 @final
 class Polytope(AbstractSurface):
-    r"""A convex body of flat faces, $\max_k (n_k \cdot x - o_k) \le 0$: boxes and convex meshes.
+    r"""A convex body of flat faces, $\max_k (n_k \cdot x - o_k) \le 0$: boxes and convex meshes."""
 
-    Attributes:
-        normals: outward, unit, shape (faces, 3) [-].
-        offsets: distance of each face's plane from the centre of mass, shape (faces,) [m].
-        anchors: a corner-centred place inside each face, shape (faces, 3) [m].
-        spans: two half-diagonals of the rectangle that each face lies in, shape (faces, 2, 3) [m].
-        radius: of the farthest corner [m].
-        names: one a face.
-    """
-
-    normals: Array
-    offsets: Array
-    anchors: Array
-    spans: Array
-    radius: Array
-    names: tuple[str, ...] = eqx.field(static=True)
+    normals: Array  # outward, unit, shape (faces, 3) [-]
+    offsets: Array  # distance of each face's plane from the centre of mass, shape (faces,) [m]
+    anchors: Array  # a corner-centred place inside each face, shape (faces, 3) [m]
+    spans: Array  # two half-diagonals of the rectangle that each face lies in, shape (faces, 2, 3) [m]
+    radius: Array  # of the farthest corner [m]
+    names: tuple[str, ...] = eqx.field(static=True)  # one a face
 
     def face_names(self) -> tuple[str, ...]:
         """As given."""

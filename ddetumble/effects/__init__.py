@@ -21,10 +21,26 @@ from ..contact.effect import (
 from ..contact.gripping import AbstractComplianceEffect, AbstractReactionEffect
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, AbstractRubberEffect
 from ..contact.torque import AbstractGyroEffect, AbstractInertiaEffect, AbstractInnerTorque, AbstractTorque
-from .gas import AmbientPressure, GasLeak, PolytropicGas
+from .impact import (
+    IMPACT,
+    Adhesion,
+    AmbientPressure,
+    ArmServo,
+    GasLeak,
+    InflationGrowth,
+    MembraneArea,
+    PolytropicGas,
+    PressureDependentRestitution,
+    SensorGain,
+    SensorHighpass,
+    SensorLag,
+    SpeedDependentRestitution,
+    StressSoftening,
+    ViscoelasticWall,
+    ViscousDashpot,
+    WallStiffness,
+)
 from .oblique import OBLIQUE, OffCentreReaction, TangentialCompliance
-from .rig import ArmServo, PressureDependentRestitution, SpeedDependentRestitution
-from .sensor import SensorGain, SensorHighpass, SensorLag
 from .slip import (
     SLIP,
     AdhesiveOffset,
@@ -34,7 +50,6 @@ from .slip import (
     Stribeck,
     ViscousFriction,
 )
-from .surface import Adhesion
 from .tumble import (
     TUMBLE,
     AxisMisalignment,
@@ -46,21 +61,8 @@ from .tumble import (
     InertiaAsymmetry,
     InternalDamper,
 )
-from .wall import (
-    InflationGrowth,
-    MembraneArea,
-    StressSoftening,
-    ViscoelasticWall,
-    ViscousDashpot,
-    WallStiffness,
-)
 
 
-IMPACT: tuple[type[AbstractEffect], ...] = (
-    PolytropicGas, AmbientPressure, WallStiffness, MembraneArea, InflationGrowth, GasLeak, ViscoelasticWall,
-    ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
-    SensorHighpass, SensorLag, SensorGain,
-)
 CATALOGUE: tuple[type[AbstractEffect], ...] = (*IMPACT, *SLIP, *OBLIQUE, *TUMBLE)
 
 

@@ -48,31 +48,22 @@ PLAN = "free-term"  # prefix of the arrays that come with the records
 
 @dc.dataclass(frozen=True)
 class Ground:
-    """What a missing force of one family may depend on, and where it may act.
+    """What a missing force of one family may depend on, and where it may act."""
 
-    Attributes:
-        variables: of the state, in the order in which terms see them, each with its SI unit.
-        directions: in which a term may act, each with the SI unit of its coefficient where it is given as itself.
-        shares: of these directions, those given as a share of another force.
-        gates: pairs of directions that are one direction in two phases, by the direction that both make up.
-        splines, laws: the effects that hold flexible terms, and simple laws.
-        base: what such a share is one of: a force, in words, or the name of the rate of the state.
-        conditional: of the gates, the directions in which a term may depend on a condition of the records.
-        reach: by which factor terms reach beyond the largest state that the model visits.
-        note: on how the force acts; empty where there is nothing to say.
-    """
-
-    variables: Mapping[str, str]
+    variables: Mapping[str, str]  # of the state, in the order in which terms see them, each with its SI unit
+    # in which a term may act, each with the SI unit of its coefficient where it is given as itself
     directions: tuple[str, ...]
     unit: str
-    shares: tuple[str, ...]
+    shares: tuple[str, ...]  # of these directions, those given as a share of another force
+    # pairs of directions that are one direction in two phases, by the direction that both make up
     gates: Mapping[str, tuple[str, ...]]
-    splines: type[AbstractEffect]
+    splines: type[AbstractEffect]  # the effects that hold flexible terms, and simple laws
     laws: type[AbstractEffect]
-    base: str
+    base: str  # what such a share is one of: a force, in words, or the name of the rate of the state
+    # of the gates, the directions in which a term may depend on a condition of the records
     conditional: tuple[str, ...] = ()
-    reach: float = 1.0
-    note: str = ""
+    reach: float = 1.0  # by which factor terms reach beyond the largest state that the model visits
+    note: str = ""  # on how the force acts; empty where there is nothing to say
 
 
 def evaluate_spline(z: Array) -> Array:
@@ -84,14 +75,10 @@ def evaluate_spline(z: Array) -> Array:
 
 def evaluate_form(form: Array, x: Array, onset: Array, length: Array, power: Array, scale: Array
                   ) -> tuple[Array, Array]:
-    r"""Every form of `FORMS` at one place, the wanted one picked; and the cosine that belongs to a sine.
+    r"""Every form of `FORMS` at one place, the one picked by one-hot `form`; and the cosine that belongs to a sine.
 
     In units of `scale` s: $((x - d)_+/s)^n$; $\mathrm{sign}(x)|x/s|^n$; $\sin 2\pi x/\ell$; the sawtooth
-    $2\,\mathrm{frac}(x/\ell) - 1$ by its first harmonics; $e^{-x/\ell}$; $\tanh(x/\ell)$.
-
-    Args:
-        form: one-hot, shape (forms,).
-        x: variable; onset d, length l, scale s in its unit; power n [-]; all scalars.
+    $2\,\mathrm{frac}(x/\ell) - 1$ by its first harmonics; $e^{-x/\ell}$; $\tanh(x/\ell)$. All are scalars.
     """
     phase = 2.0 * jnp.pi * x / length
     size = safe_power(jnp.abs(x) / scale, power)
@@ -157,10 +144,8 @@ def _blend_splines_jvp(primals, tangents):
 def add_splines(coefficients: Array, plan: Mapping[str, Array], variables: Array, directions: Array) -> Array:
     """Sum of all splines, shape of one direction.
 
-    Args:
-        coefficients: shape (COUNT,).
-        plan: of `place_terms`, of one record.
-        variables: of the state, shape (variables,); `directions`, shape (directions, ...).
+    Coefficients (COUNT,), the plan of `place_terms` of one record, variables (variables,), directions (directions,
+    ...).
     """
     shares = blend_splines(coefficients, variables,
                            *(plan[f"{PLAN}-{name}"] for name in ("variable", "centre", "width", "direction", "turn")))
@@ -179,20 +164,21 @@ def add_laws(effect: Any, plan: Mapping[str, Array], variables: Array, direction
     return total
 
 
+def _halve(variables: list[Array], first: Array, share: bool) -> tuple[Array, Array]:
+    """Variables, and directions of two phases: of what is a share of a force, or of what adds to it."""
+    two, none = jnp.stack([first, 1.0 - first]), jnp.zeros(2)
+    return jnp.stack(variables), jnp.concatenate([none, two] if share else [two, none])
+
+
 def see_contact(contact: Contact, share: bool) -> tuple[Array, Array]:
-    """Variables and directions of an impact: of what is a share of the elastic force, or of what adds to it."""
-    loading = 0.5 * (1.0 + jnp.tanh(contact.depression_rate / TURN))
-    variables = jnp.stack([contact.depression, contact.depression_rate, contact.time])
-    two, none = jnp.stack([loading, 1.0 - loading]), jnp.zeros(2)
-    return variables, jnp.concatenate([none, two] if share else [two, none])
+    """Variables and directions of an impact, loading and unloading."""
+    return _halve([contact.depression, contact.depression_rate, contact.time],
+                  0.5 * (1.0 + jnp.tanh(contact.depression_rate / TURN)), share)
 
 
 def see_slide(slide: Slide, share: bool) -> tuple[Array, Array]:
-    """Variables and directions of sliding: of what is a share of the friction, or of what adds to it."""
-    forward = 0.5 * (1.0 + slide.direction)
-    variables = jnp.stack([slide.slip, jnp.broadcast_to(slide.time, slide.slip.shape)])
-    two, none = jnp.stack([forward, 1.0 - forward]), jnp.zeros(2)
-    return variables, jnp.concatenate([none, two] if share else [two, none])
+    """Variables and directions of sliding, forward and backward."""
+    return _halve([slide.slip, jnp.broadcast_to(slide.time, slide.slip.shape)], 0.5 * (1.0 + slide.direction), share)
 
 
 def see_spin(spin: Spin) -> tuple[Array, Array]:
@@ -206,36 +192,14 @@ def see_spin(spin: Spin) -> tuple[Array, Array]:
     return jnp.stack([spin.time, speed, z, phase]), jnp.concatenate([jnp.eye(3), drags])
 
 
-def _gather(effect: Any) -> Array:
-    return jnp.stack([getattr(effect, f"c_{k}") for k in range(COUNT)])
-
-
-def _coefficients(unit: str, typical: float) -> dict[str, Any]:
-    return {f"c_{k}": parameter(unit, 0.0, typical=typical, free=False) for k in range(COUNT)}
-
-
-def _shapes(unit: str, typical: float) -> dict[str, Any]:
-    found = {}
-    for m in range(1, LAWS + 1):
-        found |= {f"a_{m}": parameter(unit, 0.0, typical=typical, free=False),
-                  f"b_{m}": parameter(unit, 0.0, typical=typical, free=False),
-                  f"x_{m}": parameter("", 0.0, kind="shape", typical=0.1, bounds=(-10.0, 10.0), free=False),
-                  f"l_{m}": parameter("", 0.3, kind="shape", typical=0.03, coordinate="log", bounds=(1e-5, 1e3),
-                                      free=False),
-                  f"n_{m}": parameter("", 1.0, kind="shape", typical=0.2, coordinate="log", bounds=(0.3, 6.0),
-                                      free=False)}
-    return found
-
-
 def act_on(see: Any, null: float = 0.0) -> tuple[Any, Any]:
     """The methods of a spline term and of simple laws, which return `null` where they are absent.
 
-    Args:
-        see: variables and directions of a state, shapes (variables,) and (directions, ...), in the order of `Ground`.
-        null: what the method returns without any term.
+    `see` gives variables (variables,) and directions (directions, ...) of a state, in the order of `Ground`.
     """
     def splines(self, state):
-        value = add_splines(_gather(self), state.conditions, *see(state))
+        coefficients = jnp.stack([getattr(self, f"c_{k}") for k in range(COUNT)])
+        value = add_splines(coefficients, state.conditions, *see(state))
         return value + null if null else value
 
     def laws(self, state):
@@ -248,14 +212,24 @@ def act_on(see: Any, null: float = 0.0) -> tuple[Any, Any]:
 def make_terms(bases: tuple[type, ...], name: str, unit: str, typical: float, **methods: tuple[Any, Any]
           ) -> tuple[type[AbstractEffect], type[AbstractEffect]]:
     """Flexible term and simple laws of a family; `methods` holds the two functions of each method by its name."""
+    coefficients = {f"c_{k}": parameter(unit, 0.0, typical=typical, free=False) for k in range(COUNT)}
+    shapes = {}
+    for m in range(1, LAWS + 1):
+        shapes |= {
+            f"a_{m}": parameter(unit, 0.0, typical=typical, free=False),
+            f"b_{m}": parameter(unit, 0.0, typical=typical, free=False),
+            f"x_{m}": parameter("", 0.0, kind="shape", typical=0.1, bounds=(-10.0, 10.0), free=False),
+            f"l_{m}": parameter("", 0.3, kind="shape", typical=0.03, coordinate="log", bounds=(1e-5, 1e3), free=False),
+            f"n_{m}": parameter("", 1.0, kind="shape", typical=0.2, coordinate="log", bounds=(0.3, 6.0), free=False)}
+
     def declare(k: int, kind: str, what: str, numbers: Mapping[str, Any]) -> type[AbstractEffect]:
         law = f"a {name.lower()} as {what}"
         return declare_effect(
             bases, numbers, {method: pair[k] for method, pair in methods.items()}, kind + name, __name__, law,
             id=f"{kind.lower()}-{family_of(bases[0])}", law=law, reference="de Boor 1978, A Practical Guide to Splines")
 
-    return (declare(0, "Free", "a sum of splines", _coefficients(unit, typical)),
-            declare(1, "Simple", "simple laws", _shapes(unit, typical)))
+    return (declare(0, "Free", "a sum of splines", coefficients),
+            declare(1, "Simple", "simple laws", shapes))
 
 
 # In the stage of the elastic force, so that the damping multiplies it, as it does what a wall or a stop would add.

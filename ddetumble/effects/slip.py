@@ -15,10 +15,9 @@ REFERENCE_LOAD = 10.0  # N
 class Stribeck(AbstractRubberEffect):
     r"""More friction at low speed: the Eq. 8 part times $1 + A e^{-(u/u_s)^2}$."""
 
-    A: Scalar = parameter("", 0.0, typical=0.2, starts=(0.2,), bounds=(-1.0, jnp.inf), text="excess at low speed",
-                          limits=(-1.0, 5.0),
-                          limits_reason="at -1 friction vanishes; friction at rest is at most a few times that of "
-                                        "fast sliding")
+    A: Scalar = parameter(
+        "", 0.0, typical=0.2, starts=(0.2,), bounds=(-1.0, jnp.inf), text="excess at low speed", limits=(-1.0, 5.0),
+        limits_reason="at -1 friction vanishes; friction at rest is at most a few times that of fast sliding")
     u_s: Scalar = parameter("m/s", 0.1, kind="shape", typical=0.05, coordinate="log", bounds=(1e-6, 1e3),
                             starts=(0.03, 0.1, 0.3), text="Stribeck speed",
                             limits=(1e-5, 10.0), limits_reason="speeds at which a film forms or rubber stiffens")
@@ -53,8 +52,7 @@ class ViscousFriction(AbstractFrictionForce):
 class LoadExponent(AbstractLoadEffect):
     r"""Friction not proportional to the load: the coefficient times $(F_n/10\,\mathrm{N})^{-m}$ (Hertz: m = 1/3)."""
 
-    m: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,), text="exponent of the load",
-                          limits=(-1.0, 1.0),
+    m: Scalar = parameter("", 0.0, typical=0.05, starts=(0.05,), text="exponent of the load", limits=(-1.0, 1.0),
                           limits_reason="0 proportional to the load, 1/3 Hertz, 1 independent of the load")
     id: ClassVar[str] = "load-exponent"
     law: ClassVar[str] = "(Eq. 8 part + mu_slip) F_n times (F_n/10 N)^(-m)"
@@ -87,10 +85,9 @@ class Presliding(AbstractRubberEffect):
 class FrictionalHeating(AbstractRubberEffect):
     r"""Rubber that warms loses friction: the Eq. 8 part times $e^{-\kappa W}$, $W = \int f\,ds$ of the total f."""
 
-    kappa: Scalar = parameter("1/J", 0.0, typical=2.0, sign=1, starts=(2.0,), text="loss a unit of friction work",
-                              limits=(0.0, 200.0),
-                              limits_reason="rubber that loses 1 % a kelvin, in 0.03 mg of it: 10 micrometres under "
-                                            "3 square millimetres")
+    kappa: Scalar = parameter(
+        "1/J", 0.0, typical=2.0, sign=1, starts=(2.0,), text="loss a unit of friction work", limits=(0.0, 200.0),
+        limits_reason="rubber that loses 1 % a kelvin, in 0.03 mg of it: 10 micrometres under 3 square millimetres")
     id: ClassVar[str] = "frictional-heating"
     law: ClassVar[str] = "the Eq. 8 part of mu times exp(-kappa W), W = integral of f ds"
     reference: ClassVar[str] = "Persson 2006, J. Phys.: Condens. Matter 18, 7789"
@@ -105,10 +102,9 @@ class FrictionalHeating(AbstractRubberEffect):
 class AdhesiveOffset(AbstractFrictionForce):
     """Friction without load: f gains f_a."""
 
-    f_a: Scalar = parameter("N", 0.0, typical=0.3, sign=1, starts=(0.2,), text="friction without load",
-                            limits=(0.0, 50.0),
-                            limits_reason="shear strength of a rubber contact, some 0.3 MPa, over 1.5 square "
-                                          "centimetres")
+    f_a: Scalar = parameter(
+        "N", 0.0, typical=0.3, sign=1, starts=(0.2,), text="friction without load", limits=(0.0, 50.0),
+        limits_reason="shear strength of a rubber contact, some 0.3 MPa, over 1.5 square centimetres")
     id: ClassVar[str] = "adhesive-offset"
     law: ClassVar[str] = "f gains f_a, independent of load"
     reference: ClassVar[str] = "Derjaguin 1934; Roberts & Thomas 1975, Wear 33, 45"

@@ -1,6 +1,6 @@
 """Effects on tumbling records: what a torque-free rigid body with perfect gyroscopes leaves out."""
 
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -21,8 +21,7 @@ from ..contact.torque import (
 class EddyCurrent(AbstractTorque):
     r"""Eddy currents in the Earth's field brake the rotation: torque $-k_e \omega$."""
 
-    k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate",
-                            limits=(0.0, 0.1),
+    k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate", limits=(0.0, 0.1),
                             limits_reason="orbiting bodies brake over hours to years; what brakes within 10 s is no "
                                           "eddy current")
     id: ClassVar[str] = "eddy-current"
@@ -34,19 +33,18 @@ class EddyCurrent(AbstractTorque):
         return -self.k_e * spin.angular_velocity
 
 
+def _declare_torque(k: int) -> Any:
+    return parameter("1/s**2", 0.0, name=f"torque.{k}", typical=1e-5, starts=(3e-8,), text=f"body {'xyz'[k]} component",
+                     limits=(-1.0, 1.0), limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
+
+
 @final
 class ConstantTorque(AbstractTorque):
     """A constant torque in the body frame (a leak, a stuck thruster)."""
 
-    torque_0: Scalar = parameter("1/s**2", 0.0, name="torque.0", typical=1e-5, starts=(3e-8,), text="body x component",
-                                 limits=(-1.0, 1.0),
-                                 limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
-    torque_1: Scalar = parameter("1/s**2", 0.0, name="torque.1", typical=1e-5, starts=(3e-8,), text="body y component",
-                                 limits=(-1.0, 1.0),
-                                 limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
-    torque_2: Scalar = parameter("1/s**2", 0.0, name="torque.2", typical=1e-5, starts=(3e-8,), text="body z component",
-                                 limits=(-1.0, 1.0),
-                                 limits_reason="a stuck thruster, 20 N at 2 m on 100 kg m2, gives 0.4")
+    torque_0: Scalar = _declare_torque(0)
+    torque_1: Scalar = _declare_torque(1)
+    torque_2: Scalar = _declare_torque(2)
     id: ClassVar[str] = "constant-torque"
     law: ClassVar[str] = "constant torque in the body frame"
     reference: ClassVar[str] = "Longuski 1980, AIAA paper 80-1642"
@@ -98,8 +96,7 @@ class InternalDamper(AbstractInnerTorque):
     starting at the body's rate; the body's moments exclude the sphere.
     """
 
-    c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling",
-                          limits=(0.0, 10.0),
+    c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling", limits=(0.0, 10.0),
                           limits_reason="it brakes; a fluid that couples within 0.1 s moves with the body")
     I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 10.0),
                             starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one",
@@ -139,22 +136,19 @@ class GravityGradient(AbstractTorque):
         return self.scale * 3.0 * spin.orbit_rate**2 * cross(spin.vertical, spin.moments * spin.vertical)
 
 
+def _declare_bias(k: int) -> Any:
+    return parameter("rad/s", 0.0, name=f"bias.{k}", typical=1e-3, starts=(3e-5,), text=f"of the {'xyz'[k]} rate",
+                     limits=(-0.5, 0.5),
+                     limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, 0.35 rad/s")
+
+
 @final
 class GyroBias(AbstractGyroEffect):
     """A constant bias of the measured rates, added last."""
 
-    bias_0: Scalar = parameter("rad/s", 0.0, name="bias.0", typical=1e-3, starts=(3e-5,), text="of the x rate",
-                               limits=(-0.5, 0.5),
-                               limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, "
-                                             "0.35 rad/s")
-    bias_1: Scalar = parameter("rad/s", 0.0, name="bias.1", typical=1e-3, starts=(3e-5,), text="of the y rate",
-                               limits=(-0.5, 0.5),
-                               limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, "
-                                             "0.35 rad/s")
-    bias_2: Scalar = parameter("rad/s", 0.0, name="bias.2", typical=1e-3, starts=(3e-5,), text="of the z rate",
-                               limits=(-0.5, 0.5),
-                               limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, "
-                                             "0.35 rad/s")
+    bias_0: Scalar = _declare_bias(0)
+    bias_1: Scalar = _declare_bias(1)
+    bias_2: Scalar = _declare_bias(2)
     id: ClassVar[str] = "gyro-bias"
     law: ClassVar[str] = "measured rates gain bias, last"
     reference: ClassVar[str] = "Farrenkopf 1978, J. Guidance and Control 1, 282"

@@ -28,17 +28,11 @@ SLIGHT = 0.05  # of the elastic force, that damping leaves at least where a reco
 
 @dc.dataclass(frozen=True)
 class Pulse:
-    """One measured impact, from first touch to separation.
+    """One measured impact, from first touch to separation."""
 
-    Attributes:
-        conditions: of the record, SI.
-        time: since first touch, shape (samples,) [s].
-        force: shape (samples,) [N].
-    """
-
-    conditions: dict[str, float]
-    time: np.ndarray
-    force: np.ndarray
+    conditions: dict[str, float]  # of the record, SI
+    time: np.ndarray  # since first touch, shape (samples,) [s]
+    force: np.ndarray  # shape (samples,) [N]
 
     @property
     def speed(self) -> float:
@@ -60,9 +54,7 @@ def read_pulses(campaign: Campaign) -> list[Pulse]:
     """Pulses of the first records, those left out that have no peak or do not end within the record."""
     found = []
     for key in list(campaign.record_keys)[:MOST]:
-        trace = campaign.trace(key)
-        time, force = (trace[name].to_numpy(dtype=float) for name in ("time", "normal_force"))
-        time, force = time[np.isfinite(force)], force[np.isfinite(force)]
+        time, force = _read_force(campaign, key)
         if len(force) < 5:
             continue
         top = int(np.argmax(force))
@@ -100,8 +92,10 @@ def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequen
     elastic = [name for name in free if name in own]
     plain = start.copy()
     speeds = campaign.records["approach_speed"].to_numpy(dtype=float)
-    masses = [_integrate(campaign, key) / ((1.0 + TYPICAL) * speed)
-              for key, speed in list(zip(campaign.record_keys, speeds, strict=True))[:MOST]]
+    masses = []
+    for key, speed in list(zip(campaign.record_keys, speeds, strict=True))[:MOST]:
+        time, force = _read_force(campaign, key)
+        masses.append(float(np.trapezoid(force * (time > 0), time)) / ((1.0 + TYPICAL) * speed))
     _put_mass(space, plain, free, float(np.median(masses)))
     if not elastic or not pulses:
         return [plain]
@@ -125,12 +119,11 @@ def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequen
     return [*guesses, plain]
 
 
-def _integrate(campaign: Campaign, key: str) -> float:
-    """Impulse of one record, whatever its pulse looks like [N s]."""
+def _read_force(campaign: Campaign, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and forces of one record, without gaps, shapes (samples,) [s], [N]."""
     trace = campaign.trace(key)
     time, force = (trace[name].to_numpy(dtype=float) for name in ("time", "normal_force"))
-    time, force = time[np.isfinite(force)], force[np.isfinite(force)]
-    return float(np.trapezoid(force * (time > 0), time))
+    return time[np.isfinite(force)], force[np.isfinite(force)]
 
 
 def _put_mass(space: Any, u: np.ndarray, free: Sequence[str], mass: float) -> None:
@@ -152,8 +145,7 @@ def _log_forces(space, names, values, u, conditions, time, depression, rate):
 
         def one(own, t, d, w):
             diameter, damping = law.start(own)
-            states = jnp.stack([e.initial() for e in law.stateful()]) if law.stateful() else jnp.zeros((0,))
-            contact = law.contact(own, diameter, t, d, w, states)
+            contact = law.contact(own, diameter, t, d, w, law.begin_states())
             return jnp.log(jnp.maximum(contact.elastic_force * jnp.maximum(1.0 + damping * w, SLIGHT), 1e-300))
 
         return jax.vmap(one)(conditions, time, depression, rate)

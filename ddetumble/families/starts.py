@@ -13,6 +13,7 @@ from .._errors import InputError
 from .._rotation import from_rotation_vector, multiply, to_rotation_vector
 from ..dynamics.spinning import ATTITUDES, RATES, START, START_ATTITUDE, count_steps
 from ..measurement.campaign import Campaign
+from .family import Starts
 
 
 WINDOW = 1.0  # rad, over which Euler's equations are integrated to guess the ratio of the moments
@@ -20,16 +21,12 @@ FREE = 1e3  # standard deviation of a start over the largest rate: far more than
 MESHES = (64, 96, 128, 160, 192, 256, 320, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
 
 
-def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray]:
-    """Starts of all records.
+def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> Starts:
+    """Starts of all records, and meshes of even times from 0 to the last sample, shape (records, steps + 1) [s].
 
     Args:
         campaign: of tumbling records.
         groups: samples of each record, tables with `time` and the channels.
-
-    Returns:
-        Guesses by name, each shape (records,); standard deviations, shape (records, starts), so wide that they are no
-        prior; meshes of even times from 0 to the last sample, shape (records, steps + 1) [s].
 
     Raises:
         InputError: a rate that is missing throughout, times before 0 or far behind it, attitudes that are none.
@@ -49,15 +46,13 @@ def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> tuple[dict[str, n
     fastest = [float(np.sqrt(np.sum(w**2, axis=1)).max()) for w in filled]
     widths = [FREE * max(fastest), FREE]
     wide = np.stack([np.full(len(times), widths[k >= len(START)]) for k in range(len(found))], axis=1)
-    return found, wide, lay_mesh(times, fastest)
+    return Starts(found, wide, {"mesh": lay_mesh(times, fastest)})
 
 
 def lay_mesh(times: Sequence[np.ndarray], speeds: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Even times to integrate on, from 0 to the last wanted one, as many for all records, shape (records, steps + 1).
+    """Even times to integrate on, from 0 to the last wanted one, as many for all records, (records, steps + 1) [s].
 
-    Args:
-        times: of the samples, ascending, by record [s].
-        speeds: largest angular speed of each record [rad/s].
+    Of the ascending times of the samples of each record [s] and its largest angular speed [rad/s].
     """
     steps = 1
     for t, speed in zip(times, speeds, strict=True):
@@ -69,7 +64,7 @@ def lay_mesh(times: Sequence[np.ndarray], speeds: Sequence[float] | np.ndarray) 
 
 
 def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Times and rates of all records, shapes (samples,) and (samples, 3), missing ones nan.
+    """Times (samples,) [s] and rates (samples, 3) [rad/s] of all records, missing ones nan.
 
     Raises:
         InputError: a rate that is missing throughout, times before 0 or far behind it.
@@ -116,15 +111,9 @@ def straighten(values: np.ndarray) -> np.ndarray:
 def guess_ratio(times: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> float:
     r"""Axial over transverse moment by regression of Euler's equations, integrated over about a radian.
 
-    $\Delta\omega_x = (1 - r) \int \omega_y \omega_z dt$ and $\Delta\omega_y = -(1 - r) \int \omega_x \omega_z dt$,
-    by the trapezoidal rule; torques and noise matter little over so short a time.
-
-    Args:
-        times: of the records, each shape (samples,) [s].
-        rates: each shape (samples, 3), no gaps [rad/s].
-
-    Returns:
-        The ratio, within what a body can have; 0.5 where no record nutates.
+    $\Delta\omega_x = (1 - r) \int \omega_y \omega_z dt$ and $\Delta\omega_y = -(1 - r) \int \omega_x \omega_z dt$, by
+    the trapezoidal rule; torques and noise matter little over so short a time. Times (samples,) [s] and rates (samples,
+    3) [rad/s], without gaps, by record. Within what a body can have; 0.5 where no record nutates.
     """
     above = below = 0.0
     for t, w in zip(times, rates, strict=True):
@@ -135,15 +124,10 @@ def guess_ratio(times: Sequence[np.ndarray], rates: Sequence[np.ndarray]) -> flo
 
 
 def integrate_couple(t: np.ndarray, w: np.ndarray, window: float = WINDOW) -> tuple[np.ndarray, np.ndarray]:
-    r"""Changes of the transverse rates over a window, and what 1 - r is to be multiplied with to give them.
+    r"""Changes of the transverse rates over a window, and what 1 - r is to be multiplied with to give them [rad/s].
 
-    Args:
-        t: times, shape (samples,) [s].
-        w: rates, shape (samples, 3), no gaps [rad/s].
-        window: how far the body turns in it, at its fastest [rad].
-
-    Returns:
-        Changes and causes, both of shape (samples - lag, 2) [rad/s].
+    Both (samples - lag, 2), of times (samples,) [s] and rates (samples, 3) [rad/s] without gaps; in the window the body
+    turns at its fastest by `window` [rad].
     """
     step = float(np.median(np.diff(t)))
     lag = int(np.clip(window / max(float(np.sqrt(np.sum(w**2, axis=1)).max()) * step, 1e-300), 1, len(t) // 2))

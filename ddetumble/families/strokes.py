@@ -4,18 +4,11 @@ import numpy as np
 
 
 def split_strokes(slip: np.ndarray, threshold: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Follow a measured position through its turning points.
+    """Distance slid since the stroke began [m], direction (+1 or -1) and number of the stroke, each shape (samples,).
 
-    A turn counts once the motion has come back from its farthest point by more than `threshold`; noise does not.
-
-    Args:
-        slip: measured position, shape (samples,) [m].
-        threshold: [m].
-
-    Returns:
-        Distance slid since the stroke began [m], direction (+1 or -1), number of the stroke; each shape (samples,).
-        Within a stroke the distance never falls: what noise takes back counts as rest. The sample at a turning point
-        belongs to the stroke that ends there.
+    Of a measured position (samples,) [m]: a turn counts once the motion has come back from its farthest point by more
+    than `threshold` [m]; noise does not. Within a stroke the distance never falls: what noise takes back counts as
+    rest. The sample at a turning point belongs to the stroke that ends there.
     """
     slip = np.asarray(slip, dtype=float)
     turns = find_turns(slip, threshold)

@@ -14,7 +14,7 @@ from ..effects.free import TUMBLE_GROUND
 from ..measurement import kinds
 from ..measurement.campaign import Campaign
 from ..reference_models import TUMBLE_MODELS
-from .family import SPLINES, Family, Observation, PlannedTests, Span, Starts, View
+from .family import SPLINES, Family, Observation, PlannedTests, Span, View
 from .starts import guess_body, lay_mesh, stack_starts
 
 
@@ -44,12 +44,6 @@ def guess_ratio(campaign: Campaign, space: Any, start: np.ndarray, free: Sequenc
     if "inertia_ratio" in free:
         start[space.index["inertia_ratio"]] = np.log(guess_body(campaign))
     return [start]
-
-
-def begin_records(campaign: Campaign, groups: Sequence[Any]) -> Starts:
-    """Rates (and attitudes) at t = 0, and meshes."""
-    guesses, deviations, mesh = stack_starts(campaign, groups)
-    return Starts(guesses, deviations, {"mesh": mesh})
 
 
 def lay_meshes(times: Sequence[np.ndarray], conditions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -88,7 +82,7 @@ TUMBLE = Family(
     ground=TUMBLE_GROUND,
     remedies="measure longer, from other initial rates, or add the attitude",
     guess_starts=guess_ratio,
-    begin=begin_records,
+    begin=stack_starts,
     lay_inputs=lay_meshes,
     rows=(4, 8, 16, 24, 48, 96, 192, 384),
     starts=START,

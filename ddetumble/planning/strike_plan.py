@@ -13,7 +13,7 @@ from scipy.optimize import minimize, nnls
 
 from .._display import Progress
 from .._errors import ComputationError
-from ..dynamics.outcome import Collision
+from ..dynamics.collision import Collision
 from .guesses import DRAWS, estimate_score, find_bounds, find_starts
 from .strike_problem import (
     CONSTRAINTS,

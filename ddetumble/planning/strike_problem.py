@@ -21,9 +21,8 @@ from .._numerics import safe_divide, scalar
 from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
 from ..contact.gripping import StrikeLaw, Striker, find_height
 from ..dynamics.angles import measure_nutation
-from ..dynamics.collision import simulate_collision
+from ..dynamics.collision import Collision, simulate_collision
 from ..dynamics.free_motion import coast_symmetric, propagate_torque_free
-from ..dynamics.outcome import Collision
 from ..dynamics.rigid import measure_energy
 from ..dynamics.surfaces import Debris
 
