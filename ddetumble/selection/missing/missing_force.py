@@ -16,7 +16,7 @@ from ...inference.assembly import default_starts, require_samples
 from ...measurement.campaign import Campaign
 from ...measurement.package import read_campaign
 from ...measurement.quantities import describe_quantity, format_quantity
-from ..cleaning import begin_cleaning, clean_records
+from ..outliers import begin_cleaning, clean_records
 from ..forward_selection import try_effects
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
