@@ -45,19 +45,13 @@ WARM = "Let the gauge warm up, and take its zero before each test."
 
 @dc.dataclass(frozen=True)
 class Diagnosis:
-    """What would make a record fit.
-
-    Attributes:
-        kind, channel: as in `Fault`.
-        text: a sentence on it; `remedy`: on what to do.
-        samples: those without which the record fits, shape (channels, samples); None where it takes something else.
-    """
+    """What would make a record fit; kind and channel are those of `Fault`."""
 
     kind: str
     channel: str
-    text: str
-    remedy: str
-    samples: np.ndarray | None = None
+    text: str  # a sentence on it
+    remedy: str  # a sentence on what to do
+    samples: np.ndarray | None = None  # without which it fits, shape (channels, samples); None where it takes others
 
 
 def diagnose(selection: SelectionProblem, aside: Aside) -> Diagnosis:
@@ -275,21 +269,15 @@ def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outl
 
 @dc.dataclass(frozen=True)
 class MovingZero:
-    """A channel whose zero moves.
-
-    Attributes:
-        channel: which one.
-        offset, drift: largest over its records, SI.
-        spread: standard deviations of offset and drift over the records, SI: their prior in a fit, so that a trend over
-            the conditions is left to physics.
-        share: of the model's misfit that is removed.
-    """
+    """A channel whose zero moves."""
 
     channel: str
-    offset: float
+    offset: float  # largest over its records, SI; so is the drift
     drift: float
+    # Standard deviations of both over the records, SI: their prior in a fit, so that a trend over conditions is left to
+    # physics.
     spread: tuple[float, float]
-    share: float
+    share: float  # of the model's misfit that is removed
 
 
 def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bool) -> MovingZero | None:

@@ -27,36 +27,23 @@ TIE = 1e-6  # noise variances: of two models that predict alike the one with few
 
 @dc.dataclass(frozen=True)
 class CandidateFits:
-    """Every single addition to a model.
+    """Every single addition to a model, by effect id."""
 
-    Attributes:
-        screened: by effect id, fitted loosely (and to thinned records where these are long).
-        refined: the finalists among them, fitted to all samples.
-        before: the model without the addition, on the samples of `screened`.
-        order: effect ids, best cross-validated prediction first; behind those that help within their physical limits
-            what needs values beyond them.
-    """
-
-    screened: dict[str, Fitted]
-    refined: dict[str, Fitted]
-    before: Fitted
-    order: tuple[str, ...]
+    screened: dict[str, Fitted]  # fitted loosely (and to thinned records where these are long)
+    refined: dict[str, Fitted]  # the finalists among them, fitted to all samples
+    before: Fitted  # the model without the addition, on the samples of `screened`
+    order: tuple[str, ...]  # best cross-validated prediction first; what needs unphysical values behind what helps
 
 
 @dc.dataclass(frozen=True)
 class FittedStep:
-    """A model on the way with its judgement.
-
-    Attributes:
-        fitted: the fit; `lack` its lack of fit; `scores` of what is outside it.
-        tried: the additions among which the last effect was chosen (None for the reference model).
-        alternatives: those that it could not be told from: (effect, cross-validated difference, standard error).
-    """
+    """A model on the way with its judgement."""
 
     fitted: Fitted
     lack: LackOfFit
-    scores: list[Score]
-    tried: CandidateFits | None = None
+    scores: list[Score]  # of what is outside it
+    tried: CandidateFits | None = None  # among which the last effect was chosen (None for the reference model)
+    # Those that it could not be told from: (effect, cross-validated difference, standard error).
     alternatives: tuple[tuple[str, float, float], ...] = ()
 
     def refit(self, selection: SelectionProblem, fitted: Fitted) -> "FittedStep":
@@ -67,19 +54,12 @@ class FittedStep:
 
 @dc.dataclass(frozen=True)
 class Path:
-    """What forward selection found beside one reference model.
+    """What forward selection found beside one reference model."""
 
-    Attributes:
-        selection: the problem, as the last step left it: its noise, and the shapes that are free.
-        steps: the reference model first.
-        tried: every first addition.
-        visible: whether the campaign could have shown an effect.
-    """
-
-    selection: SelectionProblem
-    steps: tuple[FittedStep, ...]
-    tried: CandidateFits
-    visible: bool
+    selection: SelectionProblem  # as the last step left it: its noise, and the shapes that are free
+    steps: tuple[FittedStep, ...]  # the reference model first
+    tried: CandidateFits  # every first addition
+    visible: bool  # whether the campaign could have shown an effect
 
 
 def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = lambda text, share: None) -> Path:
@@ -415,20 +395,14 @@ def prune(selection: SelectionProblem, step: FittedStep) -> tuple[SelectionProbl
 
 @dc.dataclass(frozen=True)
 class Unphysical:
-    """An estimate whose 95 % interval lies wholly beyond what physics allows.
+    """An estimate whose 95 % interval lies wholly beyond what physics allows."""
 
-    Attributes:
-        name: of the parameter, `effect-id.symbol`.
-        estimate, low, high: value and interval, in `unit`.
-        limits: what physics allows, in the same unit; `reason` why.
-    """
-
-    name: str
+    name: str  # of the parameter, `effect-id.symbol`
     estimate: float
-    low: float
+    low: float  # of the interval
     high: float
     unit: str
-    limits: tuple[float, float]
+    limits: tuple[float, float]  # what physics allows, in the same unit, and why
     reason: str
 
     def __str__(self) -> str:

@@ -106,29 +106,18 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
 
 @dc.dataclass(frozen=True)
 class Score:
-    """Efficient score of one direction outside the model.
-
-    Attributes:
-        effect: id; `name` of the parameter; `shapes` held fixed, coordinates by name.
-        z: standardised score, N(0, 1) if nothing is missing; its sign is that of the amplitude that helps.
-        step: amplitude that one Gauss-Newton step proposes (coordinate).
-        information: of the amplitude [1/coordinate²].
-        visible: share of the signature that refitting parameters and nuisances leaves.
-        cosines: with every direction that was scored with it, of the projected signatures, shape (directions,); `place`
-            is its own among them.
-        records: score of each record, shape (records,).
-    """
+    """Efficient score of one direction outside the model."""
 
     effect: str
-    name: str
-    shapes: dict[str, float]
-    z: float
-    step: float
-    information: float
-    visible: float
-    cosines: np.ndarray
-    place: int
-    records: np.ndarray
+    name: str  # of the parameter
+    shapes: dict[str, float]  # held fixed, coordinates by name
+    z: float  # standardised, N(0, 1) if nothing is missing; its sign is that of the amplitude that helps
+    step: float  # amplitude that one Gauss-Newton step proposes (coordinate)
+    information: float  # of the amplitude [1/coordinate²]
+    visible: float  # share of the signature that refitting parameters and nuisances leaves
+    cosines: np.ndarray  # of projected signatures with every direction scored with it, shape (directions,)
+    place: int  # its own among them
+    records: np.ndarray  # score of each record, shape (records,)
 
 
 def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[str, str, dict[str, float]]]

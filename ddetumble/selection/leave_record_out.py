@@ -35,23 +35,15 @@ class Misfit:
 
 @dc.dataclass(frozen=True)
 class Aside:
-    """A fit of the others, and the record held against it.
+    """A fit of the others, and the record held against it."""
 
-    Attributes:
-        record: place of the record.
-        solution: of the others, with all records' nuisances fitted to it.
-        stated: the same with the record's own nuisances as they are stated.
-        spread: of the free parameters over their scales, as the others leave it: covariance, shape (free, free).
-        own: misfit of the record; `others`: those of the records that were fitted, by place; `rest`: of these together.
-    """
-
-    record: int
-    solution: Solution
-    stated: Solution
-    spread: np.ndarray
-    own: Misfit
-    others: dict[int, Misfit]
-    rest: Misfit
+    record: int  # its place
+    solution: Solution  # of the others, with all records' nuisances fitted to it
+    stated: Solution  # the same with the record's own nuisances as they are stated
+    spread: np.ndarray  # covariance of the free parameters over their scales, as the others leave it
+    own: Misfit  # of the record
+    others: dict[int, Misfit]  # of the records that were fitted, by place
+    rest: Misfit  # of these together
 
 
 def measure_record(selection: SelectionProblem, solution: Solution, record: int, spread: np.ndarray | None = None,

@@ -25,21 +25,13 @@ from .settings import DEFAULT, SelectionSettings
 
 @dc.dataclass(frozen=True)
 class Suspect:
-    """A record that disagrees with all others.
-
-    Attributes:
-        key: of the record.
-        sure: whether it is at fault beyond doubt.
-        diagnosis: what would make it fit.
-        aside: the fit of the others.
-        enclosed: whether there are records on all sides of it, or a repeat.
-    """
+    """A record that disagrees with all others."""
 
     key: str
-    sure: bool
-    diagnosis: Diagnosis
-    aside: Aside
-    enclosed: bool
+    sure: bool  # whether it is at fault beyond doubt
+    diagnosis: Diagnosis  # what would make it fit
+    aside: Aside  # the fit of the others
+    enclosed: bool  # whether there are records on all sides of it, or a repeat
 
 
 def find_suspects(selection: SelectionProblem, fitted: Fitted, most: int | None = None) -> list[Suspect]:
@@ -183,21 +175,14 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
 
 @dc.dataclass(frozen=True)
 class Cleaned:
-    """A campaign as it is fitted.
-
-    Attributes:
-        campaign: faulty samples missing, faulty records left out.
-        faults: what was found so far.
-        zeros: by channel whose zero and drift are fitted in every record their standard deviations over records, SI.
-        keep_all: whether nothing is to be left out: faults are only reported.
-        notes: sentences on samples that were not taken because there are so many.
-    """
+    """A campaign as it is fitted: faulty samples missing, faulty records left out."""
 
     campaign: Campaign
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[Fault, ...] = ()  # found so far
+    # By channel whose zero and drift are fitted in every record their standard deviations over records, SI.
     zeros: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
-    keep_all: bool = False
-    notes: tuple[str, ...] = ()
+    keep_all: bool = False  # whether nothing is to be left out: faults are only reported
+    notes: tuple[str, ...] = ()  # on samples that were not taken because there are so many
 
 
 def begin_cleaning(campaign: Campaign, keep_all: bool = False, settings: SelectionSettings = DEFAULT) -> Cleaned:

@@ -32,24 +32,16 @@ Zeros = Mapping[str, tuple[float, float]]
 
 @dc.dataclass(frozen=True)
 class Fitted:
-    """A model and its fit.
+    """A model and its fit."""
 
-    Attributes:
-        effects: ids of those added to the reference model.
-        solution: of the fit.
-        loss: cross-validated loss of every record, in noise variances, shape (records,).
-        forecast: what the first quarter of a left-out record says of the rest of it, where records run on from where
-            they start; elsewhere the loss itself.
-        thinned: whether fitted to thinned records.
-        penalty: of a parameter in `merit`.
-    """
-
-    effects: tuple[str, ...]
+    effects: tuple[str, ...]  # ids of those added to the reference model
     solution: Solution
-    loss: np.ndarray
+    loss: np.ndarray  # cross-validated loss of every record, in noise variances, shape (records,)
+    # What the first quarter of a left-out record says of the rest of it, where records run on from where they start;
+    # elsewhere the loss itself.
     forecast: np.ndarray
-    thinned: bool = False
-    penalty: float = DEFAULT.significant
+    thinned: bool = False  # whether fitted to thinned records
+    penalty: float = DEFAULT.significant  # of a parameter in `merit`
 
     @property
     def score(self) -> float:
@@ -67,16 +59,10 @@ class Fitted:
 
 
 class PredictionError(NamedTuple):
-    """How well a model predicts conditions that it was not fitted to.
+    """How well a model predicts conditions that it was not fitted to; NaN where there are too few, or it fails."""
 
-    Attributes:
-        squares: of `nrmse` by record, shape (records,): their sum is its square. NaN where there are too few
-            conditions, or a prediction could not be computed.
-        coverage: share of the samples (whitened) within the predicted 95 % interval of a new measurement.
-    """
-
-    squares: np.ndarray
-    coverage: float
+    squares: np.ndarray  # of `nrmse` by record, shape (records,): their sum is its square
+    coverage: float  # share of the samples (whitened) within the predicted 95 % interval of a new measurement
 
     @property
     def nrmse(self) -> float:
@@ -86,45 +72,28 @@ class PredictionError(NamedTuple):
 
 @dc.dataclass(frozen=True)
 class SelectionProblem:
-    """What models are chosen for: a campaign, its noise, and the effects that may be added. Nothing changes it.
+    """What models are chosen for: a campaign, its noise, and the effects that may be added. Nothing changes it."""
 
-    Attributes:
-        campaign: with samples; `settings` the thresholds; `zeros` by channel whose baseline moves in every record how
-            far (see `stack_records`).
-        space: parameters of everything; `start` their coordinates before any fit, `guess` those of the reference model
-            guessed from the records; `base` names of the parameters that every model has free.
-        known: effects that these records can show, `catalogue` those of them that are candidates, `directions` the test
-            directions of the lack of fit, `left_out` ids of effects that lack what they need.
-        freed: shapes (a wall's power) that are free in every fit that has their effect.
-        warnings: sentences on the records.
-        records: all samples; `problem` and `thin`: the least-squares problems with all, and with thinned records
-            (None where they are short).
-        noise: by channel, once the reference model was fitted.
-        bases: whitened splines of every record, in which a misfit is looked for; `orthonormal` what makes these
-            orthonormal, as it is asked for, by record.
-        lost: whether fits have to be led from the first part of the records to all of them.
-    """
-
-    campaign: Campaign
+    campaign: Campaign  # with samples
     settings: SelectionSettings
-    zeros: Zeros | None
-    space: ParameterSpace
-    start: np.ndarray
-    base: tuple[str, ...]
-    known: tuple[type[AbstractEffect], ...]
-    catalogue: tuple[type[AbstractEffect], ...]
-    directions: tuple[type[AbstractEffect], ...]
-    left_out: tuple[str, ...]
-    warnings: tuple[str, ...]
-    records: Records
-    problem: Problem
+    zeros: Zeros | None  # by channel whose baseline moves in every record how far (see `stack_records`)
+    space: ParameterSpace  # of everything
+    start: np.ndarray  # coordinates before any fit
+    base: tuple[str, ...]  # parameters that every model has free
+    known: tuple[type[AbstractEffect], ...]  # effects that these records can show
+    catalogue: tuple[type[AbstractEffect], ...]  # those of them that are candidates
+    directions: tuple[type[AbstractEffect], ...]  # test directions of the lack of fit
+    left_out: tuple[str, ...]  # effects that lack what they need
+    warnings: tuple[str, ...]  # sentences on the records
+    records: Records  # all samples
+    problem: Problem  # least squares with these, and with thinned records (None where they are short)
     thin: Problem | None
-    guess: np.ndarray
-    freed: tuple[str, ...] = ()
-    noise: Mapping[str, Noise] = dc.field(default_factory=dict)
-    bases: Sequence[sparse.csr_matrix] = ()
-    orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)
-    lost: bool = False
+    guess: np.ndarray  # coordinates of the reference model guessed from the records
+    freed: tuple[str, ...] = ()  # shapes (a wall's power) that are free in every fit that has their effect
+    noise: Mapping[str, Noise] = dc.field(default_factory=dict)  # by channel, once the reference model was fitted
+    bases: Sequence[sparse.csr_matrix] = ()  # whitened splines of every record, in which a misfit is looked for
+    orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)  # what makes these so, by record
+    lost: bool = False  # whether fits have to be led from the first part of the records to all of them
 
     @property
     def family(self) -> Family:
