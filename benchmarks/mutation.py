@@ -38,8 +38,7 @@ MODULES = {
     "inference.bounded": ("tests/test_intervals.py",),
     "selection.leave_record_out": ("tests/test_outliers.py",),
     "selection.outliers": ("tests/test_outliers.py",),
-    "selection.data_errors": ("tests/test_data_errors.py",),
-    "selection.baseline": ("tests/test_baseline.py",),
+    "selection.data_errors": ("tests/test_data_errors.py", "tests/test_baseline.py"),
 }
 PROSE = ("tell_", "say_", "_say", "_tell", "__str__", "__repr__", "describe", "mention")
 SWAPS: dict[type, type] = {

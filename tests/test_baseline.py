@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers_statistics import SPEEDS, TIME, fit_toy, make_selection
 
-from ddetumble.selection.baseline import find_moving_zeros, tell_zero
+from ddetumble.selection.data_errors import find_moving_zeros, tell_zero
 from ddetumble.selection.settings import BaselineSettings, SelectionSettings
 
 

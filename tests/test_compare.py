@@ -21,7 +21,7 @@ from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection.compare import bin_residuals, compare
 from ddetumble.selection.result import Trace
-from ddetumble.selection.series import noise_nrmse, nrmse, nrmse_by_channel
+from ddetumble.selection.series import nrmse, nrmse_by_channel
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}
@@ -96,7 +96,7 @@ def test_errors_of_traces():
               for k in range(2) for channel, size in (("normal_force", 1.0), ("pressure", 1e4))]
     level = np.sqrt(np.nanmean(measured**2))
     assert nrmse_by_channel(traces) == pytest.approx({"normal_force": 0.5 / level, "pressure": 0.5 / level})
-    assert nrmse(traces) == pytest.approx(0.5 / level) and noise_nrmse(traces) == pytest.approx(0.25 / level)
+    assert nrmse(traces) == pytest.approx(0.5 / level) and nrmse(traces, noise=True) == pytest.approx(0.25 / level)
 
     class Plan:
         conditions = ("initial_pressure",)

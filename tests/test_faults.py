@@ -20,9 +20,9 @@ from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
 from ddetumble.measurement.faults import find_runs, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
 from ddetumble.measurement.spikes import find_spikes
-from ddetumble.selection.cleaning import begin_cleaning
 from ddetumble.selection.discover import discover
 from ddetumble.selection.missing.missing_force import draw_missing_force
+from ddetumble.selection.outliers import begin_cleaning
 from tests.independent import faults
 
 

@@ -39,7 +39,7 @@ def test_p_values_of_records_are_uniform():
     p_values = []
     for seed in range(40):
         selection, fitted = fit_toy(make_selection(seed))
-        p_values += [measure_record(selection, selection.problem, fitted.solution, r).p_value for r in range(8)]
+        p_values += [measure_record(selection, fitted.solution, r).p_value for r in range(8)]
     for level in (0.05, 0.2, 0.5):
         assert_rate(int(np.sum(np.array(p_values) < level)), len(p_values), level)
 
@@ -105,12 +105,12 @@ def test_misfit_of_a_record_follows_theory():
         def left(a, b=right):
             return float(np.sum((b - a @ np.linalg.lstsq(a, b, rcond=1e-10)[0]) ** 2))
 
-        found = measure_record(selection, selection.problem, solution, r, columns=columns)
+        found = measure_record(selection, solution, r, columns=columns)
         assert found.total == pytest.approx(left(rows) - left(np.concatenate([rows, smooth], axis=1)), rel=1e-6)
         assert found.degrees == np.linalg.matrix_rank(smooth)
         assert found.excess == pytest.approx(found.total / found.degrees - 1.0)
     # What is a spline itself is no misfit any more once it may move.
-    free = measure_record(selection, selection.problem, solution, r, columns=basis[:, 3:5])
+    free = measure_record(selection, solution, r, columns=basis[:, 3:5])
     assert free.degrees == np.linalg.matrix_rank(smooth) - 2 and free.total < found.total
 
 
@@ -152,7 +152,7 @@ def test_a_record_that_bends_the_fit_to_itself_is_found():
         conditions["initial_pressure"][3] *= 10.0
 
     selection, fitted = fit_toy(make_selection(seed=2, spoil=spoil))
-    misfit = [measure_record(selection, selection.problem, fitted.solution, r).total for r in range(8)]
+    misfit = [measure_record(selection, fitted.solution, r).total for r in range(8)]
     assert sorted(misfit).index(misfit[3]) < 8 - OutlierSettings().candidates
     suspect, = find_suspects(selection, fitted)
     assert suspect.key == "r3" and suspect.sure and suspect.diagnosis.kind == "unit"
@@ -168,7 +168,7 @@ def test_thresholds_of_outliers_take_effect(settings):
 def test_chance_counts_once_for_every_record():
     """A record with a p-value between the threshold over their number and the threshold is none."""
     selection, fitted = fit_toy(make_selection(1, spoil=rumble(3, size=0.3)))
-    own = [measure_record(selection, selection.problem, fitted.solution, r).p_value for r in range(8)]
+    own = [measure_record(selection, fitted.solution, r).p_value for r in range(8)]
     least = min(own)
     for factor, count in ((4.0, 0), (16.0, 1)):
         outliers = OutlierSettings(p_value=factor * least)
@@ -206,7 +206,7 @@ def test_a_record_at_the_edge_is_doubtful():
                (2.6, 2e5)]
     suspect, = suspects_of(seed=1, spoil=rumble(7), conditions=outside)
     assert suspect.key == "r7" and not suspect.sure and not suspect.enclosed
-    assert not tell_fault(SimpleNamespace(), suspect, False).left_out
+    assert not tell_fault(suspect, False).left_out
 
     def both(values, conditions):
         values[:, 0] += 0.5 * np.sin(17.0 * TIME)
@@ -218,16 +218,16 @@ def test_a_record_at_the_edge_is_doubtful():
 
 def test_what_is_said_of_a_fault():
     sure, = suspects_of(seed=1, spoil=rumble(3))
-    told = tell_fault(SimpleNamespace(), sure, False)
+    told = tell_fault(sure, False)
     assert told.left_out and told.kind == "outlier" and told.records == ("r3",)
-    assert not tell_fault(SimpleNamespace(), sure, True).left_out
-    doubtful = tell_fault(SimpleNamespace(), dc.replace(sure, sure=False), False)
+    assert not tell_fault(sure, True).left_out
+    doubtful = tell_fault(dc.replace(sure, sure=False), False)
     assert doubtful.kind == "doubtful" and not doubtful.left_out
 
     def spike(values, conditions):
         values[3, 0, 30] += 3.0
     spiked, = suspects_of(seed=1, spoil=spike)
-    assert not tell_fault(SimpleNamespace(), spiked, False).left_out  # but for a sample
+    assert not tell_fault(spiked, False).left_out  # but for a sample
 
 
 def enclosed(record, free_running=False, settings=None, **columns):

@@ -21,7 +21,6 @@ from ddetumble.selection.forward_selection import (
     is_beyond,
     is_explained,
     keep_physical,
-    list_amplitudes,
     list_starts,
     list_unphysical,
     predicts_better,
@@ -152,7 +151,7 @@ def test_of_look_alikes_both_are_named():
 def test_amplitudes_and_their_starts():
     """A side that physics leaves open follows the score; of several scores that of the largest."""
     selection, _ = fit_toy(make_selection(1))
-    assert list_amplitudes(selection, "bump") == ["bump.a"]
+    assert selection.list_amplitudes("bump") == ["bump.a"]
     start, = list_starts(selection, "bump", [])
     assert start == pytest.approx({"bump.a": 0.15})
 

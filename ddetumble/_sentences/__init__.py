@@ -8,15 +8,10 @@ from typing import Any
 
 
 class Sentence(str):
-    """A sentence that keeps what it was made from.
+    """A sentence that keeps what it was made from."""
 
-    Attributes:
-        name: of its template, `file.macro`.
-        facts: what the template was given.
-    """
-
-    name: str
-    facts: Mapping[str, Any]
+    name: str  # of its template, `file.macro`
+    facts: Mapping[str, Any]  # what the template was given
 
 
 def say(name: str, /, **facts) -> Sentence:
@@ -45,19 +40,17 @@ def _load():
     import jinja2
 
     from ..measurement import quantities as q
-    from ..measurement.units import format_time
 
     def read(name: str) -> str:
         return resources.files(__package__ or "").joinpath(name).read_text(encoding="utf-8")
 
     environment = jinja2.Environment(loader=jinja2.FunctionLoader(read), undefined=jinja2.StrictUndefined)
     environment.filters |= {
-        "words": q.join_words, "alternatives": lambda words: q.join_words(words, "or"), "number": q.format_number,
-        "plain": q.format_plain, "percent": q.format_share, "error": q.format_error, "p": q.say_p,
-        "name": lambda name: q.describe_quantity(name).name, "quantity": q.format_quantity, "time": format_time,
+        "words": q.join_words, "alternatives": lambda words: q.join_words(words, "or"), "percent": q.format_share,
+        "name": lambda name: q.describe_quantity(name).name,
         "estimate": lambda one: q.format_estimate(one.estimate, one.sd, one.unit),
         "g": lambda value, digits=3: f"{value:.{digits}g}", "f": lambda value, digits=2: f"{value:.{digits}f}",
         "begin": lambda text: text[:1].upper() + text[1:],
         "count": lambda number, noun: f"{number} {noun}{'' if number == 1 else 's'}",
-    }  # fmt: skip
+    }
     return environment

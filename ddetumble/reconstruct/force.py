@@ -30,7 +30,7 @@ from .smoothing import Smooth, find_separation, inflate, smooth_samples
 
 FEWEST = 8  # samples in contact
 MOST = 128  # samples of a record from which the restitution is found
-BAND = 1.959964
+BAND = 1.959964  # two-sided 95 % quantile of the normal distribution
 
 
 @dc.dataclass(frozen=True)
@@ -94,11 +94,12 @@ class _Contact:
 
     key: str
     conditions: dict[str, float]
-    deviations: tuple[float, float]
+    deviations: tuple[float, float]  # of approach speed and initial pressure
     table: pd.DataFrame
-    touch: np.ndarray
+    time: np.ndarray  # of its samples
+    touch: np.ndarray  # which of these lie in the contact
     end: float
-    smooth: dict[str, Smooth]
+    smooth: dict[str, Smooth]  # curves by channel
 
 
 def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identification:
@@ -122,11 +123,15 @@ def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identif
     measured = "pressure" in campaign.channels
     notes = [] if measured else ["There is no channel `pressure`: the gas pressure is that of Eqs. 2 and 3 for the "
                                  "initial pressure, so a leak or another gas law goes unseen."]
-    channels = ("depression", "pressure") if measured else ("depression",)
     contacts = [_prepare(campaign, key) for key in campaign.record_keys]
-    noise = _smooth_all(campaign, contacts, channels)
+    noise = {channel: _smooth_channel(campaign, contacts, channel)
+             for channel in (("depression", "pressure") if measured else ("depression",))}
     space = ParameterSpace(resolved.reference, tuple(type(e) for e in resolved.effects))
-    u = _coordinates(space, resolved, campaign)
+    # The model's values, and the campaign's where it knows better.
+    u = space.coordinates({k: v for k, v in campaign.known.items() if v is not None and k in space.index})
+    for effect in resolved.effects:
+        for p in parameters_of(effect):
+            u[space.index[f"{effect.id}.{p.name}"]] = p.transform.from_field(float(getattr(effect, p.field)))
     saved = take_fitted(model) if resolved.fitted else None  # type: ignore[arg-type]
     names, covariance, u, source, more = _find_parameters(campaign, saved, space, u, contacts, noise, measured)
     notes += more
@@ -134,16 +139,15 @@ def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identif
     if left:
         notes.append(f"{', '.join(left)} acts on the gauge, not on the force: it is left out here.")
     table = pd.concat(_evaluate(space, u, names, covariance, contacts, measured), ignore_index=True)
-    gauge = campaign.channels["normal_force"] if "normal_force" in campaign.channels else None
-    records, rms_z, coverage = _summarise(campaign, table, contacts, gauge)
-    k = space.index.get("restitution")
-    value = space.public("restitution", u, 0.0)["estimate"] if k is not None else float("nan")
-    sd = 0.0
-    if "restitution" in names:
-        i = names.index("restitution")
-        sd = float(space.public("restitution", u, float(np.sqrt(max(covariance[i, i], 0.0))))["sd"])
+    records, rms_z, coverage = _summarise(campaign, table, contacts)
+    restitution, sd = float("nan"), 0.0
+    if "restitution" in space.index:
+        place = names.index("restitution") if "restitution" in names else None
+        width = 0.0 if place is None else float(np.sqrt(max(covariance[place, place], 0.0)))
+        value = space.public("restitution", u, width)
+        restitution, sd = float(value["estimate"]), float(value["sd"])
     return Identification(campaign.name, resolved.name, table.drop(columns="inside"), records, rms_z, coverage,
-                          float(value), sd, source, tuple(notes))
+                          restitution, sd, source, tuple(notes))
 
 
 def _check(campaign: Campaign, resolved: ResolvedModel):
@@ -160,35 +164,26 @@ def _check(campaign: Campaign, resolved: ResolvedModel):
                          "contact area")
 
 
-def _coordinates(space: ParameterSpace, resolved: ResolvedModel, campaign: Campaign) -> np.ndarray:
-    """The model's values, and the campaign's where it knows better."""
-    values = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
-    u = space.coordinates(values)
-    for effect in resolved.effects:
-        for p in parameters_of(effect):
-            u[space.index[f"{effect.id}.{p.name}"]] = p.transform.from_field(float(getattr(effect, p.field)))
-    return u
+def _refuse_few(campaign: Campaign, key: str, used: np.ndarray, what: str, remedy: str = "") -> None:
+    if used.sum() < FEWEST:
+        raise InputError(f"record {key!r} of campaign {campaign.name!r} has {int(used.sum())} samples of {what}; "
+                         f"identify needs at least {FEWEST}{remedy}")
 
 
 def _prepare(campaign: Campaign, key: str) -> _Contact:
     """Find the contact of one record."""
     table = campaign.trace(key)
-    row = campaign.records.loc[key]
-    conditions = {str(name): float(value) for name, value in row.items()}
-    speed, pressure = (
-        float(column.uncertainty.sd(conditions[name])) if column.uncertainty is not None else 0.0
-        for name, column in ((n, campaign.conditions[n]) for n in ("approach_speed", "initial_pressure")))
+    conditions = {str(name): float(value) for name, value in campaign.records.loc[key].items()}
+    spreads = (campaign.conditions[n].uncertainty for n in ("approach_speed", "initial_pressure"))
+    speed, pressure = (0.0 if spread is None else float(spread.sd(conditions[n])) for n, spread in zip(
+        ("approach_speed", "initial_pressure"), spreads, strict=True))
     time, depression = table["time"].to_numpy(dtype=float), table["depression"].to_numpy(dtype=float)
     good = np.isfinite(depression) & (time > 0)
-    if good.sum() < FEWEST:
-        raise InputError(f"record {key!r} of campaign {campaign.name!r} has {int(good.sum())} samples of depression "
-                         f"after first touch; identify needs at least {FEWEST}")
+    _refuse_few(campaign, key, good, "depression after first touch")
     end = find_separation(time[good], depression[good])
     touch = (time > 0) & (time < end)
-    if (touch & good).sum() < FEWEST:
-        raise InputError(f"record {key!r} of campaign {campaign.name!r} has {int((touch & good).sum())} samples of "
-                         f"depression in contact; identify needs at least {FEWEST}: sample faster")
-    return _Contact(str(key), conditions, (speed, pressure), table, touch, end, {})
+    _refuse_few(campaign, key, touch & good, "depression in contact", ": sample faster")
+    return _Contact(str(key), conditions, (speed, pressure), table, time, touch, end, {})
 
 
 def _find_time_sd(campaign: Campaign) -> float:
@@ -197,38 +192,29 @@ def _find_time_sd(campaign: Campaign) -> float:
     return 0.0 if spread is None else float(spread.sd(np.ones(1))[0])
 
 
-def _smooth_all(campaign: Campaign, contacts: Sequence[_Contact], channels: Sequence[str]) -> dict[str, Noise]:
-    """Smooth every channel of every record; the noise is first taken as stated, then as measured."""
+def _smooth_channel(campaign: Campaign, contacts: Sequence[_Contact], channel: str) -> Noise:
+    """Smooth a channel of every record; its noise is first taken as stated, then as measured."""
     blind = 2.0 * _find_time_sd(campaign)
-    found = {}
-    for channel in channels:
-        first = contacts[0].table["time"].to_numpy(dtype=float)
-        noise = default_noise(campaign, channel, first)
-        for again in (False, True):
-            residuals, steps = [], []
-            for contact in contacts:
-                time = contact.table["time"].to_numpy(dtype=float)
-                values = contact.table[channel].to_numpy(dtype=float)
-                # Whether a sample so close to first touch lies before or after the kink is not known.
-                use = contact.touch & np.isfinite(values) & (time > min(blind, 0.1 * contact.end))
-                if use.sum() < FEWEST:
-                    raise InputError(f"record {contact.key!r} of campaign {campaign.name!r} has {int(use.sum())} "
-                                     f"samples of {channel} in contact; identify needs at least {FEWEST}")
-                smooth = smooth_samples(time[use], values[use], noise, 0.0, contact.end)
-                contact.smooth[channel] = smooth
-                step = np.diff(time[use])
-                if np.allclose(step, step[0], rtol=2e-3):
-                    spent = smooth.spent / use.sum()
-                    residuals.append(smooth.residual / np.sqrt(max(1.0 - spent, 0.25)))
-                    steps.append(step[0])
-            if again or not residuals:
-                break
-            interval = float(np.median(steps))
-            lowest = 10.0 / float(np.median([c.end for c in contacts]))
-            even = [x for x, s in zip(residuals, steps, strict=True) if abs(s / interval - 1) < 2e-3]
-            noise = estimate_noise(even, interval, lowest, noise.stated_sd)
-        found[channel] = noise
-    return found
+    noise = default_noise(campaign, channel, contacts[0].time)
+    for again in (False, True):
+        residuals, steps = [], []
+        for contact in contacts:
+            values = contact.table[channel].to_numpy(dtype=float)
+            # Whether a sample so close to first touch lies before or after the kink is not known.
+            use = contact.touch & np.isfinite(values) & (contact.time > min(blind, 0.1 * contact.end))
+            _refuse_few(campaign, contact.key, use, f"{channel} in contact")
+            contact.smooth[channel] = smooth = smooth_samples(contact.time[use], values[use], noise, 0.0, contact.end)
+            step = np.diff(contact.time[use])
+            if np.allclose(step, step[0], rtol=2e-3):
+                residuals.append(smooth.residual / np.sqrt(max(1.0 - smooth.spent / use.sum(), 0.25)))
+                steps.append(step[0])
+        if again or not residuals:
+            break
+        interval = float(np.median(steps))
+        lowest = 10.0 / float(np.median([c.end for c in contacts]))
+        even = [x for x, s in zip(residuals, steps, strict=True) if abs(s / interval - 1) < 2e-3]
+        noise = estimate_noise(even, interval, lowest, noise.stated_sd)
+    return noise
 
 
 def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: ParameterSpace, u: np.ndarray,
@@ -267,20 +253,18 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
 def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wanted: Sequence[str],
                     contacts: Sequence[_Contact], noise: Noise, measured: bool):
     """Fit the wanted parameters to the measured depression."""
-    time_sd = _find_time_sd(campaign)
-    motions, masses = [], []
+    time_sd, rows, masses = _find_time_sd(campaign), [], []
     for contact in contacts:
-        time = contact.table["time"].to_numpy(dtype=float)
-        depth = contact.table["depression"].to_numpy(dtype=float)
+        time, depth = contact.time, contact.table["depression"].to_numpy(dtype=float)
         reach = min(REACH * contact.end, max(float(time[-1]), contact.end))
         inside = np.flatnonzero((time > 0) & (time <= reach))
         inside = inside[:: -(-len(inside) // MOST)]
         pad = MOST - len(inside)
         half = np.linspace(0.0, reach, 2 * STEPS + 1)
         gas = contact.smooth["pressure"].at(np.minimum(half, contact.end)) if measured else np.zeros(2 * STEPS + 1)
-        motions.append(Motion(
-            contact.conditions, np.pad(time[inside], (0, pad), mode="edge"),
-            np.pad(depth[inside], (0, pad), constant_values=np.nan), gas, reach, contact.deviations[0], time_sd))
+        rows.append((np.pad(time[inside], (0, pad), mode="edge"),
+                     np.pad(depth[inside], (0, pad), constant_values=np.nan), gas, reach,
+                     (contact.deviations[0], time_sd)))
         # The work of the gas up to the largest depression, and a third of it for the damping, is m v^2 / 2.
         rise = contact.smooth["depression"].at(half[half <= contact.end]).max()
         pressure = float(np.mean(gas)) if measured else contact.conditions.get("initial_pressure", 0.0)
@@ -290,9 +274,13 @@ def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wa
     if "effective_mass" in wanted and mass > 0:
         u = u.copy()
         u[space.index["effective_mass"]] = np.log(mass)
-    thin = max(1.0, float(np.median([(c.touch.sum()) for c in contacts])) / MOST)
-    inflation = max(inflate(noise) / thin, 1.0)
-    return find_rebound(space, u, wanted, motions, noise.sd, inflation, measured)
+    thin = max(1.0, float(np.median([c.touch.sum() for c in contacts])) / MOST)
+    motion = Motion(_stack_conditions(contacts), *(np.array(column) for column in zip(*rows, strict=True)))
+    return find_rebound(space, u, wanted, motion, noise.sd, max(inflate(noise) / thin, 1.0), measured)
+
+
+def _stack_conditions(contacts: Sequence[_Contact]) -> dict[str, np.ndarray]:
+    return {k: np.array([c.conditions[k] for c in contacts]) for k in contacts[0].conditions}
 
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
@@ -332,63 +320,59 @@ def _evaluate(space: ParameterSpace, u: np.ndarray, names: Sequence[str], covari
     inputs = []
     for contact in contacts:
         # First touch itself leads the samples: the effects' states start there.
-        inside = np.concatenate([[0.0], contact.table["time"].to_numpy(dtype=float)[contact.touch]])
+        inside = np.concatenate([[0.0], contact.time[contact.touch]])
         time = np.pad(inside, (0, size - len(inside)), mode="edge")
         depth = np.maximum(contact.smooth["depression"].at(time), 0.0)
         pressure = contact.smooth["pressure"].at(time) if measured else np.zeros(size)
         inputs.append((time, depth, contact.smooth["depression"].at(time, 1), pressure))
     stacked = [jnp.asarray(np.stack(column)) for column in zip(*inputs, strict=True)]
-    conditions = {k: jnp.array([c.conditions[k] for c in contacts]) for k in contacts[0].conditions}
-    force, (by_seen, by_theta, by_common) = _forces(space, tuple(names), measured, jnp.asarray(u), conditions, *stacked)
+    conditions = {name: jnp.asarray(x) for name, x in _stack_conditions(contacts).items()}
+    force, slopes = _forces(space, tuple(names), measured, jnp.asarray(u), conditions, *stacked)
     tables = []
     for r, contact in enumerate(contacts):
-        n = int(contact.touch.sum())
-        here = slice(1, n + 1)
-        time = inputs[r][0][here]
-        smooth = contact.smooth["depression"]
-        a, b = smooth.columns(time), smooth.columns(time, 1)
-        rows = np.asarray(by_seen)[r, here, 0, None] * a + np.asarray(by_seen)[r, here, 1, None] * b
+        here = slice(1, int(contact.touch.sum()) + 1)
+        time, smooth = inputs[r][0][here], contact.smooth["depression"]
+        by_seen, by_theta, by_common = (np.asarray(x)[r, here] for x in slopes)
+        rows = by_seen[:, 0, None] * smooth.columns(time) + by_seen[:, 1, None] * smooth.columns(time, 1)
         variance = np.sum((rows @ smooth.covariance) * rows, axis=1)
         if measured:
             gas = contact.smooth["pressure"]
-            rows = np.asarray(by_seen)[r, here, 2, None] * gas.columns(time)
+            rows = by_seen[:, 2, None] * gas.columns(time)
             variance += np.sum((rows @ gas.covariance) * rows, axis=1)
-        slopes = np.asarray(by_theta)[r, here]
-        variance += np.sum((slopes @ covariance) * slopes, axis=1)
-        variance += (np.asarray(by_common)[r, here] ** 2) @ (np.array(contact.deviations) ** 2)
+        variance += np.sum((by_theta @ covariance) * by_theta, axis=1)
+        variance += by_common**2 @ (np.array(contact.deviations) ** 2)
         if not np.all(np.isfinite(variance)):
             raise ComputationError(f"the force of record {contact.key!r} is not finite; check its pressure and "
                                    "depression")
-        values, deviation = np.zeros(len(contact.table)), np.zeros(len(contact.table))
+        values, deviation = np.zeros(len(contact.time)), np.zeros(len(contact.time))
         values[contact.touch] = np.asarray(force)[r, here]
         deviation[contact.touch] = np.sqrt(np.maximum(variance, 0.0))
-        tables.append(pd.DataFrame({
-            "record": contact.key, "time": contact.table["time"].to_numpy(dtype=float), "normal_force": values,
-            "normal_force_sd": deviation, "inside": contact.touch}))
+        tables.append(pd.DataFrame({"record": contact.key, "time": contact.time, "normal_force": values,
+                                    "normal_force_sd": deviation, "inside": contact.touch}))
     return tables
 
 
-def _summarise(campaign: Campaign, table: pd.DataFrame, contacts: Sequence[_Contact], gauge):
-    """Fill in what the gauge says, and put one row a record together."""
-    if gauge is not None:
+def _summarise(campaign: Campaign, table: pd.DataFrame, contacts: Sequence[_Contact]
+               ) -> tuple[pd.DataFrame, float, float]:
+    """Fill in what the gauge says: one row a record, and rms and coverage of all; nan without a gauge."""
+    gauge = "normal_force" in campaign.channels
+    if gauge:
         assert campaign.samples is not None
-        reading = campaign.samples["normal_force"].to_numpy(dtype=float)
-        sd = default_noise(campaign, "normal_force", contacts[0].table["time"].to_numpy(dtype=float)).sd
-        table["gauge"] = reading
-        table["difference"] = table["normal_force"] - reading
+        sd = default_noise(campaign, "normal_force", contacts[0].time).sd
+        table["gauge"] = campaign.samples["normal_force"].to_numpy(dtype=float)
+        table["difference"] = table["normal_force"] - table["gauge"]
         table["z"] = table["difference"] / np.hypot(table["normal_force_sd"], sd)
-    rows = []
+
+    def judge(rows: pd.DataFrame) -> dict[str, float]:
+        z = rows.loc[rows["inside"] & np.isfinite(rows["z"]), "z"].to_numpy() if gauge else np.zeros(0)
+        return {"rms_z": float(np.sqrt(np.mean(z**2))) if len(z) else float("nan"),
+                "coverage": float(np.mean(np.abs(z) < BAND)) if len(z) else float("nan")}
+
+    found = []
     for key, own in table.groupby("record", sort=False):
         top = own.loc[own["normal_force"].idxmax()]
-        row = {"record": key, "peak_force": top["normal_force"], "peak_force_sd": top["normal_force_sd"]}
-        if gauge is not None:
-            z = own.loc[own["inside"] & np.isfinite(own["z"]), "z"].to_numpy()
-            row |= {"peak_gauge": own["gauge"].max(),
-                    "bias": own.loc[own["inside"], "difference"].mean(),
-                    "rms_z": float(np.sqrt(np.mean(z**2))) if len(z) else float("nan"),
-                    "coverage": float(np.mean(np.abs(z) < BAND)) if len(z) else float("nan")}
-        rows.append(row)
-    if gauge is None:
-        return pd.DataFrame(rows), float("nan"), float("nan")
-    z = table.loc[table["inside"] & np.isfinite(table["z"]), "z"].to_numpy()
-    return pd.DataFrame(rows), float(np.sqrt(np.mean(z**2))), float(np.mean(np.abs(z) < BAND))
+        found.append({"record": key, "peak_force": top["normal_force"], "peak_force_sd": top["normal_force_sd"]})
+        if gauge:
+            found[-1] |= {"peak_gauge": own["gauge"].max(), "bias": own.loc[own["inside"], "difference"].mean(),
+                          **judge(own)}
+    return pd.DataFrame(found), *judge(table).values()

@@ -1,5 +1,6 @@
 """Models beside the measurements: how large the error is against the noise, what it depends on, which does best."""
 
+import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,13 +20,13 @@ from ..measurement.campaign import Campaign, thin_campaign
 from ..measurement.package import read_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
 from .cross_validation import compare_losses
-from .describe import describe_noise, public_estimates
-from .lack_of_fit import hold_settings, is_moved, measure_shifts
+from .describe import describe_noise, measure_held, public_estimates
+from .lack_of_fit import is_moved, measure_shifts
 from .localise import residual_places
 from .problem import PredictionError, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .sentences import describe_level, find_longest
-from .series import list_channels, make_traces, measure_error, noise_nrmse, nrmse, nrmse_by_channel, split_error
+from .series import list_channels, make_traces, nrmse, split_error
 from .text import describe_place
 
 
@@ -33,8 +34,22 @@ BINS = 12
 MANY = 1_000_000  # samples that are looked at: a minute or two
 
 
+class _Written(AbstractPrinted):
+    """What is printed, and written as JSON."""
+
+    @abc.abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the fitted series, as JSON can hold it."""
+
+    def save(self, folder) -> Path:
+        """Write `compare.json` into a folder; returns its path."""
+        path = Path(folder) / "compare.json"
+        write_json(path, self.to_dict())
+        return path
+
+
 @dc.dataclass(frozen=True)
-class Comparison(AbstractPrinted):
+class Comparison(_Written):
     """A model held against a campaign.
 
     Attributes:
@@ -128,15 +143,9 @@ class Comparison(AbstractPrinted):
                 plain[field.name] = value.to_dict("records") if isinstance(value, pd.DataFrame) else value
         return make_plain({**plain, "nuisances": list_shifts(self.shifts)})
 
-    def save(self, folder) -> Path:
-        """Write `compare.json` into a folder; returns its path."""
-        path = Path(folder) / "compare.json"
-        write_json(path, self.to_dict())
-        return path
-
 
 @dc.dataclass(frozen=True)
-class Comparisons(Sequence[Comparison], AbstractPrinted):
+class Comparisons(Sequence[Comparison], _Written):
     """Several models held against one campaign, in the order in which they were given: the loop by hand.
 
     Attributes:
@@ -188,12 +197,6 @@ class Comparisons(Sequence[Comparison], AbstractPrinted):
         """Everything but the fitted series, as JSON can hold it."""
         return make_plain({"sentence": self.sentence, "names": self.names, "best": self.best, "alike": self.alike,
                            "models": [one.to_dict() for one in self.models]})
-
-    def save(self, folder) -> Path:
-        """Write `compare.json` into a folder; returns its path."""
-        path = Path(folder) / "compare.json"
-        write_json(path, self.to_dict())
-        return path
 
 
 @overload
@@ -257,12 +260,12 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     campaign, thinned = thin_campaign(campaign, MANY)
     given = resolved.fitted
     own: tuple[str, ...] | None = None  # names of what was fitted, where these records chose it
-    if refit and not resolved.fitted and any(is_absent(e) for e in resolved.effects):
-        made = fit(campaign, model)
-        resolved, own = resolve_model(made, name_family(campaign)), tuple(made.parameters)
-    elif given:
+    if given:
         saved = take_fitted(model)  # type: ignore[arg-type]
         own = saved.free if saved.sha256 == campaign.sha256 else None
+    elif refit and any(is_absent(e) for e in resolved.effects):
+        made = fit(campaign, model)
+        resolved, own = resolve_model(made, name_family(campaign)), tuple(made.parameters)
     bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
     if not refit or resolved.fitted:
         # What was fitted elsewhere holds against what this campaign says is known.
@@ -275,77 +278,61 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     bench, fitted = fit_reference(bench)
     fitted = dc.replace(fitted, effects=tuple(e.id for e in resolved.effects))
     lack, _ = bench.test_lack_of_fit(fitted)
-    solution = fitted.solution
-    # What a model that fails leaves is no measure of the noise: there the stated size counts.
-    level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
-    traces = make_traces(campaign, bench.records, solution, level)
-    used = (np.asarray(bench.records.stack.weights)[: bench.records.count] > 0)
-    records = _by_record(campaign, traces)
-    chi2 = np.sum(solution.residual.reshape(bench.records.count, -1) ** 2, axis=1) + np.sum(solution.z**2, axis=1)
-    records["chi2_reduced"] = chi2 / np.maximum(used.sum(axis=(1, 2)), 1)
-    channels = _by_channel(traces)
-    end = dict(zip(bench.records.keys, solution.end, strict=True))
-    residuals = bin_residuals(traces, end, campaign, bench.family)
-    where = tuple(residual_places(bench, fitted))
-    degrees = max(float(used.sum()) - len(solution.names), 1.0)
-    shifts, floor = measure_shifts(bench.records, solution), noise_nrmse(traces)
-    held = None
-    if is_moved(shifts):
-        held = measure_error(bench.records, hold_settings(bench.problem, solution).channels)
+    solution, keys = fitted.solution, bench.records.keys
     chosen = fitted
     if own is not None:  # cross-validated over what these records chose, where the model stands
         names = tuple(n for n in bench.space.index if n in own or n in solution.names)
         chosen = bench.file(fitted.effects, bench.problem.solve(names, solution.u, solution.z, moving=False))
-    squares = np.zeros(0)
-    error, predicted = float("nan"), PredictionError(float("nan"), float("nan"))
+    # What a model that fails leaves is no measure of the noise: there the stated size counts.
+    level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
+    traces = make_traces(campaign, bench.records, solution, level)
+    used = (np.asarray(bench.records.stack.weights)[: bench.records.count] > 0).sum(axis=(1, 2))
+    chi2 = np.sum(solution.residual ** 2, axis=1) + np.sum(solution.z**2, axis=1)
+    records = _tabulate_records(campaign, traces).assign(chi2_reduced=chi2 / np.maximum(used, 1))
+    channels = pd.DataFrame([{"channel": channel, "unit": series[0].unit, **_errors(series)}
+                             for channel, series in _split(traces).items()])
+    shifts, floor = measure_shifts(bench.records, solution), nrmse(traces, noise=True)
+    where = residual_places(bench, fitted)
+    held = measure_held(bench, solution) if is_moved(shifts) else None
+    adjusted = predicted = PredictionError(np.full(len(keys), np.nan), float("nan"))
     if resolved.fitted and own is None:
-        error, squares = nrmse(traces), split_error(bench.records, solution.channels)
+        adjusted = PredictionError(split_error(bench.records, solution.channels), float("nan"))
     elif refit and bench.holds_out:
-        error, squares = bench.cross_validate(chosen), bench.split_cross_validation(chosen)
-        predicted = bench.predict(chosen)
+        adjusted, predicted = bench.predict(chosen, adjust=True), bench.predict(chosen)
     # What was fitted here, not before; all that these records chose counts as free.
-    names = tuple(chosen.solution.names) if own is not None and not given else tuple(solution.names)
+    names = tuple((chosen if own is not None and not given else fitted).solution.names)
     return Comparison(
-        campaign.name, campaign.title, campaign.sha256, name, names,
-        _say(name, campaign, bench.family.view, traces, channels, records, where, lack, shifts, held, floor), lack,
-        float(solution.chi2) / degrees, nrmse(traces), floor, channels, records,
-        _by_condition(campaign, traces, bench.groups), residuals,
-        public_estimates(bench, chosen.solution if own is not None else solution) if names else {}, where,
-        describe_noise(bench), traces,
-        shifts, held, (*bench.warnings, *filter(None, [thinned])), fitted.effects, error, predicted.nrmse,
-        predicted.coverage, squares, bench.groups, chosen.solution.converged or own is not None,
-        len(chosen.solution.names))
+        campaign=campaign.name, title=campaign.title, sha256=campaign.sha256, model=name, fitted=names,
+        sentence=_tell(name, campaign, bench.family.view, traces, channels, records, where, lack, shifts, held, floor),
+        lack_of_fit=lack, chi2_reduced=float(solution.chi2) / max(float(used.sum()) - len(solution.names), 1.0),
+        nrmse=nrmse(traces), noise_nrmse=floor, channels=channels, records=records,
+        conditions=_tabulate_conditions(campaign, traces, bench.groups),
+        residuals=bin_residuals(traces, dict(zip(keys, solution.end, strict=True)), campaign, bench.family),
+        parameters=public_estimates(bench, chosen.solution) if names else {}, where=tuple(where),
+        noise=describe_noise(bench), traces=traces, shifts=shifts, held_nrmse=held,
+        notes=(*bench.warnings, *filter(None, [thinned])), effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
+        prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
+        groups=bench.groups, converged=chosen.solution.converged or own is not None, free=len(chosen.solution.names))
 
 
 def _conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Comparisons:
-    """Which model cross-validates best, and which are not told from it."""
-    known = [k for k, one in enumerate(models) if np.isfinite(one.heldout_nrmse) and len(one.heldout_squares)]
+    """Which model cross-validates best, which are not told from it, and both in words."""
+    known = [k for k, one in enumerate(models) if np.isfinite(one.heldout_nrmse)]
     best = min(known, key=lambda k: models[k].heldout_nrmse, default=None)
-    alike: tuple[int, ...] = ()
-    if best is not None:
-        differences = {k: compare_losses(models[k].heldout_squares, models[best].heldout_squares, models[best].groups)
-                       for k in known if k != best}
-        alike = tuple(k for k, (difference, error) in differences.items() if difference < 2 * error)
-    return Comparisons(models, names, best, alike, _say_all(models, names, best, alike))
-
-
-def _say_all(models: Sequence[Comparison], names: Sequence[str], best: int | None, alike: Sequence[int]) -> Sentence:
-    """The outcome of several models in words."""
     good = [name for name, one in zip(names, models, strict=True) if not one.lack_of_fit.rejected]
     if best is None:
-        return say("verdict.no_comparison", good=good)
-    errors = [(name, one.heldout_nrmse) for k, (name, one) in enumerate(zip(names, models, strict=True))
-              if k != best and np.isfinite(one.heldout_nrmse)]
-    return say("verdict.best_model", name=names[best], error=models[best].heldout_nrmse,
-               noise=models[best].noise_nrmse, others=errors, alike=[names[k] for k in alike], good=good)
+        return Comparisons(models, names, None, (), say("verdict.no_comparison", good=good))
+    others, top = [k for k in known if k != best], models[best]
+    differences = {k: compare_losses(models[k].heldout_squares, top.heldout_squares, top.groups) for k in others}
+    alike = tuple(k for k, (difference, error) in differences.items() if difference < 2 * error)
+    return Comparisons(models, names, best, alike, say(
+        "verdict.best_model", name=names[best], error=top.heldout_nrmse, noise=top.noise_nrmse,
+        others=[(names[k], models[k].heldout_nrmse) for k in others], alike=[names[k] for k in alike], good=good))
 
 
-def _by_channel(traces: Sequence[Trace]) -> pd.DataFrame:
-    rows = []
-    for channel in list_channels(traces):
-        own = [t for t in traces if t.channel == channel]
-        rows.append({"channel": channel, "unit": own[0].unit, **_errors(own)})
-    return pd.DataFrame(rows)
+def _split(traces: Sequence[Trace]) -> dict[str, list[Trace]]:
+    """Traces by channel."""
+    return {channel: [t for t in traces if t.channel == channel] for channel in list_channels(traces)}
 
 
 def _errors(traces: Sequence[Trace]) -> dict[str, float]:
@@ -355,36 +342,32 @@ def _errors(traces: Sequence[Trace]) -> dict[str, float]:
     if not len(left):
         return {"rms": np.nan, "ratio": np.nan, "bias": np.nan, "nrmse": np.nan, "samples": 0}
     rms = float(np.sqrt(np.mean(left**2)))
-    return {"rms": rms, "ratio": rms / traces[0].sd, "bias": float(left.mean()),
-            "nrmse": next(iter(nrmse_by_channel(traces).values())), "samples": len(left)}
+    return {"rms": rms, "ratio": rms / traces[0].sd, "bias": float(left.mean()), "nrmse": nrmse(traces),
+            "samples": len(left)}
 
 
 def _join_channels(traces: Sequence[Trace]) -> dict[str, float]:
     """Error over noise of all channels together, and of each where there are several."""
-    ratios = {c: _errors([t for t in traces if t.channel == c]) for c in list_channels(traces)}
+    ratios = {channel: _errors(own) for channel, own in _split(traces).items()}
     if len(ratios) == 1:
         return next(iter(ratios.values()))
     found = {"ratio": float(np.sqrt(np.nanmean([e["ratio"] ** 2 for e in ratios.values()]))), "nrmse": nrmse(traces)}
     return found | {f"ratio_{c}": e["ratio"] for c, e in ratios.items()}
 
 
-def _by_record(campaign: Campaign, traces: Sequence[Trace]) -> pd.DataFrame:
-    rows = []
-    for key in campaign.record_keys:
-        own = [t for t in traces if t.record == str(key)]
-        rows.append({"record": str(key), **own[0].conditions, **_join_channels(own)})
-    return pd.DataFrame(rows)
+def _tabulate_records(campaign: Campaign, traces: Sequence[Trace]) -> pd.DataFrame:
+    own = {key: [t for t in traces if t.record == key] for key in map(str, campaign.record_keys)}
+    return pd.DataFrame([{"record": key, **some[0].conditions, **_join_channels(some)} for key, some in own.items()])
 
 
-def _by_condition(campaign: Campaign, traces: Sequence[Trace], groups: np.ndarray) -> pd.DataFrame:
+def _tabulate_conditions(campaign: Campaign, traces: Sequence[Trace], groups: np.ndarray) -> pd.DataFrame:
     """Errors by group of equal settings; each condition is the mean over the group."""
     rows = []
     for group in np.unique(groups):
-        keys = [str(k) for k, g in zip(campaign.record_keys, groups, strict=True) if g == group]
-        own = [t for t in traces if t.record in keys]
-        means = campaign.records.iloc[np.flatnonzero(groups == group)].mean()
-        means = {str(n): float(v) for n, v in means.items() if n != "sequence"}
-        rows.append({**means, "records": len(keys), **_join_channels(own)})
+        table = campaign.records[groups == group]
+        own = [t for t in traces if t.record in set(map(str, table.index))]
+        means = {str(n): float(v) for n, v in table.mean().items() if n != "sequence"}
+        rows.append({**means, "records": len(table), **_join_channels(own)})
     # Settings scatter about nominal values: they are put in order by two digits.
     named = [c for c in rows[0] if c in campaign.conditions]
     return pd.DataFrame(sorted(rows, key=lambda row: [float(f"{row[c]:.2g}") for c in named]))
@@ -401,16 +384,14 @@ def bin_residuals(traces: Sequence[Trace], end: Mapping[str, float], campaign: C
         family: names the variables.
     """
     rows = []
-    for channel in list_channels(traces):
-        own = [t for t in traces if t.channel == channel]
+    for channel, own in _split(traces).items():
         z = [(t.measured - t.model) / t.sd for t in own]
         # (variable, phase) to the value of it and where it counts, one pair a record.
         views: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {
             (own[0].independent, "both"): [(t.time / end[t.record], t.time > 0) for t in own],
             (family.rate, "both"): [(t.state_rate, t.state > 0) for t in own]}
         for phase, sign in zip(family.phases, (1.0, -1.0), strict=True):
-            views[family.state, phase] = [(t.state, (t.state > 0) & (sign * t.state_rate > 0))
-                                          for t in own]
+            views[family.state, phase] = [(t.state, (t.state > 0) & (sign * t.state_rate > 0)) for t in own]
         for name in campaign.conditions:
             views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), t.state > 0) for t in own]
         for (variable, phase), pairs in views.items():
@@ -445,18 +426,18 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
     return rows
 
 
-def _say(model: str, campaign: Campaign, view: View, traces: Sequence[Trace], channels: pd.DataFrame,
-         records: pd.DataFrame, where: Sequence[Place], lack: LackOfFit, shifts: Sequence[SettingShift],
-         held: float | None, floor: float) -> Sentence:
+def _tell(model: str, campaign: Campaign, view: View, traces: Sequence[Trace], channels: pd.DataFrame,
+          records: pd.DataFrame, where: Sequence[Place], lack: LackOfFit, shifts: Sequence[SettingShift],
+          held: float | None, floor: float) -> Sentence:
     """The outcome in words."""
     ratio = float(np.sqrt(np.mean(channels["ratio"] ** 2)))
     if not lack.rejected:
         return say("verdict.agrees", model=repr(model), ratio=ratio, p=lack.p_value)
-    worst = records.loc[records["ratio"].idxmax()]
+    worst, place = records.loc[records["ratio"].idxmax()], None
     settings = [f"{describe_quantity(name).name} {format_quantity(name, worst[name])}"
                 for name in find_family(name_family(campaign)).kind.conditions
                 if name in campaign.conditions and name != "sequence"]
-    sizes, place = dict(zip(channels["channel"], channels["ratio"], strict=True)), None
+    sizes = dict(zip(channels["channel"], channels["ratio"], strict=True))
     if where:
         spot = max(where, key=lambda w: (sizes.get(w.channel, 0.0), w.share))
         place = describe_place(spot, dc.replace(view, longest=find_longest(traces)))

@@ -25,7 +25,7 @@ def leave_out(solution: Solution, groups: np.ndarray) -> np.ndarray:
     columns, residual = solution.projected()
     loss = np.zeros(len(residual))
     for out, step, _ in _step_aside(solution, groups, columns, residual):
-        moved = residual[out] + (columns[out] @ step if columns.shape[2] else 0.0)
+        moved = residual[out] + columns[out] @ step
         with np.errstate(over="ignore"):  # what this condition alone told is anything without it
             loss[out] = np.fmin(np.sum(moved**2, axis=1), BEYOND)
     return loss
@@ -39,23 +39,21 @@ def forecast(records: Records, solution: Solution, groups: np.ndarray, share: fl
     """
     early, loss = _find_early(records, solution, share), np.zeros(records.count)
     for out, step, _ in _step_aside(solution, groups, *solution.projected()):
-        for r in np.flatnonzero(out):
-            loss[r] = _predict_rest(solution, int(r), early[r], step)
+        for r in map(int, np.flatnonzero(out)):
+            own, used = solution.own[r], np.any(solution.own[r] != 0, axis=1)
+            moved = solution.residual[r] + solution.shared[r] @ step + own @ _adjust_own(solution, r, early[r], step)
+            rest = moved[~early[r] & used]
+            loss[r] = float(np.sum(rest**2)) * max(float(used.sum()), 1.0) / max(rest.size, 1)
     return loss
 
 
 class LeftOut(NamedTuple):
-    """Every record by the model fitted without its condition.
+    """Every record by the model fitted without its condition."""
 
-    Attributes:
-        channels: shape (records, channels, samples), SI, NaN in records that could not be computed.
-        used: which samples count, shape (records, samples).
-        coverage: share of the whitened residuals within the 95 % interval of a new measurement, from the linearised
-            model: parameters, settings as far as they are not adjusted, and noise.
-    """
-
-    channels: np.ndarray
-    used: np.ndarray
+    channels: np.ndarray  # shape (records, channels, samples), SI, NaN in records that could not be computed
+    used: np.ndarray  # which samples count, shape (records, samples)
+    # Share of the whitened residuals within the 95 % interval of a new measurement, from the linearised model:
+    # parameters, settings as far as they are not adjusted, and noise.
     coverage: float
 
 
@@ -75,8 +73,7 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
             cross-validated error; else they stand as they are written down, which makes the prediction error.
     """
     records, free_running = problem.records, problem.space.family.free_running
-    time = np.asarray(records.stack.time)[: records.count]
-    count, samples = time.shape
+    samples, count = np.asarray(records.stack.time).shape[1], records.count
     early = np.zeros((count, solution.residual.shape[1]), dtype=bool)
     if free_running:
         early = _find_early(records, solution, share)
@@ -92,11 +89,10 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
             z[r] += change
             own, shared = solution.own[r], solution.shared[r]
             used = ~early[r] & ((solution.residual[r] != 0) | np.any(own != 0, axis=1))
-            moved = (solution.residual[r] + own @ change + (shared @ step if len(step) else 0.0))[used]
+            moved = (solution.residual[r] + own @ change + shared @ step)[used]
             known = np.linalg.inv(own[rows].T @ own[rows] + np.eye(own.shape[1]))
-            variance = 1.0 + np.einsum("ik,kl,il->i", own[used], known, own[used])
-            if len(step):
-                variance += np.einsum("ik,kl,il->i", shared[used], spread, shared[used])
+            variance = 1.0 + sum(np.einsum("ik,kl,il->i", x[used], matrix, x[used])
+                                 for x, matrix in ((own, known), (shared, spread)))
             inside += float(np.sum(moved**2 <= NORMAL_95**2 * variance))
             counted += float(used.sum())
     coverage, seen = inside / counted if counted else float("nan"), ~early[:, :samples]
@@ -111,7 +107,7 @@ def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, s
 def _adjust_own(solution: Solution, record: int, rows, step: np.ndarray) -> np.ndarray:
     """Change of a record's nuisances that suits its `rows` best, under their priors, after a step of the parameters."""
     own = solution.own[record]
-    moved = solution.residual[record] + (solution.shared[record] @ step if solution.shared.shape[2] else 0.0)
+    moved = solution.residual[record] + solution.shared[record] @ step
     columns = np.concatenate([own[rows], np.eye(own.shape[1])])
     right = np.concatenate([moved[rows], solution.z[record]])
     scale = np.linalg.norm(columns, axis=0)
@@ -143,15 +139,6 @@ def _find_early(records: Records, solution: Solution, share: float) -> np.ndarra
     first, last = time[:, :1], time.max(axis=1, keepdims=True)
     early = time <= first + share * (last - first)
     return np.tile(early, (1, solution.residual.shape[1] // time.shape[1]))
-
-
-def _predict_rest(solution: Solution, record: int, early: np.ndarray, step: np.ndarray) -> float:
-    """Loss of a record past its first quarter, to which its nuisances are fitted, as if of the whole record."""
-    own = solution.own[record]
-    used = np.any(own != 0, axis=1)
-    moved = solution.residual[record] + (solution.shared[record] @ step if solution.shared.shape[2] else 0.0)
-    rest = (moved + own @ _adjust_own(solution, record, early, step))[~early & used]
-    return float(np.sum(rest**2)) * max(float(used.sum()), 1.0) / max(rest.size, 1)
 
 
 def compare_losses(loss: np.ndarray, best: np.ndarray, groups: np.ndarray) -> tuple[float, float]:

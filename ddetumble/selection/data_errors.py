@@ -1,59 +1,66 @@
-"""Data errors that would make a record fit: a unit, a setting, the clock, a gain, a baseline, a few samples."""
+"""Data errors: what would make a record fit (a unit, a setting, the clock, a gain, a baseline, a few samples), and
+baselines that move in every record.
+
+A zero that is the same in all records, or follows their conditions, may be physics (a bias of the gyroscopes, an
+adhesive force) and is left to the catalogue. One that is off by another amount in every record is a fault of the gauge.
+"""
 
 import dataclasses as dc
+from collections.abc import Iterator
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from scipy import stats
 
 from .._errors import ComputationError
 from ..dynamics.spinning import RATES
 from ..families import find_family, name_family
 from ..families.starts import fill_gaps, integrate_couple
+from ..inference.problem import Solution
 from ..inference.stack import DRIFT, Stack
 from ..measurement.campaign import Campaign
 from ..measurement.faults import Fault
 from ..measurement.units import format_time, si_unit
-from .leave_record_out import Aside, Misfit, measure_record, replace_stack, settle, whiten_columns
+from .leave_record_out import Aside, Misfit, measure_record, replace_stack, settle, whiten_baseline, whiten_columns
 from .problem import SelectionProblem
 from .settings import DEFAULT, OutlierSettings
 
 
+DECIMAL = {"1000": 1e3, "100": 100.0, "10": 10.0, "1e6": 1e6}
+# Ratios of the units in which a quantity is written, by its SI unit.
 RATIOS = {
-    "1000": 1e3, "100": 100.0, "10": 10.0, "1e6": 1e6, "9.80665 (kgf and N)": 9.80665, "4.448 (lbf and N)": 4.4482216,
-    "57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
-    "60 (minutes and seconds)": 60.0, "25.4 (inches and mm)": 25.4, "6.895 (psi and kPa)": 6.894757,
-    "14.5 (psi and bar)": 14.503774, "145 (psi and MPa)": 145.03774, "3.6 (km/h and m/s)": 3.6,
-    "3.281 (feet and metres)": 3.2808399,
+    "N": {"9.80665 (kgf and N)": 9.80665, "4.448 (lbf and N)": 4.4482216},
+    "rad/s": {"57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
+              "60 (minutes and seconds)": 60.0},
+    "Pa": {"6.895 (psi and kPa)": 6.894757, "14.5 (psi and bar)": 14.503774, "145 (psi and MPa)": 145.03774},
+    "m": {"25.4 (inches and mm)": 25.4},
+    "m/s": {"60 (minutes and seconds)": 60.0, "3.6 (km/h and m/s)": 3.6, "3.281 (feet and metres)": 3.2808399},
 }
-DECIMAL = ("1000", "100", "10", "1e6")
-USUAL = {"N": ("9.", "4."), "rad/s": ("57", "9.5", "60"), "Pa": ("6.", "14"), "m": ("25",), "m/s": ("60", "3.")}
 AMBIENT = 101_325.0
+FEWEST = 3  # other records whose rates show the moments
+SHORTEST = 16  # samples from which the derivative of rates is known
+PAIRS = 2_000_000  # of samples whose covariances are computed at once
+WARM = "Let the gauge warm up, and take its zero before each test."
 
 
 @dc.dataclass(frozen=True)
 class Diagnosis:
-    """What would make a record fit.
-
-    Attributes:
-        kind, channel: as in `Fault`.
-        text: a sentence on it; `remedy`: on what to do.
-        samples: those without which the record fits, shape (channels, samples); None where it takes something else.
-    """
+    """What would make a record fit; kind and channel are those of `Fault`."""
 
     kind: str
     channel: str
-    text: str
-    remedy: str
-    samples: np.ndarray | None = None
+    text: str  # a sentence on it
+    remedy: str  # a sentence on what to do
+    samples: np.ndarray | None = None  # without which it fits, shape (channels, samples); None where it takes others
 
 
 def diagnose(selection: SelectionProblem, aside: Aside) -> Diagnosis:
     """Try what goes wrong in a laboratory, the plainest first, until the record fits."""
-    for find in (_try_samples, _try_channel_units, _try_condition_units, _try_columns, _try_conditions):
-        found = find(selection, aside)
-        if found is not None:
-            return found
+    for hypotheses in (_try_samples, _try_channel_units, _try_condition_units, _try_columns, _try_conditions):
+        fitting = [(misfit.total, told) for misfit, told in hypotheses(selection, aside)
+                   if misfit is not None and _fits(selection, misfit, aside)]
+        if fitting:
+            return min(fitting, key=lambda one: one[0])[1]
     return Diagnosis("outlier", "", "No other unit, setting, clock, gain or zero makes it fit.",
                      "Look up what was noted on that test, and repeat it.")
 
@@ -65,159 +72,132 @@ def _fits(selection: SelectionProblem, misfit: Misfit, aside: Aside) -> bool:
     return misfit.p_value > limits.fits or misfit.excess < min(max(limits.small, others), 0.02 * aside.own.excess)
 
 
-def _hold(selection: SelectionProblem, aside: Aside, stack: Stack) -> Misfit | None:
-    """Misfit of the record with other numbers."""
-    problem = replace_stack(selection.problem, stack)
+def _hold(selection: SelectionProblem, aside: Aside, stack: Stack) -> tuple[Misfit | None, Solution | None]:
+    """Misfit of the record with other numbers, and the solution there; None where it could not be computed."""
     try:
-        at = settle(problem, aside.solution.names, aside.solution.u, aside.stated.z.copy())
+        at = settle(replace_stack(selection.problem, stack), aside.solution.names, aside.solution.u,
+                    aside.stated.z.copy())
     except ComputationError:
-        return None
+        return None, None
     if selection.records.keys[aside.record] in at.failed:
-        return None
-    return measure_record(selection, problem, at, aside.record, aside.spread)
+        return None, None
+    return measure_record(selection, at, aside.record, aside.spread), at
 
 
-def _try_samples(selection: SelectionProblem, aside: Aside) -> Diagnosis | None:
+def _replace(stack: Stack, **arrays) -> Stack:
+    """A stack with other arrays."""
+    return dc.replace(stack, **{name: x if name == "conditions" else jnp.asarray(x) for name, x in arrays.items()})
+
+
+Hypotheses = Iterator[tuple[Misfit | None, Diagnosis]]
+
+
+def _try_samples(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     """A few samples that are off by themselves, such as two spikes side by side."""
-    r, stack = aside.record, selection.records.stack
+    r, stack, limits = aside.record, selection.records.stack, selection.settings.outliers
     values, model = np.asarray(stack.values).copy(), aside.solution.channels[r]
     sd = np.array([selection.noise[c].sd for c in selection.records.channels])[:, None]
-    far = (np.abs(values[r] - model) > selection.settings.outliers.wide * sd) & (np.asarray(stack.weights)[r] > 0)
-    if not 0 < far.sum() <= selection.settings.outliers.few * selection.records.lengths[r]:
-        return None
-    values[r] = np.where(far, model, values[r])
-    misfit = _hold(selection, aside, eqx.tree_at(lambda s: s.values, stack, jnp.asarray(values)))
-    if misfit is None or not _fits(selection, misfit, aside):
-        return None
-    channel = selection.records.channels[int(np.argmax(far.sum(axis=1)))]
-    number = int(far.sum())
-    return Diagnosis("spike", channel, f"It fits without {number} of its samples, which stand far off."
-                     if number > 1 else "It fits without one of its samples, which stands far off.",
-                     "Look for interference or a loose contact.", far[:, : selection.records.lengths[r]])
+    far = (np.abs(values[r] - model) > limits.wide * sd) & (np.asarray(stack.weights)[r] > 0)
+    number, length = int(far.sum()), selection.records.lengths[r]
+    if 0 < number <= limits.few * length:
+        values[r] = np.where(far, model, values[r])
+        what = f"{number} of its samples, which stand" if number > 1 else "one of its samples, which stands"
+        yield _hold(selection, aside, _replace(stack, values=values))[0], Diagnosis(
+            "spike", selection.records.channels[int(np.argmax(far.sum(axis=1)))], f"It fits without {what} far off.",
+            "Look for interference or a loose contact.", far[:, :length])
 
 
-def _try_channel_units(selection: SelectionProblem, aside: Aside) -> Diagnosis | None:
+def _list_factors(unit: str) -> Iterator[tuple[str, float]]:
+    """Factors by which a quantity in a mistaken unit is off, and what corrects it in words."""
+    for label, ratio in (RATIOS.get(unit, {}) | DECIMAL).items():
+        yield f"divided by {label}: a mistaken unit", ratio
+        yield f"multiplied by {label}: a mistaken unit", 1.0 / ratio
+
+
+def _try_channel_units(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     """A channel, or all that share a unit, in another unit."""
-    r, records = aside.record, selection.records
-    stack, campaign = records.stack, selection.campaign
-    values = np.asarray(stack.values)
-    units = [campaign.channels[c].unit for c in records.channels]
+    r, records, stack = aside.record, selection.records, selection.records.stack
+    free_running = selection.family.free_running
+    units = [selection.campaign.channels[c].unit for c in records.channels]
     sets = [[c] for c in range(len(units))]
     together = [c for c, unit in enumerate(units) if unit == units[0]]
-    if selection.family.free_running and len(together) > 1:
+    if free_running and len(together) > 1:
         sets.insert(0, together)
-    best: tuple[float, Diagnosis] | None = None
     for chosen in sets:
         guess = _guess_gain(selection, aside, chosen)
-        for label, ratio in _list_ratios(units[chosen[0]]).items():
-            for factor in (ratio, 1.0 / ratio):
-                if not guess or abs(np.log(guess / factor)) > selection.settings.outliers.close:
-                    continue
-                new = values.copy()
-                new[r, chosen] /= factor  # with its noise, which then is as stated
-                conditions = dict(stack.conditions)
-                for k in chosen:
-                    if k < len(records.starts) and selection.family.free_running:
-                        name = records.starts[k]
-                        conditions[name] = conditions[name].at[r].divide(factor)
-                changed = eqx.tree_at(lambda s: (s.values, s.conditions), stack, (jnp.asarray(new), conditions))
-                misfit = _hold(selection, aside, changed)
-                if misfit is not None and _fits(selection, misfit, aside) and (best is None or misfit.total < best[0]):
-                    what = "its " + " and ".join(records.channels[c] for c in chosen)
-                    best = misfit.total, Diagnosis(
-                        "unit", records.channels[chosen[0]],
-                        f"It fits once {what} {'is' if len(chosen) == 1 else 'are'} "
-                        f"{'divided' if factor > 1 else 'multiplied'} by {label}: a mistaken unit.",
-                        "Correct the unit of that record.")
-    return None if best is None else best[1]
-
-
-def _list_ratios(unit: str) -> dict[str, float]:
-    """Ratios of the units in which such a quantity is written, by their names."""
-    wanted = USUAL.get(unit, ())
-    return {name: x for name, x in RATIOS.items() if name in DECIMAL or name.startswith(wanted)} if wanted else {
-        name: RATIOS[name] for name in DECIMAL}
+        for words, factor in _list_factors(units[chosen[0]]):
+            if not guess or abs(np.log(guess / factor)) > selection.settings.outliers.close:
+                continue
+            values, conditions = np.asarray(stack.values).copy(), dict(stack.conditions)
+            values[r, chosen] /= factor  # with its noise, which then is as stated
+            for name in [records.starts[k] for k in chosen if k < len(records.starts) and free_running]:
+                conditions[name] = conditions[name].at[r].divide(factor)
+            what = " and ".join(records.channels[c] for c in chosen)
+            yield _hold(selection, aside, _replace(stack, values=values, conditions=conditions))[0], Diagnosis(
+                "unit", records.channels[chosen[0]],
+                f"It fits once its {what} {'is' if len(chosen) == 1 else 'are'} {words}.",
+                "Correct the unit of that record.")
 
 
 def _guess_gain(selection: SelectionProblem, aside: Aside, chosen: list[int]) -> float:
     """How many times as large a record's channels are as its model; 0 where that says nothing."""
-    r, n = aside.record, selection.records.lengths[aside.record]
-    stack = selection.records.stack
+    r, stack, lengths = aside.record, selection.records.stack, selection.records.lengths
+    values, n = np.asarray(stack.values), lengths[r]
     used = np.asarray(stack.weights)[r, chosen, :n] > 0
-    measured = np.where(used, np.asarray(stack.values)[r, chosen, :n], 0.0)
+    measured = np.where(used, values[r, chosen, :n], 0.0)
     if selection.family.free_running:
         # Its starts follow the readings, so that its own model says nothing: the usual size of the others does.
-        size = [float(np.sqrt(np.mean(np.asarray(stack.values)[k, chosen, : selection.records.lengths[k]] ** 2)))
-                for k in aside.others]
+        size = [float(np.sqrt(np.mean(values[k, chosen, : lengths[k]] ** 2))) for k in aside.others]
         return float(np.sqrt(np.mean(measured**2))) / max(float(np.median(size)), 1e-300) if size else 0.0
     model = np.where(used, aside.stated.channels[r, chosen, :n], 0.0)
     top = np.sqrt(np.sum(model**2))
     return float(np.sqrt(np.sum(measured**2)) / top) if top > 0 else 0.0
 
 
-def _try_condition_units(selection: SelectionProblem, aside: Aside) -> Diagnosis | None:
+def _try_condition_units(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     """A condition in another unit, or a gauge pressure taken for an absolute one."""
     r, stack, campaign = aside.record, selection.records.stack, selection.campaign
-    best: tuple[float, Diagnosis] | None = None
     for name in (str(c) for c in campaign.records.columns if c != "sequence"):
         own = campaign.records[name].to_numpy(dtype=float)
         others = own[list(aside.others)]
-        trials = [(f"is {'divided' if factor > 1 else 'multiplied'} by {label}: a mistaken unit", own[r] / factor)
-                  for label, ratio in _list_ratios(campaign.conditions[name].unit).items()
-                  for factor in (ratio, 1.0 / ratio)]
+        trials = [(f"is {words}", own[r] / factor) for words, factor in _list_factors(campaign.conditions[name].unit)]
         if name.endswith("pressure"):
             trials += [("counts from the vacuum, not from the ambient", own[r] + AMBIENT),
                        ("counts from the ambient, not from the vacuum", own[r] - AMBIENT)]
         for words, value in trials:
             if not 0.5 * others.min() <= value <= 2.0 * others.max():
                 continue
+            sd = np.asarray(stack.condition_sd).copy()
+            if name in selection.records.nuisances:
+                sd[r, selection.records.nuisances.index(name)] *= abs(value / own[r])
             conditions = {**stack.conditions, name: stack.conditions[name].at[r].set(value)}
-            changed = eqx.tree_at(lambda s: s.conditions, stack, conditions)
-            place = selection.records.nuisances.index(name) if name in selection.records.nuisances else None
-            if place is not None:
-                sd = np.asarray(stack.condition_sd).copy()
-                sd[r, place] *= abs(value / own[r])
-                changed = eqx.tree_at(lambda s: s.condition_sd, changed, jnp.asarray(sd))
-            misfit = _hold(selection, aside, changed)
-            if misfit is not None and _fits(selection, misfit, aside) and (best is None or misfit.total < best[0]):
-                best = misfit.total, Diagnosis("unit", name, f"It fits once its {name} {words}.",
-                                               f"Correct the {name} of that record.")
-    return None if best is None else best[1]
+            yield _hold(selection, aside, _replace(stack, conditions=conditions, condition_sd=sd))[0], Diagnosis(
+                "unit", name, f"It fits once its {name} {words}.", f"Correct the {name} of that record.")
 
 
-def _try_columns(selection: SelectionProblem, aside: Aside) -> Diagnosis | None:
+def _try_columns(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     """A zero that moves, or a gain that is off: the record is linear in both."""
-    r, records = aside.record, selection.records
-    n, best = records.lengths[r], None
-    t = np.asarray(records.stack.time)[r, :n]
-    ramp = (t - t[0]) / (t[-1] - t[0])
+    r, records, problem = aside.record, selection.records, selection.problem
     for c, channel in enumerate(records.channels):
         if f"{DRIFT}:{channel}" in records.nuisances:
             continue
-        zero = whiten_columns(selection.problem, r, c, np.stack([np.ones(n), ramp], axis=1))
-        gain = whiten_columns(selection.problem, r, c, aside.stated.channels[r, c, :n, None])
-        for kind, columns in (("zero", zero), ("gain", gain)):
-            if kind == "gain" and selection.family.free_running and not c < len(records.starts):
-                continue
-            misfit = measure_record(selection, selection.problem, aside.stated, r, aside.spread, columns)
-            move = _solve_columns(aside, columns)
-            if kind == "gain" and move[0] > 0.0 and not _fits(selection, misfit, aside):
-                # An amplifier multiplies the noise, too.
-                values = np.asarray(records.stack.values).copy()
-                values[r, c] /= 1.0 + move[0]
-                misfit = _hold(selection, aside, eqx.tree_at(lambda s: s.values, records.stack, jnp.asarray(values)))
-            if misfit is not None and _fits(selection, misfit, aside) and (best is None or misfit.total < best[0]):
-                best = misfit.total, kind, c, move
-    if best is None:
-        return None
-    _, kind, c, move = best
-    channel, unit = records.channels[c], selection.campaign.channels[records.channels[c]].unit
-    if kind == "zero":
-        return Diagnosis("zero", channel, f"It fits with a zero of its {channel} that is off by {move[0]:.3g} {unit} "
-                         f"at the start and {move[0] + move[1]:.3g} {unit} at the end.",
-                         "Let the gauge warm up, and take its zero before each test.")
-    return Diagnosis("gain", channel, f"It fits if its {channel} reads {1.0 + move[0]:.4g} times what it is.",
-                     "Look at range and calibration of the gauge in that test, and repeat it.")
+        columns, unit = whiten_baseline(problem, r, c), selection.campaign.channels[channel].unit
+        start, drift = _solve_columns(aside, columns)
+        yield measure_record(selection, aside.stated, r, aside.spread, columns), Diagnosis(
+            "zero", channel, f"It fits with a zero of its {channel} that is off by {start:.3g} {unit} at the start and "
+            f"{start + drift:.3g} {unit} at the end.", WARM)
+        if selection.family.free_running and c >= len(records.starts):
+            continue
+        columns = whiten_columns(problem, r, c, aside.stated.channels[r, c, : records.lengths[r], None])
+        gain, = 1.0 + _solve_columns(aside, columns)
+        misfit = measure_record(selection, aside.stated, r, aside.spread, columns)
+        if gain > 1.0 and not _fits(selection, misfit, aside):
+            # An amplifier multiplies the noise, too.
+            values = np.asarray(records.stack.values).copy()
+            values[r, c] /= gain
+            misfit = _hold(selection, aside, _replace(records.stack, values=values))[0]
+        yield misfit, Diagnosis("gain", channel, f"It fits if its {channel} reads {gain:.4g} times what it is.",
+                                "Look at range and calibration of the gauge in that test, and repeat it.")
 
 
 def _solve_columns(aside: Aside, columns: np.ndarray) -> np.ndarray:
@@ -228,55 +208,33 @@ def _solve_columns(aside: Aside, columns: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(rows, -right, rcond=None)[0][: columns.shape[1]]
 
 
-def _try_conditions(selection: SelectionProblem, aside: Aside) -> Diagnosis | None:
+def _try_conditions(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     """A condition, or the clock, that is not what is written down."""
     r, records, stack = aside.record, selection.records, selection.records.stack
-    found = []
+    time = np.asarray(stack.time)[r, : records.lengths[r]]
     for k, name in enumerate(records.nuisances):
         if name in records.starts or ":" in name or (name == "time" and selection.family.free_running):
             continue
         sd = np.asarray(stack.condition_sd).copy()
+        sd[r, k] = 0.1 * np.ptp(time) if name == "time" else 0.3 * abs(float(np.asarray(stack.conditions[name])[r]))
+        misfit, at = _hold(selection, aside, _replace(stack, condition_sd=sd))
+        if at is None:
+            continue
+        change = float(at.z[r, k] * sd[r, k])
         if name == "time":
-            n = records.lengths[r]
-            size = 0.1 * float(np.ptp(np.asarray(stack.time)[r, :n]))
+            independent = selection.campaign.independent
+            shown = "clock" if independent is None or independent.name == "time" else independent.name
+            off = format_time(change, float(time.max())) if shown == "clock" else f"{1e3 * change:.3g} mm"
+            yield misfit, Diagnosis("clock", name, f"It fits if its {shown} is off by {off}.",
+                                    "Look at the trigger, or find the onset of that record again.")
         else:
-            size = 0.3 * abs(float(np.asarray(stack.conditions[name])[r]))
-        sd[r, k] = size
-        changed = eqx.tree_at(lambda s: s.condition_sd, stack, jnp.asarray(sd))
-        problem = replace_stack(selection.problem, changed)
-        start = aside.stated.z.copy()
-        try:
-            at = settle(problem, aside.solution.names, aside.solution.u, start)
-        except ComputationError:
-            continue
-        if records.keys[r] in at.failed:
-            continue
-        misfit = measure_record(selection, problem, at, r, aside.spread)
-        if _fits(selection, misfit, aside):
-            found.append((misfit.total, name, float(at.z[r, k] * size)))
-    if not found:
-        return None
-    _, name, change = min(found)
-    if name == "time":
-        independent = selection.campaign.independent
-        shown = "clock" if independent is None or independent.name == "time" else independent.name
-        last = float(np.max(np.asarray(stack.time)[r, : records.lengths[r]]))
-        off = format_time(change, last) if shown == "clock" else f"{1e3 * change:.3g} mm"
-        return Diagnosis("clock", name, f"It fits if its {shown} is off by {off}.",
-                         "Look at the trigger, or find the onset of that record again.")
-    value = float(selection.campaign.records[name].iloc[r])
-    return Diagnosis("setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, not "
-                     f"{value:.4g}.", "Look up what was set in that test.")
-
-
-RATE_RATIOS = {"57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
-               "60 (minutes and seconds)": 60.0, "1000": 1e3}
-FEWEST = 3  # other records
-SHORTEST = 16  # samples
+            value = float(selection.campaign.records[name].iloc[r])
+            yield misfit, Diagnosis("setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, "
+                                    f"not {value:.4g}.", "Look up what was set in that test.")
 
 
 def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outliers) -> tuple[Fault, ...]:
-    """Records whose rates are plainly in another unit than those of all others."""
+    """Records whose rates obey Euler's equations with the moments that all others show only in another unit."""
     family = find_family(name_family(campaign))
     if not family.free_running or campaign.samples is None or any(r not in campaign.channels for r in RATES):
         return ()
@@ -290,22 +248,146 @@ def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outl
         slope = float(np.sum(change * cause)) / below if below > 0 else 0.0
         if np.sum((change - slope * cause) ** 2) < settings.kinematic_noise * np.sum(change**2):
             slopes[str(key)] = slope
-    return tuple(fault for key in slopes for fault in _compare(key, slopes, settings))
+    faults = []
+    for key in slopes:
+        others = np.array([slope for other, slope in slopes.items() if other != key])
+        middle = float(np.median(others)) if len(others) else 0.0
+        if len(others) < FEWEST or not np.all(others) or (
+                np.median(np.abs(others / middle - 1.0)) > settings.kinematic_spread):
+            continue
+        ratios = RATIOS["rad/s"] | {"1000": DECIMAL["1000"]}
+        words = [f"{word} by {label}" for label, ratio in ratios.items()
+                 for word, factor in (("divided", ratio), ("multiplied", 1.0 / ratio))
+                 if abs(slopes[key] * factor / middle - 1.0) < settings.kinematic_slack]
+        if words:
+            faults.append(Fault(
+                "unit", (key,), RATES[0], f"The rates of record {key} obey Euler's equations with the moments that "
+                f"all others show only once they are {words[0]}: a mistaken unit.", "It is left out.",
+                "Correct the unit of that record.", left_out=True))
+    return tuple(faults)
 
 
-def _compare(key: str, slopes: dict[str, float], settings: OutlierSettings) -> list[Fault]:
-    """Hold the difference of the moments that a record shows against that of the others."""
-    others = np.array([slope for other, slope in slopes.items() if other != key])
-    if len(others) < FEWEST or not np.all(others):
-        return []
-    middle = float(np.median(others))
-    if np.median(np.abs(others / middle - 1.0)) > settings.kinematic_spread:
-        return []
-    for label, ratio in RATE_RATIOS.items():
-        for factor in (ratio, 1.0 / ratio):
-            if abs(slopes[key] * factor / middle - 1.0) < settings.kinematic_slack:
-                seen = (f"The rates of record {key} obey Euler's equations with the moments that all others show only "
-                        f"once they are {'divided' if factor > 1 else 'multiplied'} by {label}: a mistaken unit.")
-                return [Fault("unit", (key,), RATES[0], seen, "It is left out.", "Correct the unit of that record.",
-                              left_out=True)]
-    return []
+@dc.dataclass(frozen=True)
+class MovingZero:
+    """A channel whose zero moves."""
+
+    channel: str
+    offset: float  # largest over its records, SI; so is the drift
+    drift: float
+    # Standard deviations of both over the records, SI: their prior in a fit, so that a trend over conditions is left to
+    # physics.
+    spread: tuple[float, float]
+    share: float  # of the model's misfit that is removed
+
+
+def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bool) -> MovingZero | None:
+    """The channel whose zeros, free in every record, remove most of a model's misfit; None where none does.
+
+    Args:
+        selection: of the campaign.
+        solution: of the model.
+        final: whether the catalogue has been tried. Before that only zeros are looked for that show before first touch:
+            an effect may look like another zero at every condition.
+    """
+    records, contact = selection.records, selection.family.has_contact
+    if records.count < selection.settings.baseline.fewest or not (contact or final):
+        return None
+    found = [_free_zeros(selection, solution, c) for c, channel in enumerate(records.channels)
+             if f"{DRIFT}:{channel}" not in records.nuisances and not channel.startswith("attitude_")
+             and (not contact or _moves_before_touch(selection, c))]
+    return max((zero for zero in found if zero is not None), key=lambda zero: zero.share, default=None)
+
+
+def tell_zero(selection: SelectionProblem, zero: MovingZero, keep: bool) -> Fault:
+    """A moving zero in words."""
+    unit = selection.campaign.channels[zero.channel].unit
+    seen = (f"The zero of {zero.channel} is another in every record: off by up to {zero.offset:.2g} {unit} at the "
+            f"start, and drifting by up to {zero.drift:.2g} {unit} more until the end.")
+    done = "Nothing is done about it, as asked." if keep else "Zero and drift of each record are fitted with it."
+    return Fault("zero", selection.records.keys, zero.channel, seen, done, WARM)
+
+
+def _free_zeros(selection: SelectionProblem, solution: Solution, c: int) -> MovingZero | None:
+    """Fit zero and drift of every record along with everything else, to first order."""
+    records, count, limits = selection.records, selection.records.count, selection.settings.baseline
+    own, free, seen = solution.own.shape[2], solution.shared.shape[2], selection.family.has_contact
+    zeros = np.stack([whiten_baseline(selection.problem, r, c) for r in range(count)])
+    extra = np.concatenate([zeros, np.zeros((count, own, 2))], axis=1)
+    columns, side = solution.projected(more=extra)
+    step = np.zeros(free)
+    if free:
+        step = np.linalg.lstsq(columns.reshape(-1, free), -side.ravel(), rcond=1e-10)[0]
+        side = side + columns @ step
+    right = np.concatenate([solution.residual, solution.z], axis=1)
+    before = float(np.sum(right**2))
+    gain = before - float(np.sum(side**2))
+    excess = before - (float((np.asarray(records.stack.weights) > 0).sum()) - free)
+    if excess <= 0 or stats.chi2.sf(gain, 2 * count) > limits.p_value or gain < (
+            limits.removed if seen else limits.removed_unseen) * excess:
+        return None
+    moved = right
+    moved[:, : zeros.shape[1]] += solution.shared @ step
+    prior = np.broadcast_to(np.eye(own), (count, own, own))
+    both = np.concatenate([np.concatenate([solution.own, prior], axis=1), extra], axis=2)
+    size = np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-300)
+    scaled = both / size
+    inverse = np.linalg.pinv(np.swapaxes(scaled, 1, 2) @ scaled, rcond=1e-12)
+    found = -np.einsum("gij,gkj,gk->gi", inverse, scaled, moved)[:, -2:] / size[:, 0, -2:]
+    error = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2)[:, -2:], 0.0)) / size[:, 0, -2:]
+    if np.mean(np.any(np.abs(found) > limits.significant * error, axis=1)) < 0.5:
+        return None  # a few records: they are looked at one by one
+    for x, usual in zip(found.T, np.median(error, axis=0), strict=True):
+        scatter = float(np.std(x, ddof=1))
+        if abs(x.mean()) > limits.common * max(scatter, float(usual)) / np.sqrt(count):
+            return None
+        if not seen and scatter > limits.significant * usual and _explained(selection, solution, x) > limits.explained:
+            return None
+    offset, drift = np.abs(found).max(axis=0)
+    across, along = np.sqrt(np.mean(found**2, axis=0))
+    return MovingZero(records.channels[c], float(offset), float(drift), (float(across), float(along)),
+                      min(gain / excess, 1.0))
+
+
+def _explained(selection: SelectionProblem, solution: Solution, x: np.ndarray) -> float:
+    """Share of the scatter that conditions explain, adjusted for its freedom; 1 where there are too few records to say.
+
+    A quadratic of the logarithms of the conditions, place in the series included, or else a plane; of tumbling records
+    a plane over speed and axial rate.
+    """
+    records = selection.campaign.records
+    table = [records[c].to_numpy(dtype=float) for c in records.columns]
+    if selection.family.free_running:
+        table += [solution.state_rate.max(axis=1), solution.channels[:, 2].mean(axis=1)]
+    varied = [np.log(v) if v.min() > 0 else v for v in table if np.ptp(v) > 0]
+    varied = [(v - v.mean()) / v.std() for v in varied]
+    plane = np.stack([np.ones(len(x)), *varied], axis=1)
+    products = [a * b for i, a in enumerate(varied) for b in varied[: i + 1]]
+    bent = np.column_stack([plane, *products])
+    columns = bent if len(x) >= bent.shape[1] + 4 else plane
+    if len(x) < columns.shape[1] + 2:
+        return 1.0
+    left = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
+    return 1.0 - np.sum(left**2) / (len(x) - columns.shape[1]) / np.var(x, ddof=1)
+
+
+def _moves_before_touch(selection: SelectionProblem, c: int) -> bool:
+    """Whether a channel of impacts is off before first touch, where nothing acts yet, beyond chance in all records."""
+    records, channel, limits = selection.records, selection.records.channels[c], selection.settings.baseline
+    if channel == "pressure":
+        return False
+    noise, stack, total, count = selection.noise[channel], records.stack, 0.0, 0
+    time, values, weights = (np.asarray(x) for x in (stack.time, stack.values, stack.weights))
+    origin = np.asarray(stack.condition_sd)[:, records.nuisances.index("time")]
+    clock = selection.campaign.independent
+    if clock is not None and clock.common is not None:
+        origin = np.hypot(origin, clock.common.absolute or 0.0)
+    for r, n in enumerate(records.lengths):
+        calm = (time[r, :n] < -3.0 * origin[r]) & (weights[r, c, :n] > 0)
+        if calm.sum() < limits.samples:
+            continue
+        t = time[r, :n][calm]
+        parts = np.array_split(t, -(-len(t) ** 2 // PAIRS))
+        variance = sum(float(np.sum(noise.covariance(part[:, None] - t))) for part in parts)
+        total += float(np.sum(values[r, c, :n][calm])) ** 2 / variance
+        count += 1
+    return count >= limits.fewest and bool(stats.chi2.sf(total, count) < limits.p_value)

@@ -29,19 +29,12 @@ DARK = 1e-6  # share of the length of a change below which what refits leave of 
 
 @dc.dataclass(frozen=True)
 class Signature:
-    """What a campaign could see of one amplitude at one shape.
+    """What a campaign could see of one amplitude at one shape."""
 
-    Attributes:
-        name: of the amplitude.
-        size: value of its field that would be found; nan where none that physics allows would be.
-        visible: share of its signature (squared length) that refits leave.
-        column: direction of what is seen, of unit length, shape (rows,).
-    """
-
-    name: str
-    size: float
-    visible: float
-    column: np.ndarray
+    name: str  # of the amplitude
+    size: float  # value of its field that would be found; nan where none that physics allows would be
+    visible: float  # share of its signature (squared length) that refits leave
+    column: np.ndarray  # direction of what is seen, of unit length, shape (rows,)
 
 
 def detectable_length(directions: int, settings: SelectionSettings = DEFAULT) -> float:
@@ -63,7 +56,7 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
         goal: the length.
         first: distance from the null to try first; a tenth of a typical change where not given.
     """
-    p = problem.space.slots[problem.space.index[name]].parameter
+    p = problem.space.parameter(name)
     null, side = p.default, float(p.sign or 1)
     most = reach_limit(p)
     size = min(0.1 * p.typical if first is None else first, most)

@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
@@ -11,7 +11,6 @@ import numpy as np
 
 from .._display import Progress
 from .._errors import ComputationError, InputError
-from .._sentences import join_sentences, say
 from ..contact.effect import AbstractEffect, list_choices, parts_of
 from ..families import find_family, name_family
 from ..inference.archive import Model, resolve_model
@@ -19,31 +18,16 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
-from .cleaning import Cleaned, begin_cleaning, clean_records
 from .describe import describe_candidates, describe_noise, describe_step, list_loose, make_fit
 from .discovery import Discovery
-from .forward_selection import (
-    CandidateFits,
-    FittedStep,
-    Path,
-    extend_path,
-    is_explained,
-    keep_physical,
-    select_effects,
-)
+from .forward_selection import FittedStep, Path, extend_path, is_explained, keep_physical, select_effects
 from .localise import fit_directions, locate
-from .missing.missing_force import describe_missing, summarise_missing
+from .missing.missing_force import describe_missing
+from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from .result import MissingForce, Place
-from .sentences import (
-    describe_beyond,
-    describe_imitation,
-    explain,
-    mention_doubts,
-    mention_faults,
-    mention_references,
-)
-from .series import noise_nrmse
+from .sentences import list_doubts, list_notes, tell_discovery
+from .series import nrmse
 from .settings import DEFAULT, SelectionSettings
 
 
@@ -73,51 +57,59 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
     catalogue = find_family(name_family(campaign), "discover").catalogue
-    resolved = resolve_model(model, name_family(campaign))
+    asked = resolve_model(model, name_family(campaign))
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
-    state, path = _select_from_clean(resolved, campaign, effects, settings, keep_all, report)
-    name, rivals = resolved.name, ()
+    state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
+    name, references = asked.name, ()
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
-    questions = [str(one) for one in check_plausibility(state.campaign) if one.mistakes]
-    if needs_rivals(path) and not questions:
+    questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
+    if _needs_references(path) and not questions:
         report("trying the other reference models", 0.88)
-        rivals = try_references(resolved, state, effects, path.steps[0].fitted, settings)
-        better = choose_reference(path, rivals)
+        references = _try_references(asked, state, effects, path.steps[0].fitted, settings)
+        better = _choose_reference(path, references)
         if better is None:
             path = extend_path(path, settings.most_effects, report)
         else:
             path, name = better.path, better.name
     selection = path.selection
     steps, beyond = keep_physical(path)
-    doubts = (*questions, *([describe_beyond(path.steps[len(steps)].fitted.effects, beyond)] if beyond else ()))
-    verdict, where, steps, beside = _decide(selection, steps, path.visible)
-    if not selection.holds_out:
-        verdict, steps = _decide_within(verdict, steps)
-    if questions and steps[0].lack.rejected:
-        verdict, steps = "undecided", steps[:1]
-    missing = None
+    unphysical = (path.steps[len(steps)].fitted.effects, beyond) if beyond else None
+    verdict, where, steps, beside = _decide(selection, steps, path.visible, bool(questions))
+    missing: MissingForce | str | None = None
     if verdict in ("improved", "unexplained"):
-        missing = _draw(selection, steps, path.tried, beside, report)
+        missing = _draw_force(path, steps[0].fitted, beside, report)
     report("writing it down", 0.97)
-    discovery = _assemble(selection, name, steps, path.tried, verdict, where, missing, began)
-    discovery = dc.replace(discovery, notes=(*state.notes, *discovery.notes))
-    if not beyond and verdict in ("improved", "unexplained"):
-        doubts += describe_imitation(discovery.candidates, settings.largest_part)
-    discovery = mention_doubts(discovery, doubts, units=bool(questions))
-    if rivals:
-        discovery = mention_references(discovery, resolved.name, [r.to_dict() for r in rivals])
-    return mention_faults(discovery, state.faults)
+    described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
+    candidates = describe_candidates(selection, steps, path.tried)
+    last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
+    doubts = list_doubts(verdict, candidates, questions, unphysical, settings) if rejected else ()
+    rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
+    made = tuple(tuple(partial(make_fit, selection, one, name, verdict) for one in fits)
+                 for fits in ([s.fitted for s in steps], rivals))
+    found = Discovery(
+        campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=name,
+        verdict=verdict, effects=last.fitted.effects, steps=tuple(described), candidates=tuple(candidates),
+        where=tuple(where), noise_nrmse=nrmse(described[0].traces, noise=True), noise=describe_noise(selection),
+        sentence="", settings=settings, counts={
+            "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
+            "conditions": selection.conditions, "seconds": round(time.perf_counter() - began, 2)},
+        faults=state.faults, doubts=doubts, references=tuple(r.to_dict() for r in references),
+        missing=missing if isinstance(missing, MissingForce) else None, made=made)
+    family, left_out = selection.family, selection.left_out
+    notes = list_notes(found, family, left_out, asked.name, missing if isinstance(missing, str) else "",
+                       list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
+    return dc.replace(found, sentence=tell_discovery(found, family, left_out, bool(questions), asked.name),
+                      notes=(*map(str, state.faults), *state.notes, *selection.warnings, *notes))
 
 
-def _select_from_clean(resolved: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
+def _select_from_clean(asked: ResolvedModel, campaign: Campaign, effects: Sequence[type[AbstractEffect]],
                        settings: SelectionSettings, keep_all: bool, report: Progress) -> tuple[Cleaned, Path]:
     """Forward selection on the campaign without its faults; what is found to be one begins it again."""
     state = begin_cleaning(campaign, keep_all, settings)
 
     def begin(campaign):
-        return fit_reference(pose_selection(campaign, resolved.reference, effects, resolved.effects, state.zeros,
-                                            settings))
+        return fit_reference(pose_selection(campaign, asked.reference, effects, asked.effects, state.zeros, settings))
 
     def search_again(campaign):
         report("looking behind a record", 0.87)
@@ -129,7 +121,7 @@ def _select_from_clean(resolved: ResolvedModel, campaign: Campaign, effects: Seq
         final = turn == settings.rounds - 1
         report("fitting the reference model", 0.02)
         selection, reference = begin(state.campaign)
-        state, changed = clean_records(state, selection, reference, False)
+        state, changed = clean_records(state, selection, reference)
         if changed and not final:
             continue
         path = select_effects(selection, reference, report)
@@ -144,34 +136,50 @@ def _select_from_clean(resolved: ResolvedModel, campaign: Campaign, effects: Seq
     return state, path
 
 
-def _draw(selection: SelectionProblem, steps: Sequence[FittedStep], tried: CandidateFits, beside: Fitted,
-          report: Progress) -> MissingForce | str:
+def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:
     """The missing force itself, or why there is none: no verdict depends on it."""
+    selection, tried = path.selection, path.tried
     if not selection.holds_out:
         return ("The missing force was not drawn: it is known by what it removes on conditions that are left out, and "
                 "there are too few to leave one out.")
     best = tried.order[0]
     again = selection.repeat(tried.refined[best]) if best in tried.refined else tried.screened[best]
     try:
-        return describe_missing(selection, steps[0].fitted, beside, (best, again.score),
+        return describe_missing(selection, reference, beside, (best, again.score),
                                 lambda text, share: report(text, 0.86 + 0.1 * share))
     except (ComputationError, InputError) as error:
         return f"The missing force could not be drawn: {error}."
 
 
-def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: bool
+def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: bool, questions: bool
             ) -> tuple[str, list[Place], Sequence[FittedStep], Fitted]:
-    """Verdict, where the misfit sits, the steps that stand, and the model beside which a force is missing."""
-    limits, reference, final = selection.settings, steps[0], steps[-1]
+    """Verdict, where the misfit sits, the steps that stand, and the model beside which a force is missing.
+
+    A fit prefers some effect always. Without a condition to confirm it, only an effect that removes all of the misfit
+    by itself, and beats every other by 50 noise variances within the records, is named; with a question about units
+    nothing is.
+    """
+    reference, final = steps[0], steps[-1]
     if not reference.lack.rejected:
         return ("nothing-missing" if visible else "undecided"), [], steps, reference.fitted
-    if len(steps) == 1:
-        directions = fit_directions(selection, reference.fitted, reference.scores)
-        return "unexplained", locate(selection, reference.fitted, directions), steps, reference.fitted
-    plain = not final.lack.rejected and len(final.fitted.effects) == 1
-    if plain and reference.lack.smooth_p_value < limits.certain:
+    verdict, where, steps, beside = _weigh_steps(selection, steps)
+    sole = verdict == "explained" and len(final.fitted.effects) == 1 and not final.alternatives
+    unconfirmed = not selection.holds_out and verdict in ("explained", "improved") and not sole
+    if unconfirmed or questions:
+        return "undecided", where, steps[:1], beside
+    return verdict, where, steps, beside
+
+
+def _weigh_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
+                 ) -> tuple[str, list[Place], Sequence[FittedStep], Fitted]:
+    """The same of a reference model that is rejected, by lack of fit and cross-validation alone."""
+    limits, reference, final = selection.settings, steps[0], steps[-1]
+    explained = not final.lack.rejected
+    if explained and len(final.fitted.effects) == 1 and reference.lack.smooth_p_value < limits.certain:
         return "explained", locate(selection, reference.fitted, {}), steps, final.fitted
     directions = fit_directions(selection, reference.fitted, reference.scores)
+    if len(steps) == 1:
+        return "unexplained", locate(selection, reference.fitted, directions), steps, reference.fitted
     best = min(directions.values(), key=lambda fitted: fitted.merit, default=None)
     if best is not None and best.merit < final.fitted.merit - limits.significant:
         # One force that no catalogue lists does better than the effects together: they only imitate it.
@@ -180,59 +188,10 @@ def _decide(selection: SelectionProblem, steps: Sequence[FittedStep], visible: b
         if gain < limits.imitation * possible:
             return "unexplained", where, steps[:1], reference.fitted
         return "improved", where, steps, reference.fitted
-    if not final.lack.rejected:
+    if explained:
         return "explained", locate(selection, reference.fitted, {}), steps, final.fitted
     where = locate(selection, final.fitted, fit_directions(selection, final.fitted, final.scores))
     return "improved", where, steps, final.fitted
-
-
-def _decide_within(verdict: str, steps: Sequence[FittedStep]) -> tuple[str, Sequence[FittedStep]]:
-    """Verdict where no condition can be left out: one effect that no other comes near, or nothing is decided.
-
-    A fit prefers some effect always. Without a condition to confirm it, only an effect that removes all of the misfit
-    by itself, and beats every other by 50 noise variances within the records, is named.
-    """
-    alone = verdict == "explained" and len(steps[-1].fitted.effects) == 1 and not steps[-1].alternatives
-    if verdict in ("explained", "improved") and not alone:
-        return "undecided", steps[:1]
-    return verdict, steps
-
-
-def _list_rivals(steps: Sequence[FittedStep]) -> list[Fitted]:
-    """Fits that the last step could not tell from the best one."""
-    last = steps[-1]
-    return [] if last.tried is None else [last.tried.refined[e] for e, _, _ in last.alternatives]
-
-
-def _assemble(selection: SelectionProblem, model: str, steps: Sequence[FittedStep], tried: CandidateFits, verdict: str,
-              where: Sequence[Place], missing: MissingForce | str | None, began: float) -> Discovery:
-    """Everything as plain records."""
-    described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
-    campaign = selection.campaign
-    found = Discovery(
-        campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=model,
-        verdict=verdict, effects=steps[-1].fitted.effects if len(steps) > 1 else (), steps=tuple(described),
-        candidates=tuple(describe_candidates(selection, steps, tried)), where=tuple(where),
-        noise_nrmse=noise_nrmse(described[0].traces), noise=describe_noise(selection), sentence="", notes=(),
-        settings=selection.settings, counts={
-            "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
-            "conditions": selection.conditions, "seconds": round(time.perf_counter() - began, 2)},
-        missing=missing if isinstance(missing, MissingForce) else None,
-        made=(tuple(partial(make_fit, selection, s.fitted, model, verdict) for s in steps),
-              tuple(partial(make_fit, selection, one, model, verdict) for one in _list_rivals(steps))),
-    )
-    sentence, notes = explain(found, selection.left_out, selection.family)
-    if isinstance(missing, MissingForce):
-        sentence = join_sentences(sentence, summarise_missing(missing))
-    elif missing:
-        notes = (*notes, missing)
-    exact = list_exact(campaign) if steps[0].lack.rejected else []
-    if exact:
-        notes = (*notes, say("verdict.exact_settings", names=exact))
-    loose = list_loose(selection, steps[-1].fitted.solution)
-    if loose:
-        notes = (*notes, say("verdict.undetermined", names=list(loose)))
-    return dc.replace(found, sentence=sentence, notes=(*selection.warnings, *notes))
 
 
 def list_exact(campaign: Campaign) -> list[str]:
@@ -242,7 +201,7 @@ def list_exact(campaign: Campaign) -> list[str]:
 
 
 @dc.dataclass(frozen=True)
-class Rival:
+class Reference:
     """Another reference model: its name, what it is, and what forward selection found beside it."""
 
     name: str
@@ -257,30 +216,24 @@ class Rival:
                 "p_value": last.lack.p_value, "chi2": last.fitted.solution.chi2}
 
 
-def needs_rivals(path: Path) -> bool:
+def _needs_references(path: Path) -> bool:
     """Whether other reference models are worth a try: as many effects as may stand without explain nothing, or one
     beyond what physics allows."""
-    if is_explained(path):
-        return False
     many = len(path.steps[-1].fitted.effects) >= path.selection.settings.effects_before_rivals
-    return many or bool(keep_physical(path)[1])
+    return not is_explained(path) and (many or bool(keep_physical(path)[1]))
 
 
-def try_references(resolved: ResolvedModel, state: Cleaned, effects: Sequence[type[AbstractEffect]], asked: Fitted,
-                   settings: SelectionSettings) -> tuple[Rival, ...]:
-    """Forward selection beside every other built-in reference model of the family that fits about as well by itself.
+def _try_references(asked: ResolvedModel, state: Cleaned, effects: Sequence[type[AbstractEffect]], own: Fitted,
+                    settings: SelectionSettings) -> tuple[Reference, ...]:
+    """Forward selection beside every other built-in reference model of the family that fits about as well by itself as
+    the one that was asked for, whose fit is `own`."""
+    def identify(reference):  # what makes two reference models one
+        return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items())
 
-    Args:
-        resolved: the reference model that was asked for; `asked` its fit.
-        state: the campaign without its faults.
-        effects: of the user.
-        settings: thresholds.
-    """
-    fitted, own = [], asked.solution
+    fitted, known = [], [identify(asked.reference)]
     for name, built in find_family(name_family(state.campaign)).models.items():
         reference = built.make()
-        if not built.rival or _identify(reference) == _identify(resolved.reference) or _identify(reference) in [
-                _identify(selection.reference) for *_, selection, _ in fitted]:
+        if not built.rival or identify(reference) in known:
             continue
         try:
             selection, alone = fit_reference(pose_selection(state.campaign, reference, effects, (), state.zeros,
@@ -288,34 +241,26 @@ def try_references(resolved: ResolvedModel, state: Cleaned, effects: Sequence[ty
         except (ComputationError, InputError):
             continue
         rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
-        other = alone.solution
-        same = abs(other.chi2 - own.chi2) <= settings.same_reference * own.chi2 and len(other.names) == len(own.names)
-        if not same and other.chi2 - rows <= settings.farthest_reference * max(own.chi2 - rows, 1.0):
+        one, other = own.solution, alone.solution
+        same = abs(other.chi2 - one.chi2) <= settings.same_reference * one.chi2 and len(other.names) == len(one.names)
+        if not same and other.chi2 - rows <= settings.farthest_reference * max(one.chi2 - rows, 1.0):
             fitted.append((name, built.text, selection, alone))
-    fitted.sort(key=lambda one: one[3].merit)
-    rivals = []
-    for name, text, selection, alone in fitted[:settings.rival_references]:
+            known.append(identify(selection.reference))
+    found = []
+    for name, text, selection, alone in sorted(fitted, key=lambda one: one[3].merit)[:settings.rival_references]:
         try:
-            rivals.append(Rival(name, text, select_effects(selection, alone)))
+            found.append(Reference(name, text, select_effects(selection, alone)))
         except ComputationError:
             continue
-    return tuple(rivals)
+    return tuple(found)
 
 
-def _identify(reference: Any) -> tuple:
-    """What makes two reference models one."""
-    choices: Mapping[str, Any] = list_choices(reference)
-    return tuple(type(part) for part in parts_of(reference)), tuple(choices.items())
-
-
-def choose_reference(path: Path, rivals: Sequence[Rival]) -> Rival | None:
-    """The rival that leaves no misfit with the fewest parameters, where the first model leaves one; else None.
+def _choose_reference(path: Path, references: Sequence[Reference]) -> Reference | None:
+    """The one that leaves no misfit with the fewest parameters, where the first model leaves one; else None.
 
     Where no condition can be left out, nothing confirms the effects beside another reference model: only one that needs
     none of them counts.
     """
-    good = [r for r in rivals if is_explained(r.path) and (r.path.selection.holds_out or len(r.path.steps) == 1)]
-    if is_explained(path) or not good:
-        return None
+    good = [r for r in references if is_explained(r.path) and (r.path.selection.holds_out or len(r.path.steps) == 1)]
     last = {r.name: r.path.steps[-1].fitted for r in good}
-    return min(good, key=lambda r: (len(last[r.name].solution.names), last[r.name].merit))
+    return min(good, key=lambda r: (len(last[r.name].solution.names), last[r.name].merit), default=None)

@@ -89,7 +89,11 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
 
     def fitted_model(self) -> FittedModel:
         """The model of the last step by itself: what predictions and designs go on from."""
-        found = self.best.fitted_model()
+        return self._mark(self.best)
+
+    def _mark(self, fit: Fit) -> FittedModel:
+        """A fitted model with the verdict of this discovery."""
+        found = fit.fitted_model()
         return dc.replace(found, extra={**found.extra, "verdict": self.verdict})
 
     def __str__(self) -> str:
@@ -137,45 +141,33 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             for old in (folder / RIVALS).glob(f"*/{FILE}"):  # of an earlier discovery
                 old.unlink()
             for number, rival in enumerate(self.rivals, 1):
-                found = rival.fitted_model()
-                save_model(folder / RIVALS / str(number), dc.replace(found, extra={**found.extra, "verdict":
-                                                                                  self.verdict}))
+                save_model(folder / RIVALS / str(number), self._mark(rival))
         write_json(folder / RESULT, {**self.to_dict(), "versions": list_versions()})
         return folder / RESULT
 
     def to_dict(self) -> dict[str, Any]:
         """`result.json` of `discover`: plain numbers, text, lists."""
-        first = self.steps[0].lack_of_fit
-        last = self.steps[-1]
+        last, names = self.steps[-1], ("campaign", "family", "model", "verdict", "effects", "sentence", "noise_nrmse",
+                                       "noise", "references", "doubts", "notes", "faults", "sha256")
         return make_plain({
-            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
-            "effects": list(self.effects), "sentence": self.sentence,
+            **{name: getattr(self, name) for name in names},
             "steps": [{
-                "added": s.added, "effects": list(s.effects), "chi2_reduced": s.chi2_reduced, "nrmse": s.nrmse,
-                "heldout_nrmse": s.heldout_nrmse, "prediction_nrmse": s.prediction_nrmse,
-                "prediction_coverage": s.prediction_coverage, "held_nrmse": s.held_nrmse,
+                **_list_fields(s, "alternatives", "parameters", "correlations", "traces", "shifts"),
                 "nuisances": list_shifts(s.shifts), "alternatives": [a["effect"] for a in s.alternatives],
-                "paired_differences": [dict(a) for a in s.alternatives], "converged": s.converged,
-                "lack_of_fit": dc.asdict(s.lack_of_fit),
+                "paired_differences": s.alternatives,
             } for s in self.steps],
-            "noise_nrmse": self.noise_nrmse,
             "candidates": [{
-                "effect": c.effect, "p_value": c.p_value, "explains": c.explains, "visible": c.visible,
-                "heldout_nrmse": c.heldout_nrmse, "prediction_nrmse": c.prediction_nrmse,
-                "prediction_coverage": c.prediction_coverage, "smallest_detectable": dict(c.smallest_detectable),
-                "indistinguishable_from": list(c.indistinguishable_from),
+                **_list_fields(c, "heldout_difference", "standard_error"),
                 "paired_difference": c.heldout_difference, "paired_standard_error": c.standard_error,
-                "cosines": dict(c.cosines), "estimates": {k: dc.asdict(v) for k, v in c.estimates.items()},
-                "text": c.text, "units": dict(c.units), "beyond": list(c.beyond),
             } for c in self.candidates],
-            "where": [{k: v for k, v in dc.asdict(w).items() if v is not None} for w in self.where],
-            "parameters": {k: dc.asdict(v) for k, v in last.parameters.items()},
-            "correlations": [list(c) for c in last.correlations],
-            "nuisances": list_shifts(last.shifts), "lack_of_fit": dc.asdict(first),
-            "noise": {k: dict(v) for k, v in self.noise.items()},
+            "where": [{k: v for k, v in _list_fields(w).items() if v is not None} for w in self.where],
+            "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
+            "lack_of_fit": self.steps[0].lack_of_fit,
             "missing_force": None if self.missing is None else self.missing.to_dict(),
-            "references": [dict(r) for r in self.references], "doubts": list(self.doubts),
-            "notes": list(self.notes), "faults": [dc.asdict(f) for f in self.faults],
-            "sha256": self.sha256, "settings": {
-                "level": self.settings.level, **self.counts, "thresholds": dc.asdict(self.settings)},
+            "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })
+
+
+def _list_fields(record: Any, *left_out: str) -> dict[str, Any]:
+    """Fields of a record by name, but for some."""
+    return {f.name: getattr(record, f.name) for f in dc.fields(record) if f.name not in left_out}

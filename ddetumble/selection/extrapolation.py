@@ -20,17 +20,11 @@ MOST = 6  # notes on conditions; the rest is counted
 
 @dc.dataclass(frozen=True)
 class Squeeze:
-    """An impact that would press the ball together by more than the contact geometry is made for.
-
-    Attributes:
-        record: its key.
-        depression: that it does not exceed, by its kinetic energy [m]; infinite where no depression takes that up.
-        diameter: of the ball [m].
-    """
+    """An impact that would press the ball together by more than the contact geometry is made for."""
 
     record: str
-    depression: float
-    diameter: float
+    depression: float  # that it does not exceed, by its kinetic energy [m]; infinite where none takes that up
+    diameter: float  # of the ball [m]
 
     def __str__(self) -> str:
         size = f"its {1e3 * self.diameter:.3g} mm"
@@ -63,23 +57,23 @@ def find_squeezes(saved: FittedModel, keys: Sequence[str], settings: Mapping[str
 def describe_extrapolation(saved: FittedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
     """Sentences on conditions beyond those of the campaign."""
     found: dict[str, list[str]] = {}
+    some = []
     for i, key in enumerate(keys):
-        for phrase in saved.outside({name: float(v[i]) for name, v in settings.items()}, slack=SLACK):
+        phrases = saved.outside({name: float(v[i]) for name, v in settings.items()}, slack=SLACK)
+        some += [i] if phrases else []
+        for phrase in phrases:
             found.setdefault(phrase, []).append(key)
-    shown = list(found.items())[:MOST]
-    notes = [f"Extrapolated: {phrase} (record {_list_some(records)})." for phrase, records in shown]
+    notes = [f"Extrapolated: {phrase} (record {_list_some(records)})."
+             for phrase, records in list(found.items())[:MOST]]
     if len(found) > MOST:
         notes.append(f"Extrapolated in {len(found) - MOST} further settings.")
-    beyond = {key for records in found.values() for key in records}
-    some = [i for i, key in enumerate(keys) if key in beyond]
     squeezes = find_squeezes(saved, [keys[i] for i in some], {name: v[some] for name, v in settings.items()})
     if squeezes:
         worst = max(squeezes, key=lambda one: one.depression / one.diameter)
         records = _list_some([worst.record, *(one.record for one in squeezes if one is not worst)])
         notes.append(f"Beyond the contact geometry, which holds up to {SQUEEZED:.0%} of the diameter: {worst} (record "
                      f"{records}). What is predicted there means nothing.")
-    pressure = settings.get("initial_pressure")
-    loads = settings.get("normal_load")
+    pressure, loads = settings.get("initial_pressure"), settings.get("normal_load")
     if loads is not None and isinstance(saved.space.reference, RubberFriction):
         notes += [f"Outside the range of Eq. 10: {phrase}." for phrase in dict.fromkeys(map(describe_range, loads))
                   if phrase]
@@ -89,14 +83,7 @@ def describe_extrapolation(saved: FittedModel, keys: list[str], settings: dict[s
 
 
 def describe_failure(saved: FittedModel, key: str, settings: Mapping[str, np.ndarray], place: int) -> str:
-    """Why the model can hardly be integrated for a record, and what to do, in a sentence.
-
-    Args:
-        saved: a fitted model.
-        key: of the record.
-        settings: conditions, one value a record.
-        place: of the record among them.
-    """
+    """Why the model can hardly be integrated for a record, at a place among `settings`, and what to do."""
     here = {name: float(v[place]) for name, v in settings.items()}
     reasons = saved.outside(here, slack=SLACK)
     reasons += map(str, find_squeezes(saved, [key], {name: np.array([value]) for name, value in here.items()}))

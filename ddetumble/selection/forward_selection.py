@@ -11,7 +11,6 @@ import numpy as np
 
 from .._display import Progress
 from .._numerics import map_threads
-from ..contact.effect import parameters_of
 from ..inference.assembly import default_starts
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
@@ -26,64 +25,44 @@ LOST = 1.0  # noise variances by which a fit from an interior start is worse tha
 TIE = 1e-6  # noise variances: of two models that predict alike the one with fewer parameters is taken
 
 
-
-def _silent(text: str, share: float) -> None:
-    """No progress."""
-
-
 @dc.dataclass(frozen=True)
 class CandidateFits:
-    """Every single addition to a model.
+    """Every single addition to a model, by effect id."""
 
-    Attributes:
-        screened: by effect id, fitted loosely (and to thinned records where these are long).
-        refined: the finalists among them, fitted to all samples.
-        before: the model without the addition, on the samples of `screened`.
-        order: effect ids, best cross-validated prediction first; behind those that help within their physical limits
-            what needs values beyond them.
-    """
-
-    screened: dict[str, Fitted]
-    refined: dict[str, Fitted]
-    before: Fitted
-    order: tuple[str, ...]
+    screened: dict[str, Fitted]  # fitted loosely (and to thinned records where these are long)
+    refined: dict[str, Fitted]  # the finalists among them, fitted to all samples
+    before: Fitted  # the model without the addition, on the samples of `screened`
+    order: tuple[str, ...]  # best cross-validated prediction first; what needs unphysical values behind what helps
 
 
 @dc.dataclass(frozen=True)
 class FittedStep:
-    """A model on the way with its judgement.
-
-    Attributes:
-        fitted: the fit; `lack` its lack of fit; `scores` of what is outside it.
-        tried: the additions among which the last effect was chosen (None for the reference model).
-        alternatives: those that it could not be told from: (effect, cross-validated difference, standard error).
-    """
+    """A model on the way with its judgement."""
 
     fitted: Fitted
     lack: LackOfFit
-    scores: list[Score]
-    tried: CandidateFits | None = None
+    scores: list[Score]  # of what is outside it
+    tried: CandidateFits | None = None  # among which the last effect was chosen (None for the reference model)
+    # Those that it could not be told from: (effect, cross-validated difference, standard error).
     alternatives: tuple[tuple[str, float, float], ...] = ()
+
+    def refit(self, selection: SelectionProblem, fitted: Fitted) -> "FittedStep":
+        """The same step with another fit, judged again."""
+        lack, scores = selection.test_lack_of_fit(fitted)
+        return dc.replace(self, fitted=fitted, lack=lack, scores=scores)
 
 
 @dc.dataclass(frozen=True)
 class Path:
-    """What forward selection found beside one reference model.
+    """What forward selection found beside one reference model."""
 
-    Attributes:
-        selection: the problem, as the last step left it: its noise, and the shapes that are free.
-        steps: the reference model first.
-        tried: every first addition.
-        visible: whether the campaign could have shown an effect.
-    """
-
-    selection: SelectionProblem
-    steps: tuple[FittedStep, ...]
-    tried: CandidateFits
-    visible: bool
+    selection: SelectionProblem  # as the last step left it: its noise, and the shapes that are free
+    steps: tuple[FittedStep, ...]  # the reference model first
+    tried: CandidateFits  # every first addition
+    visible: bool  # whether the campaign could have shown an effect
 
 
-def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = _silent) -> Path:
+def select_effects(selection: SelectionProblem, reference: Fitted, report: Progress = lambda text, share: None) -> Path:
     """Forward selection beside a fitted reference model, up to where other reference models are worth a try."""
     report("looking for what is missing", 0.15)
     lack, scores = selection.test_lack_of_fit(reference)
@@ -93,56 +72,72 @@ def select_effects(selection: SelectionProblem, reference: Fitted, report: Progr
     return extend_path(start, selection.settings.effects_before_rivals, report)
 
 
-def extend_path(path: Path, most: int, report: Progress = _silent) -> Path:
+def extend_path(path: Path, most: int, report: Progress = lambda text, share: None) -> Path:
     """The same with up to `most` additions."""
     selection, steps = path.selection, list(path.steps)
     tried = path.tried if len(steps) == 1 else None
     while steps[-1].lack.rejected and len(steps) <= most:
         report("growing the model", min(0.6 + 0.1 * len(steps), 0.85))
-        before = selection
-        tried = tried or try_additions(selection, steps[-1])
-        selection, more = add_effect(selection, steps[-1], tried)
+        current = steps[-1]
+        if tried is None:
+            others = [e.id for e in selection.catalogue if e.id not in current.fitted.effects]
+            tried = try_effects(selection, current.fitted, current.scores, others)
+        wider, more = add_effect(selection, current, tried)
         if more is None:
             break
-        if more.lack.rejected:
-            selection, more = free_shapes(selection, more)
-        if len(more.fitted.effects) > 1:
-            selection, more = prune(selection, more)
-        more = finish_step(selection, more)
-        if more.fitted.effects == steps[-1].fitted.effects:
+        if more.fitted.effects == current.fitted.effects:
             # The addition only helped a fit along that had stopped short.
-            gain = steps[-1].fitted.score - more.fitted.score
-            steps[-1] = dc.replace(steps[-1], fitted=more.fitted, lack=more.lack, scores=more.scores)
-            if gain < selection.settings.significant:
+            steps[-1] = dc.replace(current, fitted=more.fitted, lack=more.lack, scores=more.scores)
+            selection, tried = wider, None
+            if current.fitted.score - more.fitted.score < selection.settings.significant:
                 break
-            tried = None
             continue
-        if not predicts_better(selection, steps[-1].fitted, more.fitted):
-            selection, tried = before, pass_over(before, steps[-1].fitted, tried)
+        if not predicts_better(selection, current.fitted, more.fitted):
+            tried = pass_over(selection, current.fitted, tried)
             if tried is None:
                 break
             continue
-        tried = None
+        selection, tried = wider, None
         steps.append(more)
         again = selection.measure_again(more.fitted)
         if again is not None:
-            selection, steps = _repeat_steps(again, steps)
+            # Every step is fitted and judged again under the noise that the better model leaves.
+            selection = again
+            for k, step in enumerate(steps):
+                fitted = selection.repeat(step.fitted)
+                selection = selection.span(fitted.solution)
+                steps[k] = step.refit(selection, fitted)
             if not predicts_better(selection, steps[-2].fitted, steps[-1].fitted):
                 steps.pop()
                 break
     return dc.replace(path, selection=selection, steps=tuple(steps))
 
 
-def _repeat_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
-                  ) -> tuple[SelectionProblem, list[FittedStep]]:
-    """Every step fitted and judged again under another noise."""
-    found = []
-    for step in steps:
-        fitted = selection.repeat(step.fitted)
-        selection = selection.span(fitted.solution)
-        lack, scores = selection.test_lack_of_fit(fitted)
-        found.append(dc.replace(step, fitted=fitted, lack=lack, scores=scores))
-    return selection, found
+def add_effect(selection: SelectionProblem, current: FittedStep, tried: CandidateFits
+               ) -> tuple[SelectionProblem, FittedStep | None]:
+    """Add the effect of `tried` that helps most; None where none helps. With two or more effects, exchanges are tried
+    too; shapes are freed, and what has become needless is taken back."""
+    base, chosen = current.fitted, tried.refined[tried.order[0]]
+    if not helps(selection, base, chosen):
+        return selection, None
+    selection = free_chosen(selection, chosen)
+    if len(chosen.effects) > 1:
+        selection, chosen, tried, base = exchange_effects(selection, chosen, tried, base)
+    lack, scores = selection.test_lack_of_fit(chosen)
+    step = FittedStep(chosen, lack, scores, tried, find_alternatives(selection, tried, base))
+    if step.lack.rejected:
+        for effect in step.fitted.effects:
+            wider = free_held(selection, step.fitted, effect)
+            if wider is not None and helps(selection, step.fitted, wider):
+                selection = selection.free(selection.list_held(effect))
+                step = step.refit(selection, wider)
+    if len(step.fitted.effects) > 1:
+        selection, step = prune(selection, step)
+    fitted = selection.finish(step.fitted)
+    if step.fitted.solution.chi2 - fitted.solution.chi2 < selection.settings.same_fit:
+        return selection, dc.replace(step, fitted=fitted)
+    # A fit that has stopped short leaves a misfit of its own, in residuals and settings.
+    return selection, step.refit(selection, fitted)
 
 
 def could_have_shown(selection: SelectionProblem, scores: Sequence[Score]) -> bool:
@@ -152,18 +147,11 @@ def could_have_shown(selection: SelectionProblem, scores: Sequence[Score]) -> bo
     return any(9.0 * samples * s.visible > selection.settings.shown**2 for s in scores if s.effect in catalogued)
 
 
-def list_amplitudes(selection: SelectionProblem, effect: str) -> list[str]:
-    """Names of an effect's amplitudes."""
-    return [f"{effect}.{p.name}" for p in parameters_of(selection.find_effect(effect)) if p.kind != "shape"]
-
-
 def has_physical_sign(selection: SelectionProblem, fitted: Fitted, effect: str) -> bool:
     """Whether a fitted amplitude lies on the side of its null that physics allows."""
-    for name in list_amplitudes(selection, effect):
-        p = selection.space.slots[selection.space.index[name]].parameter
-        if p.sign and p.sign * (fitted.solution.u[selection.space.index[name]] - p.default) < 0:
-            return False
-    return True
+    space = selection.space
+    return not any(p.sign and p.sign * (fitted.solution.u[space.index[name]] - p.default) < 0
+                   for name in selection.list_amplitudes(effect) for p in [space.parameter(name)])
 
 
 def is_beyond(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
@@ -173,51 +161,44 @@ def is_beyond(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bo
 
 def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score]) -> list[dict[str, float]]:
     """Interior starts of an effect; the amplitude's side follows its score where physics leaves it open."""
-    starts = []
-    for start in default_starts(selection.find_effect(effect)):
-        start = dict(start)
-        for name in list_amplitudes(selection, effect):
-            p = selection.space.slots[selection.space.index[name]].parameter
-            own = [s for s in scores if s.name == name]
-            if own and not p.sign:
-                side = np.sign(max(own, key=lambda s: abs(s.z)).z) or 1.0
-                start[name] = p.default + side * abs(start[name] - p.default)
-        starts.append(start)
+    starts = default_starts(selection.find_effect(effect))
+    for name in selection.list_amplitudes(effect):
+        p, own = selection.space.parameter(name), [s.z for s in scores if s.name == name]
+        if own and not p.sign:
+            side = np.sign(max(own, key=abs)) or 1.0
+            starts = [{**start, name: p.default + side * abs(start[name] - p.default)} for start in starts]
     return starts
 
 
 def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[Score], effects: Sequence[str],
-                report: Progress = _silent) -> CandidateFits:
+                report: Progress = lambda text, share: None) -> CandidateFits:
     """Refit `current` with each of `effects` added, from interior starts; wrong-signed amplitudes count as absent.
 
     All are fitted loosely, long records thinned; those that come near the best are fitted to all samples to the end.
     """
-    before = current
+    before, space = current, selection.space
     if selection.thin is not None:
-        again = selection.fit(current.effects, [{}], current.solution.u, current.solution.z, screening=True)
-        before = current if again is None else again
-    done = []
+        before = selection.extend(current, current.effects, screening=True) or current
+    screened: dict[str, Fitted] = {}
+    done: list[str] = []
 
     def one(job):
         effect, start = job
-        wider = (*current.effects, effect)
-        fitted = selection.fit(wider, [start], before.solution.u, before.solution.z, screening=True)
+        fitted = selection.fit((*current.effects, effect), [start], before.solution.u, before.solution.z,
+                               screening=True)
         done.append(effect)
         report(f"refitting with {effect}", min(len(done) / count, 1.0))
         return effect, fitted
 
-    screened: dict[str, Fitted] = {}
-
-    def keep(found):
-        for effect, fitted in found:
-            if fitted is None or not has_physical_sign(selection, fitted, effect):
-                continue
-            if (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2):
+    def fit_all(jobs):
+        for effect, fitted in map_threads(one, jobs):
+            if (fitted is not None and has_physical_sign(selection, fitted, effect)
+                    and (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2)):
                 screened[effect] = fitted
 
     jobs = [(e, s) for e in effects for s in list_starts(selection, e, scores)]
     count = len(jobs)
-    keep(map_threads(one, jobs))
+    fit_all(jobs)
     # A second start, one Gauss-Newton step from the null, where the first led astray.
     linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
     jobs = []
@@ -225,23 +206,21 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
         lost = effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + LOST
         if effect in linear and lost:
             s = linear[effect]
-            p = selection.space.slots[selection.space.index[s.name]].parameter
-            if not (p.sign and p.sign * s.step < 0):
-                origin = s.shapes.get(s.name, float(selection.start[selection.space.index[s.name]]))
+            if space.parameter(s.name).sign * s.step >= 0:
+                origin = s.shapes.get(s.name, float(selection.start[space.index[s.name]]))
                 jobs.append((effect, {**s.shapes, s.name: origin + s.step}))
-    keep(map_threads(one, jobs))
+    fit_all(jobs)
     for effect in effects:
         if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
             screened[effect] = dc.replace(before, effects=(*current.effects, effect))
     order = sorted(effects, key=lambda e: (screened[e].merit, screened[e].solution.chi2))
     refined = refine(selection, current, screened, before, order)
-    rest = [e for e in order if e not in refined]
     beyond = {e: is_beyond(selection, current, refined[e]) for e in refined}
     # Where nothing helps within its limits, what fits beyond them may stand in for two effects that are both missing.
     if not any(helps(selection, current, refined[e]) for e in refined if not beyond[e]):
         beyond = dict.fromkeys(refined, False)
     first = sorted(refined, key=lambda e: (beyond[e], refined[e].merit, refined[e].solution.chi2))
-    return CandidateFits(screened, refined, before, (*first, *rest))
+    return CandidateFits(screened, refined, before, (*first, *(e for e in order if e not in refined)))
 
 
 def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fitted], before: Fitted,
@@ -258,17 +237,17 @@ def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fit
     moved = [e for e in order if screened[e].solution is not before.solution]  # the others do nothing
     finalists = [e for e in moved if screened[e].score - best.score <= near[e]][:limits.finalists] or [order[0]]
     fits = best.solution.chi2 - limits.decisive
-    better = [e for e in moved if fits_better(screened[e], best, before, limits)
-              or (not screened[e].solution.converged and screened[e].solution.chi2 < fits)]
-    more = sorted(set(better) - set(finalists), key=lambda e: screened[e].solution.chi2)
-    finalists += more[: limits.further_finalists]
+    better = [e for e in moved if e not in finalists and (
+        fits_better(screened[e], best, before, limits)
+        or (not screened[e].solution.converged and screened[e].solution.chi2 < fits))]
+    finalists += sorted(better, key=lambda e: screened[e].solution.chi2)[: limits.further_finalists]
     # What a shape that the screening held would still gain is not known before it is free.
     finalists += [e for e in moved if e not in finalists and selection.list_held(e)]
 
     def one(effect):
-        if screened[effect].solution is before.solution:
-            return effect, dc.replace(current, effects=(*current.effects, effect))
-        fitted = fit_with_shapes(selection, screened[effect], effect)
+        fitted = None
+        if screened[effect].solution is not before.solution:
+            fitted = fit_with_shapes(selection, screened[effect], effect)
         if fitted is None or fitted.solution.chi2 > current.solution.chi2:
             fitted = dc.replace(current, effects=(*current.effects, effect))
         return effect, fitted
@@ -278,12 +257,16 @@ def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fit
 
 def fit_with_shapes(selection: SelectionProblem, rough: Fitted, effect: str, thinned: bool = False) -> Fitted | None:
     """Fit a model to the end, and with the held shapes of `effect` free where that predicts better."""
-    found = selection.fit(rough.effects, [{}], rough.solution.u, rough.solution.z, thinned=thinned)
+    found = selection.extend(rough, rough.effects, thinned=thinned)
+    return found and (free_held(selection, found, effect, thinned) or found)
+
+
+def free_held(selection: SelectionProblem, fitted: Fitted, effect: str, thinned: bool = False) -> Fitted | None:
+    """A model with the shapes of an effect free that are held at their default (the power of a wall's stiffness); None
+    where there are none, or that does not predict better."""
     held = selection.list_held(effect)
-    if found is None or not held:
-        return found
-    wider = selection.fit(rough.effects, [{}], found.solution.u, found.solution.z, extra=held, thinned=thinned)
-    return wider if wider is not None and wider.merit < found.merit - selection.settings.significant else found
+    wider = selection.extend(fitted, fitted.effects, extra=held, thinned=thinned) if held else None
+    return wider if wider is not None and wider.merit < fitted.merit - selection.settings.significant else None
 
 
 def fits_better(one: Fitted, best: Fitted, before: Fitted, settings: SelectionSettings = DEFAULT) -> bool:
@@ -306,16 +289,14 @@ def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current
     One that fits far better than the best and predicts worse is not beaten either: of a model that is not all, left-out
     conditions alone may favour an effect for what else is missing.
     """
-    close = []
-    best = tried.refined[tried.order[0]]
+    close, best = [], tried.refined[tried.order[0]]
     for effect in tried.order[1:]:
-        if effect not in tried.refined or tried.refined[effect].solution is current.solution:
-            continue
-        if is_beyond(selection, current, tried.refined[effect]):
+        other = tried.refined.get(effect)
+        if other is None or other.solution is current.solution or is_beyond(selection, current, other):
             continue
         difference, error = compare_additions(selection, tried, effect)
         beaten = selection.settings.is_beaten(difference, error)
-        if not beaten or fits_better(tried.refined[effect], best, current, selection.settings):
+        if not beaten or fits_better(other, best, current, selection.settings):
             close.append((effect, difference, error))
     return tuple(close)
 
@@ -339,53 +320,16 @@ def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted)
     return not selection.holds_out or selection.cross_validate(grown) <= selection.cross_validate(current)
 
 
-def try_additions(selection: SelectionProblem, current: FittedStep) -> CandidateFits:
-    """Every effect of the catalogue that a model does not have, added to it."""
-    others = [e.id for e in selection.catalogue if e.id not in current.fitted.effects]
-    return try_effects(selection, current.fitted, current.scores, others)
-
-
 def pass_over(selection: SelectionProblem, current: Fitted, tried: CandidateFits) -> CandidateFits | None:
     """The same without the best candidate, which predicts left-out conditions worse although its linearised loss is the
     smallest; None where no other does anything."""
-    best, *rest = tried.order
-    rest = [effect for effect in rest if tried.screened[effect].solution is not tried.before.solution]
+    rest = [e for e in tried.order[1:] if tried.screened[e].solution is not tried.before.solution]
     if not rest:
         return None
     refined = {effect: tried.refined[effect] for effect in rest if effect in tried.refined}
     refined = refined or refine(selection, current, tried.screened, tried.before, rest)
     first = sorted(refined, key=lambda effect: (is_beyond(selection, current, refined[effect]), refined[effect].merit))
     return dc.replace(tried, refined=refined, order=(*first, *(effect for effect in rest if effect not in refined)))
-
-
-def finish_step(selection: SelectionProblem, step: FittedStep) -> FittedStep:
-    """A step fitted to a tight tolerance, and judged again where that changed the fit: a fit that has stopped short
-    leaves a misfit of its own, in residuals and settings."""
-    fitted = selection.finish(step.fitted)
-    if step.fitted.solution.chi2 - fitted.solution.chi2 < selection.settings.same_fit:
-        return dc.replace(step, fitted=fitted)
-    lack, scores = selection.test_lack_of_fit(fitted)
-    return dc.replace(step, fitted=fitted, lack=lack, scores=scores)
-
-
-def add_effect(selection: SelectionProblem, current: FittedStep, tried: CandidateFits
-               ) -> tuple[SelectionProblem, FittedStep | None]:
-    """Add the effect that helps most; None where none helps. With two or more effects, exchanges are tried too.
-
-    Args:
-        selection: the problem.
-        current: model that is extended.
-        tried: its additions.
-    """
-    base = current.fitted
-    chosen = tried.refined[tried.order[0]]
-    if not helps(selection, base, chosen):
-        return selection, None
-    selection = free_chosen(selection, chosen)
-    if len(chosen.effects) > 1:
-        selection, chosen, tried, base = exchange_effects(selection, chosen, tried, base)
-    lack, scores = selection.test_lack_of_fit(chosen)
-    return selection, FittedStep(chosen, lack, scores, tried, find_alternatives(selection, tried, base))
 
 
 def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:
@@ -401,41 +345,31 @@ def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: Candida
     The first of a pair is chosen while the second is still missing, and may be a third effect that mimics both.
     """
     for _ in range(2):
-        changed = False
+        before = chosen
         for place in range(len(chosen.effects) - 1):
-            kept = tuple(e for k, e in enumerate(chosen.effects) if k != place)
-            start = selection.fit(kept, [{}], _without(selection, chosen, chosen.effects[place]), chosen.solution.z)
+            start = _drop(selection, chosen, chosen.effects[place])
             if start is None:
                 continue
             _, scores = selection.test_lack_of_fit(start)
-            others = [e.id for e in selection.catalogue if e.id not in kept]
+            others = [e.id for e in selection.catalogue if e.id not in start.effects]
             again = try_effects(selection, start, scores, others)
             best = again.refined[again.order[0]]
             least = TIE if len(best.solution.names) < len(chosen.solution.names) else selection.settings.significant
             within = (is_beyond(selection, base, chosen), is_beyond(selection, start, best))
             if (within == (True, False) and helps(selection, start, best)) or (
                     within != (False, True) and best.merit < chosen.merit - least):
-                chosen, tried, base, changed = best, again, start, True
+                chosen, tried, base = best, again, start
                 selection = free_chosen(selection, chosen)
-        if not changed:
+        if chosen is before:
             break
     return selection, chosen, tried, base
 
 
-def free_shapes(selection: SelectionProblem, step: FittedStep) -> tuple[SelectionProblem, FittedStep]:
-    """Free shapes that are held at their default (the power of a wall's stiffness) where that predicts better."""
-    for effect in step.fitted.effects:
-        fitted, held = step.fitted, selection.list_held(effect)
-        if not held:
-            continue
-        wider = selection.fit(fitted.effects, [{}], fitted.solution.u, fitted.solution.z, extra=held)
-        if wider is None or wider.merit >= fitted.merit - selection.settings.significant:
-            continue
-        if helps(selection, fitted, wider):
-            selection = selection.free(held)
-            lack, scores = selection.test_lack_of_fit(wider)
-            step = dc.replace(step, fitted=wider, lack=lack, scores=scores)
-    return selection, step
+def _drop(selection: SelectionProblem, fitted: Fitted, effect: str) -> Fitted | None:
+    """The model fitted without an effect, from where it was."""
+    u, own = fitted.solution.u.copy(), [slot.owner == effect for slot in selection.space.slots]
+    u[own] = selection.start[own]
+    return selection.extend(fitted, tuple(e for e in fitted.effects if e != effect), u)
 
 
 def prune(selection: SelectionProblem, step: FittedStep) -> tuple[SelectionProblem, FittedStep]:
@@ -444,51 +378,31 @@ def prune(selection: SelectionProblem, step: FittedStep) -> tuple[SelectionProbl
     for name in [n for n in selection.freed if n.split(".")[0] in fitted.effects]:
         start, held = fitted.solution.u.copy(), selection.hold(name)
         start[selection.space.index[name]] = selection.start[selection.space.index[name]]
-        simpler = held.fit(fitted.effects, [{}], start, fitted.solution.z)
+        simpler = held.extend(fitted, fitted.effects, start)
         if simpler is not None and simpler.merit < fitted.merit:
             selection, fitted = held, simpler
     for effect in fitted.effects[:-1]:
-        rest = tuple(e for e in fitted.effects if e != effect)
-        simpler = selection.fit(rest, [{}], _without(selection, fitted, effect), fitted.solution.z)
+        simpler = _drop(selection, fitted, effect)
         if simpler is not None and simpler.merit < fitted.merit:
             fitted = simpler
     if len(fitted.effects) > 1:
         # The last one helps beyond the fit without it, which may have stopped short: from here it may go on.
-        rest = selection.fit(fitted.effects[:-1], [{}], _without(selection, fitted, fitted.effects[-1]),
-                             fitted.solution.z)
+        rest = _drop(selection, fitted, fitted.effects[-1])
         if rest is not None and rest.score < fitted.score + selection.settings.significant:
             fitted = rest
-    if fitted is step.fitted:
-        return selection, step
-    lack, scores = selection.test_lack_of_fit(fitted)
-    return selection, dc.replace(step, fitted=fitted, lack=lack, scores=scores)
-
-
-def _without(selection: SelectionProblem, fitted: Fitted, effect: str) -> np.ndarray:
-    """Coordinates of a fit with one effect put back to its null."""
-    u = fitted.solution.u.copy()
-    for k, slot in enumerate(selection.space.slots):
-        if slot.owner == effect:
-            u[k] = selection.start[k]
-    return u
+    return (selection, step) if fitted is step.fitted else (selection, step.refit(selection, fitted))
 
 
 @dc.dataclass(frozen=True)
 class Unphysical:
-    """An estimate whose 95 % interval lies wholly beyond what physics allows.
+    """An estimate whose 95 % interval lies wholly beyond what physics allows."""
 
-    Attributes:
-        name: of the parameter, `effect-id.symbol`.
-        estimate, low, high: value and interval, in `unit`.
-        limits: what physics allows, in the same unit; `reason` why.
-    """
-
-    name: str
+    name: str  # of the parameter, `effect-id.symbol`
     estimate: float
-    low: float
+    low: float  # of the interval
     high: float
     unit: str
-    limits: tuple[float, float]
+    limits: tuple[float, float]  # what physics allows, in the same unit, and why
     reason: str
 
     def __str__(self) -> str:
@@ -504,8 +418,7 @@ def list_unphysical(selection: SelectionProblem, solution: Solution) -> tuple[Un
     sd = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0))
     found = []
     for name, width in zip(solution.names, sd, strict=True):
-        p = selection.space.slots[selection.space.index[name]].parameter
-        value = selection.space.public(name, solution.u, float(width))
+        p, value = selection.space.parameter(name), selection.space.public(name, solution.u, float(width))
         if p.excludes(value["q025"], value["q975"]):
             found.append(Unphysical(name, value["estimate"], value["q025"], value["q975"], value["unit"], p.limits,
                                     p.limits_reason))
@@ -515,10 +428,7 @@ def list_unphysical(selection: SelectionProblem, solution: Solution) -> tuple[Un
 def keep_physical(path: Path) -> tuple[tuple[FittedStep, ...], tuple[Unphysical, ...]]:
     """The steps up to the last one that lies within physical limits, and what lay beyond them in the next."""
     steps, beyond = path.steps, ()
-    while len(steps) > 1:
-        now = list_unphysical(path.selection, steps[-1].fitted.solution)
-        if not now:
-            break
+    while len(steps) > 1 and (now := list_unphysical(path.selection, steps[-1].fitted.solution)):
         beyond, steps = now, steps[:-1]
     return steps, beyond
 

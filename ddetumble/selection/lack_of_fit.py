@@ -85,60 +85,39 @@ def _triangulate(left: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
 
 def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix], noise: Mapping[str, Noise],
               score_p_value: float, settings: SelectionSettings = DEFAULT) -> LackOfFit:
-    """Judge whether a model lacks something.
-
-    Args:
-        problem, solution: the fitted model.
-        bases: of `smooth_bases`.
-        noise: by channel.
-        score_p_value: family-wise p-value of the largest score outside the model.
-        settings: level and draws.
-    """
+    """Judge whether a model lacks something; `score_p_value` is that of the largest score outside the model."""
     total, degrees = measure_smooth(problem, solution, bases)
-    ratio = total / max(degrees, 1.0)
+    count = max(degrees, 1.0)
     spread = max(n.log_level_sd for n in noise.values())
-    sd = np.sqrt(2.0 / max(degrees, 1.0) + spread**2)
-    smooth = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1.0)) / sd))
+    smooth = float(stats.norm.sf((np.log(total / count) + 1.0 / count) / np.sqrt(2.0 / count + spread**2)))
     shifts = [shift.p_value for shift in measure_shifts(problem.records, solution)]
     moves = combine_p_values(shifts)
     p = combine_p_values((smooth, score_p_value, moves))
-    within = problem.space.family.free_running
     how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened "
-           "noise" if within else "")
+           "noise" if problem.space.family.free_running else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
     number = "three" if shifts else "two"
     text = (f"the smallest p-value, counted three times, of {number} statistics: chi-square of the smooth part of "
             f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
             f"{100 * spread:.1f} %); the largest efficient score of any effect or test direction outside the model{how}"
             f"{moved}")
-    return LackOfFit(ratio, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text)
+    return LackOfFit(total / count, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text)
 
 
 @dc.dataclass(frozen=True)
 class Score:
-    """Efficient score of one direction outside the model.
-
-    Attributes:
-        effect: id; `name` of the parameter; `shapes` held fixed, coordinates by name.
-        z: standardised score, N(0, 1) if nothing is missing; its sign is that of the amplitude that helps.
-        step: amplitude that one Gauss-Newton step proposes (coordinate).
-        information: of the amplitude [1/coordinate²].
-        visible: share of the signature that refitting parameters and nuisances leaves.
-        cosines: with every direction that was scored with it, of the projected signatures, shape (directions,); `place`
-            is its own among them.
-        records: score of each record, shape (records,).
-    """
+    """Efficient score of one direction outside the model."""
 
     effect: str
-    name: str
-    shapes: dict[str, float]
-    z: float
-    step: float
-    information: float
-    visible: float
-    cosines: np.ndarray
-    place: int
-    records: np.ndarray
+    name: str  # of the parameter
+    shapes: dict[str, float]  # held fixed, coordinates by name
+    z: float  # standardised, N(0, 1) if nothing is missing; its sign is that of the amplitude that helps
+    step: float  # amplitude that one Gauss-Newton step proposes (coordinate)
+    information: float  # of the amplitude [1/coordinate²]
+    visible: float  # share of the signature that refitting parameters and nuisances leaves
+    cosines: np.ndarray  # of projected signatures with every direction scored with it, shape (directions,)
+    place: int  # its own among them
+    records: np.ndarray  # score of each record, shape (records,)
 
 
 def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[str, str, dict[str, float]]]
@@ -153,11 +132,10 @@ def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[st
         return []
     groups: list[list[int]] = []
     for k, (effect, _, shapes) in enumerate(wanted):
-        home = next((g for g in groups if all(wanted[m][0] != effect or wanted[m][2] == shapes for m in g)), None)
-        if home is None:
-            groups.append([k])
-        else:
-            home.append(k)
+        home = next((g for g in groups if all(wanted[m][0] != effect or wanted[m][2] == shapes for m in g)), [])
+        if not home:
+            groups.append(home)
+        home.append(k)
     points, order = [], []
     for members in groups:
         u = solution.u.copy()
@@ -185,14 +163,12 @@ def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[st
         norms[k] *= told
     flat = columns.reshape(len(order), -1)
     cosines, by_record = flat @ flat.T, -np.einsum("kgr,gr->kg", columns, residual)
-    back = np.argsort(order)
-    found = []
+    back, found = np.argsort(order), []
     for m, (effect, name, shapes) in enumerate(wanted):
         k, scale = back[m], problem.scales[problem.space.index[name]]
         z, norm = float(by_record[k].sum()), norms[k]
-        size = max(sizes[k], 1e-300)
         found.append(Score(effect, name, shapes, z, z / norm * scale if norm else 0.0, (norm / scale) ** 2,
-                           float((norm / size) ** 2), cosines[k, back], m, by_record[k]))
+                           float((norm / max(sizes[k], 1e-300)) ** 2), cosines[k, back], m, by_record[k]))
     return found
 
 
@@ -211,9 +187,12 @@ def family_p_value(scores: list[Score], noise: Mapping[str, Noise]) -> float:
     if not scores:
         return 1.0
     widen = 1.0 + 2.0 * max(n.log_level_sd for n in noise.values())
-    largest = max(s.z**2 for s in scores) / widen
-    single = stats.chi2.sf(largest, 1)
-    return float(-np.expm1(len(scores) * np.log1p(-min(single, 1 - 1e-16))))
+    return correct_for_many(float(stats.chi2.sf(max(s.z**2 for s in scores) / widen, 1)), len(scores))
+
+
+def correct_for_many(p_value: float, count: int) -> float:
+    """Family-wise p-value of the smallest of `count` (Šidák)."""
+    return float(-np.expm1(count * np.log1p(-min(p_value, 1 - 1e-16))))
 
 
 def bootstrap_p_value(scores: list[Score], noise: Mapping[str, Noise], draws: int = DEFAULT.bootstrap) -> float:
@@ -240,17 +219,14 @@ def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, 
     found = []
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
     for k, name in enumerate(records.nuisances):
-        if name in records.starts or name.startswith((f"{ZERO}:", f"{DRIFT}:")):
+        known = deviations[:, k] > 0
+        if name in records.starts or name.startswith((f"{ZERO}:", f"{DRIFT}:")) or not known.any():
             continue
-        stated = deviations[:, k]
-        moved = np.where(stated > 0, solution.z[:, k], 0.0)
-        count = int(np.sum(stated > 0))
-        if not count:
-            continue
+        moved = np.where(known, solution.z[:, k], 0.0)
         worst = int(np.argmax(np.abs(moved)))
         found.append(SettingShift(
-            name, float(np.median(stated[stated > 0])), float(np.sqrt(np.sum(moved**2) / count)), float(moved[worst]),
-            records.keys[worst], weigh_shifts(moved[stated > 0]), moved))
+            name, float(np.median(deviations[known, k])), float(np.sqrt(np.sum(moved**2) / known.sum())),
+            float(moved[worst]), records.keys[worst], weigh_shifts(moved[known]), moved))
     return tuple(found)
 
 

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from scipy import stats
+from scipy.linalg import block_diag
 
 from ..inference.noise import whiten
 from ..inference.problem import Problem, Solution
@@ -34,63 +35,50 @@ class Misfit:
 
 @dc.dataclass(frozen=True)
 class Aside:
-    """A fit of the others, and the record held against it.
+    """A fit of the others, and the record held against it."""
 
-    Attributes:
-        record: place of the record.
-        solution: of the others, with all records' nuisances fitted to it.
-        stated: the same with the record's own nuisances as they are stated.
-        spread: of the free parameters over their scales, as the others leave it: covariance, shape (free, free).
-        own: misfit of the record; `others`: those of the records that were fitted, by place; `rest`: of these together.
-    """
-
-    record: int
-    solution: Solution
-    stated: Solution
-    spread: np.ndarray
-    own: Misfit
-    others: dict[int, Misfit]
-    rest: Misfit
+    record: int  # its place
+    solution: Solution  # of the others, with all records' nuisances fitted to it
+    stated: Solution  # the same with the record's own nuisances as they are stated
+    spread: np.ndarray  # covariance of the free parameters over their scales, as the others leave it
+    own: Misfit  # of the record
+    others: dict[int, Misfit]  # of the records that were fitted, by place
+    rest: Misfit  # of these together
 
 
-def measure_record(selection: SelectionProblem, problem: Problem, solution: Solution, record: int,
-                   spread: np.ndarray | None = None, columns: np.ndarray | None = None) -> Misfit:
+def measure_record(selection: SelectionProblem, solution: Solution, record: int, spread: np.ndarray | None = None,
+                   columns: np.ndarray | None = None) -> Misfit:
     """Smooth misfit of one record, its nuisances at their best.
 
     Args:
         selection: for the splines.
-        problem: with the record's samples.
         solution: at whose point residual and derivatives are.
         record: place of the record.
         spread: covariance of the free parameters over their scales: they may move by so much.
         columns: further whitened columns that may move freely, shape (rows, columns).
     """
     own, shared = solution.own[record], solution.shared[record]
-    free = np.zeros((len(own), 0)) if columns is None else columns
-    parts = [own, free]
-    prior = [np.eye(own.shape[1]), np.zeros((free.shape[1], free.shape[1]))]
-    right = [solution.residual[record], solution.z[record], np.zeros(free.shape[1])]
+    rows, count = own.shape
+    parts, priors = [own], [np.eye(count)]
+    if columns is not None:
+        parts.append(columns)
+        priors.append(np.zeros((0, columns.shape[1])))
     if spread is not None and shared.shape[1]:
         values, vectors = np.linalg.eigh(spread)
         parts.append(shared @ (vectors * np.sqrt(np.maximum(values, 0.0))))
-        prior.append(np.eye(shared.shape[1]))
-        right.append(np.zeros(shared.shape[1]))
-    below = np.zeros((sum(len(p) for p in prior), sum(p.shape[1] for p in prior)))
-    row = column = 0
-    for p in prior:
-        below[row:row + p.shape[0], column:column + p.shape[1]] = p
-        row, column = row + p.shape[0], column + p.shape[1]
-    moving = np.concatenate([np.concatenate(parts, axis=1), below])
-    side = np.concatenate(right)
+        priors.append(np.eye(shared.shape[1]))
+    moving = np.concatenate([np.concatenate(parts, axis=1), block_diag(*priors)])
+    side = np.zeros(len(moving))
+    side[:rows], side[rows: rows + count] = solution.residual[record], solution.z[record]
     q = moving @ _orthonormalise(moving.T @ moving)
     side = side - q @ (q.T @ side)
     basis = selection.bases[record]
     if record not in selection.orthonormal:
         selection.orthonormal[record] = _orthonormalise((basis.T @ basis).toarray())
     turn = selection.orthonormal[record].T
-    smooth = turn @ (basis.T @ side[: len(own)])
+    smooth = turn @ (basis.T @ side[:rows])
     # What moves takes a part of a few directions of the splines, and leaves the others as they are.
-    common, cosines, _ = np.linalg.svd(turn @ (basis.T @ q[: len(own)]), full_matrices=False)
+    common, cosines, _ = np.linalg.svd(turn @ (basis.T @ q[:rows]), full_matrices=False)
     along, left = common.T @ smooth, 1.0 - cosines**2
     told = left > TOLD
     total = float(np.sum((smooth - common @ along) ** 2) + np.sum(along[told] ** 2 / left[told]))
@@ -99,11 +87,10 @@ def measure_record(selection: SelectionProblem, problem: Problem, solution: Solu
 
 def judge(selection: SelectionProblem, total: float, degrees: int) -> Misfit:
     """Chance of a sum of squares, the noise level being known as far as it is."""
-    spread = max(n.log_level_sd for n in selection.noise.values())
-    sd = np.sqrt(2.0 / max(degrees, 1) + spread**2)
-    ratio = max(total / max(degrees, 1), 1e-300)
-    normal = float(stats.norm.sf((np.log(ratio) + 1.0 / max(degrees, 1)) / sd))
-    return Misfit(total, degrees, max(normal, float(stats.chi2.sf(total / (1.0 + 2.0 * spread), max(degrees, 1)))))
+    spread, count = max(n.log_level_sd for n in selection.noise.values()), max(degrees, 1)
+    logarithm = np.log(max(total / count, 1e-300)) + 1.0 / count
+    normal = float(stats.norm.sf(logarithm / np.sqrt(2.0 / count + spread**2)))
+    return Misfit(total, degrees, max(normal, float(stats.chi2.sf(total / (1.0 + 2.0 * spread), count))))
 
 
 def set_aside(selection: SelectionProblem, solution: Solution, record: int, out: Collection[int] = ()) -> Aside:
@@ -111,9 +98,8 @@ def set_aside(selection: SelectionProblem, solution: Solution, record: int, out:
 
     What the record itself drove astray goes back to its first guess, too.
     """
-    gone = {record, *out}
+    gone, names = {record, *out}, solution.names
     masked = mask_records(selection.problem, gone)
-    names = solution.names
     starts = [(u, solution.z if k == 0 else np.zeros_like(solution.z))
               for k, u in enumerate(selection.list_origins(solution.u))]
     rest = min((masked.solve(names, u, z, tolerance=1e-2) for u, z in starts), key=lambda found: found.chi2)
@@ -125,11 +111,10 @@ def set_aside(selection: SelectionProblem, solution: Solution, record: int, out:
     plain = at.z.copy()
     plain[record, len(selection.records.starts):] = 0.0
     stated = selection.problem.solve(names, rest.u, plain, moving=False)
-    own = measure_record(selection, selection.problem, at, record, spread)
-    others = {r: measure_record(selection, selection.problem, at, r)
-              for r in range(selection.records.count) if r not in gone}
+    others = {r: measure_record(selection, at, r) for r in range(selection.records.count) if r not in gone}
     degrees = sum(m.degrees for m in others.values()) - len(names)
-    return Aside(record, dc.replace(at, converged=rest.converged), stated, spread, own, others,
+    return Aside(record, dc.replace(at, converged=rest.converged), stated, spread,
+                 measure_record(selection, at, record, spread), others,
                  judge(selection, sum(m.total for m in others.values()), degrees))
 
 
@@ -155,9 +140,15 @@ def whiten_columns(problem: Problem, record: int, channel: int, columns: np.ndar
     """Columns over the samples of one channel as rows of the record's residual, shape (rows, columns)."""
     stack, n = problem.records.stack, problem.records.lengths[record]
     weights, taps = np.asarray(stack.weights)[record], np.asarray(stack.taps)[record]
-    found = np.zeros((weights.shape[0], weights.shape[1], columns.shape[1]))
+    found = np.zeros((*weights.shape, columns.shape[1]))
     found[channel, :n] = whiten(weights[channel, :n], taps[channel, :n], columns)
     return found.reshape(-1, columns.shape[1])
+
+
+def whiten_baseline(problem: Problem, record: int, channel: int) -> np.ndarray:
+    """An offset of one channel, and a drift from 0 to 1 over the record, as such columns, shape (rows, 2)."""
+    t = np.asarray(problem.records.stack.time)[record, : problem.records.lengths[record]]
+    return whiten_columns(problem, record, channel, np.stack([np.ones(len(t)), (t - t[0]) / (t[-1] - t[0])], axis=1))
 
 
 def _orthonormalise(square: np.ndarray) -> np.ndarray:

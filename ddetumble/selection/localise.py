@@ -1,13 +1,14 @@
 """Where a misfit sits: in which variable, over which range of it, loading or unloading."""
 
 import dataclasses as dc
+from collections.abc import Sequence
 
 import numpy as np
 
 from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, parameters_of
 from .cross_validation import compare_losses
-from .lack_of_fit import score_directions
+from .lack_of_fit import Score, score_directions
 from .problem import Fitted, SelectionProblem
 from .result import Place
 
@@ -17,11 +18,11 @@ LINES = 4096  # frequencies that are tried, a quarter of a cycle apart: records 
 AT_ONCE = 2_000_000  # values of them at samples that are computed at once
 
 
-def fit_directions(selection: SelectionProblem, base: Fitted, scores) -> dict[str, Fitted]:
+def fit_directions(selection: SelectionProblem, base: Fitted, scores: Sequence[Score]) -> dict[str, Fitted]:
     """Refit a model with each direction added, best first; ringing at the strongest line of the residuals."""
     jobs = []
     for direction in selection.directions:
-        own = [s for s in scores if s.effect == direction.id]
+        own = sorted((s for s in scores if s.effect == direction.id), key=lambda s: -abs(s.z))
         line = getattr(direction, "line", None)
         if line is not None:
             frequency = (scan_line(selection, base, direction) if selection.family.free_running
@@ -29,17 +30,14 @@ def fit_directions(selection: SelectionProblem, base: Fitted, scores) -> dict[st
             if frequency:
                 sizes = {f"{direction.id}.{p.name}": 0.3 * p.typical
                          for p in parameters_of(direction) if p.kind != "shape"}
-                jobs.append((direction.id, {line: float(np.log(frequency)), **sizes}, ()))
+                jobs.append((direction.id, {line: float(np.log(frequency)), **sizes}))
             continue
-        if not own:
-            continue
-        for s in sorted(own, key=lambda s: -abs(s.z))[: 3 if hasattr(direction, "onset") else 1]:
-            begin = selection.start[selection.space.index[s.name]] + s.step
-            jobs.append((direction.id, {**s.shapes, s.name: begin}, ()))
+        for s in own[: 3 if hasattr(direction, "onset") else 1]:
+            jobs.append((direction.id, {**s.shapes, s.name: selection.start[selection.space.index[s.name]] + s.step}))
 
     def one(job):
-        name, start, extra = job
-        return name, selection.fit((*base.effects, name), [start], base.solution.u, base.solution.z, extra=extra)
+        name, start = job
+        return name, selection.fit((*base.effects, name), [start], base.solution.u, base.solution.z)
 
     best: dict[str, Fitted] = {}
     for direction, fitted in map_threads(one, jobs):
@@ -53,17 +51,20 @@ def find_line(selection: SelectionProblem, fitted: Fitted) -> float | None:
 
     Of impacts over the time in contact [Hz], of slip records over the slip of each stroke [1/m].
     """
-    values, solution = np.asarray(selection.records.stack.values), fitted.solution
-    over, last, sign = _abscissa(selection, fitted)
+    stack, lengths, solution = selection.records.stack, selection.records.lengths, fitted.solution
+    time, values, weights = (np.asarray(x) for x in (stack.time, stack.values, stack.weights))
+    strokes = selection.family.has_strokes
+    over = [(solution.state if strokes else time)[r, :n] for r, n in enumerate(lengths)]
+    last = np.array([1.001 * x.max() for x in over]) if strokes else solution.end
     step = float(np.median(np.abs(np.diff(over[0]))))
     grid = np.arange(1.5 / float(np.min(last)), 0.4 / step, 0.25 / float(np.max(last)))[:LINES]
     if len(grid) < 8:
         return None
     power = np.zeros(len(grid))
-    for r, n in enumerate(selection.records.lengths):
-        used = np.asarray(selection.records.stack.weights)[r, 0, :n] > 0
-        inside = (over[r] > 0) & (over[r] < last[r]) & used
-        t, x = over[r][inside], (sign[r] * (values[r, 0] - solution.channels[r, 0])[:n])[inside]
+    for r, n in enumerate(lengths):
+        inside = (over[r] > 0) & (over[r] < last[r]) & (weights[r, 0, :n] > 0)
+        sign = np.sign(solution.state_rate[r, :n]) if strokes else np.ones(n)
+        t, x = over[r][inside], (sign * (values[r, 0] - solution.channels[r, 0])[:n])[inside]
         if len(t) < 12:
             continue
         window = np.hanning(len(t) + 2)[1:-1]
@@ -100,82 +101,56 @@ def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[Abstr
     return float(grid[k]) if power[k] > 40.0 else None
 
 
-def _abscissa(selection: SelectionProblem, fitted: Fitted) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
-    """Variable in which something may repeat, its largest value and the sign of the force, by record."""
-    records, solution = selection.records, fitted.solution
-    if not selection.family.has_strokes:
-        time = np.asarray(records.stack.time)
-        return ([time[r, :n] for r, n in enumerate(records.lengths)], solution.end,
-                [np.ones(n) for n in records.lengths])
-    over = [solution.state[r, :n] for r, n in enumerate(records.lengths)]
-    return (over, np.array([1.001 * x.max() for x in over]),
-            [np.sign(solution.state_rate[r, :n]) for r, n in enumerate(records.lengths)])
-
-
 def locate(selection: SelectionProblem, base: Fitted, directions: dict[str, Fitted]) -> list[Place]:
     """Places of a model's misfit: what its best direction says, then where the residuals themselves stand out.
 
     `share` is everywhere the share of its channel's misfit that lies in the range, as the residuals have it.
     """
-    places, found = [], residual_places(selection, base)
-    if directions:
-        name, best = next(iter(directions.items()))
-        gain, error = compare_losses(base.loss, best.loss, selection.groups)
-        excess = max(base.solution.chi2 - _rows(selection, base), 1.0)
-        removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
-        if selection.settings.is_beaten(gain, error):
-            place = _place(selection, name, best)
-            whole = place.range[0] <= 0.0 or place.variable != selection.family.state
-            share = 1.0 if whole else share_of_range(selection, base, place.channel, place.range)
-            places.append(dc.replace(place, share=share, removes=removes))
-            found = [other for other in found if not _same(place, other)]
-    return places + found
-
-
-def _same(place: Place, other: Place) -> bool:
-    """Whether another place says nothing more: inside the range of the same variable, with nearly all of its share."""
-    return (other.channel == place.channel and other.variable == place.variable
-            and place.range[0] <= other.range[0] and other.range[1] <= 1.001 * place.range[1]
-            and abs(place.share - other.share) < 0.1)
-
-
-def _rows(selection: SelectionProblem, fitted: Fitted) -> float:
-    return float((np.asarray(selection.records.stack.weights) > 0).sum()) - fitted.solution.shared.shape[2]
+    found = residual_places(selection, base)
+    if not directions:
+        return found
+    name, best = next(iter(directions.items()))
+    if not selection.settings.is_beaten(*compare_losses(base.loss, best.loss, selection.groups)):
+        return found
+    samples = float((np.asarray(selection.records.stack.weights) > 0).sum())
+    excess = max(base.solution.chi2 - (samples - base.solution.shared.shape[2]), 1.0)
+    place = _place(selection, name, best)
+    (low, high), whole = place.range, place.range[0] <= 0.0 or place.variable != selection.family.state
+    share = 1.0 if whole else share_of_range(selection, base, place.channel, place.range)
+    removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
+    # What lies inside the range of the same variable, with nearly all of its share, says nothing more.
+    return [dc.replace(place, share=share, removes=removes), *(
+        other for other in found if not (
+            (other.channel, other.variable) == (place.channel, place.variable) and low <= other.range[0]
+            and other.range[1] <= 1.001 * high and abs(share - other.share) < 0.1))]
 
 
 def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place:
     """The place that a direction stands for, its share still to be measured."""
-    effect = selection.find_effect(direction)
+    effect, solution, family = selection.find_effect(direction), fitted.solution, selection.family
     variable = effect.variable  # pyright: ignore[reportAttributeAccessIssue] # every direction has one
-    solution, index = fitted.solution, selection.space.index
-    channel = getattr(effect, "channel", selection.records.channels[0])
+    channels, table = selection.records.channels, selection.campaign.records
     onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
     low, period = 0.0, None
-    if onset is not None:
-        low = float(np.exp(solution.u[index[onset]]))
-    elif line is not None:
-        period = float(np.exp(-solution.u[index[line]]))
-    if variable == selection.family.rate:
-        rate = np.sign(solution.state_rate) if variable == "direction" else solution.state_rate
-        return Place(channel, variable, (float(rate.min()), float(rate.max())), "both", 1.0)
-    if variable in selection.campaign.records:
-        values = selection.campaign.records[variable].to_numpy(dtype=float)
-        return Place(channel, variable, (float(values.min()), float(values.max())), "both", 1.0)
-    if variable in selection.records.channels and selection.family.free_running:
-        own = solution.channels[:, selection.records.channels.index(variable)]
-        return Place(channel, variable, (float(own.min()), float(own.max())), "both", 1.0)
-    if variable in ("slip", "slip_speed", "normal_force") and variable != selection.family.state:
-        return Place(channel, variable, (0.0, _reach(selection, fitted, variable)), "both", 1.0)
-    high = float((solution.state if variable == selection.family.state else solution.end).max())
-    return Place(channel, variable, (low, high), "both", 1.0, period)
-
-
-def _reach(selection: SelectionProblem, fitted: Fitted, variable: str) -> float:
-    """Largest value that a variable of the tangential motion takes in an oblique impact, SI."""
-    if variable == "normal_force":
-        return float(fitted.solution.channels[:, 0].max())
-    speeds = selection.campaign.records["tangential_speed"].to_numpy(dtype=float)
-    return float(np.max(speeds if variable == "slip_speed" else speeds * fitted.solution.end))
+    if variable == family.rate:
+        values = np.sign(solution.state_rate) if variable == "direction" else solution.state_rate
+    elif variable in table:
+        values = table[variable].to_numpy(dtype=float)
+    elif variable in channels and family.free_running:
+        values = solution.channels[:, channels.index(variable)]
+    else:
+        if variable == "normal_force" and variable != family.state:
+            high = solution.channels[:, 0].max()
+        elif variable in ("slip", "slip_speed") and variable != family.state:  # the largest of an oblique impact
+            speeds = table["tangential_speed"].to_numpy(dtype=float)
+            high = np.max(speeds if variable == "slip_speed" else speeds * solution.end)
+        else:
+            high = (solution.state if variable == family.state else solution.end).max()
+            low = float(np.exp(solution.u[selection.space.index[onset]])) if onset is not None else 0.0
+            period = float(np.exp(-solution.u[selection.space.index[line]])) if onset is None and line else None
+        values = np.array([low, high])
+    return Place(getattr(effect, "channel", channels[0]), variable, (float(values.min()), float(values.max())), "both",
+                 1.0, period)
 
 
 def residual_places(selection: SelectionProblem, fitted: Fitted, bins: int = 12) -> list[Place]:

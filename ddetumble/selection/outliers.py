@@ -1,4 +1,4 @@
-"""Records that are at fault, rather than the model: one that all others disagree with.
+"""A campaign without its faults: records that all others disagree with are left out, a baseline that moves is fitted.
 
 Physics is a smooth trend over the conditions, or shows at an extreme of them, and in repeats alike. A record is at
 fault where the others, fitted without it, leave it far more misfit than any of themselves has, although there are
@@ -8,43 +8,38 @@ nothing of it.
 """
 
 import dataclasses as dc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ..measurement.campaign import Campaign
-from ..measurement.faults import Fault
+from .._errors import InputError
+from ..measurement.campaign import Campaign, thin_campaign
+from ..measurement.faults import Fault, find_blind, screen_samples
 from .cross_validation import leave_out
-from .data_errors import Diagnosis, diagnose
-from .leave_record_out import Aside, measure_record, set_aside, settle
+from .data_errors import Diagnosis, diagnose, find_moving_zeros, find_rate_units, tell_zero
+from .lack_of_fit import score_directions
+from .leave_record_out import Aside, mask_records, measure_record, set_aside, settle
 from .problem import Fitted, SelectionProblem
+from .settings import DEFAULT, SelectionSettings
 
 
 @dc.dataclass(frozen=True)
 class Suspect:
-    """A record that disagrees with all others.
-
-    Attributes:
-        key: of the record.
-        sure: whether it is at fault beyond doubt.
-        diagnosis: what would make it fit.
-        aside: the fit of the others.
-        enclosed: whether there are records on all sides of it, or a repeat.
-    """
+    """A record that disagrees with all others."""
 
     key: str
-    sure: bool
-    diagnosis: Diagnosis
-    aside: Aside
-    enclosed: bool
+    sure: bool  # whether it is at fault beyond doubt
+    diagnosis: Diagnosis  # what would make it fit
+    aside: Aside  # the fit of the others
+    enclosed: bool  # whether there are records on all sides of it, or a repeat
 
 
 def find_suspects(selection: SelectionProblem, fitted: Fitted, most: int | None = None) -> list[Suspect]:
     """Records at fault under a model, worst first; at most one in four, and one that is in doubt at the end."""
-    count = selection.records.count
-    most = max(1, count // selection.settings.outliers.one_in) if most is None else most
+    count, limits = selection.records.count, selection.settings.outliers
+    most = max(1, count // limits.one_in) if most is None else most
     found, out = [], set()
-    while len(found) < most and count - len(out) >= selection.settings.outliers.fewest:
+    while len(found) < most and count - len(out) >= limits.fewest:
         suspect = _find_worst(selection, fitted, out)
         if suspect is None:
             break
@@ -60,7 +55,7 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
     limits = selection.settings.outliers
     solution = fitted.solution if not out else set_aside(selection, fitted.solution, next(iter(out)), out).solution
     kept = [r for r in range(selection.records.count) if r not in out]
-    misfit = {r: measure_record(selection, selection.problem, solution, r) for r in kept}
+    misfit = {r: measure_record(selection, solution, r) for r in kept}
     order = sorted(kept, key=lambda r: misfit[r].degrees - misfit[r].total)
     if misfit[order[0]].p_value * len(kept) > limits.p_value:
         return None
@@ -68,37 +63,31 @@ def _find_worst(selection: SelectionProblem, fitted: Fitted, out: set[int]) -> S
         # What bends the fit most may be fitted best itself, and its fault shows in the others.
         loss = leave_out(solution, np.arange(selection.records.count))
         order = list(dict.fromkeys((*order[:limits.candidates], max(kept, key=lambda r: loss[r]))))
-    asides = [set_aside(selection, solution, r, out) for r in order]
     # Without the culprit the others agree best.
-    aside, *others = sorted(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
+    aside, *others = sorted((set_aside(selection, solution, r, out) for r in order), key=_left_to_others)
     if len(kept) <= limits.fewest and any(a.rest.excess < limits.far * max(aside.rest.excess, 1.0) for a in others):
         return None  # nobody can say which of them is wrong
-    return _judge(selection, aside, len(kept))
-
-
-def _judge(selection: SelectionProblem, aside: Aside, count: int) -> Suspect | None:
-    """Whether a record is at fault."""
-    limits = selection.settings.outliers
-    others = max(max(m.excess for m in aside.others.values()), 0.0)
-    fine = aside.rest.p_value > limits.adequate
-    if aside.own.p_value * count > limits.p_value or aside.own.excess < limits.clear - 1.0:
+    usual = max(max(m.excess for m in aside.others.values()), 1.0)
+    own, fine = aside.own, aside.rest.p_value > limits.adequate
+    if (own.p_value * len(kept) > limits.p_value or own.excess < limits.clear - 1.0
+            or not (fine or own.excess > limits.factor * usual)
+            or (len(kept) <= limits.fewest and own.excess < limits.farther * usual)):
         return None
-    enclosed = is_enclosed(selection, aside)
-    worse = fine or aside.own.excess > limits.factor * max(others, 1.0)
-    if not worse or (count <= limits.fewest and aside.own.excess < limits.farther * max(others, 1.0)):
-        return None
-    diagnosis = diagnose(selection, aside)
+    enclosed, diagnosis = is_enclosed(selection, aside), diagnose(selection, aside)
     alone = selection.family.free_running or diagnosis.kind == "gain"
-    far = alone and aside.own.excess > limits.far * max(others, 1.0)
-    sure = enclosed or far or diagnosis.kind == "unit"
+    sure = enclosed or diagnosis.kind == "unit" or (alone and own.excess > limits.far * usual)
     if not sure and not fine:
         return None
     return Suspect(selection.records.keys[aside.record], sure, diagnosis, aside, enclosed)
 
 
+def _left_to_others(aside: Aside) -> float:
+    return aside.rest.total / max(aside.rest.degrees, 1)
+
+
 def is_enclosed(selection: SelectionProblem, aside: Aside) -> bool:
     """Whether a record lies among the others: a repeat of it, or records on both sides in all that physics may feel."""
-    r, kept = aside.record, list(aside.others)
+    r, kept, solution = aside.record, list(aside.others), aside.solution
     records, names = selection.campaign.records, [str(c) for c in selection.campaign.records.columns]
     if "sequence" in names:
         order = records["sequence"].to_numpy(dtype=float)
@@ -107,52 +96,40 @@ def is_enclosed(selection: SelectionProblem, aside: Aside) -> bool:
         names.remove("sequence")
     if names and any(selection.groups[k] == selection.groups[r] for k in kept):
         return True
-    solution, count = aside.solution, selection.records.count
-    features = [records[name].to_numpy(dtype=float) for name in names]
-    features += [np.abs(solution.state).max(axis=1), np.abs(solution.state_rate).max(axis=1)]
     if selection.family.free_running:
         across = np.sqrt(np.mean(np.sum(solution.channels[:, :2] ** 2, axis=1), axis=-1))
         features = [np.abs(solution.state_rate).max(axis=1), across]
     else:
-        features += [np.abs(solution.channels[:, c]).max(axis=1) for c in range(solution.channels.shape[1])]
-        features.append(np.asarray(solution.end))
-    for x in features:
-        x = x[:count]
-        slack = selection.settings.outliers.same * abs(x[r])
-        if x[r] > x[kept].max() + slack or x[r] < x[kept].min() - slack:
-            return False
-    return True
+        series = (solution.state, solution.state_rate, *np.moveaxis(solution.channels, 1, 0))
+        features = [*(records[name].to_numpy(dtype=float) for name in names),
+                    *(np.abs(x).max(axis=1) for x in series), np.asarray(solution.end)]
+    slack = selection.settings.outliers.same
+    return not any(x[r] > x[kept].max() + slack * abs(x[r]) or x[r] < x[kept].min() - slack * abs(x[r])
+                   for x in features)
 
 
-def tell_fault(selection: SelectionProblem, suspect: Suspect, keep: bool) -> Fault:
-    """A suspect in words.
-
-    Args:
-        selection: on which it was found.
-        suspect: what was found.
-        keep: whether every record is to be kept.
-    """
-    own, others = suspect.aside.own, suspect.aside.others
-    most = max(m.excess for m in others.values()) + 1.0
-    size, usual = np.sqrt(max(own.excess + 1.0, 0.0)), np.sqrt(max(most, 0.0))
-    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {_say(size)} times its "
-            f"noise, and none of themselves more than {_say(usual)}.")
-    text, remedy = suspect.diagnosis.text, suspect.diagnosis.remedy
-    kind, channel = suspect.diagnosis.kind, suspect.diagnosis.channel
+def tell_fault(suspect: Suspect, keep: bool) -> Fault:
+    """A suspect in words; `keep` whether every record is to be kept."""
+    aside, found = suspect.aside, suspect.diagnosis
+    most = max(m.excess for m in aside.others.values()) + 1.0
+    size, usual = (_say(np.sqrt(max(x, 0.0))) for x in (aside.own.excess + 1.0, most))
+    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {size} times its "
+            f"noise, and none of themselves more than {usual}. {found.text}").rstrip()
+    kind, remedy, out = found.kind, found.remedy, False
     if not suspect.sure:
+        kind, remedy = "doubtful", "Repeat it."
         done = ("It is kept: no record lies beyond it and none repeats it, so that I cannot tell a fault from an "
                 "effect that shows only there.")
-        return Fault("doubtful", (suspect.key,), channel, f"{seen} {text}".rstrip(), done, "Repeat it.")
-    if keep:
-        return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), "It is kept, as asked.", remedy)
-    if suspect.diagnosis.samples is not None:
-        return Fault(kind, (suspect.key,), channel, f"{seen} {text}", "They are left out, and the record is kept.",
-                     remedy)
-    done = "It is left out."
-    if not suspect.enclosed and kind == "gain":
-        done = ("It is left out, although no record lies beyond it: an effect of that size would show in the records "
-                "beside it. Should a repeat read the same, it is none of the gauge's.")
-    return Fault(kind, (suspect.key,), channel, f"{seen} {text}".rstrip(), done, remedy, left_out=True)
+    elif keep:
+        done = "It is kept, as asked."
+    elif found.samples is not None:
+        done = "They are left out, and the record is kept."
+    else:
+        out, done = True, "It is left out."
+        if not suspect.enclosed and kind == "gain":
+            done = ("It is left out, although no record lies beyond it: an effect of that size would show in the "
+                    "records beside it. Should a repeat read the same, it is none of the gauge's.")
+    return Fault(kind, (suspect.key,), found.channel, seen, done, remedy, left_out=out)
 
 
 def _say(size: float) -> str:
@@ -173,19 +150,17 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
     Returns:
         The record, judged under that model; None where none carries most of the misfit, or it is not beyond doubt.
     """
-    limits = selection.settings.outliers
-    keys, count = selection.records.keys, selection.records.count
+    limits, count = selection.settings.outliers, selection.records.count
     if count <= limits.fewest:
         return None
-    found = {r: measure_record(selection, selection.problem, fitted.solution, r) for r in range(count)}
+    found = {r: measure_record(selection, fitted.solution, r) for r in range(count)}
     excess = sum(m.total - m.degrees for m in found.values())
     likely = sorted(found, key=lambda r: found[r].degrees - found[r].total)[:limits.candidates]
-    asides = [set_aside(selection, fitted.solution, r) for r in likely]
-    aside = min(asides, key=lambda a: a.rest.total / max(a.rest.degrees, 1))
+    aside = min((set_aside(selection, fitted.solution, r) for r in likely), key=_left_to_others)
     left = aside.rest.total - aside.rest.degrees
     if aside.own.p_value * count > limits.p_value or left > (1.0 - limits.removed) * excess:
         return None
-    key = keys[aside.record]
+    key = selection.records.keys[aside.record]
     answer = search(selection.campaign.select([k for k in selection.campaign.record_keys if k != key]))
     if answer is None:
         return None
@@ -196,3 +171,98 @@ def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) ->
     there = settle(selection.problem, better.solution.names, u, fitted.solution.z)
     suspects = find_suspects(selection, dc.replace(fitted, effects=better.effects, solution=there))
     return next((s for s in suspects if s.sure and s.key == key), None)
+
+
+@dc.dataclass(frozen=True)
+class Cleaned:
+    """A campaign as it is fitted: faulty samples missing, faulty records left out."""
+
+    campaign: Campaign
+    faults: tuple[Fault, ...] = ()  # found so far
+    # By channel whose zero and drift are fitted in every record their standard deviations over records, SI.
+    zeros: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
+    keep_all: bool = False  # whether nothing is to be left out: faults are only reported
+    notes: tuple[str, ...] = ()  # on samples that were not taken because there are so many
+
+
+def begin_cleaning(campaign: Campaign, keep_all: bool = False, settings: SelectionSettings = DEFAULT) -> Cleaned:
+    """Look at the samples themselves, before any model.
+
+    Raises:
+        InputError: No record is left.
+    """
+    cleaned, faults = screen_samples(campaign, settings.screening)
+    lost = (*find_rate_units(campaign, settings.outliers), *find_blind(cleaned))
+    faults = (*faults, *lost)
+    if keep_all:
+        faults = tuple(dc.replace(f, done="Nothing is done about it, as asked.", left_out=False) for f in faults)
+    else:
+        out = {key for fault in lost for key in fault.records}
+        kept = [key for key in cleaned.record_keys if key not in out]
+        if not kept:
+            raise InputError(f"no record of campaign {campaign.name!r} can be used: {' '.join(map(str, lost))}")
+        campaign = cleaned.select(kept)
+    campaign, note = thin_campaign(campaign, settings.most_samples)
+    return Cleaned(campaign, faults, keep_all=keep_all, notes=(note,) if note else ())
+
+
+def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, final: bool = False,
+                  search: Search | None = None) -> tuple[Cleaned, bool]:
+    """Look for records at fault under a model.
+
+    Args:
+        state: so far.
+        selection, fitted: a model fitted to `state.campaign`.
+        final: whether it is what the search ended with, rather than the reference model.
+        search: a model that leaves nothing smooth of another campaign, if any, where none was found of this one.
+
+    Returns:
+        What is known now, and whether the campaign has changed, so that everything has to be fitted again.
+    """
+    suspects = find_suspects(selection, fitted)
+    sure = [s for s in suspects if s.sure]
+    if search is not None and not sure:
+        culprit = find_culprit(selection, fitted, search)
+        sure = [] if culprit is None else [culprit]
+    zero = None if sure else find_moving_zeros(selection, fitted.solution, final)
+    doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(selection, s)]
+    new = [tell_fault(s, state.keep_all) for s in (*sure, *doubtful)]
+    new += [tell_zero(selection, zero, state.keep_all)] if zero else []
+    known = {_identify(f) for f in state.faults}
+    faults = (*state.faults, *(f for f in new if _identify(f) not in known))
+    if state.keep_all or not (sure or zero):
+        return dc.replace(state, faults=faults), False
+    gone = {s.key for s in sure if s.diagnosis.samples is None}
+    kept = [key for key in state.campaign.record_keys if key not in gone]
+    campaign = _drop_samples(state.campaign, selection, [s for s in sure if s.key not in gone]).select(kept)
+    # What was in doubt only beside the culprits is looked at again without them.
+    faults = tuple(f for f in faults if f.kind != "doubtful")
+    moving = {**state.zeros, zero.channel: zero.spread} if zero else state.zeros
+    return dc.replace(state, campaign=campaign, faults=faults, zeros=moving), True
+
+
+def _identify(fault: Fault) -> tuple:
+    """What makes two findings one: what a record is said to have may change from one model to the next."""
+    return fault.kind in ("doubtful", "spike") and fault.kind, fault.records, fault.channel
+
+
+def _drop_samples(campaign: Campaign, selection: SelectionProblem, suspects: Sequence[Suspect]) -> Campaign:
+    """The campaign without the samples that are all that is wrong with a record."""
+    assert campaign.samples is not None
+    samples = campaign.samples.copy()
+    for suspect in suspects:
+        assert suspect.diagnosis.samples is not None
+        rows = np.flatnonzero(samples["record"].to_numpy() == suspect.key)
+        for channel, off in zip(selection.records.channels, suspect.diagnosis.samples, strict=True):
+            values = samples[channel].to_numpy(dtype=float).copy()
+            values[rows[off]] = np.nan
+            samples[channel] = values
+    return dc.replace(campaign, samples=samples)
+
+
+def _stands_alone(selection: SelectionProblem, suspect: Suspect) -> bool:
+    """Whether nothing that the catalogue holds shows in the records beside it either."""
+    problem, at = mask_records(selection.problem, {suspect.aside.record}), suspect.aside.solution
+    solution = problem.solve(at.names, at.u, at.z, tolerance=1e-2)
+    scores = score_directions(problem, solution, selection.list_directions((), float(solution.state.max())))
+    return selection.calibrate(scores) >= selection.settings.level_each

@@ -1,7 +1,7 @@
 """A fitted model at new conditions, with the uncertainty of its mean and of a new measurement."""
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeGuard
@@ -26,23 +26,23 @@ from .extrapolation import describe_extrapolation, describe_failure
 
 POSITIVE = ("approach_speed", "normal_load", "slip_speed")
 NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "temperature", "slip")
+CHUNK = 48  # records a call of the compiled program
+DIRECTIONS = 8  # slots of free parameters, a multiple of this
+OPEN = ("improved", "unexplained", "undecided")  # verdicts of models that leave a misfit
+PATH = 256  # points at which the path from zero slip to the last wanted one is followed
+SAMPLES = 200  # of a record whose times are chosen, about
+BEYOND = 1.25  # contact times that such an impact record lasts
+LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
 
 
 @dc.dataclass(frozen=True)
 class Request:
-    """Rows of CONDITIONS.csv, SI.
+    """Rows of CONDITIONS.csv, SI."""
 
-    Attributes:
-        keys: record of every row, shape (rows,).
-        values: conditions and the independent variable by name, each shape (rows,).
-        timed: whether the independent variable is given; else every record has one row, and its times are chosen.
-        notes: sentences on what is not read.
-    """
-
-    keys: np.ndarray
-    values: dict[str, np.ndarray]
-    timed: bool
-    notes: tuple[str, ...]
+    keys: np.ndarray  # record of every row, shape (rows,)
+    values: dict[str, np.ndarray]  # conditions and the independent variable by name, each shape (rows,)
+    timed: bool  # whether that is given; else every record has one row, and its times are chosen
+    notes: tuple[str, ...]  # sentences on what is not read
 
     def groups(self) -> list[tuple[str, np.ndarray]]:
         """Every record with its rows, in the order in which they come."""
@@ -74,19 +74,22 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
             have, or that change within a record.
     """
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
-    place, lines = table.file, table.lines
-    abscissa = name_abscissa(saved)
+    place, lines, family, abscissa = table.file, table.lines, saved.space.family, name_abscissa(saved)
+
+    def refuse(bad: np.ndarray, column: str, tell: Callable[[int], str]) -> None:
+        """Refuse the first of the rows that are bad."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise InputError(tell(row), file=place, column=column, row=lines[row])
+
     headings = _name_columns(table, (*names, "record", abscissa))
     timed = abscissa in headings
     if timed and "record" not in headings:
         raise InputError(f"there is no column 'record'; the file has {', '.join(table.columns)}", file=place)
+    keys = np.array([f"r{k + 1:02d}" for k in range(len(table))], dtype=object)
     if "record" in headings:
         keys = np.array([cell.strip() for cell in table.columns["record"]], dtype=object)
-    else:
-        keys = np.array([f"r{k + 1:02d}" for k in range(len(table))], dtype=object)
-    if (keys == "").any():
-        raise InputError("the cell is empty; every row needs the key of its record", file=place, column="record",
-                         row=lines[int(np.argmax(keys == ""))])
+    refuse(keys == "", "record", lambda row: "the cell is empty; every row needs the key of its record")
     asked, values = {name for e in saved.space.effects for name in e.requires}, {}
     for name in (*names, *([abscissa] if timed else [])):
         if name == "sequence" and name not in headings and name not in asked:
@@ -96,15 +99,32 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
         if name not in headings:
             raise InputError(f"there is no column {name!r} [{unit}], which the model needs; the file has "
                              + ", ".join(table.columns), file=place)
-        values[name] = _convert(table, headings[name], name, unit)
-        _check_sign(name, values[name], place, headings[name][0], lines)
-    if timed and saved.space.family.has_strokes:
-        _refuse_reversal(keys, values[abscissa], place, lines)
-    if timed and saved.space.family.free_running and np.any(values["time"] < 0):
-        raise InputError("a tumbling record begins at t = 0, with the rates given for it; times cannot be negative",
-                         file=place, column="time", row=lines[int(np.argmax(values["time"] < 0))])
+        values[name] = own = _convert(table, headings[name], name, unit)
+        remedy = "; pressures are absolute" if name == "initial_pressure" else ""
+        if name in POSITIVE:
+            refuse(own <= 0, headings[name][0], lambda row: f"{own[row]:g} has to be positive{remedy}")  # noqa: B023
+        if name in NOT_NEGATIVE:
+            refuse(own < 0, headings[name][0], lambda row: f"{own[row]:g} cannot be negative{remedy}")  # noqa: B023
+    records = pd.Series(np.arange(len(keys))).groupby(keys, sort=False)
+    first = records.transform("first").to_numpy()
+    if timed and family.has_strokes:
+        before = pd.Series(values[abscissa]).groupby(keys, sort=False).shift(fill_value=0.0).to_numpy()
+        refuse(values[abscissa] < before, "slip", lambda row: (
+            f"slip falls within record {keys[row]!r}; it counts from the start of a stroke: give each stroke a record "
+            "of its own, in the order of its slip"))
+    if timed and family.free_running:
+        refuse(values["time"] < 0, "time", lambda row: (
+            "a tumbling record begins at t = 0, with the rates given for it; times cannot be negative"))
+    if not timed:
+        refuse(first != np.arange(len(keys)), "record", lambda row: (
+            f"record {keys[row]!r} stands on line {lines[first[row]]} already; without times there is one row a "
+            "record"))
+    for name in names:
+        own = values[name]
+        refuse(own != own[first], name, lambda row: (
+            f"record {keys[row]!r} has {own[row]:g} here and {own[first[row]]:g} on line "  # noqa: B023
+            f"{lines[first[row]]}; a record has one value of each condition"))
     extra = [name for name in headings if name not in (*names, "record", abscissa)]
-    _refuse_changes(keys, {name: values[name] for name in names}, timed, place, lines)
     notes = (f"The model does not read {', '.join(extra)}: left out.",) if extra else ()
     return Request(keys, values, timed, notes)
 
@@ -145,50 +165,6 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
     return np.asarray(unit.convert(numbers), dtype=float)
 
 
-def _refuse_changes(keys: np.ndarray, values: dict[str, np.ndarray], timed: bool, place: str, lines: np.ndarray
-                    ) -> None:
-    """The same conditions in all rows of a record; one row a record where no times are given."""
-    first: dict[str, int] = {}
-    for i, key in enumerate(keys):
-        k = first.setdefault(key, i)
-        if i != k and not timed:
-            raise InputError(f"record {key!r} stands on line {lines[k]} already; without times there is one row a "
-                             "record", file=place, column="record", row=lines[i])
-        for name, column in values.items():
-            if column[i] != column[k]:
-                raise InputError(f"record {key!r} has {column[i]:g} here and {column[k]:g} on line {lines[k]}; a "
-                                 "record has one value of each condition", file=place, column=name, row=lines[i])
-
-
-def _refuse_reversal(keys: np.ndarray, slip: np.ndarray, place: str, lines: np.ndarray) -> None:
-    """Slip counts from the start of a stroke: within a record it does not fall."""
-    last: dict[str, float] = {}
-    for i, key in enumerate(keys):
-        if slip[i] < last.get(key, 0.0):
-            raise InputError(f"slip falls within record {key!r}; it counts from the start of a stroke: give each "
-                             "stroke a record of its own, in the order of its slip", file=place, column="slip",
-                             row=lines[i])
-        last[key] = float(slip[i])
-
-
-def _check_sign(name: str, values: np.ndarray, place: str, heading: str, lines: np.ndarray) -> None:
-    bad = values <= 0 if name in POSITIVE else values < 0 if name in NOT_NEGATIVE else np.zeros(len(values), dtype=bool)
-    if bad.any():
-        i = int(np.argmax(bad))
-        rule = "has to be positive" if name in POSITIVE else "cannot be negative"
-        remedy = "; pressures are absolute" if name == "initial_pressure" else ""
-        raise InputError(f"{values[i]:g} {rule}{remedy}", file=place, column=heading, row=lines[i])
-
-
-CHUNK = 48  # records a call of the compiled program
-DIRECTIONS = 8  # slots of free parameters, a multiple of this
-OPEN = ("improved", "unexplained", "undecided")  # verdicts of models that leave a misfit
-PATH = 256  # points at which the path from zero slip to the last wanted one is followed
-SAMPLES = 200  # of a record whose times are chosen, about
-BEYOND = 1.25  # contact times that such an impact record lasts
-LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
-
-
 def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
             conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
     """Predict records at new conditions.
@@ -214,27 +190,36 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
         InputError: a column is missing or holds no numbers, conditions that no test can have.
         ComputationError: the model could not be integrated there.
     """
-    if isinstance(model, ModelWeights) or is_average(model):
-        return predict_average(model, conditions)
-    return predict_model(model, conditions)
+    if not (isinstance(model, ModelWeights) or is_average(model)):
+        return _predict_model(model, conditions)
+    names, models, weights = read_rivals(model)
+    # Where times are chosen, they are those of the model with the most weight.
+    saved, request = ask_model(models[int(np.argmax(weights))], conditions)
+    request = lay_times(saved, request)
+    tables = [_predict_model(one, request) for one in models]
+    result = average_predictions(tables, weights)
+    shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
+    first = (f"Predicted by {names[0]}, which has all the weight among its rivals." if len(models) == 1 else
+             f"Averaged over {len(models)} models by their weights ({shares}); the spread between the models is part "
+             "of the standard deviations.")
+    result.attrs["notes"] = tuple(dict.fromkeys([first, *(note for table in tables for note in table.attrs["notes"])]))
+    return result
 
 
-def predict_model(model: str | Path | FittedModel | AbstractFitted,
-                  conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
+def _predict_model(model: str | Path | FittedModel | AbstractFitted,
+                   conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
     """As `predict`, for a single model."""
     saved, request = ask_model(model, conditions)
     request = lay_times(saved, request)
     abscissa, keys, values = name_abscissa(saved), request.keys, request.values
-    groups = request.groups()
-    settings = request.settings(name_conditions(saved))
+    groups, settings = request.groups(), request.settings(name_conditions(saved))
     notes = [*request.notes, *describe_extrapolation(saved, [key for key, _ in groups], settings)]
     verdict = saved.extra.get("verdict")
     if verdict in OPEN:
         notes.insert(0, f"The discovery of this model ended with {verdict!r}: it does not fit its own records to the "
-                        "noise, and the standard deviations do not hold what it lacks.")
+                     "noise, and the standard deviations do not hold what it lacks.")
     channels = list_channels(saved)
-    size = len(keys)
-    found = {c: np.zeros((3, size)) for c in channels}
+    found = {c: np.zeros((3, len(keys))) for c in channels}
     order = sorted(range(len(groups)), key=lambda g: len(groups[g][1]))
     for first in range(0, len(order), CHUNK):
         part = order[first: first + CHUNK]
@@ -245,8 +230,11 @@ def predict_model(model: str | Path | FittedModel | AbstractFitted,
             paths = [np.union1d(t, np.linspace(0.0, max(float(t[-1]), 0.0), PATH)) for t in times]
             places = [np.searchsorted(path, t) for path, t in zip(paths, times, strict=True)]
             times = paths
-        mean, sd, new = _predict_some(saved, channels, times, {n: v[part] for n, v in settings.items()},
-                                      [groups[g][0] for g in part])
+        mean, shared, own, _ = evaluate_rows(saved, channels, times, {n: v[part] for n, v in settings.items()},
+                                             [groups[g][0] for g in part])
+        variance, scatter = (np.sum(x.reshape(*mean.shape, -1) ** 2, axis=-1) for x in (shared, own))
+        noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2
+        sd, new = np.sqrt(variance), np.sqrt(variance + scatter + noise)
         for i, (r, k) in enumerate(zip(rows, places, strict=True)):
             for c, channel in enumerate(channels):
                 found[channel][:, r] = mean[i, c, k], sd[i, c, k], new[i, c, k]
@@ -344,16 +332,6 @@ def _linearise(space, names, channels, stack, base, directions, low, high):
     return at.channels, at.shared, at.own, at.end, at.failed
 
 
-def _predict_some(saved: FittedModel, channels: tuple[str, ...], times: list[np.ndarray],
-                  settings: dict[str, np.ndarray], keys: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean and standard deviations of a few records, each shape (records, channels, samples)."""
-    mean, shared, own, _ = evaluate_rows(saved, channels, times, settings, keys)
-    variance = np.sum(shared.reshape(*mean.shape, -1) ** 2, axis=-1)
-    scatter = np.sum(own.reshape(*mean.shape, -1) ** 2, axis=-1)
-    noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2
-    return mean, np.sqrt(variance), np.sqrt(variance + scatter + noise)
-
-
 def evaluate_rows(saved: FittedModel, channels: tuple[str, ...], times: list[np.ndarray],
                   settings: dict[str, np.ndarray], keys: list[str], u: np.ndarray | None = None
                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -374,27 +352,22 @@ def evaluate_rows(saved: FittedModel, channels: tuple[str, ...], times: list[np.
     Raises:
         ComputationError: A record could not be integrated.
     """
-    count, longest = len(times), max(len(t) for t in times)
-    rows, samples = pad_shape(count, longest, saved.space.family)
+    count, family = len(times), saved.space.family
+    rows, samples = pad_shape(count, max(len(t) for t in times), family)
     time = np.zeros((rows, samples))
     for i, t in enumerate(times):
         time[i, :len(t)], time[i, len(t):] = t, t[-1]
     time[count:] = time[0]
-    padded = {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
-    family = saved.space.family
-    for name, value in family.defaults.items():
-        padded.setdefault(name, np.full(rows, value))
-    padded.setdefault("sequence", np.ones(rows))
+    padded = {name: np.full(rows, value) for name, value in {"sequence": 1.0, **family.defaults}.items()}
+    padded |= {n: np.concatenate([v, np.full(rows - count, v[0])]) for n, v in settings.items()}
     nuisances = name_scatter(saved, settings)
     deviations = np.stack([np.full(rows, saved.time_sd) if n == "time" else saved.uncertainties[n].sd(padded[n])
                            for n in nuisances], axis=1)
     shape = (rows, len(channels), samples)
     last = time.max(axis=1)
     span = np.where(last > 0, last, 1e-3) * 1.005
-    slots = max(-(-len(saved.free) // DIRECTIONS), 1) * DIRECTIONS
-    directions = np.zeros((slots, len(saved.space)))
-    # The variance is the sum of the squares of the columns.
-    spread = saved.spread()
+    directions = np.zeros((max(-(-len(saved.free) // DIRECTIONS), 1) * DIRECTIONS, len(saved.space)))
+    spread = saved.spread()  # the variance is the sum of the squares of the columns
     directions[:len(spread)] = spread
     places = np.broadcast_to(saved.u, (count, len(saved.u))) if u is None else u
     base = jnp.asarray(np.concatenate([places, np.broadcast_to(places[:1], (rows - count, len(saved.u)))]))
@@ -442,30 +415,6 @@ def average_predictions(tables: Sequence[pd.DataFrame], weights: Sequence[float]
         for ending in ("_sd", "_sd_new"):
             own = np.stack([table[channel + ending].to_numpy(dtype=float) for table in tables])
             result[channel + ending] = np.sqrt((w * own**2).sum(axis=0) + spread)
-    return result
-
-
-def predict_average(average: str | Path | ModelWeights, conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
-    """Predict by all models that `average` weighted, or of the folder that it wrote; else as `predict`.
-
-    Raises:
-        InputError: The folder or the conditions are faulty.
-        ComputationError: A model could not be integrated there.
-    """
-    names, models, weights = read_rivals(average)
-    # Where times are chosen, they are those of the model with the most weight.
-    saved, request = ask_model(models[int(np.argmax(weights))], conditions)
-    request = lay_times(saved, request)
-    tables = [predict_model(model, request) for model in models]
-    result = average_predictions(tables, weights)
-    shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
-    if len(models) == 1:
-        first = f"Predicted by {names[0]}, which has all the weight among its rivals."
-    else:
-        first = (f"Averaged over {len(models)} models by their weights ({shares}); the spread between the models is "
-                 "part of the standard deviations.")
-    notes = dict.fromkeys([first, *(note for table in tables for note in table.attrs["notes"])])
-    result.attrs["notes"] = tuple(notes)
     return result
 
 

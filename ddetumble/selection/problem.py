@@ -23,7 +23,7 @@ from ..measurement.grouping import can_leave_out, count_conditions, group_condit
 from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
 from .result import LackOfFit
-from .series import measure_error, split_error
+from .series import split_error
 from .settings import DEFAULT, SelectionSettings
 
 
@@ -32,24 +32,16 @@ Zeros = Mapping[str, tuple[float, float]]
 
 @dc.dataclass(frozen=True)
 class Fitted:
-    """A model and its fit.
+    """A model and its fit."""
 
-    Attributes:
-        effects: ids of those added to the reference model.
-        solution: of the fit.
-        loss: cross-validated loss of every record, in noise variances, shape (records,).
-        forecast: what the first quarter of a left-out record says of the rest of it, where records run on from where
-            they start; elsewhere the loss itself.
-        thinned: whether fitted to thinned records.
-        penalty: of a parameter in `merit`.
-    """
-
-    effects: tuple[str, ...]
+    effects: tuple[str, ...]  # ids of those added to the reference model
     solution: Solution
-    loss: np.ndarray
+    loss: np.ndarray  # cross-validated loss of every record, in noise variances, shape (records,)
+    # What the first quarter of a left-out record says of the rest of it, where records run on from where they start;
+    # elsewhere the loss itself.
     forecast: np.ndarray
-    thinned: bool = False
-    penalty: float = DEFAULT.significant
+    thinned: bool = False  # whether fitted to thinned records
+    penalty: float = DEFAULT.significant  # of a parameter in `merit`
 
     @property
     def score(self) -> float:
@@ -67,58 +59,41 @@ class Fitted:
 
 
 class PredictionError(NamedTuple):
-    """How well a model predicts conditions that it was not fitted to, from their settings alone.
+    """How well a model predicts conditions that it was not fitted to; NaN where there are too few, or it fails."""
 
-    Attributes:
-        nrmse: rms error over rms signal.
-        coverage: share of the samples (whitened) within the predicted 95 % interval of a new measurement.
-    """
+    squares: np.ndarray  # of `nrmse` by record, shape (records,): their sum is its square
+    coverage: float  # share of the samples (whitened) within the predicted 95 % interval of a new measurement
 
-    nrmse: float
-    coverage: float
+    @property
+    def nrmse(self) -> float:
+        """rms error over rms signal."""
+        return float(np.sqrt(np.sum(self.squares)))
 
 
 @dc.dataclass(frozen=True)
 class SelectionProblem:
-    """What models are chosen for: a campaign, its noise, and the effects that may be added. Nothing changes it.
+    """What models are chosen for: a campaign, its noise, and the effects that may be added. Nothing changes it."""
 
-    Attributes:
-        campaign: with samples; `settings` the thresholds; `zeros` by channel whose baseline moves in every record how
-            far (see `stack_records`).
-        space: parameters of everything; `start` their coordinates before any fit, `guess` those of the reference model
-            guessed from the records; `base` names of the parameters that every model has free.
-        known: effects that these records can show, `catalogue` those of them that are candidates, `directions` the test
-            directions of the lack of fit, `left_out` ids of effects that lack what they need.
-        freed: shapes (a wall's power) that are free in every fit that has their effect.
-        warnings: sentences on the records.
-        records: all samples; `problem` and `thin`: the least-squares problems with all, and with thinned records
-            (None where they are short).
-        noise: by channel, once the reference model was fitted.
-        bases: whitened splines of every record, in which a misfit is looked for; `orthonormal` what makes these
-            orthonormal, as it is asked for, by record.
-        lost: whether fits have to be led from the first part of the records to all of them.
-    """
-
-    campaign: Campaign
+    campaign: Campaign  # with samples
     settings: SelectionSettings
-    zeros: Zeros | None
-    space: ParameterSpace
-    start: np.ndarray
-    base: tuple[str, ...]
-    known: tuple[type[AbstractEffect], ...]
-    catalogue: tuple[type[AbstractEffect], ...]
-    directions: tuple[type[AbstractEffect], ...]
-    left_out: tuple[str, ...]
-    warnings: tuple[str, ...]
-    records: Records
-    problem: Problem
+    zeros: Zeros | None  # by channel whose baseline moves in every record how far (see `stack_records`)
+    space: ParameterSpace  # of everything
+    start: np.ndarray  # coordinates before any fit
+    base: tuple[str, ...]  # parameters that every model has free
+    known: tuple[type[AbstractEffect], ...]  # effects that these records can show
+    catalogue: tuple[type[AbstractEffect], ...]  # those of them that are candidates
+    directions: tuple[type[AbstractEffect], ...]  # test directions of the lack of fit
+    left_out: tuple[str, ...]  # effects that lack what they need
+    warnings: tuple[str, ...]  # sentences on the records
+    records: Records  # all samples
+    problem: Problem  # least squares with these, and with thinned records (None where they are short)
     thin: Problem | None
-    guess: np.ndarray
-    freed: tuple[str, ...] = ()
-    noise: Mapping[str, Noise] = dc.field(default_factory=dict)
-    bases: Sequence[sparse.csr_matrix] = ()
-    orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)
-    lost: bool = False
+    guess: np.ndarray  # coordinates of the reference model guessed from the records
+    freed: tuple[str, ...] = ()  # shapes (a wall's power) that are free in every fit that has their effect
+    noise: Mapping[str, Noise] = dc.field(default_factory=dict)  # by channel, once the reference model was fitted
+    bases: Sequence[sparse.csr_matrix] = ()  # whitened splines of every record, in which a misfit is looked for
+    orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)  # what makes these so, by record
+    lost: bool = False  # whether fits have to be led from the first part of the records to all of them
 
     @property
     def family(self) -> Family:
@@ -162,6 +137,11 @@ class SelectionProblem:
         """The same with a shape held again."""
         return dc.replace(self, freed=tuple(n for n in self.freed if n != name))
 
+    def extend(self, fitted: Fitted, effects: Sequence[str], u: np.ndarray | None = None, **options) -> Fitted | None:
+        """Fit `effects` from where a fit ended, or from the coordinates `u` with its nuisances; options as of `fit`."""
+        solution = fitted.solution
+        return self.fit(effects, [{}], solution.u if u is None else u, solution.z, **options)
+
     def list_held(self, effect: str) -> list[str]:
         """Names of an effect's shapes that are held at their default (the power of a wall's stiffness)."""
         names = [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if not p.free]
@@ -180,26 +160,22 @@ class SelectionProblem:
 
         A parameter may run away to make up for what is missing, to where nothing depends on it any more.
         """
-        own = [self.space.index[name] for name in self.base]
-        far = self.settings.strayed * self.problem.scales
-        strayed = [k for k in own if abs(base[k] - self.guess[k]) > far[k]]
-        if not strayed:
-            return [base]
+        strayed = [k for k in (self.space.index[name] for name in self.base)
+                   if abs(base[k] - self.guess[k]) > self.settings.strayed * self.problem.scales[k]]
         back = base.copy()
         back[strayed] = self.guess[strayed]
-        return [base, back]
+        return [base, back] if strayed else [base]
 
-    def repeat(self, fitted: Fitted) -> Fitted:
-        """The same model fitted again from where it was (after the noise has changed)."""
-        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-4)
-        return self.file(fitted.effects, solution)
+    def repeat(self, fitted: Fitted, tolerance: float = 1e-4) -> Fitted:
+        """The same model fitted to all samples from where it was (after the noise has changed)."""
+        old = fitted.solution
+        return self.file(fitted.effects, self.problem.solve(old.names, old.u, old.z, tolerance=tolerance))
 
     def finish(self, fitted: Fitted) -> Fitted:
-        """The same fit, of all samples, to a tight tolerance."""
-        solution = self.problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, tolerance=1e-5)
-        if solution.failed or solution.chi2 > fitted.solution.chi2 + 1e-3:
-            return fitted
-        return self.file(fitted.effects, solution)
+        """The same fit, of all samples, to a tight tolerance; as it was where that breaks down."""
+        found = self.repeat(fitted, 1e-5)
+        worse = found.solution.failed or found.solution.chi2 > fitted.solution.chi2 + 1e-3
+        return fitted if worse else found
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
             tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False, thinned: bool = False
@@ -231,74 +207,61 @@ class SelectionProblem:
     def file(self, effects: Sequence[str], solution: Solution, problem: Problem | None = None) -> Fitted:
         """A fit with its cross-validated losses."""
         problem = problem or self.problem
-        loss = leave_out(solution, self.groups)
-        ahead = loss
+        loss = ahead = leave_out(solution, self.groups)
         if self.family.free_running:
             ahead = forecast(problem.records, solution, self.groups, self.settings.early)
         return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem, self.settings.significant)
 
+    def predict(self, fitted: Fitted, adjust: bool = False) -> PredictionError:
+        """How well a model predicts every condition from the fit without it (`predict_left_out`).
+
+        Of records that run on from where they start, their first part gives what they start from.
+
+        Args:
+            fitted: the model.
+            adjust: whether settings are adjusted within their stated uncertainty, else as they are written down.
+        """
+        if not self.holds_out:
+            return PredictionError(np.full(self.records.count, np.nan), float("nan"))
+        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
+        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust)
+        return PredictionError(split_error(problem.records, found.channels, found.used), found.coverage)
+
     def cross_validate(self, fitted: Fitted) -> float:
-        """Cross-validated error of a model, rms over rms signal: the same for steps and candidates.
+        """Cross-validated error of a model, rms over rms signal: the same for steps and candidates."""
+        return self.predict(fitted, adjust=True).nrmse
 
-        Every condition is predicted by the model fitted without it, its own settings adjusted within their stated
-        uncertainty (`predict_left_out`). NaN where there are too few conditions, or a prediction could not be computed.
+    def list_amplitudes(self, effect: str) -> list[str]:
+        """Names of an effect's amplitudes."""
+        return [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if p.kind != "shape"]
+
+    def list_directions(self, exclude: Sequence[str], depth: float) -> list[tuple[str, str, dict[str, float]]]:
+        """Every direction outside a model: catalogue (shapes on their grids), and test directions.
+
+        Args:
+            exclude: ids of the effects in the model.
+            depth: largest state that it reaches; onsets lie at parts of it.
         """
-        if not self.holds_out:
-            return float("nan")
-        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
-        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early)
-        return measure_error(problem.records, found.channels, found.used)
-
-    def split_cross_validation(self, fitted: Fitted) -> np.ndarray:
-        """Square of the cross-validated error by record, shape (records,): their sum is its square."""
-        found = predict_left_out(self.problem, fitted.solution, self.groups, self.settings.early)
-        return split_error(self.problem.records, found.channels, found.used)
-
-    def predict(self, fitted: Fitted) -> PredictionError:
-        """Prediction error of a model: every condition predicted from its settings as they are written down.
-
-        Of records that run on from where they start, their first part gives what they start from, and the number is
-        the cross-validated error. NaN where there are too few conditions, or a prediction could not be computed.
-        """
-        if not self.holds_out:
-            return PredictionError(float("nan"), float("nan"))
-        problem = self.thin if fitted.thinned and self.thin is not None else self.problem
-        found = predict_left_out(problem, fitted.solution, self.groups, self.settings.early, adjust=False)
-        return PredictionError(measure_error(problem.records, found.channels, found.used), found.coverage)
-
-    def list_directions(self, exclude: Sequence[str], directions: bool = True, depth: float | None = None,
-                        frequency: float | None = None) -> list[tuple[str, str, dict[str, float]]]:
-        """Every direction outside a model: catalogue (shapes on their grids), and test directions."""
         wanted = []
         for effect in self.catalogue:
-            if effect.id in exclude:
-                continue
-            amplitudes = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.kind != "shape"]
-            singular = [f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.singular]
-            for start in default_starts(effect):
-                # What has no slope at its null is scored where a fit would start.
-                shapes = {n: v for n, v in start.items() if n not in amplitudes or n in singular}
-                wanted += [(effect.id, a, shapes) for a in amplitudes]
-        if directions:
-            for effect in self.directions:
-                if effect.id in exclude:
-                    continue
-                onset, line = (getattr(effect, name, None) for name in ("onset", "line"))
-                places: list[dict[str, float]] = [{}]
-                if onset is not None:
-                    places = [{onset: float(np.log(d * depth))} for d in (0.3, 0.55, 0.8)] if depth else []
-                elif line is not None:
-                    places = [{line: float(np.log(frequency))}] if frequency else []
-                wanted += [(effect.id, f"{effect.id}.{p.name}", place) for place in places
-                           for p in parameters_of(effect) if p.kind != "shape"]
-        return wanted
+            amplitudes = self.list_amplitudes(effect.id)
+            # What has no slope at its null is scored where a fit would start.
+            grid = {f"{effect.id}.{p.name}" for p in parameters_of(effect) if p.singular or p.kind == "shape"}
+            wanted += [(effect.id, a, {n: v for n, v in start.items() if n in grid})
+                       for start in default_starts(effect) for a in amplitudes]
+        for effect in self.directions:
+            onset = getattr(effect, "onset", None)
+            places = [{}] if onset is None else [{onset: float(np.log(d * depth))} for d in (0.3, 0.55, 0.8) if depth]
+            if getattr(effect, "line", None) is None:  # a frequency is looked for in the residuals
+                wanted += [(effect.id, a, place) for place in places for a in self.list_amplitudes(effect.id)]
+        return [direction for direction in wanted if direction[0] not in exclude]
 
     def test_lack_of_fit(self, fitted: Fitted) -> tuple[LackOfFit, list[Score]]:
         """Lack of fit of a model, and the scores of everything outside it."""
-        depth = float(fitted.solution.state.max())
-        scores = score_directions(self.problem, fitted.solution, self.list_directions(fitted.effects, depth=depth))
-        p_value = self.calibrate(scores)
-        return judge_fit(self.problem, fitted.solution, self.bases, self.noise, p_value, self.settings), scores
+        solution = fitted.solution
+        wanted = self.list_directions(fitted.effects, float(solution.state.max()))
+        scores = score_directions(self.problem, solution, wanted)
+        return judge_fit(self.problem, solution, self.bases, self.noise, self.calibrate(scores), self.settings), scores
 
     def calibrate(self, scores: list[Score]) -> float:
         """Family-wise p-value of the largest score: by a bootstrap where there are few long records."""

@@ -1,18 +1,19 @@
 """What the sentences of a verdict are made from: facts of a discovery or comparison, told by `ddetumble._sentences`."""
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from .._sentences import Sentence, join_sentences, say
 from ..families import Family
-from ..measurement.faults import Fault
 from ..measurement.quantities import describe_quantity
 from .discovery import Discovery
-from .result import Candidate, Estimate, SettingShift, Step, Trace
-from .settings import DEFAULT
+from .forward_selection import Unphysical
+from .missing.missing_force import summarise_missing
+from .result import Candidate, SettingShift, Step, Trace
+from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
 
@@ -39,40 +40,69 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
     }
 
 
-def list_values(step: Step, effects: Sequence[str]) -> list[tuple[str, Estimate]]:
-    """Parameters of effects with their estimates, without the effects' names."""
-    return [(name.split(".", 1)[1], one) for name, one in step.parameters.items() if name.split(".")[0] in effects]
-
-
 def _level(step: Step, found: Discovery) -> dict[str, Any]:
     return describe_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.settings.level_each)
 
 
-def _chance(p: float) -> str:
-    return f"p = {p:.1g}" if p >= 1e-6 else "p < 1e-6"
+def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], units: bool, asked: str) -> Sentence:
+    """The sentence of a verdict.
+
+    Args:
+        found: the discovery, its sentence and notes still to be told.
+        family: of its records.
+        left_out: ids of effects that lack what they need.
+        units: whether a unit is in doubt: then that doubt, the first one, comes instead of the verdict.
+        asked: name of the reference model that was asked for.
+    """
+    first = found.steps[0]
+    model, rejected = _name_model(found), first.lack_of_fit.rejected
+    folds = family.folds if np.isfinite(first.heldout_nrmse) else ""
+    if units and found.doubts:
+        parts = [say("verdict.doubtful_unit", doubt=found.doubts[0], model=repr(found.model),
+                     before=_level(first, found))]
+    else:
+        parts = [_tell_verdict(found, family, model, folds)]
+        if found.verdict in ("improved", "unexplained") and found.where:
+            view = dc.replace(family.view, longest=find_longest(first.traces))
+            parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
+        alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
+        if alike:
+            parts.append(say("verdict.alike", effects=len(found.effects), others=alike, remedies=family.remedies))
+        elif found.verdict == "explained":
+            parts.append(say("verdict.unique", folds=folds))
+        needs = {effect.id: effect.requires for effect in family.catalogue}
+        ordered = [e for e in left_out if "sequence" in needs.get(e, ())]
+        if ordered and rejected and found.verdict != "explained":
+            parts.append(say("verdict.unordered", effects=ordered))
+        if found.missing is not None:
+            parts.append(summarise_missing(found.missing))
+        parts += found.doubts
+    if found.model != asked:
+        text = next(r["text"] for r in found.references if r["model"] == found.model).rstrip(".")
+        parts.insert(0, say("verdict.other_reference", model=repr(found.model), text=text, effects=list(found.effects),
+                            asked=repr(asked)))
+    out = sorted({key for f in found.faults if f.left_out for key in f.records})
+    if out:
+        parts.append(say("verdict.left_out", records=out))
+    if found.verdict != "nothing-missing":
+        parts += [say("verdict.one_record", record=f.records[0]) for f in found.faults if f.kind == "doubtful"]
+    return join_sentences(*parts)
 
 
-def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tuple[Sentence, tuple[Sentence, ...]]:
-    """The sentence of a verdict, and further notes."""
+def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
+               exact: Sequence[str], loose: Sequence[str]) -> list[str]:
+    """What was assumed, and what could not be seen.
+
+    Args:
+        found, family, left_out, asked: as of `tell_discovery`.
+        undrawn: why no missing force was drawn.
+        exact: settings that state no uncertainty; `loose`: parameters that the records do not fix.
+    """
     first, settings = found.steps[0], found.settings
-    some, lack = np.isfinite(first.heldout_nrmse), first.lack_of_fit
-    effects, folds = list(found.effects), family.folds if some else ""
     needs = {effect.id: effect.requires for effect in family.catalogue}
-    alike = sorted({a["effect"] for s in found.steps for a in s.alternatives})
-    parts = [_say_verdict(found, family, _name_model(found), folds)]
-    if found.verdict in ("improved", "unexplained") and found.where:
-        view = dc.replace(family.view, longest=find_longest(first.traces))
-        parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
-    if alike:
-        parts.append(say("verdict.alike", effects=len(effects), others=alike, remedies=family.remedies))
-    elif found.verdict == "explained":
-        parts.append(say("verdict.unique", folds=folds))
-    ordered = [e for e in left_out if "sequence" in needs.get(e, ())]
-    if ordered and lack.rejected and found.verdict != "explained":
-        parts.append(say("verdict.unordered", effects=ordered))
     notes = [say("verdict.fits_better", effect=a["effect"], added=s.added) for s in found.steps for a in s.alternatives
              if settings.is_beaten(a["heldout_difference"], a["standard_error"])]
-    unseen = [c.effect for c in found.candidates if c.visible < settings.invisible and c.effect not in effects]
+    unseen = [c.effect for c in found.candidates if c.visible < settings.invisible and c.effect not in found.effects]
     if unseen:
         beside = "the initial rates" if family.free_running else "the settings"
         absorbs = ", ".join([*(name.replace("_", " ") for name in first.parameters), f"and {beside}"])
@@ -82,7 +112,36 @@ def explain(found: Discovery, left_out: tuple[str, ...], family: Family) -> tupl
     notes += [say("verdict.noise", channel=channel, text=noise["text"]) for channel, noise in found.noise.items()]
     if any(not s.converged for s in found.steps):
         notes.append(say("verdict.unconverged"))
-    return join_sentences(*parts), tuple(notes)
+    if undrawn:
+        notes.append(undrawn)
+    if exact:
+        notes.append(say("verdict.exact_settings", names=list(exact)))
+    if loose:
+        notes.append(say("verdict.undetermined", names=list(loose)))
+    if found.references and found.model == asked:
+        notes.append(say("verdict.no_better_reference", models=[r["model"] for r in found.references]))
+    return notes
+
+
+def list_doubts(verdict: str, candidates: Sequence[Candidate], questions: Sequence[str],
+                unphysical: tuple[Sequence[str], Sequence[Unphysical]] | None, settings: SelectionSettings
+                ) -> tuple[str, ...]:
+    """What has to be settled first: units that may be wrong, and models that fit at values beyond what physics allows.
+
+    Args:
+        verdict: it is the open ones in which an effect may imitate what is missing.
+        candidates: of the catalogue.
+        questions: about units.
+        unphysical: effects that fit, and their estimates that physics does not allow.
+        settings: thresholds.
+    """
+    if unphysical is not None:
+        effects, values = unphysical
+        return *questions, say("verdict.unphysical", effects=list(effects), values=list(map(str, values)))
+    most = max((c for c in candidates if c.beyond), key=lambda c: c.explains, default=None)
+    if verdict not in ("improved", "unexplained") or most is None or most.explains <= settings.largest_part:
+        return tuple(questions)
+    return *questions, say("verdict.imitation", effect=most.effect, share=most.explains, values=most.text)
 
 
 def _name_model(found: Discovery) -> str:
@@ -92,84 +151,30 @@ def _name_model(found: Discovery) -> str:
     return repr(name + (f" with {' and '.join(given)}" if given else ""))
 
 
-def _say_verdict(found: Discovery, family: Family, model: str, folds: str) -> Sentence:
+def _tell_verdict(found: Discovery, family: Family, model: str, folds: str) -> Sentence:
     """The first sentences: the verdict with its evidence."""
-    first, last, counts = found.steps[0], found.steps[-1], found.counts
+    first, last, counts, settings = found.steps[0], found.steps[-1], found.counts, found.settings
     lack, before, effects = first.lack_of_fit, _level(first, found), list(found.effects)
-    p, records, conditions = _chance(lack.p_value), counts["records"], counts["conditions"]
+    p = f"p = {lack.p_value:.1g}" if lack.p_value >= 1e-6 else "p < 1e-6"
+    records, conditions = counts["records"], counts["conditions"]
     if found.verdict == "nothing-missing":
-        seen = [c for c in found.candidates if c.visible > found.settings.invisible and c.smallest_detectable][:3]
+        seen = [c for c in found.candidates if c.visible > settings.invisible and c.smallest_detectable][:3]
         detectable = [(n, v, c.units.get(n, "")) for c in seen for n, v in list(c.smallest_detectable.items())[:1]]
         return say("verdict.nothing_missing", model=model, records=records, p=lack.p_value, level=lack.level,
                    detectable=detectable)
     if found.verdict == "undecided" and lack.rejected:
-        sufficient = [c.effect for c in found.candidates if c.explains > found.settings.largest_part]
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
-                   sufficient=sufficient, remedies=family.remedies)
+                   sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],
+                   remedies=family.remedies)
     if found.verdict == "undecided":
         return say("verdict.too_few", records=records)
     if found.verdict == "explained":
-        values = list_values(last, effects)
-        brief = len(say("words.values", parameters=values)) < BRIEF
-        errors = (first.heldout_nrmse, last.heldout_nrmse) if folds else None
-        return say("verdict.explained", model=model, effects=effects, values=values, brief=brief, before=before,
-                   after=_level(last, found), p=p, errors=errors, noise=found.noise_nrmse, records=records,
-                   conditions=conditions, folds=folds)
+        values = [(name.split(".", 1)[1], one) for name, one in last.parameters.items()
+                  if name.split(".")[0] in effects]
+        return say("verdict.explained", model=model, effects=effects, values=values,
+                   brief=len(say("words.values", parameters=values)) < BRIEF, before=before, after=_level(last, found),
+                   p=p, errors=(first.heldout_nrmse, last.heldout_nrmse) if folds else None, noise=found.noise_nrmse,
+                   records=records, conditions=conditions, folds=folds)
     if found.verdict == "improved":
         return say("verdict.improved", model=model, effects=effects, before=before, after=_level(last, found))
     return say("verdict.unexplained", model=model, before=before, p=p, candidates=len(found.candidates), folds=folds)
-
-
-def describe_beyond(effects: Sequence[str], unphysical: Sequence[Any]) -> Sentence:
-    """Sentence on a model that removes a misfit at values that physics does not allow."""
-    return say("verdict.unphysical", effects=list(effects), values=list(map(str, unphysical)))
-
-
-def describe_imitation(candidates: Sequence[Candidate], largest_part: float) -> tuple[Sentence, ...]:
-    """Sentence on the effect that removes most of a misfit alone, at values beyond its limits; none where none does."""
-    for one in sorted(candidates, key=lambda c: -c.explains):
-        if one.beyond and one.explains > largest_part:
-            return (say("verdict.imitation", effect=one.effect, share=one.explains, values=one.text),)
-    return ()
-
-
-def mention_references(found: Discovery, asked: str, rivals: Sequence[Mapping[str, Any]]) -> Discovery:
-    """The same with the reference models that were tried: in the sentence which one the data want."""
-    if found.model == asked:
-        note = say("verdict.no_better_reference", models=[rival["model"] for rival in rivals])
-        return dc.replace(found, references=tuple(rivals), notes=(*found.notes, note))
-    text = next(rival["text"] for rival in rivals if rival["model"] == found.model).rstrip(".")
-    first = say("verdict.other_reference", model=repr(found.model), text=text, effects=list(found.effects),
-                asked=repr(asked))
-    return dc.replace(found, sentence=join_sentences(first, found.sentence), references=tuple(rivals))
-
-
-def mention_doubts(found: Discovery, doubts: Sequence[str], units: bool) -> Discovery:
-    """The same with what has to be settled first.
-
-    Args:
-        found: the discovery.
-        doubts: sentences; where units are in doubt, that one is first.
-        units: whether they are.
-    """
-    first = found.steps[0]
-    if not doubts or not first.lack_of_fit.rejected:
-        return found
-    sentence = join_sentences(found.sentence, *doubts)
-    if units:
-        sentence = say("verdict.doubtful_unit", doubt=str(doubts[0]), model=repr(found.model),
-                       before=_level(first, found))
-    return dc.replace(found, sentence=sentence, doubts=tuple(doubts))
-
-
-def mention_faults(found: Discovery, faults: Sequence[Fault]) -> Discovery:
-    """The same with the faults of its data: in the sentence what bears on the verdict, in the notes all of it."""
-    if not faults:
-        return found
-    parts, out = [found.sentence], sorted({key for f in faults if f.left_out for key in f.records})
-    if out:
-        parts.append(say("verdict.left_out", records=out))
-    if found.verdict != "nothing-missing":
-        parts += [say("verdict.one_record", record=f.records[0]) for f in faults if f.kind == "doubtful"]
-    return dc.replace(found, sentence=join_sentences(*parts), faults=tuple(faults),
-                      notes=(*map(str, faults), *found.notes))

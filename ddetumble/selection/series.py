@@ -1,6 +1,6 @@
 """Model beside measurement, record by record and channel by channel, and how large the error is against the signal."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,13 +26,13 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
     """
     stack = records.stack
     time, values, weights = (np.asarray(x) for x in (stack.time, stack.values, stack.weights))
-    deviations = np.asarray(stack.condition_sd)
     origin = records.nuisances.index("time")
+    moved = solution.z[:, origin] * np.asarray(stack.condition_sd)[: records.count, origin] + solution.common_shift()
+    independent = "time" if campaign.independent is None else campaign.independent.name
     traces = []
     for r, key in enumerate(records.keys):
         n = records.lengths[r]
         conditions = {str(name): float(value) for name, value in campaign.records.loc[key].items()}
-        since = time[r, :n] - solution.z[r, origin] * deviations[r, origin] - solution.common_shift()
         for c, channel in enumerate(records.channels):
             used = weights[r, c, :n] > 0
             if noise and channel in noise:
@@ -41,26 +41,22 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
                 # The first weight of a record is 1/sd of the sample itself: nothing before it predicts it.
                 sd = 1.0 / weights[r, c, np.argmax(used)] if used.any() else float("nan")
             traces.append(Trace(
-                key, channel, campaign.channels[channel].unit, conditions, since,
+                key, channel, campaign.channels[channel].unit, conditions, time[r, :n] - moved[r],
                 np.where(used, values[r, c, :n], np.nan), solution.channels[r, c, :n].copy(), float(sd),
-                solution.state[r, :n].copy(), solution.state_rate[r, :n].copy(),
-                campaign.family, "time" if campaign.independent is None else campaign.independent.name))
+                solution.state[r, :n].copy(), solution.state_rate[r, :n].copy(), campaign.family, independent))
     return tuple(traces)
 
 
-def measure_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> float:
-    """rms of measured minus modelled over that of the measured signal; of several channels, their root mean square.
+def split_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> np.ndarray:
+    """Square of the rms error over the rms signal, split by record, shape (records,); nan where there is no signal.
+
+    Their sum is the square of `nrmse`.
 
     Args:
         records: the stack that was fitted.
         channels: model, shape (records, channels, samples), SI.
         used: samples that count beside those that the fit leaves out, shape (records, samples); all where not given.
     """
-    return float(np.sqrt(np.sum(split_error(records, channels, used))))
-
-
-def split_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> np.ndarray:
-    """Square of `measure_error` by record, shape (records,): their sum is its square; nan where there is no signal."""
     values = np.asarray(records.stack.values)[: records.count]
     there = np.asarray(records.stack.weights)[: records.count] > 0
     if used is not None:
@@ -76,35 +72,19 @@ def list_channels(traces: Sequence[Trace]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(trace.channel for trace in traces))
 
 
-def nrmse_by_channel(traces: Sequence[Trace]) -> dict[str, float]:
-    """Root mean square of the residuals over that of the signal, by channel."""
-    return _relative(traces, lambda trace: (trace.measured - trace.model) ** 2)
-
-
-def nrmse(traces: Sequence[Trace]) -> float:
-    """Root mean square of the residuals over that of the signal; of several channels, their root mean square."""
-    return _combine(nrmse_by_channel(traces))
-
-
-def noise_nrmse(traces: Sequence[Trace]) -> float:
-    """What noise alone would leave of `nrmse`."""
-    return _combine(_relative(traces, lambda trace: np.full(trace.time.shape, trace.sd**2)))
-
-
-def _relative(traces: Sequence[Trace], square: Callable[[Trace], np.ndarray]) -> dict[str, float]:
-    """Root of the sum of `square` over that of the squared signal, where there is a signal."""
+def nrmse_by_channel(traces: Sequence[Trace], noise: bool = False) -> dict[str, float]:
+    """Root mean square of the residuals (or of the noise) over that of the signal, by channel; nan without a signal."""
     found = {}
     for channel in list_channels(traces):
-        above = below = 0.0
-        for trace in traces:
-            if trace.channel == channel:
-                there = np.isfinite(trace.measured)
-                above += float(np.sum(square(trace)[there]))
-                below += float(np.sum(trace.measured[there] ** 2))
+        own = [(t, np.isfinite(t.measured)) for t in traces if t.channel == channel]
+        above = sum(float(there.sum()) * t.sd**2 if noise else float(np.sum((t.measured - t.model)[there] ** 2))
+                    for t, there in own)
+        below = sum(float(np.sum(t.measured[there] ** 2)) for t, there in own)
         found[channel] = float(np.sqrt(above / below)) if below > 0 else float("nan")
     return found
 
 
-def _combine(shares: Mapping[str, float]) -> float:
-    values = np.array([value for value in shares.values() if np.isfinite(value)])
+def nrmse(traces: Sequence[Trace], noise: bool = False) -> float:
+    """The same of all channels: the root mean square over those with a signal."""
+    values = np.array([x for x in nrmse_by_channel(traces, noise).values() if np.isfinite(x)])
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")

@@ -30,10 +30,8 @@ WIDTH = 100
 FEWEST, NEAR = 5, 0.05  # candidates that are always shown, and what others must explain to be shown too
 WHOLE = 0.995  # share from which a range is all there is
 MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it
-_PHASES = {
-    "loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
-    "backward": " on strokes backward",
-}  # fmt: skip
+_PHASES = {"loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
+           "backward": " on strokes backward"}
 
 
 def say_verdict(verdict: str) -> str:
@@ -53,20 +51,18 @@ def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | Non
 
 def describe_place(place: Place, view: View) -> dict[str, Any]:
     """Facts of a place where a misfit sits, in the units of a view; a phase is named where there is another."""
-    low, high = place.range
-    shown = describe_quantity(place.variable, [low, high, *((view.longest,) if place.variable == "time" else ())])
+    (low, high), timed, period = place.range, place.variable == "time", None
+    shown = describe_quantity(place.variable, [low, high, *((view.longest,) if timed else ())])
     unit = f" {shown.unit}" if shown.unit else ""
-    period = None
     if place.period is not None and math.isfinite(place.period):
-        period = format_time(place.period) if place.variable == "time" else (
-            f"{format_number(shown.scale * place.period)}{unit}")
+        period = format_time(place.period) if timed else f"{format_number(shown.scale * place.period)}{unit}"
     return {
         "channel": describe_quantity(place.channel).name,
         "variable": view.series if place.variable == "sequence" else shown.name,
         "low": format_number(shown.scale * low), "high": f"{format_number(shown.scale * high)}{unit}",
         "phase": _PHASES[place.phase] if place.phase in view.phases else "", "period": period,
         "share": place.share, "removes": place.removes, "direction": place.variable == "direction",
-        "throughout": place.share >= WHOLE and place.variable == "time" and low <= MARGIN * view.longest
+        "throughout": place.share >= WHOLE and timed and low <= MARGIN * view.longest
         and high >= (1.0 - MARGIN) * view.longest,
         "all": place.share >= WHOLE and place.removes is not None,
     }
@@ -81,54 +77,38 @@ def show_estimate(estimate: Estimate) -> tuple[str, str, str, str]:
     """Value, standard deviation and the ends of the 95 % interval, to the digits that count."""
     sd = estimate.sd
     return (format_value(estimate.estimate, sd), format_value(sd, sd), format_value(estimate.q025, sd),
-            format_value(estimate.q975, sd))  # fmt: skip
+            format_value(estimate.q975, sd))
 
 
 def list_alternatives(alternatives: Sequence[Mapping]) -> list[tuple[str, str, str, str]]:
     """Rows of a confusion set: effect, paired held-out difference, its standard error, and both as a ratio."""
     rows = []
     for item in alternatives:
-        difference, error = (_read(item, key) for key in ("heldout_difference", "standard_error"))
+        difference, error = (math.nan if item.get(key) is None else float(item[key])
+                             for key in ("heldout_difference", "standard_error"))
         ratio = difference / error if math.isfinite(difference) and error > 0 else math.nan
         rows.append((clean(item.get("effect", "")), format_value(difference, error), format_value(error, error),
-                     format_number(ratio, 2)))  # fmt: skip
+                     format_number(ratio, 2)))
     return rows
-
-
-def _read(item: Mapping, key: str) -> float:
-    value = item.get(key)
-    return math.nan if value is None else float(value)
 
 
 def choose_view(traces: Sequence[Trace] = (), family: str = DEFAULT_FAMILY) -> View:
     """The view of some traces; of the family alone where there are none."""
-    view = _choose(traces, family)
+    found = find_family(traces[0].family if traces else family)
+    view = dc.replace(found.view, along=traces[0].independent) if traces else found.view
+    if found.view_reversed and any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
+        view = found.view_reversed
     ends = [float(np.nanmax(trace.time)) for trace in traces if np.size(trace.time)]
     return dc.replace(view, longest=max(ends)) if ends and view.along == "time" else view
 
 
-def _choose(traces: Sequence[Trace], family: str) -> View:
-    found = find_family(traces[0].family if traces else family)
-    if found.view_reversed and any(np.any(np.asarray(trace.state_rate) < 0) for trace in traces):
-        return found.view_reversed
-    return dc.replace(found.view, along=traces[0].independent) if traces else found.view
-
-
 def align(header: Sequence[str], rows: Sequence[Sequence[str]], sides: str) -> str:
-    """A table as text: columns two spaces apart, `l`eft or `r`ight by `sides`, a rule below the header.
-
-    Args:
-        header: names of the columns.
-        rows: cells as text.
-        sides: one letter a column.
-    """
+    """A table as text: columns two spaces apart, `l`eft or `r`ight by `sides`, a rule below the header."""
     widths = [max(len(str(row[i])) for row in (header, *rows)) for i in range(len(header))]
 
     def line(cells) -> str:
-        return "  ".join(
-            str(cell).ljust(width) if side == "l" else str(cell).rjust(width)
-            for cell, width, side in zip(cells, widths, sides, strict=True)
-        ).rstrip()[:WIDTH]
+        return "  ".join(str(cell).ljust(width) if side == "l" else str(cell).rjust(width)
+                         for cell, width, side in zip(cells, widths, sides, strict=True)).rstrip()[:WIDTH]
 
     return "\n".join([line(header), "-" * min(sum(widths) + 2 * (len(widths) - 1), WIDTH), *map(line, rows)])
 
@@ -139,27 +119,26 @@ def format_steps(steps: Sequence[Step], model: str, noise: float) -> str:
     for number, step in enumerate(steps):
         fit = step.lack_of_fit
         misfit = f"{'yes' if fit.rejected else 'no'} (p {format_p(fit.p_value)})"
-        rows.append((name_step(steps, number, model), format_number(step.chi2_reduced),
-                     format_error(step.nrmse),
-                     format_error(step.heldout_nrmse), format_error(step.prediction_nrmse),
-                     format_error(noise), misfit,
-                     "" if step.converged else "not converged"))  # fmt: skip
+        errors = map(format_error, (step.nrmse, step.heldout_nrmse, step.prediction_nrmse, noise))
+        rows.append((name_step(steps, number, model), format_number(step.chi2_reduced), *errors, misfit,
+                     "" if step.converged else "not converged"))
     header = ("model", "chi2/dof", "nrmse", "cross-val.", "predicted", "noise", "misfit left", "")
     return align(header, rows, "lrrrrrll") if rows else ""
 
 
 def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], effects: Sequence[str]) -> str:
     """The best candidates, and what could not be told from what was added."""
-    shown = [one for i, one in enumerate(candidates)
-             if i < FEWEST or one.explains >= NEAR or one.effect in effects]  # fmt: skip
+    shown = [one for i, one in enumerate(candidates) if i < FEWEST or one.explains >= NEAR or one.effect in effects]
     if len(candidates) - len(shown) == 1:  # a line about one more would be no shorter
         shown = list(candidates)
-    rows = [
-        (("* " if one.effect in effects else "  ") + clean(one.effect, 32), *_show_gain(steps, one),
-         format_share(one.visible), format_error(one.heldout_nrmse), format_error(one.prediction_nrmse),
-         clean(", ".join(one.indistinguishable_from), 30))
-        for one in shown
-    ]  # fmt: skip
+    rows = []
+    for one in shown:
+        later = share_at_step(steps, one.effect)  # what came in later has explained a share of its own step
+        gain = ((format_share(one.explains, 1), format_p(one.p_value)) if later is None
+                else (f"{format_share(later[1], 1)} at step {later[0]}", ""))
+        rows.append((("* " if one.effect in effects else "  ") + clean(one.effect, 32), *gain,
+                     format_share(one.visible), format_error(one.heldout_nrmse), format_error(one.prediction_nrmse),
+                     clean(", ".join(one.indistinguishable_from), 30)))
     lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "not to be told from"), rows,
                    "lrrrrrl")]
     rest = [one for one in candidates if one not in shown]
@@ -171,19 +150,11 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         rows = list_alternatives(step.alternatives)
         for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
             beaten = DEFAULT.is_beaten(item["heldout_difference"], item["standard_error"])
-            why = "but it fits these records better: neither is settled" if beaten else (
-                "this campaign cannot tell them apart")  # fmt: skip
+            why = ("but it fits these records better: neither is settled" if beaten else
+                   "this campaign cannot tell them apart")
             lines.append(wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
-                               f"+- {error}; {why}", "  "))  # fmt: skip
+                              f"+- {error}; {why}", "  "))
     return "\n".join(lines)
-
-
-def _show_gain(steps: Sequence[Step], candidate: Candidate) -> tuple[str, str]:
-    """What a candidate explains alone, with its p-value; what came in later, the share of its own step."""
-    later = share_at_step(steps, candidate.effect)
-    if later is None:
-        return format_share(candidate.explains, 1), format_p(candidate.p_value)
-    return f"{format_share(later[1], 1)} at step {later[0]}", ""
 
 
 def wrap(text: str, indent: str = "") -> str:

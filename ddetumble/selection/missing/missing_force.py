@@ -16,8 +16,8 @@ from ...inference.assembly import default_starts, require_samples
 from ...measurement.campaign import Campaign
 from ...measurement.package import read_campaign
 from ...measurement.quantities import describe_quantity, format_quantity
-from ..cleaning import begin_cleaning, clean_records
 from ..forward_selection import try_effects
+from ..outliers import begin_cleaning, clean_records
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
 from ..settings import DEFAULT
@@ -30,7 +30,6 @@ PLACES = 121
 CLEAR = 3.0  # standard deviations by which a force is told from zero
 ABSORBED = 0.2  # share of its signature below which what the parameters imitate leaves too little of a shape
 LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
-_PHASES = ("loading", "unloading", "forward", "backward")
 WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
 
 
@@ -60,34 +59,30 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         campaign = read_campaign(campaign)
     family = find_family(name_family(campaign), "missing")
     find_ground(family)
-    known = family.catalogue
     resolved = resolve_model(model, family.name)
     report("fitting the reference model", 0.02)
-    own = tuple(e for e in dict.fromkeys(effects) if e not in known)
+    own = tuple(e for e in dict.fromkeys(effects) if e not in family.catalogue)
     require_samples(campaign)
     state = begin_cleaning(campaign, keep_all)
     for turn in range(DEFAULT.rounds):
-        selection = pose_selection(state.campaign, resolved.reference, own, resolved.effects, state.zeros)
-        selection, reference = fit_reference(selection)
+        selection, reference = fit_reference(pose_selection(state.campaign, resolved.reference, own, resolved.effects,
+                                                            state.zeros))
         if turn == DEFAULT.rounds - 1:
             break
-        state, changed = clean_records(state, selection, reference, False)
+        state, changed = clean_records(state, selection, reference)
         if not changed:
             break
-    beside = reference
+    beside, best = reference, None
     if effects:
         report("fitting the effects", 0.1)
-        found = selection.fit([e.id for e in effects], [{}], reference.solution.u, reference.solution.z)
-        start: dict[str, float] = {}  # inside, of all effects together
+        inside: dict[str, float] = {}  # of all effects together
         for effect in effects:
-            start |= default_starts(selection.find_effect(effect.id))[0]
-        again = selection.fit([e.id for e in effects], [start], reference.solution.u, reference.solution.z)
-        fits = [f for f in (found, again) if f is not None]
-        if not fits:
-            raise InputError(f"the effects {', '.join(e.id for e in effects)} could not be fitted to campaign "
-                             f"{campaign.name!r}; leave one out")
-        beside = min(fits, key=lambda f: f.solution.chi2)
-    best = None
+            inside |= default_starts(selection.find_effect(effect.id))[0]
+        ids = [e.id for e in effects]
+        beside = selection.fit(ids, [{}, inside], reference.solution.u, reference.solution.z)
+        if beside is None:
+            raise InputError(f"the effects {', '.join(ids)} could not be fitted to campaign {campaign.name!r}; leave "
+                             "one out")
     if catalogue:
         _, scores = selection.test_lack_of_fit(reference)
         tried = try_effects(selection, reference, scores, [e.id for e in selection.catalogue],
@@ -98,14 +93,14 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         found = describe_missing(selection, reference, beside, best, report)
     else:
         rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
-        noise = np.sqrt(beside.score / rows)
+        noise = float(np.sqrt(beside.score / rows))
         found = MissingForce(selection.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
-                             (), (), say("missing.nothing_to_draw", noise=float(noise), p=lack.p_value))
+                             (), (), say("missing.nothing_to_draw", noise=noise, p=lack.p_value))
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
 def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fitted, best: tuple[str, float] | None,
-                     report: Progress = lambda text, share: None) -> MissingForce:
+                     report: Progress) -> MissingForce:
     """Draw the force missing beside a model of a selection.
 
     Args:
@@ -119,22 +114,20 @@ def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fit
     bench = FreeBench(selection, beside)
     normals = bench.scan()
     drawn, ceiling = draw_forces(bench, normals, lambda text, share: report(text, 0.6 + 0.2 * share))
-    shapes = tuple(_describe_shape(bench, one, drawn[0]) for one in drawn)
-    alike = tuple(_name(d.wanted[0][0]) for d in drawn[1:] if not _beaten(bench, drawn[0], d))
+    beaten = [selection.settings.is_beaten(*bench.compare(d.losses, drawn[0].losses)) for d in drawn]
+    alike = [d.wanted[0][0] for d, worse in zip(drawn[1:], beaten[1:], strict=True) if not worse]
     laws: list[Law] = []
-    lone = find_lone(bench.before, selection)
-    spare = reference.score - bench.rows
-    if ceiling is not None and reference.score - min(d.loss for d in (*drawn, ceiling)) > WORTH * spare:
-        report("looking for simple laws", 0.85)
-        terms = [drawn[0].wanted[0][0], *(d.wanted[0][0] for d in drawn[1:] if not _beaten(bench, drawn[0], d))]
-        laws = find_laws(bench, normals, terms, min(d.loss for d in (*drawn, ceiling)), bool(lone))
-    losses = [*(d.loss for d in drawn), *([] if ceiling is None else [ceiling.loss]), *(law.loss for law in laws)]
-    top = None
+    lone, top = find_lone(bench.before, selection), None
     if ceiling is not None:
+        least = min(d.loss for d in (*drawn, ceiling))
+        if reference.score - least > WORTH * (reference.score - bench.rows):
+            report("looking for simple laws", 0.85)
+            laws = find_laws(bench, normals, [drawn[0].wanted[0][0], *alike], least, bool(lone))
         # A simple law is a force too: where it predicts better than splines, the ceiling is no lower.
-        top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min(losses)
-    found = MissingForce(bench.family.name, beside.effects, reference.score, beside.score, best, top, bench.rows,
-                         shapes, alike, tuple(laws), lone=lone)
+        top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min([least, *(law.loss for law in laws)])
+    found = MissingForce(
+        bench.family.name, beside.effects, reference.score, beside.score, best, top, bench.rows,
+        tuple(_describe_shape(bench, one, drawn[0]) for one in drawn), tuple(map(_name, alike)), tuple(laws), lone=lone)
     sentence, notes = explain_missing(found, bench)
     return dc.replace(found, sentence=sentence, notes=notes)
 
@@ -142,9 +135,7 @@ def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fit
 def find_lone(losses: np.ndarray, selection: SelectionProblem) -> tuple[str, ...]:
     """Records of the one condition in which nearly all the misfit lies; none where several show it.
 
-    Args:
-        losses: held out, of every condition, in noise variances.
-        selection: whose records they are.
+    `losses` are held out, of every condition, in noise variances.
     """
     rows = (np.asarray(selection.records.stack.weights)[: selection.records.count] > 0).sum(axis=(1, 2))
     excess = np.array([loss - rows[selection.groups == g].sum() for g, loss in enumerate(losses)])
@@ -152,10 +143,6 @@ def find_lone(losses: np.ndarray, selection: SelectionProblem) -> tuple[str, ...
     if len(excess) < 2 or excess[first] < LONE * np.maximum(excess, 0.0).sum():
         return ()
     return tuple(selection.records.keys[r] for r in np.flatnonzero(selection.groups == first))
-
-
-def _beaten(bench: FreeBench, best: Drawn, other: Drawn) -> bool:
-    return bench.selection.settings.is_beaten(*bench.compare(other.losses, best.losses))
 
 
 def _name(term: Term) -> str:
@@ -169,21 +156,19 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
     own, covariance = spread_drawn(bench, drawn)
     x = np.linspace(term.low, term.high, PLACES)
     basis = evaluate_basis(term, intervals, x)
-    scale = np.abs(term.directions[term.directions != 0]).max()
-    share = term.way in ("share",) or "drag" in term.way
-    visited = _visit(bench, drawn, term, x)
+    size = basis.shape[1]
+    share = term.way == "share" or "drag" in term.way
+    factor = np.abs(term.directions[term.directions != 0]).max() if share else 1.0
+    visited, middle = _visit(bench, drawn, term, x), np.zeros(size)
     centred = measure_visible(bench, drawn, np.ones_like(own)) < ABSORBED
     visible = measure_visible(bench, drawn)
-    middle = np.zeros(basis.shape[1])
-    factor = scale if share else 1.0
     if centred:
         # The model's parameters make up for a constant: the curve is known up to it, and drawn about its mean.
         middle = visited @ basis / max(float(visited.sum()), 1e-300)
-        shift = [middle @ own[p * (intervals + 3): (p + 1) * (intervals + 3)] for p in range(len(term.parts))]
-        visible = measure_visible(bench, drawn, own - np.repeat(shift, intervals + 3))
+        visible = measure_visible(bench, drawn, own - np.repeat(own.reshape(-1, size) @ middle, size))
     values, deviations, spectra = [], [], []
     for part in range(len(term.parts)):
-        here = slice(part * (intervals + 3), (part + 1) * (intervals + 3))
+        here = slice(part * size, (part + 1) * size)
         f, turn = basis @ own[here], basis - middle
         if centred and term.way == "share":
             # A share s of F, F (1 + s), is known but for the size of F: (1 + s)/(1 + mean) - 1.
@@ -228,14 +213,8 @@ def _visit(bench: FreeBench, drawn: Drawn, term: Term, x: np.ndarray) -> np.ndar
 def _find_begin(x: np.ndarray, f: np.ndarray, sd: np.ndarray) -> float | None:
     """Place from which on one of the curves is told from zero up to the end; None where that is nowhere or all over."""
     clear = (np.abs(f) > CLEAR * sd) & (np.abs(f) > 0.02 * np.abs(f).max())
-    found = []
-    for curve in clear:
-        if not curve[-1]:
-            continue
-        last = np.flatnonzero(~curve)
-        if len(last) and last[-1] + 1 < len(x):
-            found.append(float(x[last[-1] + 1]))
-    return min(found) if found else None
+    return min((float(x[np.flatnonzero(~curve)[-1] + 1]) for curve in clear if curve[-1] and not curve.all()),
+               default=None)
 
 
 def _measure_spectrum(x: np.ndarray, f: np.ndarray, covariance: np.ndarray, intervals: int) -> np.ndarray:
@@ -314,5 +293,5 @@ def _say_shape(shape: Shape) -> str:
     if shape.way == "share" and shape.variable not in ("depression", "depression_rate", "time", "initial_pressure",
                                                         "approach_speed", "sequence"):
         way = "a fraction of the friction"
-    phases = [p for p in shape.parts if p in _PHASES]
+    phases = [p for p in shape.parts if p in ("loading", "unloading", "forward", "backward")]
     return say("missing.shape", one={"way": way, "variable": describe_quantity(shape.variable).name, "phases": phases})

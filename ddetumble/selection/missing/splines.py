@@ -26,26 +26,16 @@ APART = 0.02  # levels of a condition that differ by less are one
 
 @dc.dataclass(frozen=True)
 class Term:
-    """A missing force of one variable.
+    """A missing force of one variable."""
 
-    Attributes:
-        variable: of the state, or a condition.
-        way: name of the direction: `force`, `share`, `x`, `torque`, ...
-        parts: one name a function of the variable: `` where one holds for all, else the phases or axes.
-        directions: of every part, shape (parts, directions).
-        low, high: range over which the variable was visited, SI.
-        finest: intervals at most, all parts together fitting into one program.
-        condition: whether it is a condition.
-    """
-
-    variable: str
-    way: str
-    parts: tuple[str, ...]
-    directions: np.ndarray
-    low: float
+    variable: str  # of the state, or a condition
+    way: str  # name of the direction: `force`, `share`, `x`, `torque`, ...
+    parts: tuple[str, ...]  # one name a function of the variable: `` where one holds for all, else the phases or axes
+    directions: np.ndarray  # of every part, shape (parts, directions)
+    low: float  # range over which the variable was visited, SI
     high: float
-    finest: int
-    condition: bool
+    finest: int  # intervals at most, all parts together fitting into one program
+    condition: bool  # whether it is a condition
 
     @property
     def scale(self) -> float:
@@ -73,45 +63,31 @@ def list_terms(ground: Ground, conditions: Mapping[str, np.ndarray], ranges: Map
         backward: whether both phases were visited (strokes of slip records).
         reference: of the forces of which a direction is a share: at it a share's coefficient is in units of the force.
     """
+    unit = {name: np.eye(len(ground.directions))[k] / (reference if name in ground.shares else 1.0)
+            for k, name in enumerate(ground.directions)}
+    ways: list[tuple[str, tuple[str, ...], np.ndarray]] = []  # name, parts, directions of the parts
+    for way, gates in ground.gates.items():
+        own = np.stack([unit[gate] for gate in gates])
+        whole = (way, ("",), own.sum(axis=0, keepdims=True))
+        apart = (way, tuple(gate.split()[-1] for gate in gates), own)
+        if ground.unit == "N":
+            ways += [whole, apart] if backward else [whole]
+        else:
+            ways += [apart, whole] if way == "drag" else [apart]
+            ways += [(f"{way} about {gate}" if way == "torque" else gate, ("",), unit[gate][None]) for gate in gates]
     found = []
-    ways = _list_ways(ground, backward, reference)
     for variable in ground.variables:
-        low, high = ranges[variable]
-        if not high > low:
-            continue
-        finest = FINEST.get(variable, USUAL)
-        for way, parts, directions in ways:
-            fits = [m for m in range(3, finest + 1)
-                    if finest % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
+        (low, high), finest = ranges[variable], FINEST.get(variable, USUAL)
+        for way, parts, directions in ways if high > low else []:
+            fits = [m for m in range(3, finest + 1) if finest % m == 0 and len(parts) * (m + DEGREE) <= COUNT]
             phased = set(parts) & {"loading", "unloading"}
             if fits and not (variable in ("depression_rate", "time") and phased):  # these tell the phases apart
                 found.append(Term(variable, way, parts, directions, low, high, max(fits), False))
     for name, values in conditions.items():
         low, high = float(values.min()), float(values.max())
-        if high - low <= APART * max(abs(high), abs(low)):
-            continue
-        for way, parts, directions in ways:
-            if len(parts) == 1 and way in ground.conditional:
-                found.append(Term(name, way, parts, directions, low, high, FEW, True))
-    return found
-
-
-def _list_ways(ground: Ground, backward: bool, reference: float) -> list[tuple[str, tuple[str, ...], np.ndarray]]:
-    """Directions in which a term may act: (name, parts, directions of the parts)."""
-    unit = {name: np.eye(len(ground.directions))[k] / (reference if name in ground.shares else 1.0)
-            for k, name in enumerate(ground.directions)}
-    found = []
-    for way, gates in ground.gates.items():
-        own = np.stack([unit[gate] for gate in gates])
-        if ground.unit == "N":
-            found.append((way, ("",), own.sum(axis=0, keepdims=True)))
-            if backward:
-                found.append((way, tuple(gate.split()[-1] for gate in gates), own))
-        else:
-            found.append((way, tuple(gate.split()[-1] for gate in gates), own))
-            if way == "drag":
-                found.append((way, ("",), own.sum(axis=0, keepdims=True)))
-            found += [(f"{way} about {gate}" if way == "torque" else gate, ("",), unit[gate][None]) for gate in gates]
+        if high - low > APART * max(abs(high), abs(low)):
+            found += [Term(name, way, parts, directions, low, high, FEW, True) for way, parts, directions in ways
+                      if len(parts) == 1 and way in ground.conditional]
     return found
 
 
@@ -150,19 +126,12 @@ def smooth(intervals: int) -> np.ndarray:
 
 
 def place_terms(ground: Ground, records: Records, wanted: Sequence[tuple[Term, int]]) -> dict[str, np.ndarray]:
-    """The arrays that tell `add_splines` which splines there are.
-
-    Args:
-        ground: of the family.
-        records: of the campaign.
-        wanted: terms with their numbers of intervals; their parts follow one another.
+    """The arrays that tell `add_splines` which splines there are: terms with their numbers of intervals, part by part.
 
     Raises:
         ValueError: they are more splines than one program holds.
     """
-    rows = records.stack.time.shape[0]
-    plan, first = blank_plan(ground, rows), 0
-    names = list(ground.variables)
+    plan, first, names = blank_plan(ground, records.stack.time.shape[0]), 0, list(ground.variables)
     for term, intervals in wanted:
         centres, step = place_centres(term, intervals)
         for direction in term.directions:
@@ -170,8 +139,7 @@ def place_terms(ground: Ground, records: Records, wanted: Sequence[tuple[Term, i
             if here.stop > COUNT:
                 raise ValueError(f"one program holds {COUNT} splines, and more are wanted")
             if term.condition:
-                values = np.asarray(records.stack.conditions[term.variable])
-                weights = evaluate_basis(term, intervals, values)
+                weights = evaluate_basis(term, intervals, np.asarray(records.stack.conditions[term.variable]))
                 plan[f"{PLAN}-direction"][:, here] = weights[:, :, None] * direction
             else:
                 plan[f"{PLAN}-variable"][:, here, names.index(term.variable)] = 1.0
@@ -194,23 +162,16 @@ def place_law(plan: dict[str, np.ndarray], ground: Ground, slot: int, variable: 
 def with_plan(records: Records, plan: Mapping[str, np.ndarray]) -> Records:
     """Records that carry a plan among their conditions."""
     conditions: dict[str, Any] = {**records.stack.conditions, **{k: jnp.asarray(v) for k, v in plan.items()}}
-    stack = eqx.tree_at(lambda s: s.conditions, records.stack, conditions)
-    return dc.replace(records, stack=stack)
+    return dc.replace(records, stack=eqx.tree_at(lambda s: s.conditions, records.stack, conditions))
 
 
 @dc.dataclass(frozen=True)
 class Normal:
-    """Normal equations of every condition.
+    """Normal equations of every condition."""
 
-    Attributes:
-        blocks: shape (conditions, columns, columns).
-        sides: shape (conditions, columns).
-        squares: shape (conditions,).
-    """
-
-    blocks: np.ndarray
-    sides: np.ndarray
-    squares: np.ndarray
+    blocks: np.ndarray  # shape (conditions, columns, columns)
+    sides: np.ndarray  # shape (conditions, columns)
+    squares: np.ndarray  # shape (conditions,)
 
     def turn(self, matrix: np.ndarray) -> "Normal":
         """The same in other coordinates, old = matrix new."""
@@ -230,9 +191,7 @@ def gather_normal(solution: Solution, more: np.ndarray | None, groups: np.ndarra
             that are not given, as steps from where they are.
     """
     shared = solution.shared if more is None else np.concatenate([solution.shared, more], axis=2)
-    residual = solution.residual
-    if offset is not None:
-        residual = residual - solution.shared @ offset
+    residual = solution.residual if offset is None else solution.residual - solution.shared @ offset
     columns, right = solution.projected(shared, np.concatenate([residual, solution.z], axis=1))
     both = np.concatenate([columns, right[..., None]], axis=2)
     square = np.einsum("grk,grl->gkl", both, both, optimize=True)
@@ -276,18 +235,13 @@ def spread_ridge(normal: Normal, weight: np.ndarray) -> np.ndarray:
         return inverse * np.outer(scale, scale)
 
 
-def list_deviations(normal: Normal, base: int) -> np.ndarray:
-    """Deviations of a prior to choose from: from what changes one column by a noise variance to 1e4 times that."""
+def choose_ridge(normal: Normal, base: int) -> tuple[float, np.ndarray]:
+    """Deviation of the prior that predicts left-out conditions best, and their losses; the first `base` have none.
+
+    From what changes a typical column by a noise variance to 1e4 times that.
+    """
     norms = np.sqrt(np.diag(normal.blocks.sum(axis=0))[base:])
     typical = float(np.median(norms[norms > 1e-9 * norms.max()])) if norms.size and norms.max() > 0 else 1.0
-    return 10.0 ** np.arange(-0.5, 4.01, 0.5) / typical
-
-
-def choose_ridge(normal: Normal, base: int) -> tuple[float, np.ndarray]:
-    """Deviation of the prior that predicts left-out conditions best, and their losses; the first `base` have none."""
-    best = (np.inf, 0.0, np.zeros(0))
-    for deviation in list_deviations(normal, base):
-        losses = hold_out(normal, np.where(np.arange(len(normal.sides[0])) < base, 0.0, 1.0 / deviation))
-        if losses.sum() < best[0]:
-            best = (float(losses.sum()), float(deviation), losses)
-    return best[1], best[2]
+    free = np.arange(len(normal.sides[0])) >= base
+    tried = [(float(d), hold_out(normal, free / d)) for d in 10.0 ** np.arange(-0.5, 4.01, 0.5) / typical]
+    return min(tried, key=lambda one: float(np.nan_to_num(one[1].sum(), nan=np.inf)))

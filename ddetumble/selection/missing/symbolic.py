@@ -12,6 +12,7 @@ import dataclasses as dc
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ..._errors import ComputationError
 from ..._numerics import map_threads
@@ -38,29 +39,17 @@ PRIORS = {"x": (0.5, 0.5), "n": (float(np.log(1.5)), 0.4)}
 
 @dc.dataclass(frozen=True)
 class Form:
-    """One form of a law.
-
-    Attributes:
-        name: of the form.
-        text: with x for the variable; `(...)+` is 0 where what it holds is negative.
-        kind: of `effects.free.FORMS`.
-        shapes: which of onset `x`, length `l` and power `n` are fitted.
-        power: where it is not fitted.
-        signed: for variables that change their sign; None for all.
-        waves: whether it repeats.
-        length: where it is not fitted, in units of the largest value of the variable.
-        steep: whether it becomes a constant where its length is shorter than samples lie apart.
-    """
+    """One form of a law."""
 
     name: str
-    text: str
-    kind: str
-    shapes: str = ""
-    power: float = 1.0
-    signed: bool | None = None
-    waves: bool = False
-    length: float = 0.3
-    steep: bool = False
+    text: str  # with x for the variable; `(...)+` is 0 where what it holds is negative
+    kind: str  # of `effects.free.FORMS`
+    shapes: str = ""  # which of onset `x`, length `l` and power `n` are fitted
+    power: float = 1.0  # where it is not fitted
+    signed: bool | None = None  # for variables that change their sign; None for all
+    waves: bool = False  # whether it repeats
+    length: float = 0.3  # where it is not fitted, in units of the largest value of the variable
+    steep: bool = False  # whether it becomes a constant where its length is shorter than samples lie apart
 
 
 STEP = 1e-3  # length within which a constant sets in: far below the spacing of samples, and smooth enough to integrate
@@ -106,34 +95,28 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
         lone: whether one condition alone shows the misfit. No other can predict it: laws are then those that take at
             least half of it away where they are fitted.
     """
-    guesses = []
-    for term in terms:
-        if term.condition:
-            continue
-        guesses += _screen(bench, normals[term.name], term, lone)
-    guesses = sorted(guesses, key=lambda g: g.loss)
+    guesses = [g for term in terms if not term.condition for g in _screen(bench, normals[term.name], term, lone)]
     best: dict[tuple[str, str], _Guess] = {}
-    for guess in guesses:
+    for guess in sorted(guesses, key=lambda g: g.loss):
         # A constant depends on no variable.
         best.setdefault((guess.form.name, guess.term.way if guess.form.name == "constant" else guess.term.variable),
                         guess)
-    chosen = list(best.values())[:REFINED]
-    fitted = [(law, (g,)) for g, law in zip(chosen, map_threads(lambda g: _fit(bench, (g,)), chosen),
-                                            strict=True) if law is not None]
+
+    def fit_all(sums: list[tuple[_Guess, ...]]) -> list[tuple[Law, tuple[_Guess, ...]]]:
+        laws = map_threads(lambda own: _fit(bench, own), sums)
+        return [(law, own) for law, own in zip(laws, sums, strict=True) if law is not None]
+
+    fitted = fit_all([(g,) for g in list(best.values())[:REFINED]])
     laws = order_laws([law for law, _ in fitted])
     if laws and laws[0].loss > ceiling + DEFAULT.significant:
-        first = next(guess[0] for law, guess in fitted if law is laws[0])
-        others = [g for g in best.values() if g.form is not first.form][:PARTNERS]
-        pairs = map_threads(lambda g: _fit(bench, (first, g)), others)
-        fitted += [(law, (first, g)) for g, law in zip(others, pairs, strict=True) if law is not None]
+        first, = next(own for law, own in fitted if law is laws[0])
+        fitted += fit_all([(first, g) for g in best.values() if g.form is not first.form][:PARTNERS])
     excess = bench.model.solution.chi2 - bench.rows
     laws = order_laws([law for law, _ in fitted if bench.helps(bench.before, law.losses)
-                        or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)])
-    found = []
-    for law in laws:
-        difference, error = _compare(law, laws[0])
-        found.append(dc.replace(law, difference=difference, standard_error=error if law is not laws[0] else 0.0))
-    return found
+                       or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)])
+    compared = [_compare(law, laws[0]) for law in laws]
+    return laws[:1] + [dc.replace(law, difference=difference, standard_error=error)
+                       for law, (difference, error) in zip(laws[1:], compared[1:], strict=True)]
 
 
 def order_laws(laws: Sequence[Law]) -> list[Law]:
@@ -165,32 +148,25 @@ def _cost(law: Law) -> float:
 
 def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_Guess]:
     """Every form over a grid of its shape, with the linearised model."""
-    base, intervals = len(bench.names), term.finest
+    base, intervals, parts = len(bench.names), term.finest, len(term.parts)
     x = np.linspace(term.low, term.high, 8 * intervals + 1)
     inverse = np.linalg.pinv(evaluate_basis(term, intervals, x) @ smooth(intervals))
-    signed = term.low < 0.0
-    choices = list(zip(term.parts, np.eye(len(term.parts)), strict=True))
-    if len(term.parts) > 1 and "x" not in term.parts:
-        choices.insert(0, ("", np.ones(len(term.parts))))
+    choices = list(zip(term.parts, np.eye(parts), strict=True))
+    if parts > 1 and "x" not in term.parts:
+        choices.insert(0, ("", np.ones(parts)))
     found = []
-    for form in FORMS:
-        if form.signed not in (None, signed):
-            continue
-        for phase, parts in choices:
+    for form in (form for form in FORMS if form.signed in (None, term.low < 0.0)):
+        for phase, gate in choices:
             best = None
             for shape in _list_shapes(form, term):
-                columns = np.stack(evaluate(form, x, shape, term.scale), axis=1)
-                own = inverse @ columns
-                turn = np.zeros((base + len(term.parts) * own.shape[0], base + own.shape[1]))
-                turn[:base, :base], turn[base:, base:] = np.eye(base), np.kron(parts[:, None], own)
-                small = normal.turn(turn)
-                count = own.shape[1]
-                price = DEFAULT.significant * (count + len(form.shapes))
-                loss = (measure_ridge(small, np.zeros(base + count)) + price if lone
-                        else float(hold_out(small, np.zeros(base + count)).sum()))
+                own = inverse @ np.stack(evaluate(form, x, shape, term.scale), axis=1)
+                small = normal.turn(block_diag(np.eye(base), np.kron(gate[:, None], own)))
+                free = np.zeros(base + own.shape[1])
+                price = DEFAULT.significant * (own.shape[1] + len(form.shapes))
+                loss = measure_ridge(small, free) + price if lone else float(hold_out(small, free).sum())
                 if np.isfinite(loss) and (best is None or loss < best.loss):
-                    sizes = solve_ridge(small, np.zeros(base + count))[base:] * bench.scale
-                    best = _Guess(form, term, phase, parts @ term.directions, shape, sizes, loss)
+                    sizes = solve_ridge(small, free)[base:] * bench.scale
+                    best = _Guess(form, term, phase, gate @ term.directions, shape, sizes, loss)
             if best is not None:
                 found.append(best)
     return found
@@ -198,17 +174,16 @@ def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_G
 
 def _list_shapes(form: Form, term: Term) -> list[dict[str, float]]:
     """Shapes to begin with, in units of the largest value of the variable."""
-    start: list[dict[str, float]] = [{"x": 0.0, "l": form.length, "n": form.power}]
+    grids = {"x": [0.0], "l": [form.length], "n": [form.power]}
     if "x" in form.shapes:
-        start = [{**s, "x": x} for s in start for x in np.linspace(0.05, 0.9, GRID)]
+        grids["x"] = list(np.linspace(0.05, 0.9, GRID))
     if "n" in form.shapes:
-        start = [{**s, "n": n} for s in start for n in (1.0, 1.5, 2.0, 3.0)]
+        grids["n"] = [1.0, 1.5, 2.0, 3.0]
     if form.waves:
-        many = 4.0 * term.finest / 4.0
-        start = [{**s, "l": 1.0 / f} for s in start for f in np.arange(1.0, 0.45 * many, 0.125)]
+        grids["l"] = list(1.0 / np.arange(1.0, 0.45 * term.finest, 0.125))
     elif "l" in form.shapes:
-        start = [{**s, "l": x} for s in start for x in np.geomspace(0.02, 2.0, GRID // 2)]
-    return start
+        grids["l"] = list(np.geomspace(0.02, 2.0, GRID // 2))
+    return [{"x": x, "l": length, "n": n} for x in grids["x"] for n in grids["n"] for length in grids["l"]]
 
 
 def evaluate(form: Form, x: np.ndarray, shape: dict[str, float], scale: float) -> list[np.ndarray]:
@@ -228,16 +203,15 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     """Fit laws together inside the equation of motion; None where that failed."""
     plan = blank_plan(bench.ground, bench.records.stack.time.shape[0])
     u, names, amount = bench.start.copy(), [], len(guesses)
-    for slot, g in enumerate(guesses):
-        place_law(plan, bench.ground, slot, g.term.variable, g.form.kind, g.direction, g.term.scale)
-        own = {"a": g.sizes[0] / (1.0 if amount == 1 or slot == 0 else 4.0)}
+    for slot, g in enumerate(guesses, 1):
+        place_law(plan, bench.ground, slot - 1, g.term.variable, g.form.kind, g.direction, g.term.scale)
+        own = {"a": g.sizes[0] / (1.0 if slot == 1 else 4.0)}
         if g.form.kind == "sine":
             own["b"] = g.sizes[1]
         own |= {"x": g.shape["x"], "l": np.log(g.shape["l"]), "n": np.log(g.shape["n"])}
         for letter, value in own.items():
-            u[bench.space.index[f"{bench.simple.id}.{letter}_{slot + 1}"]] = value
-        names += [f"{bench.simple.id}.{letter}_{slot + 1}" for letter in own
-                  if letter in "ab" or letter in g.form.shapes]
+            u[bench.space.index[_name(bench, letter, slot)]] = value
+        names += [_name(bench, letter, slot) for letter in own if letter in "ab" or letter in g.form.shapes]
     idle = bench.coefficients[: bench.padding(len(names))] if bench.records.stack.values.size < ALONE else ()
     try:
         priors = {n: PRIORS[letter] for n in names if (letter := n.split(".")[1][0]) in PRIORS}
@@ -251,25 +225,30 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     sd = dict(zip(solution.names, np.sqrt(np.diag(solution.covariance())), strict=True))
     if any(not sd[name] <= VAGUE for name in names if name.split(".")[1].startswith("l_")):
         return None
-    for slot, g in enumerate(guesses):
-        if not is_resolved(bench, solution, g, slot + 1):
+    for slot, g in enumerate(guesses, 1):
+        if not is_resolved(bench, solution, g, slot):
             other = next((f for f in FORMS if g.form.steep and f.length == STEP and f.signed == (g.term.low < 0)), None)
             if other is None:
                 return None
             simpler = dc.replace(g, form=other, shape={**g.shape, "l": other.length})
-            return _fit(bench, [*guesses[:slot], simpler, *guesses[slot + 1:]])
-    loss = leave_out(solution, bench.groups)
+            return _fit(bench, [*guesses[:slot - 1], simpler, *guesses[slot:]])
+    loss, parameters = leave_out(solution, bench.groups), {}
     losses = np.array([loss[bench.groups == g].sum() for g in np.unique(bench.groups)])
-    parameters = {}
-    for slot, g in enumerate(guesses):
-        parameters |= _publish(bench, solution, g, slot + 1, "" if amount == 1 else f" {slot + 1}")
-    if any(turns_force(g, parameters, "" if amount == 1 else f" {slot + 1}") for slot, g in enumerate(guesses)):
-        return None
+    for slot, g in enumerate(guesses, 1):
+        mark = "" if amount == 1 else f" {slot}"
+        parameters |= _publish(bench, solution, g, slot, mark)
+        if turns_force(g, parameters, mark):
+            return None
     terms = [g.term for g in guesses]
     return Law(" + ".join(_write(g, bench.ground.base) for g in guesses), tuple(t.variable for t in terms),
                tuple(t.way for t in terms), tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses),
                parameters, float(losses.sum()), losses, float(solution.chi2), len(names), bool(solution.converged),
                0.0, 0.0)
+
+
+def _name(bench: FreeBench, letter: str, slot: int) -> str:
+    """Name of a parameter of the law in a slot, from 1."""
+    return f"{bench.simple.id}.{letter}_{slot}"
 
 
 def _write(guess: _Guess, base: str) -> str:
@@ -288,16 +267,12 @@ def is_resolved(bench: FreeBench, solution: Solution, guess: _Guess, slot: int) 
 
     A length has to span a sample (a wave two), an onset to lie behind the first, and a power off its bounds.
     """
-    def read(letter: str) -> float:
-        return float(solution.u[bench.space.index[f"{bench.simple.id}.{letter}_{slot}"]])
-
+    x, length, power = (float(solution.u[bench.space.index[_name(bench, letter, slot)]]) for letter in "xln")
     spacing, scale, shapes = measure_spacing(bench, guess.term.variable), guess.term.scale, guess.form.shapes
-    if "l" in shapes and float(np.exp(read("l"))) * scale < (2.0 if guess.form.waves else 1.0) * spacing:
-        return False
-    if "x" in shapes and read("x") * scale < spacing:
-        return False
-    low, high = (bound[bench.space.index[f"{bench.simple.id}.n_{slot}"]] for bound in bench.space.bounds())
-    return "n" not in shapes or low + EDGE < read("n") < high - EDGE
+    low, high = (bound[bench.space.index[_name(bench, "n", slot)]] for bound in bench.space.bounds())
+    return not (("l" in shapes and np.exp(length) * scale < (2.0 if guess.form.waves else 1.0) * spacing)
+                or ("x" in shapes and x * scale < spacing)
+                or ("n" in shapes and not low + EDGE < power < high - EDGE))
 
 
 def turns_force(guess: _Guess, parameters: dict[str, Estimate], mark: str) -> bool:
@@ -328,16 +303,14 @@ def amplitude_unit(form: Form, unit: str, variable: str, power: float) -> str:
     """Unit of an amplitude: that of the force over that of the variable to the law's power."""
     if form.kind not in ("power", "signed power"):
         return unit
-    text = f"{power:.3g}"
     per = f"({variable})" if "/" in variable or "*" in variable else variable
-    below = per if power == 1.0 else f"{per}**{text}"
-    return f"{unit or '1'}/{below}"
+    return f"{unit or '1'}/{per}" + ("" if power == 1.0 else f"**{power:.3g}")
 
 
 def _publish(bench: FreeBench, solution, g: _Guess, slot: int, mark: str) -> dict[str, Estimate]:
     """Amplitudes and shapes of one law in SI units."""
     covariance, place = solution.covariance(), {n: k for k, n in enumerate(solution.names)}
-    name = {letter: f"{bench.simple.id}.{letter}_{slot}" for letter in "abxln"}
+    name = {letter: _name(bench, letter, slot) for letter in "abxln"}
     value = {letter: float(solution.u[bench.space.index[n]]) for letter, n in name.items()}
     free = [letter for letter in "abxln" if name[letter] in place]
     own = covariance[np.ix_([place[name[f]] for f in free], [place[name[f]] for f in free])]
@@ -376,13 +349,8 @@ def _publish(bench: FreeBench, solution, g: _Guess, slot: int, mark: str) -> dic
 
 
 def sketch_law(law: Law, shape: Shape, part: int) -> np.ndarray | None:
-    """A law over the places of a shape, in its unit; None where it is of another variable, direction or phase.
-
-    Args:
-        law: fitted.
-        shape: over whose variable it is drawn.
-        part: which of its curves.
-    """
+    """A law over the places of a shape, in its unit, for one of its curves; None where it is of another variable,
+    direction or phase."""
     total = np.zeros(len(shape.x))
     for k, (variable, way, phase, name) in enumerate(zip(law.variables, law.ways, law.phases, law.forms, strict=True)):
         if variable != shape.variable or way != shape.way:
