@@ -197,8 +197,8 @@ def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
             size = f"{abs(change / before) * 100:.2g} %"
         else:
             size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
-        parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
-    return list_words(parts)
+        parts.append((name, change, size))
+    return list_changes(parts)
 
 
 def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign
@@ -328,6 +328,11 @@ def measure_spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float
     unit = rows / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, s, right = np.linalg.svd(unit, full_matrices=False)
     return float(np.linalg.norm((right @ blend.direction) / np.maximum(s, 1e-6)))
+
+
+def list_changes(changes: Sequence[tuple[str, float, str]]) -> str:
+    """Changes of parameters (name, sign, size) in words, such as `raising a by 1 % and lowering b by 0.02`."""
+    return list_words([f"{'raising' if sign > 0 else 'lowering'} {name} by {size}" for name, sign, size in changes])
 
 
 def list_words(words: Sequence[str]) -> str:
