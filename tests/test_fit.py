@@ -17,7 +17,9 @@ from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.inference.bounded import truncate_normal
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.goodness import judge_goodness
+from ddetumble.inference.problem import Problem
 from ddetumble.inference.specification import Sampler, Specification, read_specification
+from ddetumble.inference.stack import hold_conditions, stack_records
 from ddetumble.measurement import read_campaign
 
 
@@ -106,10 +108,7 @@ def test_few_degrees_of_freedom_prove_little():
 def test_lmfit_finds_the_same(campaign):
     import lmfit
     found = fit(campaign, effects=["wall-stiffness"], noise="stated", nuisances=False)
-    from ddetumble.inference.estimation import _pose
-    from ddetumble.inference.stack import stack_records
-
-    problem = _pose(found.space, stack_records(campaign), {}, False)
+    problem = Problem(found.space, hold_conditions(stack_records(campaign)))
     names = list(found.parameters)
     places = [found.space.index[n] for n in names]
 

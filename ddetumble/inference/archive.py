@@ -19,7 +19,7 @@ from ..families import DEFAULT_FAMILY, find_family, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
 from .files import hash_file, list_versions, make_plain, read_json, refuse_peaks, write_json
-from .models import ResolvedModel, find_model, is_fitted, list_known, resolve_effect, wrap_model
+from .models import ResolvedModel, find_model, is_fitted, is_model, list_known, resolve_effect, wrap_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
 from .problem import Solution
@@ -33,16 +33,12 @@ class _Strict(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class ChannelEntry(_Strict):
-    """One measured channel: SI unit and noise."""
-
+class _Channel(_Strict):
     unit: str
     noise: Noise
 
 
-class ConditionEntry(_Strict):
-    """One condition of the campaign: SI unit, range of the campaign, one standard deviation."""
-
+class _Condition(_Strict):
     unit: str
     low: float
     high: float
@@ -50,7 +46,7 @@ class ConditionEntry(_Strict):
     relative: float | None = None
 
 
-class SamplingEntry(_Strict):
+class Sampling(_Strict):
     """A typical record: samples, first and last of the independent variable, largest size of every channel, SI."""
 
     samples: int = pydantic.Field(gt=0)
@@ -59,7 +55,7 @@ class SamplingEntry(_Strict):
     largest: dict[str, float]
 
 
-class EffectEntry(_Strict):
+class _Effect(_Strict):
     """One effect of the model; `source` is `FILE.py:NAME` from the folder on, null for one of the catalogue."""
 
     id: str
@@ -67,7 +63,7 @@ class EffectEntry(_Strict):
     source_sha256: str | None = None
 
 
-class ModelFile(_Strict):
+class _ModelFile(_Strict):
     """Content of `model.json`; coordinates are those in which the fit moves (logarithm, logit, ...), SI."""
 
     schema_: Literal["ddetumble.model/1"] = pydantic.Field(alias="schema")
@@ -78,15 +74,15 @@ class ModelFile(_Strict):
     model: str
     model_sha256: str | None = None
     choices: dict[str, Any] = {}
-    effects: list[EffectEntry]
+    effects: list[_Effect]
     coordinates: dict[str, float]
     free: list[str]
     covariance: list[list[float]]
-    channels: dict[str, ChannelEntry]
-    conditions: dict[str, ConditionEntry]
+    channels: dict[str, _Channel]
+    conditions: dict[str, _Condition]
     time_sd: float = pydantic.Field(ge=0)
     commons: list[Common] = []
-    sampling: SamplingEntry | None = None
+    sampling: Sampling | None = None
     records: int
     chi2: float
     versions: dict[str, str]
@@ -108,7 +104,7 @@ class FittedModel:
 
     Attributes:
         folder: it was read from; None for one that is not on disk.
-        campaign, sha256, family: of the campaign it was fitted to.
+        campaign, sha256, family, records: of the campaign it was fitted to: name, hash, kind, how many records.
         model: name of the reference model.
         effects: ids of the effects in the model.
         space: the reference model with these effects alone.
@@ -120,9 +116,7 @@ class FittedModel:
         uncertainties: of the conditions, by name, where one is stated.
         time_sd: standard deviation of the time origin [s]; 0 where none is stated.
         ranges: lowest and highest value of every condition in the campaign, SI.
-        records: how many the campaign has.
-        chi2: of the fit.
-        versions: of the packages it was fitted with.
+        chi2, versions: of the fit, and of the packages that made it.
         extra: what else the writer put there.
         notes: sentences on what has changed since it was written.
         sampling: of a typical record; None in files of earlier versions.
@@ -148,7 +142,7 @@ class FittedModel:
     versions: Mapping[str, str]
     extra: Mapping[str, Any]
     notes: tuple[str, ...] = ()
-    sampling: SamplingEntry | None = None
+    sampling: Sampling | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -212,60 +206,67 @@ def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, s
         names: of the fitted parameters; those of the solution where not given.
         extra: anything more that JSON can hold, for whoever reads the file.
     """
-    inside = [e for e in space.effects if e.id in effects or not _at_null(space, solution.u, e)]
+    away = {s.owner for k, s in enumerate(space.slots)
+            if s.parameter.kind != "shape" and solution.u[k] != s.parameter.default}
+    inside = [e for e in space.effects if e.id in effects or e.id in away]
     own = ParameterSpace(space.reference, inside, space.commons)
-    spread = campaign.independent.uncertainty if campaign.independent is not None else None
-    ranges = {n: (float(np.nanmin(x)), float(np.nanmax(x))) for n in campaign.conditions
-              for x in [campaign.records[n].to_numpy(dtype=float)]}
-    sampling = _describe_sampling(campaign)
-    stated = {n: column.uncertainty for n, column in campaign.conditions.items() if column.uncertainty is not None}
+    clock, sampling = campaign.independent, None
+    if campaign.samples is not None and clock is not None:
+        groups = campaign.samples.groupby("record", sort=False)[clock.name]
+        count, first, last = np.median(np.array([(len(x), x.min(), x.max()) for _, x in groups], dtype=float), axis=0)
+        sampling = Sampling(samples=int(count), first=float(first), last=float(last), largest={
+            name: float(np.nanmax(np.abs(campaign.samples[name]))) for name in campaign.channels})
     return FittedModel(
         None, campaign.name, campaign.sha256, name_family(campaign), model_name, tuple(e.id for e in inside), own,
         np.array([solution.u[space.index[name]] for name in own.index]),
         tuple(solution.names if names is None else names),
         solution.covariance() if covariance is None else np.asarray(covariance), dict(noise),
-        {name: campaign.column(name).unit for name in (*campaign.conditions, *noise)}, stated,
-        0.0 if spread is None else float(spread.sd(np.ones(1))[0]), ranges, len(campaign.records),
-        float(solution.chi2), list_versions(), dict(extra or {}),
-        sampling=None if sampling is None else SamplingEntry(**sampling))
+        {name: campaign.column(name).unit for name in (*campaign.conditions, *noise)},
+        {name: column.uncertainty for name, column in campaign.conditions.items() if column.uncertainty is not None},
+        0.0 if clock is None or clock.uncertainty is None else float(clock.uncertainty.sd(np.ones(1))[0]),
+        {name: (float(np.nanmin(x)), float(np.nanmax(x))) for name in campaign.conditions
+         for x in [campaign.records[name].to_numpy(dtype=float)]},
+        len(campaign.records), float(solution.chi2), list_versions(), dict(extra or {}), sampling=sampling)
 
 
 def save_model(folder, fitted: FittedModel) -> Path:
-    """Write a fitted model into a folder, as `model.json`.
-
-    Args:
-        folder: where to; made where it is not there.
-        fitted: the model.
-
-    Returns:
-        Path of the file.
+    """Write a fitted model into a folder (made where it is not there), as `model.json`; returns the file's path.
 
     Raises:
         InputError: The folder cannot be written.
     """
     folder = Path(folder)
-    model, digest = _place_model(fitted.model, folder)
-    family, own = write_kind(fitted.family, folder), split_name(write_kind(fitted.family, folder))
-    covariance = np.asarray(fitted.covariance)
-    content = ModelFile.model_validate({
-        "schema": SCHEMA,
-        "campaign": fitted.campaign, "sha256": fitted.sha256, "family": family,
+    model, digest = _place(fitted.model, folder)
+    family = write_kind(fitted.family, folder)
+    own = split_name(family)
+    conditions = {}
+    for name, (low, high) in fitted.ranges.items():
+        spread = fitted.uncertainties.get(name, Uncertainty())
+        conditions[name] = {"unit": fitted.units[name], "low": low, "high": high, "absolute": spread.absolute,
+                            "relative": spread.relative}
+    effects = []
+    for effect in fitted.space.effects:
+        file = getattr(sys.modules.get(effect.__module__), "__file__", None)
+        if effect in CATALOGUE or file is None:
+            effects.append({"id": effect.id})
+        else:
+            source, hashed = _place(f"{file}:{effect.__qualname__}", folder)
+            effects.append({"id": effect.id, "source": None if hashed is None else source, "source_sha256": hashed})
+    content = _ModelFile.model_validate({
+        "schema": SCHEMA, "campaign": fitted.campaign, "sha256": fitted.sha256, "family": family,
         "family_sha256": None if own is None else hash_file((folder / own[0]).resolve()),
         "model": model, "model_sha256": digest, "choices": make_plain(list_choices(fitted.space.reference)),
-        "effects": [_describe_effect(e, folder) for e in fitted.space.effects],
-        "coordinates": dict(zip(fitted.space.index, map(float, fitted.u), strict=True)),
-        "free": list(fitted.free), "covariance": [[float(x) for x in row] for row in covariance],
+        "effects": effects, "coordinates": dict(zip(fitted.space.index, map(float, fitted.u), strict=True)),
+        "free": list(fitted.free), "covariance": np.asarray(fitted.covariance, dtype=float).tolist(),
         "channels": {name: {"unit": fitted.units[name], "noise": make_plain(level)}
                      for name, level in fitted.noise.items()},
-        "conditions": {name: _describe_condition(fitted, name) for name in fitted.ranges},
-        "time_sd": fitted.time_sd, "records": fitted.records, "chi2": fitted.chi2,
+        "conditions": conditions, "time_sd": fitted.time_sd, "records": fitted.records, "chi2": fitted.chi2,
         "sampling": None if fitted.sampling is None else fitted.sampling.model_dump(),
         "commons": [dc.asdict(one) for one in fitted.space.commons], "versions": dict(fitted.versions),
         "extra": dict(fitted.extra),
     })  # fmt: skip
-    path = folder / FILE
-    write_json(path, content.model_dump(mode="json", by_alias=True))
-    return path
+    write_json(folder / FILE, content.model_dump(mode="json", by_alias=True))
+    return folder / FILE
 
 
 def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
@@ -280,24 +281,38 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     """
     path = Path(folder)
     path = path if path.suffix == ".json" else path / FILE
-    content = _read(path)
-    notes = []
+    if not path.exists():
+        refuse_peaks(path.parent)
+        raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent)
+    content = read_json(path, SCHEMA, _ModelFile, "fit the model again")
+    notes: dict[str, None] = {}
+
+    def see(source: str, digest: str | None) -> str:
+        """`FILE.py:NAME` as seen from here; a file that has changed since is noted."""
+        file, _, name = source.rpartition(":")
+        if digest is not None and (path.parent / file).is_file() and hash_file(path.parent / file) != digest:
+            notes[f"{Path(file).name} has changed since the model was fitted; the parameters may not belong to it any "
+                  "more."] = None
+        return f"{path.parent / file}:{name}"
+
     own = split_name(content.family)
     family = find_family(content.family).name if own is None else take_kind(content.family, path.parent)
-    if own is not None and content.family_sha256 is not None:
-        notes += _compare_source(path.parent / own[0], content.family_sha256)
+    if own is not None:
+        see(content.family, content.family_sha256)
     model = content.model
     if content.model_sha256 is not None:
-        file, _, name = model.rpartition(":")
-        require_trust(path.parent / file, path)
-        model = f"{path.parent / file}:{name}"
-        notes += _compare_source(path.parent / file, content.model_sha256)
+        require_trust(path.parent / model.rpartition(":")[0], path)
+        model = see(model, content.model_sha256)
     reference = _choose(resolve_model(model, family).reference, content.choices, path)
-    classes = []
+    known, classes = {e.id: e for e in (*list_known(), *extra)}, []
     for entry in content.effects:
-        classes.append(_find_effect(entry, path, extra))
-        if entry.source is not None and entry.source_sha256 is not None:
-            notes += _compare_source(path.parent / entry.source.rpartition(":")[0], entry.source_sha256)
+        if entry.id not in known and entry.source is None:
+            raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; give its class to "
+                             "load(extra=...)", file=path, key="effects")
+        if entry.id not in known:
+            require_trust(path.parent / entry.source.rpartition(":")[0], path)
+        source = None if entry.source is None else see(entry.source, entry.source_sha256)
+        classes.append(known.get(entry.id) or resolve_effect(str(source)))
     space = ParameterSpace(reference, classes, content.commons)
     wrong = set(space.index) ^ set(content.coordinates)
     if wrong:
@@ -312,7 +327,7 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
         {name: Uncertainty(entry.absolute, entry.relative) for name, entry in content.conditions.items()
          if entry.absolute is not None or entry.relative is not None},
         content.time_sd, {name: (entry.low, entry.high) for name, entry in content.conditions.items()},
-        content.records, content.chi2, content.versions, content.extra, tuple(dict.fromkeys(notes)), content.sampling)
+        content.records, content.chi2, content.versions, content.extra, tuple(notes), content.sampling)
 
 
 def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel:
@@ -344,8 +359,7 @@ def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
     Raises:
         InputError: There is no such model, file or name, or it is none of these things.
     """
-    if isinstance(model, (AbstractModel, AbstractLaw)) or (
-            isinstance(model, type) and issubclass(model, AbstractModel)):
+    if is_model(model):
         return wrap_model(model)
     if not isinstance(model, (str, Path, FittedModel, AbstractFitted)):
         raise InputError(f"{model!r} is no model: give a name, a folder, a model such as Ball(), or a fit", key="model")
@@ -358,90 +372,29 @@ def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
                          tuple(law.effects), True)
 
 
-def _at_null(space: ParameterSpace, u: np.ndarray, effect: type[AbstractEffect]) -> bool:
-    amplitudes = [(k, s.parameter) for k, s in enumerate(space.slots)
-                  if s.owner == effect.id and s.parameter.kind != "shape"]
-    return all(u[k] == p.default for k, p in amplitudes)
-
-
 def _choose(reference: AbstractModel, choices: Mapping[str, Any], path: Path) -> AbstractModel:
+    """A model with the choices that a file states; those of its parts have the part's name before a dot."""
+    freeze = lambda value: tuple(map(freeze, value)) if isinstance(value, list) else value
+
+    def put(model: Any, names: list[str], value: Any) -> Any:
+        name, *rest = names
+        return dc.replace(model, **{name: put(getattr(model, name), rest, value) if rest else value})
+
     own = list_choices(reference)
     if set(own) != set(choices):
         raise InputError("the choices are not those of the model; fit it again", file=path, key="choices")
-    tuples = {k: _freeze(v) for k, v in choices.items()}
-    try:
-        return reference if own == tuples else _replace(reference, tuples)
-    except Exception as error:
-        raise InputError(f"the model cannot be made ({error}); fit it again", file=path, key="choices") from None
+    for name, value in choices.items():
+        try:
+            reference = reference if own[name] == freeze(value) else put(reference, name.split("."), freeze(value))
+        except Exception as error:
+            raise InputError(f"the model cannot be made ({error}); fit it again", file=path, key="choices") from None
+    return reference
 
 
-def _replace(model: AbstractModel, choices: Mapping[str, Any]) -> AbstractModel:
-    """A model with other choices; those of its parts have the part's name before a dot."""
-    parts = {path.partition(".")[0] for path in choices if "." in path}
-    inner = {part: _replace(getattr(model, part), {path.partition(".")[2]: value for path, value in choices.items()
-                                                   if path.startswith(f"{part}.")}) for part in parts}
-    return dc.replace(model, **{path: value for path, value in choices.items() if "." not in path}, **inner)
-
-
-def _freeze(value: Any) -> Any:
-    return tuple(_freeze(v) for v in value) if isinstance(value, list) else value
-
-
-def _describe_condition(fitted: FittedModel, name: str) -> dict[str, Any]:
-    (low, high), spread = fitted.ranges[name], fitted.uncertainties.get(name, Uncertainty())
-    return {"unit": fitted.units[name], "low": low, "high": high, "absolute": spread.absolute,
-            "relative": spread.relative}
-
-
-def _describe_sampling(campaign: Campaign) -> dict[str, Any] | None:
-    if campaign.samples is None or campaign.independent is None:
-        return None
-    groups = campaign.samples.groupby("record", sort=False)[campaign.independent.name]
-    count, first, last = np.median(np.array([(len(x), x.min(), x.max()) for _, x in groups], dtype=float), axis=0)
-    return {"samples": int(count), "first": float(first), "last": float(last),
-            "largest": {name: float(np.nanmax(np.abs(campaign.samples[name]))) for name in campaign.channels}}
-
-
-def _describe_effect(effect: type[AbstractEffect], folder: Path) -> dict[str, Any]:
-    if effect in CATALOGUE:
-        return {"id": effect.id}
-    file = getattr(sys.modules.get(effect.__module__), "__file__", None)
-    if file is None or not Path(file).is_file():
-        return {"id": effect.id, "source": None}
-    trust_file(Path(file))
-    return {"id": effect.id, "source": f"{place_file(Path(file), folder)}:{effect.__qualname__}",
-            "source_sha256": hash_file(Path(file))}
-
-
-def _place_model(name: str, folder: Path) -> tuple[str, str | None]:
-    """A model's name as seen from the folder, and the hash of its file where it has one."""
-    file, colon, attribute = name.rpartition(":")
-    if colon and file.endswith(".py") and Path(file).is_file():
-        trust_file(Path(file))
-        return f"{place_file(Path(file), folder)}:{attribute}", hash_file(Path(file))
-    return name, None
-
-
-def _compare_source(file: Path, digest: str) -> list[str]:
-    if file.is_file() and hash_file(file) != digest:
-        return [f"{file.name} has changed since the model was fitted; the parameters may not belong to it any more."]
-    return []
-
-
-def _find_effect(entry: EffectEntry, path: Path, extra: Sequence[type[AbstractEffect]]) -> type[AbstractEffect]:
-    known = {e.id: e for e in (*list_known(), *extra)}
-    if entry.id in known:
-        return known[entry.id]
-    if entry.source is None:
-        raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; "
-                         "give its class to load(extra=...)", file=path, key="effects")
-    file, _, name = entry.source.rpartition(":")
-    require_trust(path.parent / file, path)
-    return resolve_effect(f"{path.parent / file}:{name}")
-
-
-def _read(path: Path) -> ModelFile:
-    if not path.exists():
-        refuse_peaks(path.parent)
-        raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent)
-    return read_json(path, SCHEMA, ModelFile, "fit the model again")
+def _place(name: str, folder: Path) -> tuple[str, str | None]:
+    """`FILE.py:NAME` as seen from the folder, and the hash of the file; other names as they are, without one."""
+    own = split_name(name)
+    if own is None or not own[0].is_file():
+        return name, None
+    trust_file(own[0])
+    return f"{place_file(own[0], folder)}:{own[1]}", hash_file(own[0])

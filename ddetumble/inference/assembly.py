@@ -54,6 +54,9 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
         campaign: whose family the model describes.
         reference: template of the reference model.
         extra: effects of the user, beside the catalogue.
+
+    Raises:
+        InputError: The campaign has no samples or not what the model needs, or states something impossible.
     """
     family = find_family(name_family(campaign))
     require_samples(campaign)
@@ -65,25 +68,25 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
                              + ", ".join(e.id for e in family.catalogue))
     reference = adapt_reference(campaign, reference)
     family.check(campaign)
+    present = {*reference.provides, *campaign.records.columns, *(n for n, v in campaign.known.items() if v is not None)}
     offered = (*family.catalogue, *extra)
-    catalogue = tuple(e for e in offered if fits_campaign(e, reference, campaign))
-    directions = tuple(e for e in family.directions if fits_campaign(e, reference, campaign))
+    catalogue = tuple(e for e in offered if present.issuperset(e.requires))
+    directions = tuple(e for e in family.directions if present.issuperset(e.requires))
     space = ParameterSpace(reference, (*catalogue, *directions), list_commons(campaign))
     known = {k: v for k, v in campaign.known.items() if v is not None and k in space.index}
+    file = campaign.path and campaign.path / "datapackage.json"
     for name, value in known.items():
         low, high = space.parameter(name).bounds
         if not low <= value <= high or not space.parameter(name).transform.allows(value):
             edge = "above 0" if low == 0 and high == np.inf else f"{low:g} to {high:g}"
-            raise InputError(f"{value:g} is outside what {name} can be ({edge})",
-                             file=campaign.path and campaign.path / "datapackage.json", key=f"known.{name}")
+            raise InputError(f"{value:g} is outside what {name} can be ({edge})", file=file, key=f"known.{name}")
     start = space.coordinates(known)
     fixed = {"condition_exponent"} if any(isinstance(m, PowerLaw) and not m.condition
                                           for m in parts_of(reference)) else set()
     base = tuple(s.name for s in space.slots if s.owner is None and s.parameter.free
                  and campaign.known.get(s.name) is None and s.name not in fixed)
     return Assembly(space, catalogue, directions, tuple(e.id for e in offered if e not in catalogue), start, base,
-                    (*map(str, check_plausibility(campaign)), *warn_of_names(campaign, space),
-                     *warn_of_range(campaign, reference)))  # fmt: skip
+                    tuple(_list_warnings(campaign, space, reference)))
 
 
 def require_samples(campaign: Campaign) -> None:
@@ -97,12 +100,13 @@ def require_samples(campaign: Campaign) -> None:
                          "time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
 
 
-def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
-    """A sentence on what a campaign says is known and no model of its family has.
+def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:
+    """Sentences on what is known and of no use, on what is assumed, and on records outside the range of the model.
 
     Raises:
-        InputError: one of these names is a misspelt parameter.
+        InputError: A known name is a misspelt parameter.
     """
+    found = [str(one) for one in check_plausibility(campaign)]
     models = (built.make() for built in find_family(campaign.family).models.values())
     names = {*ROLES, *space.index, *(p.name for model in models for p in parameters_of(model))}
     unknown = [name for name in campaign.known if name not in names]
@@ -111,28 +115,20 @@ def warn_of_names(campaign: Campaign, space: ParameterSpace) -> tuple[str, ...]:
         if near:
             raise InputError(f"there is no parameter {name!r}; did you mean {near[0]}? Correct or remove it",
                              file=campaign.path and campaign.path / "datapackage.json", key=f"known.{name}")
-    if not unknown:
-        return ()
-    listed, is_are = ", ".join(map(repr, unknown)), "is" if len(unknown) == 1 else "are"
-    return (f"Known, and of no use here: {listed} {is_are} no parameter of the model.",)
-
-
-def warn_of_range(campaign: Campaign, reference: AbstractModel) -> tuple[str, ...]:
-    """Sentences on what is assumed, and on records outside the range of the reference model: Eq. 10's loads."""
+    if unknown:
+        is_are = "is" if len(unknown) == 1 else "are"
+        found.append(f"Known, and of no use here: {', '.join(map(repr, unknown))} {is_are} no parameter of the model.")
     if isinstance(reference, Striker) and campaign.known.get("rolling_mass") is None:
-        mass = float(reference.rolling_mass)
-        return (f"rolling_mass is not in known: {mass:g} kg is taken, and what the ball does once it grips depends on "
-                "it. It is two thirds of the mass of a thin hollow ball, two fifths of a solid one's, 1e6 kg where the "
-                "ball cannot turn.",)
-    if not isinstance(reference, RubberFriction):
-        return ()
-    found: dict[str, list[str]] = {}
-    for key, load in zip(campaign.record_keys, campaign.records["normal_load"].to_numpy(dtype=float), strict=True):
-        phrase = describe_range(float(load))
-        if phrase:
-            found.setdefault(phrase, []).append(str(key))
-    return tuple(f"Outside the range of Eq. 10 ({len(keys)} records, {keys[0]} among them): {phrase}."
-                 for phrase, keys in found.items())
+        found.append(f"rolling_mass is not in known: {float(reference.rolling_mass):g} kg is taken, and what the ball "
+                     "does once it grips depends on it. It is two thirds of the mass of a thin hollow ball, two fifths "
+                     "of a solid one's, 1e6 kg where the ball cannot turn.")
+    if isinstance(reference, RubberFriction):
+        outside: dict[str, list[str]] = {}
+        for key, load in zip(campaign.record_keys, campaign.records["normal_load"].to_numpy(dtype=float), strict=True):
+            outside.setdefault(describe_range(float(load)), []).append(str(key))
+        found += [f"Outside the range of Eq. 10 ({len(keys)} records, {keys[0]} among them): {phrase}."
+                  for phrase, keys in outside.items() if phrase]
+    return found
 
 
 def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractModel:
@@ -176,12 +172,6 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
     return reference
 
 
-def fits_campaign(effect: type[AbstractEffect], reference: AbstractModel, campaign: Campaign) -> bool:
-    """Whether everything that an effect requires is there: features of the model, or conditions of the campaign."""
-    return all(need in reference.provides or need in campaign.records.columns or campaign.known.get(need) is not None
-               for need in effect.requires)
-
-
 def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
     """Interior starting points of an effect's parameters by public name (coordinates).
 
@@ -200,13 +190,7 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
 
 
 def guess_start(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]) -> np.ndarray:
-    """The likeliest coordinates to start from: the first of `list_origins`."""
-    return list_origins(campaign, space, start, free)[0]
-
-
-def list_origins(campaign: Campaign, space: ParameterSpace, start: np.ndarray, free: Sequence[str]
-                 ) -> list[np.ndarray]:
-    """Coordinates to start from, guessed from the records as their family has it, the likeliest first."""
+    """The likeliest coordinates to start from, guessed from the records as their family has it."""
     if campaign.samples is None:
-        return [start.copy()]
-    return find_family(name_family(campaign)).guess_starts(campaign, space, start, free)
+        return start.copy()
+    return find_family(name_family(campaign)).guess_starts(campaign, space, start, free)[0]

@@ -41,17 +41,12 @@ class Bounded:
 
 def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: np.ndarray | None,
                   bounds: Mapping[str, tuple[float, float]], tolerance: float = 1e-7) -> Bounded:
-    """Fit with bounds by an active set.
+    """Fit with bounds (of coordinates, by name, within the limits of the model) by an active set.
 
-    Args:
-        problem: to solve.
-        names: of the free parameters.
-        start: coordinates, shape (parameters,).
-        z: start of the nuisances.
-        bounds: of coordinates, by name; further limits are those of the model.
-        tolerance: at which the optimiser ends, in units of chi-square.
+    The other arguments are those of `Problem.solve`.
     """
     index, (low, high) = problem.space.index, problem.limits
+    ends = {name: bounds.get(name, (-np.inf, np.inf)) for name in names}
     held: dict[str, int] = {}
     u = start.copy()
     for name, (a, b) in bounds.items():
@@ -62,26 +57,23 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
         if solution.failed:
             break
         changed = False
-        for name in names:
-            k = index[name]
-            a, b = bounds.get(name, (-np.inf, np.inf))
-            near = NEAR * problem.scales[k]
-            if name in held:
-                continue
-            if solution.u[k] <= max(a, low[k] + near):
-                held[name], changed = -1, True
-            elif solution.u[k] >= min(b, high[k] - near):
-                held[name], changed = 1, True
         u = solution.u.copy()
-        for name, side in held.items():
-            a, b = bounds.get(name, (-np.inf, np.inf))
-            k, margin = index[name], 1e-6 * problem.scales[index[name]]
-            u[k] = max(a, low[k] + margin) if side < 0 else min(b, high[k] - margin)
-        if held and not changed:
-            released = [n for n, x in _pull(problem, solution, held, u).items() if x * held[n] < 0]
-            for name in released:
-                del held[name]
-                changed = True
+        for name, (a, b) in ends.items():
+            k, near = index[name], NEAR * problem.scales[index[name]]
+            if name not in held and solution.u[k] <= max(a, low[k] + near):
+                held[name], changed = -1, True
+            elif name not in held and solution.u[k] >= min(b, high[k] - near):
+                held[name], changed = 1, True
+            margin = 1e-6 * problem.scales[k]
+            if name in held:
+                u[k] = max(a, low[k] + margin) if held[name] < 0 else min(b, high[k] - margin)
+        if held and not changed:  # a Gauss-Newton step with everything refitted says where each wants to go
+            full = problem.solve([*solution.names, *held], u, solution.z, moving=False)
+            step = -np.linalg.lstsq(*full.flattened(), rcond=1e-10)[0][len(solution.names):]
+            for name, pull in zip(list(held), step, strict=True):
+                if pull * held[name] < 0:
+                    del held[name]
+                    changed = True
         if not changed:
             break
         solution = _settle(problem, [n for n in names if n not in held], u, solution.z, tolerance)
@@ -100,21 +92,13 @@ def _settle(problem: Problem, names: Sequence[str], u: np.ndarray, z: np.ndarray
     return solution
 
 
-def _pull(problem: Problem, solution: Solution, held: Mapping[str, int], u: np.ndarray) -> dict[str, float]:
-    """Where each held parameter wants to go: sign of its Gauss-Newton step with everything else refitted."""
-    full = problem.solve([*solution.names, *held], u, solution.z, moving=False)
-    step = -np.linalg.lstsq(*full.flattened(), rcond=1e-10)[0]
-    return {name: float(step[len(solution.names) + j]) for j, name in enumerate(held)}
-
-
 def list_limits(problem: Problem, solution: Solution) -> dict[str, int]:
     """Free parameters that stand at a limit of the model: -1 at the lower, +1 at the upper one."""
     found = {}
     for name in solution.names:
         k = problem.space.index[name]
-        near = NEAR * problem.scales[k]
-        for side, edge in ((-1, problem.limits[0][k]), (1, problem.limits[1][k])):
-            if abs(solution.u[k] - edge) <= near:
+        for side, edges in zip((-1, 1), problem.limits, strict=True):
+            if abs(solution.u[k] - edges[k]) <= NEAR * problem.scales[k]:
                 found[name] = side
     return found
 
@@ -143,14 +127,11 @@ def truncate_normal(mean: float, sd: float, low: float, high: float, level: floa
                     ) -> tuple[float, float, float]:
     """Standard deviation and interval of highest density of a normal distribution cut off at `low` and `high`.
 
-    Where the density is highest at a limit the interval begins there, so that a true value at the limit is not always
-    outside it, as it would be of an interval with equal tails.
-
-    Args:
-        mean, sd: of the normal distribution before it is cut off.
-        low, high: limits.
-        level: probability inside the interval.
+    `mean` and `sd` are those before it is cut off. Where the density is highest at a limit the interval begins there,
+    so that a true value at the limit is not always outside it, as it would be of an interval with equal tails.
     """
+    if not np.isfinite(sd):
+        return sd, low, high
     a, b = (low - mean) / sd, (high - mean) / sd
     if max(a, -b) > 30:  # all of it is in the tail: an exponential at the nearer end
         rate = max(a, -b) / sd

@@ -5,21 +5,20 @@ twice, once with damping in the parameters' own units and once in units of their
 does not; the smaller sum of squares counts. Gauss-Newton steps on columns of unit norm then go on until rounding stops
 them.
 
-`fit_model` fits a `Curve` from many starts at once, in coordinates in which it is regular, and says what its Jacobian
-cannot tell apart. Its intervals are those of the profile likelihood: with coefficient $p_k$ drawn to a value v,
+The friction curves of the paper (a...e of Eq. 9 at one load, Eq. 10's polynomials over loads, K and tan delta_L of
+Eq. 8) are fitted from many starts at once, in coordinates in which they are regular. Intervals are those of the profile
+likelihood: with coefficient $p_k$ drawn to a value v,
 
 $$ \min_x \chi^2(x) + w^2 (p_k(x) - v)^2 $$
 
-lies on the profile of $p_k$ at the value that it attains, whatever w: no coefficient has to be held exactly.
-
-Its curves are those of friction: a...e of Eq. 9 at one load, Eq. 10's polynomials over loads, K and tan delta_L of
-Eq. 8. What the readings cannot tell apart is said in words, with the test that would resolve it:
+lies on the profile of $p_k$ at the value that it attains, whatever w: no coefficient has to be held exactly. What the
+readings cannot tell apart is said in words, with the test that would resolve it:
 
 * $(c, d) \to (-c, -d)$ leaves Eq. 9 as it is; d > 0 is what is reported, over loads at the lowest one.
-* $K$ and $\sigma_0/p_r$ enter Eq. 8 as a product only.
-* $K$ and $\tan\delta_L$ are a product too at a single pressure.
+* $K$ and $\sigma_0/p_r$ enter Eq. 8 as a product only; so do $K$ and $\tan\delta_L$ at a single pressure.
 """
 
+import abc
 import dataclasses as dc
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -39,14 +38,7 @@ from .._errors import ComputationError, InputError
 from ..contact.friction import SLIP_UNIT, SlipCoefficients, describe_range, rubber_coefficient, slip_coefficient
 from ..contact.transform import TRANSFORMS
 from .files import make_plain
-from .identifiability import (
-    VAST,
-    Blend,
-    Knowledge,
-    analyse_jacobian,
-    list_words,
-    measure_spread,
-)
+from .identifiability import VAST, Blend, Knowledge, analyse_jacobian, list_changes, list_words, measure_spread
 
 
 DAMPINGS = ("own units", "units of the start")
@@ -60,8 +52,7 @@ EPS = float(np.finfo(float).eps)
 FAINT = 1e5 * EPS  # scatter of this share of the readings is told to be near rounding
 LOST = 1e-6  # component of a direction that changes nothing, above which a parameter is not determined
 
-LEVEL = 0.95  # of all intervals
-RISE = float(stats.chi2.ppf(LEVEL, 1))  # of chi-square at their ends
+RISE = float(stats.chi2.ppf(0.95, 1))  # of chi-square at the ends of a 95 % interval
 GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are taken anew
 GOES = 4  # of a fit at most: along a curved valley one may not reach the end
 LITTLE = 0.02  # chi-square that one more Gauss-Newton step would gain: below it a fit has ended
@@ -87,16 +78,14 @@ FORBIDDEN = 1e4  # misfit per 1/mm of a rate above its ceiling, where a coeffici
 DEGREES = {"a": 1, "b": 2, "c": 2, "d": 2, "e": 2}  # of Eq. 10's polynomials
 MODEST = (1e-3, 0.05, 1.0, 0.05, 1e-2)  # uncertainty of a...e that starts of the polynomials add
 RUNAWAY = 5.0  # |c| beyond which a curve has d = 0
-_UNITS = {"a": "", "b": "1/mm", "c": "", "d": "1/mm", "e": ""}
+WEAK = 0.1  # share of the second exponential below which it is said to be weak
+LENGTHS = 64  # samples are padded to a multiple of it, so that few programs are compiled
 SYMMETRY = "(c, d) and (-c, -d) make the same curve: the one with d > 0 is given"
 PRODUCT = ("K and sigma_0/p_r enter Eq. 8 as a product only, at any pressure and load: K is known as far as "
            "sigma_0/p_r is; a tensile test for sigma_0 and the real contact area under a known load for p_r would tell "
-           "them apart")
+           "them apart.")
 ONE_PRESSURE = ("There is one pressure only, at which Eq. 8 is a single number for both K and tan delta_L: readings at "
-                "a second pressure, or the loss factor from a rheometer, would tell them apart")
-WEAK = 0.1  # share of the second exponential below which it is said to be weak
-Readings = tuple[np.ndarray, np.ndarray, np.ndarray]  # slip [mm], coefficient [-], one over its deviation
-LENGTHS = 64  # samples are padded to a multiple of it, so that few programs are compiled
+                "a second pressure, or the loss factor from a rheometer, would tell them apart.")
 
 
 @dc.dataclass(frozen=True)
@@ -161,11 +150,20 @@ def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, 
         InputError: An argument is no use; one sentence says where.
         ComputationError: Sum of squares or derivatives are no numbers where the fit ended.
     """
-    x, y, sd, begin, names = _check(x, y, sd, start)
-    weights = 1.0 / (np.ones_like(y) if sd is None else sd)
-    size = float(np.sqrt(np.mean((weights * y) ** 2))) or 1.0
-    scaled = jnp.asarray(weights / size)  # so that the fit does not depend on the unit of the readings
-    data = (jnp.asarray(x), jnp.asarray(y), scaled)
+    names = tuple(map(str, start)) if isinstance(start, Mapping) else tuple(f"p{k + 1}" for k in range(len(start)))
+    begin = _take_numbers("start", list(start.values()) if isinstance(start, Mapping) else start)
+    if begin.ndim != 1 or not begin.size:
+        raise InputError(f"start is a list of numbers; its shape is {begin.shape}")
+    if not np.isfinite(begin).all():
+        raise InputError(f"start of {names[int(np.argmin(np.isfinite(begin)))]} is not a number")
+    x, y, dev = _check_readings(x, y, 1.0 if sd is None else sd, ("x", "y", "sd"), most_rows=2)
+    count, scale = len(names), sd is None
+    if len(y) < count + scale:
+        raise InputError(f"too few readings: {len(y)}, and {count} parameters need {count + scale} at least"
+                         + ("; standard errors from the scatter take one more" if scale else ""))
+    weights = 1.0 / dev
+    size = float(np.sqrt(np.mean((weights * y) ** 2))) or 1.0  # so that the fit does not depend on the readings' unit
+    data = (jnp.asarray(x), jnp.asarray(y), jnp.asarray(weights / size))
     struct = jax.eval_shape(model, jnp.asarray(begin), data[0])
     if getattr(struct, "shape", None) != y.shape:
         raise InputError(f"the model must return one number a reading, shape {y.shape}; it returns "
@@ -179,7 +177,24 @@ def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, 
     reached, squares, steps = (np.asarray(part) for part in found)
     best = int(np.argmin(np.where(np.isfinite(squares), squares, np.inf)))
     place, polished = _polish(model, reached[best], data)
-    return _conclude(place, names, size, sd is None, int(steps[best]) + polished, DAMPINGS[best])
+
+    squares, degrees, steps = float(place.residual @ place.residual), len(y) - count, int(steps[best]) + polished
+    spread = math.sqrt(squares / degrees) if degrees else math.nan
+    root = place.axes.T / np.where(place.singular > 0, place.singular, np.inf) / place.norms[:, None]
+    covariance = root @ root.T * (spread**2 if scale else 1.0 / size**2)
+    lost = np.any(np.abs(place.axes[place.singular == 0]) > LOST, axis=0)
+    covariance[lost, :] = covariance[:, lost] = np.nan
+    covariance[lost, lost] = np.inf
+    settled = place.gain <= SETTLED * (spread if scale else 1.0 / size) + ROUNDING * math.sqrt(count)
+    message = "Converged" if settled else f"Not converged after {steps} steps"
+    message += f": one more step would change the curve by {place.gain * size:.2g} in all"
+    if lost.any():
+        message += f"; the readings do not determine {', '.join(n for n, out in zip(names, lost, strict=True) if out)}"
+    elif scale and spread < FAINT:
+        message += (f"; the scatter is {spread / EPS:.0f} times the rounding of the readings, and the standard errors "
+                    f"that rest on it are good to about {max(0, round(math.log10(max(spread / EPS, 1.0))))} digits")
+    return Regression(names, place.values, np.sqrt(np.diag(covariance)), covariance, squares * size**2, spread * size,
+                      degrees, steps, DAMPINGS[best], bool(settled and not lost.any()), message + ".")
 
 
 class _Place(NamedTuple):
@@ -204,8 +219,7 @@ def _go_down(rows: Callable[[Array], Array], start: Array, unit: Array, relative
 @eqx.filter_jit
 def _descend(model, start: Array, units: Array, x: Array, y: Array, weights: Array):
     """Levenberg-Marquardt with each of several units: parameters, sums of squares, steps."""
-    def rows(p):
-        return weights * (model(p, x) - y)
+    rows = lambda p: weights * (model(p, x) - y)
 
     def one(unit):
         values, steps = _go_down(rows, start, unit, TOLERANCE, 1e-14, MOST_STEPS)
@@ -217,9 +231,7 @@ def _descend(model, start: Array, units: Array, x: Array, y: Array, weights: Arr
 @eqx.filter_jit
 def _linearise(model, values: Array, x: Array, y: Array, weights: Array):
     """Residual and its derivatives."""
-    def rows(p):
-        return weights * (model(p, x) - y)
-
+    rows = lambda p: weights * (model(p, x) - y)
     return rows(values), jax.jacfwd(rows)(values)
 
 
@@ -256,98 +268,73 @@ def _polish(model, values: np.ndarray, data) -> tuple[_Place, int]:
     return best, used
 
 
-def _conclude(place: _Place, names: tuple[str, ...], size: float, scale: bool, steps: int, damping: str) -> Regression:
-    """Standard errors, and in words how the fit ended; sums of squares in units of `size` so far."""
-    count, degrees = len(names), len(place.residual) - len(names)
-    squares = float(place.residual @ place.residual)
-    spread = math.sqrt(squares / degrees) if degrees else math.nan
-    root = place.axes.T / np.where(place.singular > 0, place.singular, np.inf) / place.norms[:, None]
-    covariance = root @ root.T * (spread**2 if scale else 1.0 / size**2)
-    lost = np.any(np.abs(place.axes[place.singular == 0]) > LOST, axis=0)
-    covariance[lost, :] = covariance[:, lost] = np.nan
-    covariance[lost, lost] = np.inf
-    settled = place.gain <= SETTLED * (spread if scale else 1.0 / size) + ROUNDING * math.sqrt(count)
-    message = "Converged" if settled else f"Not converged after {steps} steps"
-    message += f": one more step would change the curve by {place.gain * size:.2g} in all"
-    if lost.any():
-        message += f"; the readings do not determine {', '.join(n for n, out in zip(names, lost, strict=True) if out)}"
-    elif scale and spread < FAINT:
-        message += (f"; the scatter is {spread / EPS:.0f} times the rounding of the readings, and the standard errors "
-                    f"that rest on it are good to about {max(0, round(math.log10(max(spread / EPS, 1.0))))} digits")
-    return Regression(names, place.values, np.sqrt(np.diag(covariance)), covariance, squares * size**2, spread * size,
-                      degrees, steps, damping, bool(settled and not lost.any()), message + ".")
+def _take_numbers(name: str, values) -> np.ndarray:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers") from None
 
 
-def _check(x, y, sd, start):
-    """Arguments as arrays of numbers that fit together, and the parameters' names."""
-    names = tuple(map(str, start)) if isinstance(start, Mapping) else ()
-    parts = {"x": x, "y": y, "start": list(start.values()) if isinstance(start, Mapping) else start}
-    if sd is not None:
-        parts["sd"] = sd
-    for name, part in parts.items():
-        try:
-            parts[name] = np.asarray(part, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(f"{name} must be numbers") from None
-    x, y, begin = parts["x"], parts["y"], parts["start"]
-    if x.ndim not in (1, 2) or y.ndim != 1 or begin.ndim != 1 or not begin.size:
-        raise InputError("y and start are lists of numbers, x is one too or several of y's length; they have the "
-                         f"shapes {y.shape}, {begin.shape} and {x.shape}")
-    names = names or tuple(f"p{k + 1}" for k in range(len(begin)))
+def _check_readings(x, y, sd, names: tuple[str, str, str], most_rows: int = 1, least: int = 0) -> list[np.ndarray]:
+    """Readings y over x with their deviations, as arrays of one length, in the order in which they came."""
+    x, y, sd = map(_take_numbers, names, (x, y, sd))
+    if y.ndim != 1 or not 1 <= x.ndim <= most_rows:
+        several = " or several of its length" if most_rows > 1 else ""
+        raise InputError(f"{names[1]} is a list of numbers, and {names[0]} is one too{several}; they have the shapes "
+                         f"{y.shape} and {x.shape}")
     if x.shape[-1] != len(y):
         order = "; several predictors stand one a row" if x.ndim == 2 else ""
-        raise InputError(f"x and y must be of one length; they are {x.shape[-1]} and {len(y)} long{order}")
-    if sd is not None:
-        if parts["sd"].shape not in ((), y.shape):
-            raise InputError(f"sd must be one number or as many as y, which are {len(y)}; its shape is "
-                             f"{parts['sd'].shape}")
-        parts["sd"] = np.broadcast_to(parts["sd"], y.shape)
-    for name, part in parts.items():
+        raise InputError(f"{names[0]} and {names[1]} must be of one length; they are {x.shape[-1]} and {len(y)} long"
+                         f"{order}")
+    if sd.shape not in ((), y.shape):
+        raise InputError(f"{names[2]} must be one number or as many as {names[1]}, which are {len(y)}; its shape is "
+                         f"{sd.shape}")
+    sd = np.broadcast_to(sd, y.shape)
+    for name, part in zip(names, (x, y, sd), strict=True):
         good = np.isfinite(part)
         if not good.all():
-            k = int(np.argmin(good)) % part.shape[-1]
-            which = f"of {names[k]} " if name == "start" else f"number {k + 1} "
-            raise InputError(f"{name} {which}is not a number")
-    if sd is not None and np.any(parts["sd"] <= 0):
-        k = int(np.argmax(parts["sd"] <= 0))
-        raise InputError(f"sd must be positive; number {k + 1} is {parts['sd'][k]:g}")
-    least = len(begin) + (1 if sd is None else 0)
+            raise InputError(f"{name} number {int(np.argmin(good)) % part.shape[-1] + 1} is not a number")
+    if np.any(sd <= 0):
+        k = int(np.argmax(sd <= 0))
+        raise InputError(f"{names[2]} must be positive; number {k + 1} is {sd[k]:g}")
     if len(y) < least:
-        raise InputError(f"too few readings: {len(y)}, and {len(begin)} parameters need {least} at least"
-                         + ("; standard errors from the scatter take one more" if sd is None else ""))
-    return x, y, parts.get("sd"), begin, names
+        raise InputError(f"too few readings: {len(y)}, and the fit needs {least} at least")
+    return [x, y, sd]
 
 
 @dc.dataclass(frozen=True)
-class Curve:
-    r"""A curve with few coefficients; a static value, whose functions live at the top of a module.
+class Curve(abc.ABC):
+    """A curve with few coefficients; a static value, to which the readings are an argument.
 
     Attributes:
         names: of the coefficients.
         units: of each, as text.
         logs: whether each is positive, with its logarithm as coordinate.
         typical: change of each coordinate a hundred times which is more than anybody expects (1 for logarithms).
-        predict: `(coefficients, data)` to whitened residuals, shapes (coefficients,) to (rows,).
-        unfold: `(x, data)` to coefficients: internal coordinates, in which the fit is regular.
-        fold: `(coefficients, data)` to internal coordinates.
-        derive: `coefficients` to combinations of them worth telling.
-        derived: names of those.
+        derived: names of combinations worth telling.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     logs: tuple[bool, ...]
     typical: tuple[float, ...]
-    predict: Callable[[Array, Any], Array]
-    unfold: Callable[[Array, Any], Array]
-    fold: Callable[[Array, Any], Array]
-    derive: Callable[[Array], Array]
     derived: tuple[str, ...]
 
-    @property
-    def index(self) -> dict[str, int]:
-        """Place of each coefficient."""
-        return {name: k for k, name in enumerate(self.names)}
+    @abc.abstractmethod
+    def predict(self, p: Array, data: Any) -> Array:
+        """Whitened residuals of coefficients, shapes (coefficients,) to (rows,)."""
+
+    @abc.abstractmethod
+    def fold(self, p: Array, data: Any) -> Array:
+        """Internal coordinates, in which the fit is regular, of coefficients, shape (coefficients,) both."""
+
+    @abc.abstractmethod
+    def unfold(self, x: Array, data: Any) -> Array:
+        """Back from `fold`."""
+
+    @abc.abstractmethod
+    def derive(self, p: Array) -> Array:
+        """The combinations that `derived` names."""
 
     def to_coordinates(self, values, xp=np):
         """Logarithms of what is positive, shape (..., coefficients)."""
@@ -355,10 +342,134 @@ class Curve:
         with np.errstate(divide="ignore"):
             return xp.where(logs, xp.log(xp.where(logs, values, 1.0)), values)
 
-    def to_values(self, coordinates: np.ndarray) -> np.ndarray:
-        """Back from `to_coordinates`."""
-        logs = np.asarray(self.logs)
-        return np.where(logs, np.exp(np.where(logs, coordinates, 0.0)), coordinates)
+
+class Readings(NamedTuple):
+    """Readings of friction, padded: of curves over slip, or at pressures of the gas.
+
+    Attributes:
+        at: slip since the stroke began [m], shape (..., samples), or pressure [Pa], shape (readings,).
+        value, weight: friction coefficient and one over its deviation, 0 where no sample is, shape of `at` [-].
+        load: shape (...) [N].
+        stroke: its end, shape (...) [mm].
+        reference: load at which d is positive [N].
+        ceiling: b + |d| stays below it, so that curves level off; infinite where they need not [1/mm].
+        ratio, modulus: sigma_0/p_r where it is not free [-], and E* [Pa], of pressures.
+    """
+
+    at: Array
+    value: Array
+    weight: Array
+    load: Any = 0.0
+    stroke: Any = 0.0
+    reference: Any = 0.0
+    ceiling: Any = math.inf
+    ratio: Any = 1.0
+    modulus: Any = 1.0
+
+
+def _follow_slip(coefficients: Sequence[Array], data: Readings) -> Array:
+    """Whitened residuals of Eq. 9; growth is cut at `STEEPEST`, and rates above their ceiling are forbidden."""
+    a, b, c, d, e = coefficients
+    b = jnp.minimum(b, STEEPEST / data.stroke - jnp.abs(d))
+    over = jnp.maximum(b + jnp.abs(d) - data.ceiling - 1e-9, 0.0)
+    return (slip_coefficient(data.at, SlipCoefficients(a, b, c, d, e)) - data.value) * data.weight + FORBIDDEN * over
+
+
+class _SlipCurve(Curve):
+    r"""Eq. 9 at one load, in $(a, b + d, a c d/(d + 1/L), \ln d, a e)$: regular where a or d vanish, as c, e run away.
+
+    Below a ceiling the logarithm of what is left to it stands for b + d.
+    """
+
+    def predict(self, p: Array, data: Readings) -> Array:
+        return _follow_slip([*p, 1.0][:5], data)
+
+    def fold(self, p: Array, data: Readings) -> Array:
+        slow = p[1] + p[3]
+        limited = jnp.isfinite(data.ceiling)
+        room = jnp.where(limited, jnp.maximum(data.ceiling - slow, 1e-3 / data.stroke), 1.0)
+        strength = p[0] * p[2] * p[3] / (p[3] + 1.0 / data.stroke)
+        return jnp.stack([p[0], jnp.where(limited, jnp.log(room), slow), strength, jnp.log(p[3]), *(p[0] * p[4:])])
+
+    def unfold(self, x: Array, data: Readings) -> Array:
+        limited = jnp.isfinite(data.ceiling)
+        slow = jnp.where(limited, jnp.where(limited, data.ceiling, 0.0) - jnp.exp(jnp.clip(x[1], -30.0, 10.0)), x[1])
+        d = jnp.exp(jnp.clip(x[3], jnp.log(FLATTEST / data.stroke), jnp.log(SHARPEST / data.stroke)))
+        a = jnp.where(jnp.abs(x[0]) < 1e-12, 1e-12, x[0])  # what is divided by it stays a number
+        return jnp.stack([x[0], slow - d, x[2] * (d + 1.0 / data.stroke) / (d * a), d, *(x[4:] / a)])
+
+    def derive(self, p: Array) -> Array:
+        e = p[4] if len(self.names) > 4 else 1.0
+        return jnp.stack([p[1] + p[3], p[1] - p[3], 0.5 * p[0] * (p[2] - e), -0.5 * p[0] * (p[2] + e)])
+
+
+class _SlipPolynomials(Curve):
+    """Eqs. 9 and 10 over loads, with the logarithm of d at the reference load in the place of d0."""
+
+    def predict(self, p: Array, data: Readings) -> Array:
+        coefficients = jnp.moveaxis(self.spread(data.load) @ p, -1, 0)[..., None]
+        return _follow_slip([*coefficients, 1.0][:5], data._replace(stroke=data.stroke[:, None])).reshape(-1)
+
+    def fold(self, p: Array, data: Readings) -> Array:
+        f = data.reference
+        return p.at[8].set(jnp.log(jnp.abs(p[8] + f * (p[9] + f * p[10]))))
+
+    def unfold(self, x: Array, data: Readings) -> Array:
+        f = data.reference
+        return x.at[8].set(jnp.exp(jnp.clip(x[8], -30.0, 30.0)) - f * (x[9] + f * x[10]))
+
+    def derive(self, p: Array) -> Array:
+        return p[2:5] + p[8:11]
+
+    def spread(self, load):
+        """Matrix from coefficients to a...d (e) at loads [N], shape (..., 4 or 5, coefficients)."""
+        powers = np.array([int(name[1]) for name in self.names])
+        own = np.array([[name[0] == kind for name in self.names] for kind in dict.fromkeys(n[0] for n in self.names)])
+        return own * load[..., None, None] ** powers
+
+
+class _RubberCurve(Curve):
+    """Eq. 8 over pressures, in logarithms."""
+
+    def predict(self, p: Array, data: Readings) -> Array:
+        ratio = p[2] if len(self.names) > 2 else data.ratio
+        return (rubber_coefficient(p[0], p[1], ratio, data.at, data.modulus) - data.value) * data.weight
+
+    def fold(self, p: Array, data: Readings) -> Array:
+        return jnp.log(p)
+
+    def unfold(self, x: Array, data: Readings) -> Array:
+        return jnp.exp(jnp.clip(x, -60.0, 60.0))
+
+    def derive(self, p: Array) -> Array:
+        return jnp.stack([p[0] * p[1]] + ([p[0] * p[2], p[0] * p[1] * p[2]] if len(self.names) > 2 else []))
+
+
+def _make_slip(names: str) -> _SlipCurve:
+    units = {"b": "1/mm", "d": "1/mm"}
+    typical = {"a": 0.01, "b": 0.01, "c": 0.05, "d": 1.0, "e": 0.05}
+    return _SlipCurve(tuple(names), tuple(units.get(n, "") for n in names), tuple(n == "d" for n in names),
+                      tuple(typical[n] for n in names), ("b + d [1/mm]", "b - d [1/mm]", "a (c - e)/2", "-a (c + e)/2"))
+
+
+def _make_polynomials(kinds: str) -> _SlipPolynomials:
+    """Coefficients in ascending powers of the load: a0, a1, b0 ... d2 (e0, e1, e2)."""
+    names = tuple(f"{kind}{k}" for kind in kinds for k in range(DEGREES[kind] + 1))
+    sizes = {"a": 0.01, "b": 0.01, "c": 0.05, "d": 0.01, "e": 0.05}
+    rates, others = ("1/mm", "1/(mm N)", "1/(mm N^2)"), ("", "1/N", "1/N^2")
+    return _SlipPolynomials(names, tuple((rates if n[0] in "bd" else others)[int(n[1])] for n in names),
+                            (False,) * len(names), tuple(sizes[n[0]] / 20.0 ** int(n[1]) for n in names),
+                            tuple(f"b{k} + d{k} [{unit}]" for k, unit in enumerate(rates)))
+
+
+RATIO = "sigma_0/p_r"
+SLIP = {False: _make_slip("abcd"), True: _make_slip("abcde")}  # by whether e is free
+POLYNOMIAL = {False: _make_polynomials("abcd"), True: _make_polynomials("abcde")}  # likewise
+RUBBER = {
+    False: _RubberCurve(("K", "tan delta_L"), ("",) * 2, (True,) * 2, (1.0,) * 2, ("K tan delta_L",)),
+    True: _RubberCurve(("K", "tan delta_L", RATIO), ("",) * 3, (True,) * 3, (1.0,) * 3,
+                       ("K tan delta_L", "K sigma_0/p_r", "K tan delta_L sigma_0/p_r")),
+}  # by whether sigma_0/p_r is free
 
 
 @dc.dataclass(frozen=True)
@@ -402,6 +513,13 @@ class Coefficient:
     high: float
     bounded: bool
 
+    def __str__(self) -> str:
+        low = f"{self.low:.5g}" if math.isfinite(self.low) else "no lower end"
+        high = f"{self.high:.5g}" if math.isfinite(self.high) else "no upper end"
+        reach = f"95 % from {low} to {high}" + ("" if self.bounded else ", not bounded by these readings")
+        reach = "no interval" if math.isnan(self.low) else reach
+        return f"  {self.name:12} {self.estimate:12.5g} +- {say_sd(self.sd):9} {self.unit:10} {reach}"
+
 
 @dc.dataclass(frozen=True)
 class CurveFit(AbstractPrinted):
@@ -443,26 +561,16 @@ class CurveFit(AbstractPrinted):
         return np.array([c.estimate for c in self.coefficients.values()])
 
     def __str__(self) -> str:
-        lines = [f"{self.subject}: chi-square {self.chi2:.1f} of {self.readings} readings less "
-                 f"{len(self.coefficients)} coefficients"]
-        for c in self.coefficients.values():
-            reach = f"95 % from {say_end(c.low)} to {say_end(c.high)}"
-            known = "" if c.bounded else ", not bounded by these readings"
-            if math.isnan(c.low):
-                reach, known = "no interval", ""
-            lines.append(f"  {c.name:12} {c.estimate:12.5g} +- {say_sd(c.sd):9} {c.unit:10} {reach}{known}")
-        lines += [f"  {name:26} {value:12.5g} +- {say_sd(sd)}" for name, (value, sd) in self.derived.items()]
-        lines += [f"  {name} = {value:g}, held" for name, value in self.fixed.items()]
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        head = (f"{self.subject}: chi-square {self.chi2:.1f} of {self.readings} readings less "
+                f"{len(self.coefficients)} coefficients")
+        derived = [f"  {name:26} {value:12.5g} +- {say_sd(sd)}" for name, (value, sd) in self.derived.items()]
+        fixed = [f"  {name} = {value:g}, held" for name, value in self.fixed.items()]
+        return "\n".join([head, *map(str, self.coefficients.values()), *derived, *fixed,
+                          *(f"- {note}" for note in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data for JSON; what has no end is null."""
         return {f.name: make_plain(getattr(self, f.name)) for f in dc.fields(self) if f.name not in ("curve", "data")}
-
-
-def say_end(value: float) -> str:
-    """An end of an interval in words."""
-    return f"{value:.5g}" if math.isfinite(value) else ("no upper end" if value > 0 else "no lower end")
 
 
 def say_sd(value: float) -> str:
@@ -470,71 +578,14 @@ def say_sd(value: float) -> str:
     return f"{value:.2g}" if math.isfinite(value) else "unknown"
 
 
-def fits_noise(chi2: float, degrees: int) -> bool:
+def _fits_noise(chi2: float, degrees: int) -> bool:
     """Whether noise alone would often make a chi-square as large, with so many degrees of freedom."""
     return degrees <= 0 or bool(stats.chi2.sf(chi2, degrees) >= UNLIKELY)
 
 
-def fit_model(curve: Curve, starts: np.ndarray, data: Any, subject: str, *, readings: int, fixed: Mapping[str, float],
-              spans: np.ndarray | None, tests: Sequence[tuple[str, Any]], elsewhere: Mapping[str, str], unit: str,
-              notes: Callable[[np.ndarray], list[str]]) -> CurveFit:
-    """Fit a curve, trace its profiles, and say what the readings cannot tell apart and which test would.
-
-    Args:
-        curve, starts, data, subject: as for `settle_curve`.
-        readings: how many there are.
-        fixed: what is held, by name.
-        spans: as for `trace_profiles`; None for no profiles, and so no intervals.
-        tests: designs to try, as text and data; each is added to the readings there are.
-        elsewhere: for a coefficient, where else it can be had.
-        unit: what could be repeated and averaged: `strokes`.
-        notes: sentences about the coefficients, that come first.
-    """
-    fit, profiles = settle_curve(curve, starts, data, subject), ()
-    if spans is not None:
-        first = measure_knowledge(curve, fit.coefficients, data)
-        fit, profiles = trace_profiles(curve, fit, first, spans, data, subject)
-    measured = measure_knowledge(curve, fit.coefficients, data)
-    told = [*notes(fit.coefficients),
-            *_describe_confusion(curve, fit, measured, profiles, tests, elsewhere, unit)]
-    lost = measured.known.undetermined
-    doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
-    coefficients = {}
-    for k, name in enumerate(curve.names):
-        low, high, bounded = 0.0 if curve.logs[k] else -math.inf, math.inf, False
-        if doubtful:
-            low = high = math.nan
-        elif profiles:
-            low, high, bounded = profiles[k].low, profiles[k].high, all(profiles[k].bounded)
-        sd = math.inf if name in lost or doubtful else float(measured.sd[k])
-        coefficients[name] = Coefficient(name, curve.units[k], float(fit.coefficients[k]), sd, low, high, bounded)
-    if doubtful:
-        told = [f"The readings do not determine {list_words(doubtful)}: there may be other places, far from this "
-                "estimate, that fit as well. No interval is given for any coefficient.", *told]
-    derived = {n: (v, s if s < UNKNOWN * abs(v) else math.inf) for n, (v, s) in measured.derived.items()}
-    degrees = readings - len(curve.names)
-    if not fits_noise(fit.chi2, degrees):
-        chance = float(stats.chi2.sf(fit.chi2, degrees))
-        told = [f"The curve does not fit: chi-square is {fit.chi2:.5g} where about {degrees} is expected "
-                 f"(p = {chance:.1g}), so that no interval here can be relied on.", *told]
-    return CurveFit(subject, coefficients, derived, dict(fixed), measured.known.covariance,
-                    measured.known.correlations, measured.known.singular, fit.chi2, readings, fit.steps,
-                    tuple(profiles), tuple(told), curve, data)
-
-
-class Settled(NamedTuple):
-    """A fit: coefficients, internal coordinates, chi-square, steps taken."""
-
-    coefficients: np.ndarray
-    x: np.ndarray
-    chi2: float
-    steps: int
-
-
-class _Lines(NamedTuple):
-    """Fits side by side: internal coordinates, coefficients, chi-square (infinite where it is none), gain, steps.
-
-    The gain is what one more Gauss-Newton step would take off chi-square.
+class _Settled(NamedTuple):
+    """Fits, one or many side by side: internal coordinates, coefficients, chi-square (infinite where it is none), what
+    one more Gauss-Newton step would take off it, and steps taken.
     """
 
     x: np.ndarray
@@ -542,6 +593,38 @@ class _Lines(NamedTuple):
     chi2: np.ndarray
     gain: np.ndarray
     steps: np.ndarray
+
+
+class _Measured(NamedTuple):
+    """What the Jacobian at a fit says.
+
+    Attributes:
+        known: in coordinates (logarithms of what is positive).
+        columns: whitened derivatives by the coordinates, shape (rows, coefficients).
+        sd: of the coefficients, shape (coefficients,).
+        derived: estimate and standard deviation of each combination.
+    """
+
+    known: Knowledge
+    columns: np.ndarray
+    sd: np.ndarray
+    derived: dict[str, tuple[float, float]]
+
+
+class _Lines(NamedTuple):
+    """Lines along which profiles are traced, every coefficient downwards, then upwards, shapes (lines,) each.
+
+    Attributes:
+        which: coefficient that is drawn to a value.
+        sign: -1 downwards, 1 upwards.
+        reach: farthest change of its coordinate.
+        weights: how strongly it is drawn.
+    """
+
+    which: np.ndarray
+    sign: np.ndarray
+    reach: np.ndarray
+    weights: np.ndarray
 
 
 @partial(jax.jit, static_argnums=0)
@@ -567,58 +650,6 @@ def _refit(curve: Curve, starts: Array, which: Array, values: Array, weights: Ar
     return jax.vmap(one)(starts, which, values, weights)
 
 
-def _go(curve: Curve, starts: np.ndarray, data: Any, which=None, values=None, weights=None) -> _Lines:
-    """As `_refit`, every call with as many lines."""
-    count = len(starts)
-    size = max(STARTS, 2 * len(curve.names))
-    given = (starts, np.zeros(count, dtype=int) if which is None else which,
-             *(np.zeros(count) if part is None else part for part in (values, weights)))
-    padded = (np.concatenate([part, np.repeat(part[-1:], size - count, axis=0)]) for part in given)
-    x, p, rows, columns, steps = (np.asarray(a)[:count] for a in _refit(curve, *map(jnp.asarray, padded), data))
-    good = np.isfinite(rows).all(axis=1) & np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(x).all(axis=1)
-    rows, columns = np.where(good[:, None], rows, 0.0), np.where(good[:, None, None], columns, 0.0)
-    left, singular, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), 1.0),
-                                      full_matrices=False)
-    pull = np.where(singular > FLAT, np.einsum("lrk,lr->lk", left, rows), 0.0)
-    chi2 = np.where(good, np.sum(rows[:, :-1] ** 2, axis=1), np.inf)
-    return _Lines(x, p, chi2, np.where(good, np.sum(pull**2, axis=1), np.inf), steps)
-
-
-@partial(jax.jit, static_argnums=0)
-def _fold(curve: Curve, coefficients: Array, data: Any) -> Array:
-    """Internal coordinates of many, shape (lines, coefficients), back from beyond limits, where slopes vanish."""
-    return jax.vmap(lambda p: curve.fold(p, data))(coefficients)
-
-
-def settle_curve(curve: Curve, starts: np.ndarray, data: Any, subject: str) -> Settled:
-    """Fit a curve from several starts at once by Levenberg-Marquardt of optimistix; the best one counts.
-
-    Args:
-        curve: what is fitted.
-        starts: coefficients to start from, shape (starts, coefficients), `STARTS` of them at most.
-        data: for `predict`.
-        subject: what it is, for the message.
-
-    Raises:
-        ComputationError: No start led to a minimum.
-    """
-    x = np.asarray(_fold(curve, jnp.asarray(starts, dtype=float), data))
-    taken = 0
-    for _ in range(GOES):
-        lines = _go(curve, x, data)
-        best = int(np.argmin(lines.chi2))
-        chi2, gain = lines.chi2[best], lines.gain[best]
-        if not np.isfinite(chi2):
-            raise ComputationError(f"The fit of {subject} failed: from none of {len(x)} starts is its misfit a number; "
-                                   "check the values and their standard deviations")
-        taken += int(lines.steps[best])
-        if gain <= LITTLE * max(1.0, 1e-3 * chi2):
-            return Settled(lines.coefficients[best], lines.x[best], float(chi2), taken)
-        x = np.where(np.isfinite(lines.chi2)[:, None], lines.x, lines.x[best])
-    raise ComputationError(f"The fit of {subject} did not end after {taken} steps: chi-square is {chi2:.6g} and one "
-                           f"more step would take {gain:.2g} off it")
-
-
 @partial(jax.jit, static_argnums=0)
 def _differentiate(curve: Curve, coefficients: Array, data: Any):
     """Residual, its derivatives by the coefficients, and combinations with theirs."""
@@ -626,436 +657,292 @@ def _differentiate(curve: Curve, coefficients: Array, data: Any):
     return rows, columns, curve.derive(coefficients), jax.jacfwd(curve.derive)(coefficients)
 
 
-class Measured(NamedTuple):
-    """What the Jacobian at a fit says.
+@dc.dataclass(frozen=True)
+class _Fitter:
+    """Fits of a curve to readings; `subject` is what they are, for messages."""
 
-    Attributes:
-        known: in coordinates (logarithms of what is positive).
-        columns: whitened derivatives by the coordinates, shape (rows, coefficients).
-        sd: of the coefficients, shape (coefficients,).
-        derived: estimate and standard deviation of each combination.
-    """
+    curve: Curve
+    data: Any
+    subject: str
 
-    known: Knowledge
-    columns: np.ndarray
-    sd: np.ndarray
-    derived: dict[str, tuple[float, float]]
+    def fold(self, coefficients: np.ndarray) -> np.ndarray:
+        """Internal coordinates of many, shape (lines, coefficients), back from beyond limits, where slopes vanish."""
+        return np.asarray(jax.vmap(lambda p: self.curve.fold(p, self.data))(jnp.asarray(coefficients)))
 
+    def go(self, x: np.ndarray, which=None, values=None, weights=None) -> _Settled:
+        """As `_refit`, every call with as many lines."""
+        count, size = len(x), max(STARTS, 2 * len(self.curve.names))
+        given = (x, np.zeros(count, dtype=int) if which is None else which,
+                 *(np.zeros(count) if part is None else part for part in (values, weights)))
+        padded = (np.concatenate([part, np.repeat(part[-1:], size - count, axis=0)]) for part in given)
+        found = _refit(self.curve, *map(jnp.asarray, padded), self.data)
+        x, p, rows, columns, steps = (np.asarray(a)[:count] for a in found)
+        good = np.isfinite(rows).all(axis=1) & np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(x).all(axis=1)
+        rows, columns = np.where(good[:, None], rows, 0.0), np.where(good[:, None, None], columns, 0.0)
+        left, singular, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), 1.0),
+                                          full_matrices=False)
+        pull = np.where(singular > FLAT, np.einsum("lrk,lr->lk", left, rows), 0.0)
+        chi2 = np.where(good, np.sum(rows[:, :-1] ** 2, axis=1), np.inf)
+        return _Settled(x, p, chi2, np.where(good, np.sum(pull**2, axis=1), np.inf), steps)
 
-def measure_knowledge(curve: Curve, coefficients: np.ndarray, data: Any) -> Measured:
-    """Covariance, correlations and directions that change nothing, by the singular values of the Jacobian."""
-    rows, columns, values, slopes = map(np.asarray, _differentiate(curve, jnp.asarray(coefficients), data))
-    factor = np.where(curve.logs, coefficients, 1.0)  # derivative of a coefficient by its coordinate
-    columns, slopes = columns * factor, slopes * factor
-    if not np.all(np.isfinite(columns)):
-        raise ComputationError("the derivatives of the curve at its fit are not all numbers")
-    vast = np.where(curve.logs, TRANSFORMS["log"].unknown, VAST * np.array(curve.typical))
-    known = analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast)
-    sd = np.sqrt(np.diag(known.covariance)) * factor
-    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
-    derived = {n: (float(v), float(s)) for n, v, s in zip(curve.derived, values, spread, strict=True)}
-    return Measured(known, columns, sd, derived)
+    def settle(self, starts: np.ndarray) -> _Settled:
+        """The best fit from several starts at once, coefficients of shape (starts, coefficients), `STARTS` at most.
 
+        Raises:
+            ComputationError: No start led to a minimum.
+        """
+        x, taken = self.fold(np.asarray(starts, dtype=float)), 0
+        for _ in range(GOES):
+            lines = self.go(x)
+            best = _Settled(*(part[int(np.argmin(lines.chi2))] for part in lines))
+            if not np.isfinite(best.chi2):
+                raise ComputationError(f"The fit of {self.subject} failed: from none of {len(x)} starts is its misfit "
+                                       "a number; check the values and their standard deviations")
+            taken += int(best.steps)
+            if best.gain <= LITTLE * max(1.0, 1e-3 * best.chi2):
+                return best._replace(steps=taken)
+            x = np.where(np.isfinite(lines.chi2)[:, None], lines.x, best.x)
+        raise ComputationError(f"The fit of {self.subject} did not end after {taken} steps: chi-square is "
+                               f"{best.chi2:.6g} and one more step would take {best.gain:.2g} off it")
 
-def trace_profiles(curve: Curve, fit: Settled, measured: Measured, spans: np.ndarray, data: Any, subject: str
-                   ) -> tuple[Settled, tuple[Profile, ...]]:
-    """Profile likelihood of every coefficient, outwards from the fit on both sides.
+    def measure(self, coefficients: np.ndarray, data: Any = None) -> _Measured:
+        """Covariance, correlations and directions that change nothing, by the singular values of the Jacobian."""
+        curve, data = self.curve, self.data if data is None else data
+        _, columns, values, slopes = map(np.asarray, _differentiate(curve, jnp.asarray(coefficients), data))
+        factor = np.where(curve.logs, coefficients, 1.0)  # derivative of a coefficient by its coordinate
+        columns, slopes = columns * factor, slopes * factor
+        if not np.all(np.isfinite(columns)):
+            raise ComputationError("the derivatives of the curve at its fit are not all numbers")
+        vast = np.where(curve.logs, TRANSFORMS["log"].unknown, VAST * np.array(curve.typical))
+        known = analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast)
+        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
+        derived = {n: (float(v), float(s)) for n, v, s in zip(curve.derived, values, spread, strict=True)}
+        return _Measured(known, columns, np.sqrt(np.diag(known.covariance)) * factor, derived)
 
-    A profile that finds a better place than the fit sends the fit there, and all begins again.
+    def profile(self, fit: _Settled, spans: np.ndarray) -> tuple[_Settled, tuple[Profile, ...]]:
+        """Profile likelihood of every coefficient, outwards from the fit on both sides.
 
-    Args:
-        curve, fit, data, subject: as for `settle_curve`.
-        measured: what the Jacobian at the fit says.
-        spans: farthest change of each coordinate that is worth trying, shape (coefficients,).
+        A profile that finds a better place than the fit sends the fit there, and all begins again.
 
-    Returns:
-        The fit, and the profiles in the order of the names.
-    """
-    sd = np.sqrt(np.diag(measured.known.covariance))
-    reach = np.repeat(np.minimum(FAR * sd, spans), 2)  # of each line: every coefficient downwards, then upwards
-    weights = np.maximum(STIFF * FAR / reach, np.repeat(np.linalg.norm(measured.columns, axis=0), 2))
-    which, sign = np.arange(len(reach)) // 2, np.where(np.arange(len(reach)) % 2, 1.0, -1.0)
-    traces = []
-    for _ in range(AGAIN):
-        lines = _trace_lines(curve, fit, which, sign, reach, weights, data)
-        traces.append(lines)
-        if not np.any(lines.chi2 < fit.chi2 - 0.01):
-            break
-        better = np.unravel_index(int(np.argmin(lines.chi2)), lines.chi2.shape)
-        fit = settle_curve(curve, lines.coefficients[better][None], data, subject)
-    ends = _find_ends(curve, fit, lines, which, sign, reach, weights, data)
-    for seen in traces:
-        _widen_ends(curve, fit, seen, ends)
-    rise, ends = np.maximum(lines.chi2 - fit.chi2, 0.0), curve.to_values(ends.T)
-    made = []
-    for k, name in enumerate(curve.names):
-        values = np.concatenate([lines.coefficients[:, 2 * k, k][::-1], fit.coefficients[k: k + 1],
-                                 lines.coefficients[:, 2 * k + 1, k]])
-        rises = np.concatenate([rise[:, 2 * k][::-1], [0.0], rise[:, 2 * k + 1]])
-        there = np.isfinite(rises)
-        low, high = float(ends[0, k]), float(ends[1, k])
-        made.append(Profile(name, values[there], rises[there], low, high,
-                            (low > (0.0 if curve.logs[k] else -math.inf), high < math.inf)))
-    return fit, tuple(made)
+        Args:
+            fit: the best one.
+            spans: farthest change of each coordinate that is worth trying, shape (coefficients,).
 
+        Returns:
+            The fit, and the profiles in the order of the names.
+        """
+        curve, measured = self.curve, self.measure(fit.coefficients)
+        reach = np.repeat(np.minimum(FAR * np.sqrt(np.diag(measured.known.covariance)), spans), 2)
+        places = np.arange(len(reach))
+        lines = _Lines(places // 2, np.where(places % 2, 1.0, -1.0), reach, np.maximum(
+            STIFF * FAR / reach, np.repeat(np.linalg.norm(measured.columns, axis=0), 2)))
+        traces = []
+        for _ in range(AGAIN):
+            points = self._trace(fit, lines)
+            traces.append(points)
+            if not np.any(points.chi2 < fit.chi2 - 0.01):
+                break
+            better = np.unravel_index(int(np.argmin(points.chi2)), points.chi2.shape)
+            fit = self.settle(points.coefficients[better][None])
+        ends = self._find_ends(fit, points, lines)
+        for seen in traces:
+            self._widen_ends(fit, seen, ends)
+        rise, ends = np.maximum(points.chi2 - fit.chi2, 0.0), ends.T
+        ends = np.where(curve.logs, np.exp(np.where(curve.logs, ends, 0.0)), ends)
+        made = []
+        for k, name in enumerate(curve.names):
+            values = np.concatenate([points.coefficients[:, 2 * k, k][::-1], fit.coefficients[k: k + 1],
+                                     points.coefficients[:, 2 * k + 1, k]])
+            rises = np.concatenate([rise[:, 2 * k][::-1], [0.0], rise[:, 2 * k + 1]])
+            there = np.isfinite(rises)
+            low, high = float(ends[0, k]), float(ends[1, k])
+            made.append(Profile(name, values[there], rises[there], low, high,
+                                (low > (0.0 if curve.logs[k] else -math.inf), high < math.inf)))
+        return fit, tuple(made)
 
-def _trace_lines(curve: Curve, fit: Settled, which: np.ndarray, sign: np.ndarray, reach: np.ndarray,
-                 weights: np.ndarray, data: Any) -> _Lines:
-    """Points of all profiles, each fit from the one before; shapes (points, lines, ...), infinite after `HIGH`."""
-    centre = curve.to_coordinates(fit.coefficients)[which]
-    step = reach / FAR
-    offsets = np.geomspace(np.minimum(0.25 * step, reach / 30), reach, POINTS)
-    x, done, points = np.tile(fit.x, (len(which), 1)), np.zeros(len(which), dtype=bool), []
-    for offset in offsets:
-        lines = _go(curve, x, data, which, centre + sign * offset, weights)
-        points.append(lines._replace(chi2=np.where(done, np.inf, lines.chi2)))
-        done |= ~(lines.chi2 <= fit.chi2 + HIGH)
-        x = np.where(done[:, None], x, np.asarray(_fold(curve, jnp.asarray(lines.coefficients), data)))
-    return _Lines(*map(np.stack, zip(*points, strict=True)))
+    def _trace(self, fit: _Settled, lines: _Lines) -> _Settled:
+        """Points of all profiles, each fit from the one before; shapes (points, lines, ...), infinite after `HIGH`."""
+        centre = self.curve.to_coordinates(fit.coefficients)[lines.which]
+        offsets = np.geomspace(np.minimum(0.25 * lines.reach / FAR, lines.reach / 30), lines.reach, POINTS)
+        x, done, points = np.tile(fit.x, (len(centre), 1)), np.zeros(len(centre), dtype=bool), []
+        for offset in offsets:
+            found = self.go(x, lines.which, centre + lines.sign * offset, lines.weights)
+            points.append(found._replace(chi2=np.where(done, np.inf, found.chi2)))
+            done |= ~(found.chi2 <= fit.chi2 + HIGH)
+            x = np.where(done[:, None], x, self.fold(found.coefficients))
+        return _Settled(*map(np.stack, zip(*points, strict=True)))
 
+    def _find_ends(self, fit: _Settled, points: _Settled, lines: _Lines) -> np.ndarray:
+        """Coordinates at which each side first rises by `RISE`, infinite where none does, shape (coefficients, 2).
 
-def _find_ends(curve: Curve, fit: Settled, lines: _Lines, which: np.ndarray, sign: np.ndarray, reach: np.ndarray,
-               weights: np.ndarray, data: Any) -> np.ndarray:
-    """Coordinates at which each side first rises by `RISE`, infinite where none does, shape (coefficients, 2).
+        False position on the root of the rise, which is nearly straight, between the two points around it.
+        """
+        place, every = self.curve.to_coordinates, np.arange(len(lines.which))
+        root = np.sqrt(np.maximum(points.chi2 - fit.chi2, 0.0))
+        bounded = np.any(points.chi2 - fit.chi2 > RISE, axis=0)
+        first = np.argmax(points.chi2 - fit.chi2 > RISE, axis=0)
+        own, begin = place(points.coefficients)[:, every, lines.which], first == 0
+        x = np.where(begin[:, None], fit.x, points.x[first - 1, every])
+        below = np.where(begin, place(fit.coefficients)[lines.which], own[first - 1, every])
+        low = np.where(begin, 0.0, root[first - 1, every])
+        above, high = own[first, every], root[first, every]
+        there = bounded & np.isfinite(high)
+        above = np.where(there, above, below + lines.sign * lines.reach)
+        high = np.where(there, high, 10.0 * math.sqrt(RISE))
+        for turn in range(BISECTIONS):
+            share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.02, 0.98)
+            share = share if turn % 3 < 2 else np.full(len(share), 0.5)
+            found = self.go(x, lines.which, below + share * (above - below), lines.weights)
+            value = place(found.coefficients)[every, lines.which]
+            middle = np.sqrt(np.maximum(found.chi2 - fit.chi2, 0.0))
+            up = ~(middle <= math.sqrt(RISE))
+            above, high = np.where(up, value, above), np.where(up, middle, high)
+            below, low, x = np.where(up, below, value), np.where(up, low, middle), np.where(up[:, None], x, found.x)
+        share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+        return np.where(bounded, below + share * (above - below), lines.sign * np.inf).reshape(-1, 2)
 
-    False position on the root of the rise, which is nearly straight, between the two points around it.
-    """
-    rise = lines.chi2 - fit.chi2
-    bounded = np.any(rise > RISE, axis=0)
-    first, all_lines = np.argmax(rise > RISE, axis=0), np.arange(len(which))
-    own = curve.to_coordinates(lines.coefficients)[:, all_lines, which]
-    begin = first == 0
-    x = np.where(begin[:, None], fit.x, lines.x[first - 1, all_lines])
-    below = np.where(begin, curve.to_coordinates(fit.coefficients)[which], own[first - 1, all_lines])
-    low = np.where(begin, 0.0, np.sqrt(np.maximum(rise[first - 1, all_lines], 0.0)))
-    above, high = own[first, all_lines], np.sqrt(np.maximum(rise[first, all_lines], 0.0))
-    above, high = (np.where(bounded & np.isfinite(high), part, other) for part, other in (
-        (above, below + sign * reach), (high, 10.0 * math.sqrt(RISE))))
-    for turn in range(BISECTIONS):
-        share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.02, 0.98)
-        share = share if turn % 3 < 2 else np.full(len(share), 0.5)
-        found = _go(curve, x, data, which, below + share * (above - below), weights)
-        value = curve.to_coordinates(found.coefficients)[all_lines, which]
-        root = np.sqrt(np.maximum(found.chi2 - fit.chi2, 0.0))
-        up = ~(root <= math.sqrt(RISE))
-        above, high = np.where(up, value, above), np.where(up, root, high)
-        below, low, x = np.where(up, below, value), np.where(up, low, root), np.where(up[:, None], x, found.x)
-    share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
-    return np.where(bounded, below + share * (above - below), sign * np.inf).reshape(-1, 2)
+    def _widen_ends(self, fit: _Settled, points: _Settled, ends: np.ndarray) -> None:
+        """Let intervals hold what their coefficients were on any line where chi-square had not risen.
 
+        A line that follows one coefficient may miss a second valley that another line finds; and where another line has
+        no end, what still moves away there (by more than `MOVING` of its way) has none either.
+        """
+        here = self.curve.to_coordinates(fit.coefficients)
+        there = np.where((points.chi2 - fit.chi2 <= RISE)[..., None], self.curve.to_coordinates(points.coefficients),
+                         here)
+        for k in range(len(here)):
+            for side, sign in ((0, -1.0), (1, 1.0)):
+                own = there[..., k]
+                point, line = np.unravel_index(int(np.argmax(sign * own)), own.shape)
+                farthest = own[point, line]
+                if sign * farthest > sign * ends[k, side]:
+                    moving = abs(farthest - own[point - 2, line]) > MOVING * abs(farthest - here[k])
+                    ends[k, side] = sign * math.inf if point == POINTS - 1 and moving else farthest
 
-def _widen_ends(curve: Curve, fit: Settled, lines: _Lines, ends: np.ndarray) -> None:
-    """Let intervals hold what their coefficients were on any line where chi-square had not risen.
+    def fit(self, starts: np.ndarray, *, readings: int, fixed: Mapping[str, float], spans: np.ndarray | None,
+            tests: Mapping[str, Any], elsewhere: Mapping[str, str], unit: str,
+            notes: Callable[[np.ndarray], list[str]]) -> CurveFit:
+        """Fit the curve, trace its profiles, and say what the readings cannot tell apart and which test would.
 
-    A line that follows one coefficient may miss a second valley that another line finds; and where another line has no
-    end, what still moves away there (by more than `MOVING` of its way) has none either.
-    """
-    here = curve.to_coordinates(fit.coefficients)
-    there = np.where((lines.chi2 - fit.chi2 <= RISE)[..., None], curve.to_coordinates(lines.coefficients), here)
-    for k in range(len(curve.names)):
-        for side, sign in ((0, -1.0), (1, 1.0)):
-            own = there[..., k]
-            point, line = np.unravel_index(int(np.argmax(sign * own)), own.shape)
-            farthest = own[point, line]
-            if sign * farthest > sign * ends[k, side]:
-                moving = abs(farthest - own[point - 2, line]) > MOVING * abs(farthest - here[k])
-                ends[k, side] = sign * math.inf if point == POINTS - 1 and moving else farthest
+        Args:
+            starts: as for `settle`.
+            readings: how many there are.
+            fixed: what is held, by name.
+            spans: as for `profile`; None for no profiles, and so no intervals.
+            tests: readings to add to those there are, by what they are.
+            elsewhere: for a coefficient, where else it can be had.
+            unit: what could be repeated and averaged: `strokes`.
+            notes: sentences about the coefficients, that come first.
+        """
+        curve, fit, profiles = self.curve, self.settle(starts), ()
+        if spans is not None:
+            fit, profiles = self.profile(fit, spans)
+        measured = self.measure(fit.coefficients)
+        known, lost = measured.known, measured.known.undetermined
+        doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
+        coefficients = {}
+        for k, name in enumerate(curve.names):
+            low, high, bounded = 0.0 if curve.logs[k] else -math.inf, math.inf, False
+            if doubtful:
+                low = high = math.nan
+            elif profiles:
+                low, high, bounded = profiles[k].low, profiles[k].high, all(profiles[k].bounded)
+            sd = math.inf if name in lost or doubtful else float(measured.sd[k])
+            coefficients[name] = Coefficient(name, curve.units[k], float(fit.coefficients[k]), sd, low, high, bounded)
+        told, degrees = [], readings - len(curve.names)
+        if not _fits_noise(fit.chi2, degrees):
+            told.append(f"The curve does not fit: chi-square is {fit.chi2:.5g} where about {degrees} is expected (p = "
+                        f"{stats.chi2.sf(fit.chi2, degrees):.1g}), so that no interval here can be relied on.")
+        if doubtful:
+            told.append(f"The readings do not determine {list_words(doubtful)}: there may be other places, far from "
+                        "this estimate, that fit as well. No interval is given for any coefficient.")
+        told += notes(fit.coefficients)
+        told += [f"These readings say nothing about {name}: it changes them less than their noise."
+                 for name in known.silent]
+        told += [self._describe(fit, measured, blend, tests, elsewhere, unit) for blend in known.blends[:MOST_BLENDS]]
+        rest = len(known.blends) - MOST_BLENDS
+        if rest > 0:
+            told.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} loose too: rely on the curve "
+                        "rather than on single coefficients.")
+        told += [_describe_openness(profile) for profile in profiles if not all(profile.bounded)]
+        derived = {n: (v, s if s < UNKNOWN * abs(v) else math.inf) for n, (v, s) in measured.derived.items()}
+        return CurveFit(self.subject, coefficients, derived, dict(fixed), known.covariance, known.correlations,
+                        known.singular, float(fit.chi2), readings, int(fit.steps), profiles, tuple(told), curve,
+                        self.data)
 
-
-def _describe_confusion(curve: Curve, fit: Settled, measured: Measured, profiles: Sequence[Profile],
-                       tests: Sequence[tuple[str, Any]], elsewhere: Mapping[str, str], unit: str) -> list[str]:
-    """What cannot be told apart, worst first, in sentences with the test that would resolve it."""
-    found = [f"These readings say nothing about {name}: it changes them less than their noise."
-             for name in measured.known.silent]
-    blends = measured.known.blends
-    found += [_describe_blend(curve, fit, measured, blend, tests, elsewhere, unit) for blend in blends[:MOST_BLENDS]]
-    rest = len(blends) - MOST_BLENDS
-    if rest > 0:
-        found.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} loose too: rely on the curve rather "
-                     "than on single coefficients.")
-    for profile in profiles:
-        if all(profile.bounded):
-            continue
-        name, values, largest = profile.name, profile.values, float(np.max(profile.rise))
-        if any(profile.bounded):
-            bound, end = ("below", "upper") if profile.bounded[0] else ("above", "lower")
-            found.append(f"These readings bound {name} from {bound} only: its interval has no {end} end.")
-        elif largest < RISE:
-            found.append(f"These readings do not bound {name} at all: with it held anywhere from {values[0]:.3g} to "
-                         f"{values[-1]:.3g} and the rest refitted, chi-square rises by {largest:.2g} at most.")
+    def _describe(self, fit: _Settled, measured: _Measured, blend: Blend, tests: Mapping[str, Any],
+                  elsewhere: Mapping[str, str], unit: str) -> str:
+        """A combination that is hard to tell apart, in a sentence with what would."""
+        curve, places = self.curve, [self.curve.names.index(name) for name in blend.names]
+        steps, logs = blend.step[places], np.array(curve.logs)[places]
+        typical = np.array(curve.typical)[places]
+        share = (0.01 if logs[0] else typical[0]) / abs(steps[0]) if blend.singular else 1.0
+        share = min([share, *(0.5 / abs(step) for step, log in zip(steps, logs, strict=True) if log and step)])
+        changes = []
+        for name, k, step in zip(blend.names[:MOST_MEMBERS], places, share * np.sign(steps[0]) * steps, strict=False):
+            size = f"{abs(math.expm1(step)) * 100:.2g} %" if curve.logs[k] else f"{abs(step):.2g} {curve.units[k]}"
+            changes.append((name, step, size.rstrip()))
+        change, others = list_changes(changes), len(blend.names) - MOST_MEMBERS
+        members = list_words(blend.names[:MOST_MEMBERS])
+        if others > 0:
+            members = list_words([*blend.names[:MOST_MEMBERS], f"{others} other{'s' if others > 1 else ''}"])
+            change += ", and the others with them,"
+        if blend.singular:
+            text = f"{members} cannot be told apart: {change} changes no reading beyond its noise"
         else:
-            found.append(f"These readings do not bound {name} at all: far from its estimate, with the other "
-                         "coefficients elsewhere too, the fit is as good.")
-    return found
+            part = "one standard deviation" if share == 1 else f"{share:.2g} of a standard deviation"
+            text = f"{members} are hard to tell apart: {change} changes the readings by {part} only"
 
-
-def _describe_blend(curve: Curve, fit: Settled, measured: Measured, blend: Blend, tests: Sequence[tuple[str, Any]],
-                    elsewhere: Mapping[str, str], unit: str) -> str:
-    shown = blend.names[:MOST_MEMBERS]
-    others = len(blend.names) - len(shown)
-    members = list_words([*shown, f"{others} other{'s' if others > 1 else ''}"] if others else shown)
-    change, share = _say_change(curve, fit, blend)
-    if blend.singular:
-        text = f"{members} cannot be told apart: {change} changes no reading beyond its noise"
-    else:
-        part = "one standard deviation" if share == 1 else f"{share:.2g} of a standard deviation"
-        text = f"{members} are hard to tell apart: {change} changes the readings by {part} only"
-    return f"{text}; {_say_remedy(curve, fit, measured, blend, tests, elsewhere, unit)}."
-
-
-def _say_change(curve: Curve, fit: Settled, blend: Blend) -> tuple[str, float]:
-    """Such as: raising b by 0.1 1/mm and lowering d by 20 %; and how large a part of one deviation that is."""
-    steps = {n: blend.step[curve.index[n]] for n in blend.names}
-    share = 1.0
-    if blend.singular:
-        k = curve.index[blend.names[0]]
-        share = (0.01 if curve.logs[k] else curve.typical[k]) / abs(steps[blend.names[0]])
-    logs = [abs(steps[n]) for n in blend.names if curve.logs[curve.index[n]]]
-    share = min([share, *(0.5 / step for step in logs if step > 0)])
-    if steps[blend.names[0]] < 0:
-        share = -share
-    parts = []
-    for name in blend.names[:MOST_MEMBERS]:
-        k = curve.index[name]
-        step = share * steps[name]
-        if curve.logs[k]:
-            size = f"{abs(math.expm1(step)) * 100:.2g} %"
-        else:
-            size = f"{abs(step):.2g}" + (f" {curve.units[k]}" if curve.units[k] else "")
-        parts.append(f"{'raising' if step > 0 else 'lowering'} {name} by {size}")
-    return list_words(parts) + (", and the others with them," if len(blend.names) > MOST_MEMBERS else ""), abs(share)
-
-
-def _say_remedy(curve: Curve, fit: Settled, measured: Measured, blend: Blend, tests: Sequence[tuple[str, Any]],
-                elsewhere: Mapping[str, str], unit: str) -> str:
-    """The design that shortens the uncertainty most, how often to repeat this one, or what to take from elsewhere."""
-    gains, now = [], measure_spread(measured.columns, measured.columns, blend)
-    for text, data in tests:
-        more = measure_knowledge(curve, fit.coefficients, data).columns
-        both = np.concatenate([measured.columns, more])
-        gains.append((measure_spread(both, measured.columns, blend) / now, text))
-    best, text = min(gains, default=(1.0, ""))
-    size = _size(curve, fit, blend)
-    if blend.singular:
-        if best * size < 0.5:
-            return f"{text} would tell them apart"
-    elif size <= ENOUGH:
-        return f"these steps are at most {100 * ENOUGH:g} % of each"
-    else:
+        now = measure_spread(measured.columns, measured.columns, blend)
+        gains = [(measure_spread(np.concatenate([measured.columns, self.measure(fit.coefficients, data).columns]),
+                                 measured.columns, blend) / now, test) for test, data in tests.items()]
+        left, test = min(gains)
+        # The largest relative deviation of a member along the combination, and what averages it away.
+        size = float(np.max(np.abs(steps) / np.where(logs, 1.0, np.maximum(np.abs(fit.coefficients[places]), typical))))
         strokes = (size / ENOUGH) ** 2
         average = f"the average of about {strokes:.2g} such {unit} would fix them to {100 * ENOUGH:g} %"
-        gain = "tell them apart" if best < 0.1 else f"make their difference {1 / best:.1f} times as certain"
-        if best < 0.5:
-            return f"{text} would {gain}" + (f", and {average}" if strokes < MOST_STROKES else "")
-        if strokes < MOST_STROKES:
-            return average
-    known = next((elsewhere[n] for n in blend.names if n in elsewhere), "the value of one of them from elsewhere")
-    return f"{known} would tell them apart"
+        if blend.singular and left * size < 0.5:
+            remedy = f"{test} would tell them apart"
+        elif not blend.singular and size <= ENOUGH:
+            remedy = f"these steps are at most {100 * ENOUGH:g} % of each"
+        elif not blend.singular and left < 0.5:
+            gain = "tell them apart" if left < 0.1 else f"make their difference {1 / left:.1f} times as certain"
+            remedy = f"{test} would {gain}" + (f", and {average}" if strokes < MOST_STROKES else "")
+        elif not blend.singular and strokes < MOST_STROKES:
+            remedy = average
+        else:
+            known = next((elsewhere[n] for n in blend.names if n in elsewhere), "the value of one of them from "
+                         "elsewhere")
+            remedy = f"{known} would tell them apart"
+        return f"{text}; {remedy}."
 
 
-def _size(curve: Curve, fit: Settled, blend: Blend) -> float:
-    """Largest relative deviation of a member along the combination."""
-    found = []
-    for name in blend.names:
-        k = curve.index[name]
-        step = abs(blend.step[k])
-        found.append(step if curve.logs[k] else step / max(abs(fit.coefficients[k]), curve.typical[k]))
-    return max(found)
+def _describe_openness(profile: Profile) -> str:
+    """An interval without one or both ends, in a sentence."""
+    name, values, largest = profile.name, profile.values, float(np.max(profile.rise))
+    if any(profile.bounded):
+        bound, end = ("below", "upper") if profile.bounded[0] else ("above", "lower")
+        return f"These readings bound {name} from {bound} only: its interval has no {end} end."
+    if largest < RISE:
+        return (f"These readings do not bound {name} at all: with it held anywhere from {values[0]:.3g} to "
+                f"{values[-1]:.3g} and the rest refitted, chi-square rises by {largest:.2g} at most.")
+    return (f"These readings do not bound {name} at all: far from its estimate, with the other coefficients elsewhere "
+            "too, the fit is as good.")
 
 
-class SlipData(NamedTuple):
-    """Curves over slip, padded.
-
-    Attributes:
-        slip: since the stroke began, shape (..., samples) [m].
-        value, weight: friction coefficient and one over its deviation, 0 where no sample is, shape (..., samples) [-].
-        load: shape (...) [N].
-        stroke: its end, shape (...) [mm].
-        e: its value where it is not free [-].
-        reference: load at which d is positive [N].
-        ceiling: b + |d| stays below it, so that curves level off; infinite where they need not [1/mm].
-    """
-
-    slip: Array
-    value: Array
-    weight: Array
-    load: Array
-    stroke: Array
-    e: Array
-    reference: Array
-    ceiling: Array
-
-
-class RubberData(NamedTuple):
-    """Readings at pressures [Pa]: coefficient [-], one over its deviation, shape (readings,); sigma_0/p_r; E* [Pa]."""
-
-    pressure: Array
-    value: Array
-    weight: Array
-    ratio: Array
-    modulus: Array
-
-
-def _misfit(coefficients: SlipCoefficients, data: SlipData) -> Array:
-    """Whitened residuals of one curve; growth is cut at `STEEPEST`."""
-    a, b, c, d, e = coefficients
-    b = jnp.minimum(b, STEEPEST / data.stroke - jnp.abs(d))
-    over = jnp.maximum(b + jnp.abs(d) - data.ceiling - 1e-9, 0.0)
-    misfit = (slip_coefficient(data.slip, SlipCoefficients(a, b, c, d, e)) - data.value) * data.weight
-    return misfit + FORBIDDEN * over
-
-
-def _off_zero(x: Array, least: float = 1e-12) -> Array:
-    return jnp.where(jnp.abs(x) < least, least, x)
-
-
-def _slip_misfit(p: Array, data: SlipData) -> Array:
-    return _misfit(SlipCoefficients(p[0], p[1], p[2], p[3], p[4] if p.shape[0] > 4 else data.e), data)
-
-
-def _fold_slip(p: Array, data: SlipData) -> Array:
-    r"""To $(a, b + d, a c d/(d + 1/L), \ln d, a e)$: regular where a or d vanish, while c and e go to infinity.
-
-    Below a ceiling the logarithm of what is left to it stands for b + d.
-    """
-    slow = p[1] + p[3]
-    limited = jnp.isfinite(data.ceiling)
-    room = jnp.where(limited, jnp.maximum(data.ceiling - slow, 1e-3 / data.stroke), 1.0)
-    strength = p[0] * p[2] * p[3] / (p[3] + 1.0 / data.stroke)
-    parts = [p[0], jnp.where(limited, jnp.log(room), slow), strength, jnp.log(p[3])]
-    return jnp.stack([*parts, p[0] * p[4]] if p.shape[0] > 4 else parts)
-
-
-def _unfold_slip(x: Array, data: SlipData) -> Array:
-    """Back from `_fold_slip`."""
-    a, limited = x[0], jnp.isfinite(data.ceiling)
-    slow = jnp.where(limited, jnp.where(limited, data.ceiling, 0.0) - jnp.exp(jnp.clip(x[1], -30.0, 10.0)), x[1])
-    d = jnp.exp(jnp.clip(x[3], jnp.log(FLATTEST / data.stroke), jnp.log(SHARPEST / data.stroke)))
-    c = x[2] * (d + 1.0 / data.stroke) / (d * _off_zero(a))
-    return jnp.stack([a, slow - d, c, d, *(x[4:] / _off_zero(a))])
-
-
-def _derive_slip(p: Array) -> Array:
-    e = p[4] if p.shape[0] > 4 else 1.0
-    return jnp.stack([p[1] + p[3], p[1] - p[3], 0.5 * p[0] * (p[2] - e), -0.5 * p[0] * (p[2] + e)])
-
-
-def _make_slip(names: str) -> Curve:
-    typical = {"a": 0.01, "b": 0.01, "c": 0.05, "d": 1.0, "e": 0.05}
-    return Curve(tuple(names), tuple(_UNITS[n] for n in names), tuple(n == "d" for n in names),
-                 tuple(typical[n] for n in names), _slip_misfit, _unfold_slip, _fold_slip, _derive_slip,
-                 ("b + d [1/mm]", "b - d [1/mm]", "a (c - e)/2", "-a (c + e)/2"))
-
-
-SLIP = {False: _make_slip("abcd"), True: _make_slip("abcde")}  # by whether e is free
-
-
-SUMS = ("b0 + d0 [1/mm]", "b1 + d1 [1/(mm N)]", "b2 + d2 [1/(mm N^2)]")
-
-
-def list_monomials(free_e: bool) -> tuple[str, ...]:
-    """Names of the polynomials' coefficients in ascending powers of the load: a0, a1, b0 ... d2 (e0, e1, e2)."""
-    return tuple(f"{n}{k}" for n, degree in DEGREES.items() if n != "e" or free_e for k in range(degree + 1))
-
-
-def spread_powers(load, free_e: bool):
-    """Matrix from the polynomials' coefficients to a...d (e) at a load [N], shape (4 or 5, coefficients)."""
-    names = list_monomials(free_e)
-    kinds = "abcde" if free_e else "abcd"
-    return np.array([[float(load) ** int(n[1]) if n[0] == kind else 0.0 for n in names] for kind in kinds])
-
-
-def _polynomial_misfit(p: Array, data: SlipData) -> Array:
-    f = data.load
-    a, b, c = p[0] + p[1] * f, p[2] + f * (p[3] + f * p[4]), p[5] + f * (p[6] + f * p[7])
-    d = p[8] + f * (p[9] + f * p[10])
-    e = p[11] + f * (p[12] + f * p[13]) if p.shape[0] > 11 else jnp.broadcast_to(data.e, f.shape)
-    a, b, c, d, e = (part[:, None] for part in (a, b, c, d, e))
-    return _misfit(SlipCoefficients(a, b, c, d, e), data._replace(stroke=data.stroke[:, None])).reshape(-1)
-
-
-def _fold_polynomials(p: Array, data: SlipData) -> Array:
-    """As they are, but for the logarithm of d at the reference load in the place of d0."""
-    f = data.reference
-    return p.at[8].set(jnp.log(jnp.abs(p[8] + f * (p[9] + f * p[10]))))
-
-
-def _unfold_polynomials(x: Array, data: SlipData) -> Array:
-    """Back from `_fold_polynomials`."""
-    f = data.reference
-    return x.at[8].set(jnp.exp(jnp.clip(x[8], -30.0, 30.0)) - f * (x[9] + f * x[10]))
-
-
-def _derive_sums(p: Array) -> Array:
-    return p[2:5] + p[8:11]
-
-
-def _make_polynomials(free_e: bool) -> Curve:
-    names = list_monomials(free_e)
-    sizes = {"a": 0.01, "b": 0.01, "c": 0.05, "d": 0.01, "e": 0.05}
-    rates, others = ("1/mm", "1/(mm N)", "1/(mm N^2)"), ("", "1/N", "1/N^2")
-    units = [(rates if n[0] in "bd" else others)[int(n[1])] for n in names]
-    return Curve(names, tuple(units), (False,) * len(names), tuple(sizes[n[0]] / 20.0 ** int(n[1]) for n in names),
-                 _polynomial_misfit, _unfold_polynomials, _fold_polynomials, _derive_sums, SUMS)
-
-
-POLYNOMIAL = {False: _make_polynomials(False), True: _make_polynomials(True)}
-
-
-def _rubber_misfit(p: Array, data: RubberData) -> Array:
-    ratio = p[2] if p.shape[0] > 2 else data.ratio
-    return (rubber_coefficient(p[0], p[1], ratio, data.pressure, data.modulus) - data.value) * data.weight
-
-
-def _unfold_logs(x: Array, data: RubberData) -> Array:
-    return jnp.exp(jnp.clip(x, -60.0, 60.0))
-
-
-def _fold_logs(p: Array, data: RubberData) -> Array:
-    return jnp.log(p)
-
-
-def _derive_products(p: Array) -> Array:
-    return jnp.stack([p[0] * p[1]] + ([p[0] * p[2], p[0] * p[1] * p[2]] if p.shape[0] > 2 else []))
-
-
-def _make_rubber(names: tuple[str, ...], derived: tuple[str, ...]) -> Curve:
-    return Curve(names, ("",) * len(names), (True,) * len(names), (1.0,) * len(names), _rubber_misfit, _unfold_logs,
-                 _fold_logs, _derive_products, derived)
-
-
-RATIO = "sigma_0/p_r"
-RUBBER = {
-    False: _make_rubber(("K", "tan delta_L"), ("K tan delta_L",)),
-    True: _make_rubber(("K", "tan delta_L", RATIO),
-                       ("K tan delta_L", "K sigma_0/p_r", "K tan delta_L sigma_0/p_r")),
-}  # by whether sigma_0/p_r is free
-
-
-def find_spacing(slip: np.ndarray) -> float:
+def _find_spacing(slip: np.ndarray) -> float:
     """Usual distance of neighbouring slips, a thousandth of the stroke at least; in the unit of `slip`."""
-    distances = np.asarray(np.diff(np.unique(slip)), dtype=float)
-    return max(float(np.median(distances)), 1e-3 * float(slip.max()))
+    return max(float(np.median(np.diff(np.unique(slip)))), 1e-3 * float(slip.max()))
 
 
-def guess_slip(slip: np.ndarray, value: np.ndarray, weight: np.ndarray, free_e: bool, ceiling: float = math.inf,
-               count: int = 12) -> np.ndarray:
-    """Coefficients to start from, shape (count, 4 or 5).
+def _guess_slip(slip: np.ndarray, value: np.ndarray, weight: np.ndarray, free_e: bool, ceiling: float) -> np.ndarray:
+    """Coefficients to start from, shape (`STARTS`, 4 or 5), of one curve over slip [mm] below a ceiling [1/mm].
 
     For given rates b + d > b - d the curve is linear in a, a c and a e: a grid of rates, the rest by linear algebra.
-
-    Args:
-        slip: [mm], shape (samples,).
-        value, weight: coefficient [-] and one over its deviation, shape (samples,).
-        free_e: whether e is free; it is 1 otherwise.
-        ceiling: of the rates [1/mm].
-        count: of starts, the best of the grid.
     """
-    stroke = float(slip.max())
-    spacing = find_spacing(slip)
-    growth = min(3.0 / spacing, 40.0 / stroke)
+    stroke, spacing = float(slip.max()), _find_spacing(slip)
     falling = -np.geomspace(0.2 / stroke, 3.0 / spacing, 16)
-    rates = np.concatenate([falling, np.geomspace(0.3 / stroke, growth, 8)])
+    rates = np.concatenate([falling, np.geomspace(0.3 / stroke, min(3.0 / spacing, 40.0 / stroke), 8)])
     rates = rates[rates < ceiling - 1e-3 / stroke]
     found = []
     for fast in rates:
@@ -1065,45 +952,43 @@ def guess_slip(slip: np.ndarray, value: np.ndarray, weight: np.ndarray, free_e: 
             columns = np.stack(basis, axis=1) * weight[:, None]
             norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
             share = np.linalg.lstsq(columns / norms, value * weight, rcond=1e-10)[0] / norms
-            misfit = float(np.sum((np.stack(basis, axis=1) @ share * weight - value * weight) ** 2))
+            misfit = float(np.sum((columns @ share - value * weight) ** 2))
             a = share[0] if abs(share[0]) > 1e-6 else 1e-6
             last = [(share[1] - share[2]) / a, -(share[1] + share[2]) / a] if free_e else [share[1] / a]
-            start = [a, 0.5 * (slow + fast), last[0], 0.5 * (slow - fast), *last[1:]]
             if np.isfinite(misfit):
-                found.append((misfit, start))
+                found.append((misfit, [a, 0.5 * (slow + fast), last[0], 0.5 * (slow - fast), *last[1:]]))
     found.sort(key=lambda item: item[0])
-    return np.array([start for _, start in found[:count]])
+    return np.array([start for _, start in found[:STARTS]])
 
 
-def guess_polynomials(fits: list[tuple[float, np.ndarray, np.ndarray]], count: int = 12) -> np.ndarray:
-    """Polynomials to start from, shape (count, coefficients), out of fits at single loads.
+def _guess_polynomials(curve: _SlipPolynomials, fits: list[tuple[float, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Polynomials to start from, shape (`STARTS`, coefficients), out of fits at single loads.
 
     Each of those has d > 0, while the polynomial of d may change sign between two loads (Eq. 10's does at 24.2 N): a
     start for every place where it might. The fits weigh by their uncertainty, with `MODEST` added to it, as their own
     is far too small away from the minimum; those whose c ran away have d = 0 and are left out.
 
     Args:
+        curve: the polynomials.
         fits: load [N], a...d (e), and their information matrix, in ascending order of the loads.
-        count: of starts at most.
     """
-    free_e = len(fits[0][1]) > 4
     kept = [fit for fit in fits if abs(fit[1][2]) < RUNAWAY]
     kept = kept if len(kept) >= 3 else fits
     modest = np.diag(np.square(MODEST[:len(kept[0][1])]))
     starts = []
-    for turn in np.unique(np.linspace(1, len(kept), count).round().astype(int)):
+    for turn in np.unique(np.linspace(1, len(kept), STARTS).round().astype(int)):
         left, right = 0.0, 0.0
         for k, (load, centre, information) in enumerate(kept):
             sign = np.ones(len(centre))
             sign[2:4] = 1.0 if k < turn else -1.0
-            powers = spread_powers(load, free_e) * sign[:, None]
+            powers = curve.spread(np.array(load)) * sign[:, None]
             floor = 1e-12 * np.diag(np.diag(information) + 1e-12)
             weight = np.linalg.inv(np.linalg.inv(information + floor) + modest)
             left = left + powers.T @ weight @ powers
             right = right + powers.T @ weight @ centre
         scale = np.sqrt(np.diag(left))
         starts.append(np.linalg.lstsq(left / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
-    return np.array(starts + starts[-1:] * (count - len(starts)))
+    return np.array(starts + starts[-1:] * (STARTS - len(starts)))
 
 
 @dc.dataclass(frozen=True)
@@ -1121,13 +1006,6 @@ class SlipRecord:
     coefficient: np.ndarray
     load: float
     sd: float | np.ndarray
-
-    @classmethod
-    def from_force(cls, slip, force, load: float, sd) -> "SlipRecord":
-        """The same from a friction force and its standard deviation, both in newtons."""
-        load = _check_positive(load, "the load [N]")
-        slip, force, sd = _check_readings(slip, force, sd, ("slip", "force", "sd"), 1)
-        return cls(slip, force / load, load, sd / load)
 
 
 def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free_e: bool = False, levels: bool = True,
@@ -1152,24 +1030,21 @@ def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free
         InputError: An argument is no use.
         ComputationError: The fit failed; the message says where it stood.
     """
-    load = _check_positive(load, "the load [N]")
-    curve, subject = SLIP[bool(free_e)], f"the slip curve at {load:g} N"
-    record = SlipRecord.from_force(slip, friction, load, sd) if force else SlipRecord(slip, friction, load, sd)
-    data, parts = _stack([record], len(curve.names))
-    data = _pick(data, 0)
-    ceiling = -1.0 / float(data.stroke) if levels else math.inf
-    data = data._replace(ceiling=jnp.asarray(ceiling))
-    slips, value, _ = parts[0]
-    spans = np.array([100 * np.abs(value).max(), 10 / find_spacing(slips), 1e4, 14.0, 1e4])[:len(curve.names)]
-    level = [f"That the curve levels off within the stroke, b + d < {ceiling:.2g} 1/mm, is assumed and not found."]
-    notes = [SYMMETRY + ".", *(level if levels else [])]
-    fit = fit_model(
-        curve, guess_slip(*parts[0], bool(free_e), ceiling), data, subject, readings=len(slips),
+    load, curve = _check_positive(load, "the load [N]"), SLIP[bool(free_e)]
+    slip, friction, sd = _check_readings(slip, friction, sd, ("slip", "friction", "sd"), least=len(curve.names))
+    unit = load if force else 1.0
+    data, ((slips, value, weight),) = _stack([SlipRecord(slip, friction / unit, load, sd / unit)])
+    ceiling = -1.0 / float(data.stroke[0]) if levels else math.inf
+    data = _pick(data, 0, ceiling)
+    spans = np.array([100 * np.abs(value).max(), 10 / _find_spacing(slips), 1e4, 14.0, 1e4])[:len(curve.names)]
+    level = f"That the curve levels off within the stroke, b + d < {ceiling:.2g} 1/mm, is assumed and not found."
+    fit = _Fitter(curve, data, f"the slip curve at {load:g} N").fit(
+        _guess_slip(slips, value, weight, bool(free_e), ceiling), readings=len(slips),
         fixed={} if free_e else {"e": 1.0}, spans=spans if profile else None, unit="strokes",
-        tests=[("as many samples again in the first fifth of the stroke", data._replace(slip=data.slip / 5)),
-               ("a stroke twice as long", data._replace(slip=data.slip * 2))],
+        tests={"as many samples again in the first fifth of the stroke": data._replace(at=data.at / 5),
+               "a stroke twice as long": data._replace(at=data.at * 2)},
         elsewhere=dict.fromkeys("bcde", "curves at other loads, tied to this one by Eq. 10's polynomials,"),
-        notes=lambda p: [*notes, *_describe_shape(p, free_e)])
+        notes=lambda p: [f"{SYMMETRY}.", *([level] if levels else []), *_describe_shape(p, free_e)])
     trouble = describe_range(load)
     outside = (f"{load:g} N is outside the range of Eq. 10: {trouble}.",) if trouble else ()
     return dc.replace(fit, notes=(*fit.notes, *outside))
@@ -1191,36 +1066,41 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
         ComputationError: The fit failed.
     """
     records = sorted(records, key=lambda r: _check_positive(r.load, "the load [N]"))
-    different = len({float(r.load) for r in records})
-    if different < 3:
-        raise InputError(f"quadratic polynomials in the load need curves at three loads or more; there are {different}")
+    loads = [float(r.load) for r in records]
+    if len(set(loads)) < 3:
+        raise InputError("quadratic polynomials in the load need curves at three loads or more; there are "
+                         f"{len(set(loads))}")
     single, curve = SLIP[bool(free_e)], POLYNOMIAL[bool(free_e)]
-    data, parts = _stack(records, 3)
-    loads, fits = [float(r.load) for r in records], []
-    for k, part in enumerate(parts):
-        try:
-            own, fit = _settle_alone(single, _pick(data, k), part, loads[k])
+    data, parts = _stack(records)
+    fits = []
+    for k, (load, part) in enumerate(zip(loads, parts, strict=True)):
+        try:  # a curve that levels off; where none of those fits, one that need not
+            for ceiling in (-1.0 / float(data.stroke[k]), math.inf):
+                alone = _Fitter(single, _pick(data, k, ceiling), f"the slip curve at {load:g} N")
+                fit = alone.settle(_guess_slip(*part, bool(free_e), ceiling))
+                if _fits_noise(float(fit.chi2), len(part[0]) - len(single.names)):
+                    break
         except ComputationError:
             continue  # a start is all that it would have been
-        columns = measure_knowledge(single, fit.coefficients, own).columns
+        columns = alone.measure(fit.coefficients).columns
         columns[:, 3] /= fit.coefficients[3]
-        fits.append((loads[k], fit.coefficients, columns.T @ columns))
+        fits.append((load, fit.coefficients, columns.T @ columns))
     if len(fits) < 3:
         raise ComputationError("The polynomials have no start: fewer than three of the curves could be fitted alone")
-    fit = fit_model(
-        curve, guess_polynomials(fits), data, f"Eq. 10's polynomials from {loads[0]:g} to {loads[-1]:g} N",
-        readings=sum(len(part[0]) for part in parts), fixed={} if free_e else {"e": 1.0},
-        spans=1e3 * np.array(curve.typical) if profile else None, elsewhere={}, unit="sets of strokes",
-        tests=[("as many curves at half the loads", data._replace(load=0.5 * data.load)),
-               ("as many samples again in the first fifth of the strokes", data._replace(slip=data.slip / 5))],
+    fit = _Fitter(curve, data, f"Eq. 10's polynomials from {loads[0]:g} to {loads[-1]:g} N").fit(
+        _guess_polynomials(curve, fits), readings=sum(len(part[0]) for part in parts),
+        fixed={} if free_e else {"e": 1.0}, spans=1e3 * np.array(curve.typical) if profile else None,
+        tests={"as many curves at half the loads": data._replace(load=0.5 * data.load),
+               "as many samples again in the first fifth of the strokes": data._replace(at=data.at / 5)},
+        elsewhere={}, unit="sets of strokes",
         notes=lambda p: [f"{SYMMETRY}, at {loads[0]:g} N.",
                          f"Nothing here tests the polynomials below {loads[0]:g} or above {loads[-1]:g} N."])
     beyond: dict[str, list[str]] = {}
     for load in dict.fromkeys(loads):
         beyond.setdefault(describe_range(load), []).append(f"{load:g} N")
-    beyond.pop("", None)
-    return dc.replace(fit, notes=(*fit.notes, *(f"Outside the range of Eq. 10, at {', '.join(at)}: {trouble}."
-                                                for trouble, at in beyond.items())))
+    outside = [f"Outside the range of Eq. 10, at {', '.join(at)}: {trouble}." for trouble, at in beyond.items()
+               if trouble]
+    return dc.replace(fit, notes=(*fit.notes, *outside))
 
 
 def fit_rubber(pressure, coefficient, sd, *, modulus: float, strength_ratio: float | None = None,
@@ -1239,39 +1119,29 @@ def fit_rubber(pressure, coefficient, sd, *, modulus: float, strength_ratio: flo
         InputError: An argument is no use.
         ComputationError: The fit failed.
     """
-    p, mu, dev = _check_readings(pressure, coefficient, sd, ("pressure", "coefficient", "sd"), 1)
+    p, mu, dev = _check_readings(pressure, coefficient, sd, ("pressure", "coefficient", "sd"), least=1)
+    _refuse_negative(p, "pressure")
     free, pressures = strength_ratio is None, len(np.unique(p))
     modulus = _check_positive(modulus, "modulus")
     ratio = 1.0 if strength_ratio is None else _check_positive(strength_ratio, "strength_ratio")
-    curve, subject = RUBBER[free], f"Eq. 8 at {pressures} pressure{'s' if pressures > 1 else ''}"
-    data = RubberData(_pad(p), _pad(mu), _pad(1.0 / dev), jnp.asarray(ratio), jnp.asarray(modulus))
+    curve = RUBBER[free]
+    data = Readings(_pad(p), _pad(mu), _pad(1.0 / dev), ratio=jnp.asarray(ratio), modulus=jnp.asarray(modulus))
     loss = max(float(np.median(mu)), 1e-6) / (0.4 * ratio + 0.3 * (3 * float(np.median(p)) / modulus) ** (2 / 3))
     starts = np.array([[k, loss * share, ratio][: len(curve.names)] for k in (0.1, 1.0, 10.0) for share in (0.3, 1.5)])
-    return fit_model(
-        curve, starts, data, subject, readings=len(p), fixed={} if free else {RATIO: ratio}, unit="readings",
+    return _Fitter(curve, data, f"Eq. 8 at {pressures} pressure{'s' if pressures > 1 else ''}").fit(
+        starts, readings=len(p), fixed={} if free else {RATIO: ratio}, unit="readings",
         spans=np.full(len(curve.names), 7.0) if profile else None,
-        tests=[("as many readings at twice the pressures", data._replace(pressure=2 * data.pressure)),
-               ("as many readings at a quarter of the pressures", data._replace(pressure=data.pressure / 4))],
+        tests={"as many readings at twice the pressures": data._replace(at=2 * data.at),
+               "as many readings at a quarter of the pressures": data._replace(at=data.at / 4)},
         elsewhere={"tan delta_L": "the loss factor from a rheometer",
                    RATIO: "sigma_0 from a tensile test and p_r from the real contact area"},
-        notes=lambda p: [PRODUCT + ".", *([ONE_PRESSURE + "."] if pressures == 1 else [])])
-
-
-def _settle_alone(curve: Curve, data: SlipData, part: Readings, load: float) -> tuple[SlipData, Settled]:
-    """One curve that levels off; where none of those fits, one that need not."""
-    subject = f"the slip curve at {load:g} N"
-    level = -1.0 / float(data.stroke)
-    for ceiling in (level, math.inf):
-        own = data._replace(ceiling=jnp.asarray(ceiling))
-        fit = settle_curve(curve, guess_slip(*part, len(curve.names) > 4, ceiling), own, subject)
-        if fits_noise(fit.chi2, len(part[0]) - len(curve.names)):
-            break
-    return own, fit
+        notes=lambda p: [PRODUCT, *([ONE_PRESSURE] if pressures == 1 else [])])
 
 
 def evaluate_polynomials(fit: CurveFit, load: float) -> tuple[np.ndarray, np.ndarray]:
     """a...d (e) at a load [N] by fitted polynomials, and their standard deviations, shapes (4 or 5,)."""
-    powers = spread_powers(load, len(fit.coefficients) == len(list_monomials(True)))
+    assert isinstance(fit.curve, _SlipPolynomials)
+    powers = fit.curve.spread(np.array(float(load)))
     return powers @ fit.values, np.sqrt(np.maximum(np.diag(powers @ fit.covariance @ powers.T), 0.0))
 
 
@@ -1302,53 +1172,36 @@ def _check_positive(value, name: str) -> float:
     return number
 
 
-def _check_readings(x, y, sd, names: tuple[str, str, str], least: int) -> Readings:
-    """As arrays of one length, in the order in which they came."""
-    try:
-        x, y = (np.atleast_1d(np.asarray(part, dtype=float)) for part in (x, y))
-        dev = np.broadcast_to(np.asarray(sd, dtype=float), y.shape)
-    except (TypeError, ValueError):
-        raise InputError(f"{names[0]}, {names[1]} and {names[2]} must be numbers, as many of one as of another "
-                         f"({names[2]} may be a single one)") from None
-    if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(f"{names[0]} and {names[1]} must be of one length; they are {x.size} and {y.size} long")
-    for name, part in zip(names, (x, y, dev), strict=True):
-        if not np.all(np.isfinite(part)):
-            raise InputError(f"{name} number {int(np.argmin(np.isfinite(part))) + 1} is not a number")
+def _refuse_negative(x: np.ndarray, name: str) -> None:
     if np.any(x < 0):
-        raise InputError(f"{names[0]} must not be negative; number {int(np.argmax(x < 0)) + 1} is {x[x < 0][0]:g}")
-    if np.any(dev <= 0):
-        raise InputError(f"{names[2]} must be positive; number {int(np.argmax(dev <= 0)) + 1} is {dev[dev <= 0][0]:g}")
-    if len(x) < least:
-        raise InputError(f"too few readings: {len(x)}, and the fit needs {least} at least")
-    return x, y, dev
+        raise InputError(f"{name} must not be negative; number {int(np.argmax(x < 0)) + 1} is {x[x < 0][0]:g}")
 
 
-def _stack(records: Sequence[SlipRecord], least: int) -> tuple[SlipData, list[Readings]]:
+def _stack(records: Sequence[SlipRecord]) -> tuple[Readings, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
     """Records as padded arrays, and slip [mm], coefficient and weight of each."""
     parts = []
     for record in records:
-        slip, value, sd = _check_readings(record.slip, record.coefficient, record.sd, ("slip", "friction", "sd"), least)
+        slip, value, sd = _check_readings(record.slip, record.coefficient, record.sd, ("slip", "friction", "sd"),
+                                          least=3)  # a polynomial's coefficients at one load
+        _refuse_negative(slip, "slip")
         if np.ptp(slip) == 0:
             raise InputError(f"all slips at {float(record.load):g} N are {slip[0]:g} m; a curve needs different ones")
         if slip.max() > 1.0:
             raise InputError(f"slip is in metres, and {slip.max():g} m is no stroke; were these millimetres?")
         parts.append((slip / SLIP_UNIT, value, 1.0 / sd))
     length = max(len(part[0]) for part in parts)
-    slip, value, weight = (np.stack([np.asarray(_pad(part[k], length)) for part in parts]) for k in range(3))
-    loads = np.array([float(r.load) for r in records])
-    strokes = np.array([part[0].max() for part in parts])
-    made = (slip * SLIP_UNIT, value, weight, loads, strokes, np.array(1.0), loads.min(), np.array(np.inf))
-    return SlipData(*(jnp.asarray(x) for x in made)), parts
+    slip, value, weight = (jnp.stack([_pad(part[k], length) for part in parts]) for k in range(3))
+    loads, strokes = jnp.array([float(r.load) for r in records]), jnp.array([part[0].max() for part in parts])
+    return Readings(slip * SLIP_UNIT, value, weight, loads, strokes, loads.min(), jnp.asarray(math.inf)), parts
 
 
-def _pad(x, length: int = 0):
+def _pad(x, length: int = 0) -> Array:
     """Zeros behind, up to a multiple of `LENGTHS`."""
     size = -(-max(len(x), length) // LENGTHS) * LENGTHS
     return jnp.asarray(np.concatenate([x, np.zeros(size - len(x))]))
 
 
-def _pick(data: SlipData, k: int) -> SlipData:
-    """One curve of several."""
-    return data._replace(slip=data.slip[k], value=data.value[k], weight=data.weight[k], load=data.load[k],
-                         stroke=data.stroke[k])
+def _pick(data: Readings, k: int, ceiling: float) -> Readings:
+    """One curve of several, below a ceiling of its rates [1/mm]."""
+    return data._replace(at=data.at[k], value=data.value[k], weight=data.weight[k], load=data.load[k],
+                         stroke=data.stroke[k], ceiling=jnp.asarray(ceiling))

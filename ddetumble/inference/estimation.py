@@ -5,7 +5,6 @@ import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
 from .._display import Progress
@@ -16,7 +15,7 @@ from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
 from ..measurement.package import read_campaign
 from .archive import Model, resolve_model
-from .assembly import Assembly, assemble_space, default_starts, list_origins
+from .assembly import Assembly, assemble_space, default_starts
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .findings import Fit, summarise_fit
 from .models import ResolvedModel, resolve_effect
@@ -26,7 +25,7 @@ from .parameters import ParameterSpace
 from .problem import Problem, Solution
 from .progressive_horizon import MOST, is_lost, solve_progressively
 from .specification import Prior, Specification, read_specification
-from .stack import Records, stack_records
+from .stack import hold_conditions, stack_records
 
 
 STARTS = 12  # tried at most
@@ -61,78 +60,86 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
         InputError: The campaign cannot be fitted, or a name or value makes no sense.
         ComputationError: The model could not be integrated from any start.
     """
-    settings: dict = {}
     report = progress or (lambda text, share: None)
     if not isinstance(campaign, Campaign) and Path(campaign).suffix == ".toml":
         path = Path(campaign)
-        found, digest = read_specification(path)
+        wanted, digest = read_specification(path)
         settings = {"command": f"ddetumble fit {path.name}", "specification": path.name, "sha256": digest,
-                    "title": found.title, "seed": found.seed}
+                    "title": wanted.title, "seed": wanted.seed}
         try:
-            measured = read_campaign(found.campaign)
-            return _fit(measured, found, resolve_model(found.model, name_family(measured)), settings, {},
-                        report, ())
+            campaign = read_campaign(wanted.campaign)
+            return _fit(campaign, wanted, resolve_model(wanted.model, name_family(campaign)), settings, {}, report)
         except InputError as error:
             if error.file is not None:
                 raise
             raise InputError(error.problem, file=path, key=error.key) from None
     if not isinstance(campaign, Campaign):
         campaign = read_campaign(campaign)
-    wanted = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
+    freed = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
     ids = [e if isinstance(e, str) else e.id for e in effects]
     find_family(name_family(campaign), "fit")
     resolved = resolve_model(model, name_family(campaign))
-    specification = Specification.model_construct(
-        schema_="ddetumble.fit/1", campaign=campaign.name, model=resolved.name, effects=ids, free=wanted,
+    wanted = Specification.model_construct(
+        schema_="ddetumble.fit/1", campaign=campaign.name, model=resolved.name, effects=ids, free=freed,
         fixed=dict(fixed or {}), bounds=dict(bounds or {}),
         priors={k: Prior.model_construct(mean=m, sd=s) for k, (m, s) in (priors or {}).items()},
         nuisances=nuisances, noise="stated" if noise == "stated" else "measured")
-    named = Path(model).name if isinstance(model, (str, Path)) else resolved.name
-    brought = [] if isinstance(model, (str, Path)) else [e.id for e in resolved.effects]
-    added = "".join([*(f" --effect {e}" for e in dict.fromkeys([*brought, *ids])),
-                     *(f" --free {n}" + ("" if v is True else f"={v:g}") for n, v in wanted.items()),
-                     *(f" --fix {n}={v:g}" for n, v in (fixed or {}).items()),
-                     *(f" --prior {n}={m:g}+-{s:g}" for n, (m, s) in (priors or {}).items())])
-    settings = {"command": f"ddetumble fit {campaign.name} --model {named}{added}"}
-    given = noise if isinstance(noise, Mapping) else None
-    classes = tuple(e for e in effects if not isinstance(e, str))
-    return _fit(campaign, specification, resolved, settings, dict(start or {}), report, classes, given)
+    in_hand = not isinstance(model, (str, Path))
+    shown = list(dict.fromkeys([*([e.id for e in resolved.effects] if in_hand else []), *ids]))
+    command = [f"ddetumble fit {campaign.name} --model {resolved.name if in_hand else Path(model).name}",
+               *(f"--effect {e}" for e in shown),
+               *(f"--free {n}" + ("" if v is True else f"={v:g}") for n, v in freed.items()),
+               *(f"--fix {n}={v:g}" for n, v in wanted.fixed.items()),
+               *(f"--prior {n}={p.mean:g}+-{p.sd:g}" for n, p in wanted.priors.items())]
+    return _fit(campaign, wanted, resolved, {"command": " ".join(command)}, start or {}, report,
+                [e for e in effects if not isinstance(e, str)], noise if isinstance(noise, Mapping) else None)
 
 
 def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, settings: Mapping,
-         start: Mapping[str, float], report: Progress, classes: Sequence[type[AbstractEffect]],
+         start: Mapping[str, float], report: Progress, classes: Sequence[type[AbstractEffect]] = (),
          noise: Mapping[str, Noise] | None = None) -> Fit:
     """Fit what a specification says."""
-    catalogue = find_family(name_family(campaign), "fit").catalogue
-    chosen = choose_effects(wanted.effects, classes, resolved)
-    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in catalogue])
+    family = find_family(name_family(campaign), "fit")
+    # Classes of all effects of the model: its own first, then those asked for, each once.
+    own = {e.id: e for e in classes}
+    found: dict[str, type[AbstractEffect]] = {e.id: type(e) for e in resolved.effects}
+    for name in wanted.effects:
+        effect = own.get(name) or found.get(name) or resolve_effect(name)
+        found.setdefault(effect.id, effect)
+    chosen = tuple(found.values())
+    assembly = assemble_space(campaign, resolved.reference, [e for e in chosen if e not in family.catalogue])
     for effect in chosen:
         if effect.id in assembly.left_out:
             raise InputError(f"effect {effect.id!r} needs {' and '.join(effect.requires)}, which the model "
                              f"{wanted.model!r} and the campaign {campaign.name!r} do not have")
     space = assembly.space
-    names = choose_free(assembly, chosen, wanted)
+    names = _choose_free(assembly, chosen, wanted)
     given = {**start, **{k: v for k, v in wanted.free.items() if v is not True}}
-    base = place_values(space, assembly.start, _values_of(resolved))
-    base = place_values(space, base, dict(wanted.fixed) | {k: v for k, v in given.items()})
-    priors, limits = place_priors(space, names, wanted), place_bounds(space, names, wanted)
+    brought = {f"{effect.id}.{p.name}": float(p.transform.publish(float(getattr(effect, p.field))))
+               for effect in resolved.effects for p in parameters_of(effect)}
+    base = _place_values(space, assembly.start, brought)
+    base = _place_values(space, base, dict(wanted.fixed) | given)
+    priors, limits = _place_priors(space, wanted), _place_bounds(space, wanted)
+
+    def pose(noise: Mapping[str, Noise] | None, most: int | None = None) -> Problem:
+        records = stack_records(campaign, noise, most)
+        return Problem(space, records if wanted.nuisances else hold_conditions(records), priors)
 
     report("fitting the reference model", 0.05)
-    whole = _pose(space, stack_records(campaign, noise), priors, wanted.nuisances)
-    problem = whole
+    whole = problem = pose(noise)
     if space.family.free_running and whole.records.lengths.max() > MOST:  # starts are tried on a part of the samples
-        problem = _pose(space, stack_records(campaign, noise, MOST), priors, wanted.nuisances)
+        problem = pose(noise, MOST)
     known = [n for n in names if n in assembly.base]
     told, saved = bool({*given} & {*known}), resolved.fitted
-    origins = list_origins(campaign, space, base, known)
+    origins = family.guess_starts(campaign, space, base, known)
     if saved:  # what the model or the user says comes first, with the rest guessed where nothing is known of it
         origins = [base, *origins]
     elif told:
-        origins = [*list_origins(campaign, space, base, [n for n in known if n not in given]), *origins]
-    base, first = fit_reference(problem, known, origins, not (told or saved), assembly.warnings)
+        origins = [*family.guess_starts(campaign, space, base, [n for n in known if n not in given]), *origins]
+    base, first = _fit_reference(problem, known, origins, not (told or saved), assembly.warnings)
     best: Bounded | None = None
     origin = base
-    starts = [(u, values) for values in list_starts(space, chosen, names, given, resolved)
+    starts = [(u, values) for values in _list_starts(chosen, names, given, resolved)
               for u in ([first.u, base] if told else [first.u])]
     for k, (u, values) in enumerate(starts):
         report(f"start {k + 1} of {len(starts)}", 0.2 + 0.6 * k / len(starts))
@@ -140,17 +147,17 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
         u[[space.index[n] for n in values]] = list(values.values())
         began = np.where(np.isin(np.arange(len(u)), [space.index[n] for n in known]), base, u)
         try:
-            found = solve_bounded(problem, names, u, first.z, limits, 1e-2)
+            tried = solve_bounded(problem, names, u, first.z, limits, 1e-2)
         except ComputationError:
             if best is None and k + 1 == len(starts):
                 raise
             continue
-        if is_lost(problem, found.solution):
+        if is_lost(problem, tried.solution):
             near = solve_progressively(problem, names, u, tolerance=1e-2)
-            if not near.failed and not near.chi2 > found.solution.chi2:
-                found = solve_bounded(problem, names, near.u, near.z, limits, 1e-2)
-        if not found.solution.failed and (best is None or found.solution.chi2 < best.solution.chi2):
-            best, origin = found, began
+            if not near.failed and not near.chi2 > tried.solution.chi2:
+                tried = solve_bounded(problem, names, near.u, near.z, limits, 1e-2)
+        if not tried.solution.failed and (best is None or tried.solution.chi2 < best.solution.chi2):
+            best, origin = tried, began
     if best is None:
         raise ComputationError("the model could not be integrated from any start; try other starting values or fix a "
                                "parameter")
@@ -163,18 +170,23 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
         measured = {c: dc.replace(n, sd=n.stated_sd or n.sd, correlation=0.0, white_share=0.0, text="white, as stated")
                     for c, n in measured.items()}
     elif not noise and differs_from_stated(measured):
-        problem = _pose(space, stack_records(campaign, measured), priors, wanted.nuisances)
+        problem = pose(measured)
     report("refining the best start", 0.86)
     again = solve_bounded(problem, names, best.solution.u, best.solution.z, limits)
     best = best if again.solution.failed else again
-    refuse_stray(problem, best.solution)
+    _refuse_stray(problem, best.solution)
     report("writing it down", 0.96)
+    # What is wrong with the samples themselves; the fit takes them as they are.
+    faults = screen_samples(campaign)[1]
+    doubts = [*(str(fault) for fault in faults if fault.kind == "truncated"),
+              *(f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
+                for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
-                         settings, wanted.nuisances, (*assembly.warnings, *_warn_of_faults(campaign)))
+                         settings, wanted.nuisances, (*assembly.warnings, *doubts))
 
 
-def fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.ndarray], rank: bool,
-                  warnings: Sequence[str] = ()) -> tuple[np.ndarray, Solution]:
+def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.ndarray], rank: bool,
+                   warnings: Sequence[str]) -> tuple[np.ndarray, Solution]:
     """Fit the reference model from one origin after the other until a fit is sound.
 
     Args:
@@ -195,15 +207,16 @@ def fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.n
         left = [np.inf if s.failed or not np.isfinite(s.chi2) else s.chi2 for s in stand]
         origins = [origins[k] for k in np.argsort(left, kind="stable")]
     best: tuple[np.ndarray, Solution] | None = None
-    broken: tuple[ComputationError | None, Solution | None] = (None, None)
+    error: ComputationError | None = None
+    broken: Solution | None = None
     for u in origins:
         try:
             found = solve_progressively(problem, names, u)
-        except ComputationError as error:
-            broken = (error, broken[1])
+        except ComputationError as caught:
+            error = caught
             continue
         if found.failed or not np.isfinite(found.chi2):
-            broken = (broken[0], found)
+            broken = found
             continue
         if best is None or found.chi2 < best[1].chi2:
             best = u, found
@@ -211,13 +224,17 @@ def fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.n
             break
     if best is not None:
         return best
-    if broken[1] is None and broken[0] is not None:
-        raise broken[0]
-    assert broken[1] is not None
-    return origins[0], _require(broken[1], problem.records, warnings)
+    if broken is None and error is not None:
+        raise error
+    assert broken is not None
+    if not broken.failed:
+        return origins[0], broken
+    raise ComputationError(
+        f"the reference model could not be integrated for record {broken.failed[0]!r} ({len(broken.failed)} of "
+        f"{problem.records.count} records): check its conditions and units" + "".join(f". {text}" for text in warnings))
 
 
-def refuse_stray(problem: Problem, solution: Solution) -> None:
+def _refuse_stray(problem: Problem, solution: Solution) -> None:
     """Refuse a fit that describes none of the data: its parameters mean nothing.
 
     Raises:
@@ -228,38 +245,14 @@ def refuse_stray(problem: Problem, solution: Solution) -> None:
     space = problem.space
     values = ", ".join(f"{n} = {space.parameter(n).transform.from_unconstrained(solution.u[space.index[n]]):.3g}"
                        for n in solution.names)
-    channel = space.family.channels[0]
     raise ComputationError(
-        f"the fit found no place where the model meets the measured {channel}: where it ended after {solution.steps} "
-        f"steps ({values}) it removes {100 * explain_share(problem, solution):.0f} % of the signal's sum of squares. "
-        "Check the units of the records, free what is fixed, or start nearer")
+        f"the fit found no place where the model meets the measured {space.family.channels[0]}: where it ended after "
+        f"{solution.steps} steps ({values}) it removes {100 * explain_share(problem, solution):.0f} % of the signal's "
+        "sum of squares. Check the units of the records, free what is fixed, or start nearer")
 
 
-def _warn_of_faults(campaign: Campaign) -> list[str]:
-    """What is wrong with the samples themselves; the fit takes them as they are."""
-    found = screen_samples(campaign)[1]
-    cut = [str(fault) for fault in found if fault.kind == "truncated"]
-    return cut + [f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
-                  for fault in found if fault.kind not in STAYING]
-
-
-def choose_effects(names: Sequence[str], classes: Sequence[type[AbstractEffect]], resolved: ResolvedModel
-                   ) -> tuple[type[AbstractEffect], ...]:
-    """Classes of all effects of the model: its own first, then those asked for, each once."""
-    own = {e.id: e for e in classes}
-    found: dict[str, type[AbstractEffect]] = {e.id: type(e) for e in resolved.effects}
-    for name in names:
-        effect = own.get(name) or found.get(name) or resolve_effect(name)
-        found.setdefault(effect.id, effect)
-    return tuple(found.values())
-
-
-def choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification) -> list[str]:
-    """Names of the parameters to fit, in the order of the space.
-
-    Raises:
-        InputError: A name is no parameter of the model, is both free and fixed, or there is nothing to fit.
-    """
+def _choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], wanted: Specification) -> list[str]:
+    """Names of the parameters to fit, in the order of the space; refused where names make no sense."""
     space, ids = assembly.space, {e.id for e in chosen}
     usable = [s.name for s in space.slots if s.owner is None or s.owner in ids]
     for section in ("free", "fixed", "priors", "bounds"):
@@ -283,12 +276,8 @@ def choose_free(assembly: Assembly, chosen: Sequence[type[AbstractEffect]], want
     return [s.name for s in space.slots if s.name in names]
 
 
-def place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-    """Coordinates with public values put in by name.
-
-    Raises:
-        InputError: No such parameter, or a value outside what is possible.
-    """
+def _place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+    """Coordinates with public values put in by name; refused where they are impossible."""
     u, (low, high) = base.copy(), space.bounds()
     for name, value in values.items():
         if name not in space.index:
@@ -299,23 +288,22 @@ def place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, f
     return u
 
 
-def place_priors(space: ParameterSpace, names: Sequence[str], wanted: Specification) -> dict[str, tuple[float, float]]:
+def _place_priors(space: ParameterSpace, wanted: Specification) -> dict[str, tuple[float, float]]:
     """Priors in coordinates: mean, and standard deviation to first order."""
     found = {}
-    for name in (one for one in names if one in wanted.priors):
-        prior = wanted.priors[name]
+    for name, prior in wanted.priors.items():
         if not prior.sd > 0:
             raise InputError(f"the standard deviation of {name} has to be positive", key="priors")
-        u = _coordinate(space, name, float(prior.mean))
-        found[name] = (u, float(prior.sd * (1 / (space.parameter(name).transform.slope(prior.mean) or 1.0))))
+        slope = space.parameter(name).transform.slope(prior.mean) or 1.0
+        found[name] = _coordinate(space, name, float(prior.mean)), float(prior.sd * (1 / slope))
     return found
 
 
-def place_bounds(space: ParameterSpace, names: Sequence[str], wanted: Specification) -> dict[str, tuple[float, float]]:
+def _place_bounds(space: ParameterSpace, wanted: Specification) -> dict[str, tuple[float, float]]:
     """Bounds in coordinates, lower first; one beyond what the parameter can be is none."""
     found = {}
-    for name in (one for one in names if one in wanted.bounds):
-        low, high = map(float, wanted.bounds[name])
+    for name, ends in wanted.bounds.items():
+        low, high = map(float, ends)
         if not low < high:
             raise InputError(f"the lower bound of {name} has to be below the upper one", key="bounds")
         transform = space.parameter(name).transform
@@ -328,8 +316,8 @@ def place_bounds(space: ParameterSpace, names: Sequence[str], wanted: Specificat
     return found
 
 
-def list_starts(space: ParameterSpace, chosen: Sequence[type[AbstractEffect]], names: Sequence[str],
-                given: Mapping[str, float], resolved: ResolvedModel) -> list[dict[str, float]]:
+def _list_starts(chosen: Sequence[type[AbstractEffect]], names: Sequence[str], given: Mapping[str, float],
+                 resolved: ResolvedModel) -> list[dict[str, float]]:
     """Coordinates to start the effects from: inside their range, every shape that is to be scanned."""
     placed = {e.id for e in resolved.effects if not is_absent(e)}  # with values to start from
     options = [default_starts(e) for e in chosen if e.id not in placed]
@@ -341,7 +329,7 @@ def list_starts(space: ParameterSpace, chosen: Sequence[type[AbstractEffect]], n
         values = {n: v for part in parts for n, v in part.items() if n in names and n not in given}
         if values not in starts:
             starts.append(values)
-    return starts or [{}]
+    return starts
 
 
 def _coordinate(space: ParameterSpace, name: str, value: float, finite: bool = True) -> float:
@@ -351,26 +339,3 @@ def _coordinate(space: ParameterSpace, name: str, value: float, finite: bool = T
     if not p.transform.allows(value):
         raise InputError(f"{name} has to {p.transform.words}; it is {value:g}{f' {p.unit}' if p.unit else ''}")
     return p.transform.to_unconstrained(value)
-
-
-def _values_of(resolved: ResolvedModel) -> dict[str, float]:
-    """Public values of the effects that a model brings with it."""
-    return {f"{effect.id}.{p.name}": float(p.transform.publish(float(getattr(effect, p.field))))
-            for effect in resolved.effects for p in parameters_of(effect)}
-
-
-def _pose(space: ParameterSpace, records: Records, priors: Mapping[str, tuple[float, float]], moving: bool) -> Problem:
-    if not moving:
-        free = jnp.asarray([name in records.starts for name in records.nuisances])
-        still = jnp.where(free, records.stack.condition_sd, 0.0)
-        inputs = {name: x for name, x in records.stack.inputs.items() if name != "common"}
-        records = dc.replace(records, stack=dc.replace(records.stack, condition_sd=still, inputs=inputs))
-    return Problem(space, records, priors)
-
-
-def _require(solution: Solution, records: Records, warnings: Sequence[str] = ()) -> Solution:
-    if solution.failed:
-        raise ComputationError(
-            f"the reference model could not be integrated for record {solution.failed[0]!r} ({len(solution.failed)} of "
-            f"{records.count} records): check its conditions and units" + "".join(f". {text}" for text in warnings))
-    return solution

@@ -107,12 +107,9 @@ def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> No
 
 
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
-    """Content of a JSON file that the toolkit wrote.
+    """Content of a JSON file that the toolkit wrote: of a schema, as a model has it.
 
     Args:
-        path: of the file.
-        schema: that it has to state.
-        kind: model of its content.
         again: what to do where it is of no use, such as `fit the model again`.
 
     Raises:
@@ -166,13 +163,7 @@ def make_plain(value: Any) -> Any:
 
 def list_versions() -> dict[str, str]:
     """Versions of Python and of the packages on which numbers depend."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+    return {"python": platform.python_version(), **{name: metadata.version(name) for name in PACKAGES}}
 
 
 def hash_file(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses as dc
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ FILE = "fit.json"
 SCHEMA = "ddetumble.fit-result/1"
 LEAST = 0.1  # correlations below are not printed
 NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square (two sd) what lies there may fit
+INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not written down
 
 
 @dc.dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         remedies: measurements that would tell parameters apart, with what they are expected to gain.
         notes: further sentences.
         settings: command, specification, seed.
-        space, solution, problem, bounded: for those who go on computing.
+        source, problem, bounded, space, solution: for those who go on computing.
         gaussians: of the coordinates, by name: mean, standard deviation, and the limits at which they are cut off.
     """
 
@@ -104,8 +106,6 @@ class Fit(AbstractFitted, AbstractPrinted):
     remedies: tuple[Remedy, ...]
     notes: tuple[str, ...]
     settings: Mapping[str, Any]
-    space: ParameterSpace
-    solution: Solution
     source: Campaign
     problem: Problem
     bounded: Bounded
@@ -113,6 +113,16 @@ class Fit(AbstractFitted, AbstractPrinted):
 
     def __repr__(self) -> str:
         return f"<Fit of {self.model_text} to {self.campaign}: chi2/degrees {self.chi2_reduced:.3g}>"
+
+    @property
+    def space(self) -> ParameterSpace:
+        """All parameters that the model may have."""
+        return self.problem.space
+
+    @property
+    def solution(self) -> Solution:
+        """The solution of the least squares."""
+        return self.bounded.solution
 
     @property
     def model_text(self) -> str:
@@ -136,45 +146,43 @@ class Fit(AbstractFitted, AbstractPrinted):
             raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", option="name")
         if not 0 < level < 1:
             raise InputError(f"the level has to be between 0 and 1; it is {level:g}", option="level")
-        mean, sd, low, high = self.gaussians[name]
-        _, a, b = truncate_normal(mean, sd, low, high, level) if np.isfinite(sd) else (sd, low, high)
-        return self.space.parameter(name).transform.interval(a, b)
+        return self.space.parameter(name).transform.interval(*truncate_normal(*self.gaussians[name], level)[1:])
 
     def __str__(self) -> str:
         """The report, as lmfit's users expect it."""
         lines = [f"[[Model]]\n    {self.model_text}, fitted to {self.campaign}", "[[Fit Statistics]]"]
-        entries = [("fitting method", "Levenberg-Marquardt"), ("function evals", self.steps), ("records", self.records),
-                   ("data points", self.samples), ("variables", len(self.parameters)),
-                   ("chi-square", f"{self.chi2:.8g}"), ("reduced chi-square", f"{self.chi2_reduced:.6g}")]
-        lines += [f"    # {name:<18} = {value}" if not name.endswith("square") else f"    {name:<20} = {value}"
-                  for name, value in entries]
+        counts = {"fitting method": "Levenberg-Marquardt", "function evals": self.steps, "records": self.records,
+                  "data points": self.samples, "variables": len(self.parameters)}
+        lines += [f"    # {name:<18} = {value}" for name, value in counts.items()]
+        lines += [f"    {'chi-square':<20} = {self.chi2:.8g}",
+                  f"    {'reduced chi-square':<20} = {self.chi2_reduced:.6g}"]
         lines += [f"    noise of {name}: {n.sd:.4g} {self.source.column(name).unit}, {n.text}"
                   for name, n in self.noise.items()]
         lines += [f"    {told}" for told in (self.state, str(self.goodness)) if told]
         lines.append("[[Variables]]")
         width = max(map(len, (*self.parameters, *self.fixed))) + 1
         for name, p in self.parameters.items():
-            unit = f" {p.unit}" if p.unit else ""
             share = f" ({100 * p.sd / abs(p.estimate):.2f}%)" if p.estimate and math.isfinite(p.sd) else ""
             spread = f"+/- {p.sd:.4g}{share}" if math.isfinite(p.sd) else "+/- not determined"
+            spread += f" {p.unit}" if p.unit else ""
             bound = f", at its {p.at_bound} bound" if p.at_bound else ""
-            lines.append(f"    {name + ':':<{width}} {p.estimate:.7g} {spread}{unit} (init = {p.initial:.5g}){bound}")
+            lines.append(f"    {name + ':':<{width}} {p.estimate:.7g} {spread} (init = {p.initial:.5g}){bound}")
         for name, value in self.fixed.items():
             unit = self.space.unit(name, self.solution.u)
             lines.append(f"    {name + ':':<{width}} {value:.7g}{f' {unit}' if unit else ''} (fixed)")
-        names, pairs = list(self.parameters), []
-        for i in range(len(names)):
-            pairs += [(self.correlations[i, j], names[i], names[j]) for j in range(i + 1, len(names))]
-        pairs = sorted((p for p in pairs if abs(p[0]) >= LEAST), key=lambda p: -abs(p[0]))
+        names = list(self.parameters)
+        pairs = [(self.correlations[i, j], f"{names[i]}, {names[j]}")
+                 for i, j in itertools.combinations(range(len(names)), 2) if abs(self.correlations[i, j]) >= LEAST]
         if pairs:
             lines.append(f"[[Correlations]] (unreported correlations are < {LEAST:.3f})")
-            wide = max(len(f"{a}, {b}") for _, a, b in pairs)
-            lines += [f"    C({f'{a}, {b}':<{wide}}) = {value:+.4f}" for value, a, b in pairs]
-        pulls = sorted(((abs(v["pull"]), r, n, v) for r, own in self.nuisances.items() for n, v in own.items()
-                        if "pull" in v), key=lambda p: -p[0])[:3]
+            wide = max(len(pair) for _, pair in pairs)
+            pairs.sort(key=lambda p: -abs(p[0]))
+            lines += [f"    C({pair:<{wide}}) = {value:+.4f}" for value, pair in pairs]
+        pulls = sorted(((v["pull"], f"{n} of {r}") for r, own in self.nuisances.items() for n, v in own.items()
+                        if "pull" in v), key=lambda p: -abs(p[0]))[:3]
         if pulls:
             lines.append("[[Settings]] (largest shifts, in their stated standard deviations)")
-            lines += [f"    {n} of {r}: {v['pull']:+.2f}" for _, r, n, v in pulls]
+            lines += [f"    {place}: {pull:+.2f}" for pull, place in pulls]
         for title, sentences in (("Cannot be told apart", self.cannot_tell_apart), ("Notes", self.notes)):
             if sentences:
                 lines += [f"[[{title}]]", *(f"    {s}" for s in sentences)]
@@ -182,17 +190,10 @@ class Fit(AbstractFitted, AbstractPrinted):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that JSON can hold."""
-        return make_plain({
-            "schema": SCHEMA, "campaign": self.campaign, "title": self.title, "sha256": self.sha256,
-            "model": self.model, "effects": self.effects, "parameters": self.parameters, "fixed": self.fixed,
-            "names": list(self.parameters), "covariance": self.covariance, "correlations": self.correlations,
-            "chi2": self.chi2, "degrees": self.degrees, "chi2_reduced": self.chi2_reduced,
-            "goodness": {**dc.asdict(self.goodness), "misfit": self.goodness.misfit,
-                            "moved": self.goodness.moved}, "records": self.records,
-            "samples": self.samples, "noise": self.noise, "converged": self.converged, "steps": self.steps,
-            "state": self.state, "nuisances": self.nuisances, "cannot_tell_apart": self.cannot_tell_apart,
-            "remedies": self.remedies, "notes": self.notes, "settings": self.settings, "versions": list_versions(),
-        })  # fmt: skip
+        own = {f.name: getattr(self, f.name) for f in dc.fields(self) if f.name not in INSIDE}
+        goodness = {**dc.asdict(self.goodness), "misfit": self.goodness.misfit, "moved": self.goodness.moved}
+        return make_plain({"schema": SCHEMA, **own, "names": list(self.parameters), "goodness": goodness,
+                           "versions": list_versions()})
 
     def save(self, folder) -> Path:
         """Write `fit.json`, for reading, and `model.json`, from which predictions go on; returns the folder."""
@@ -230,21 +231,28 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         warnings: sentences on records outside the model's range.
     """
     space, solution = problem.space, found.solution
-    moving = list(solution.names)
     known = analyse_fit(space, solution)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
-    degrees = counted + sum(name in found.names for name in problem.priors) - len(moving)
-    notes = [f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of the others "
-             "hold it there." for n, p in parameters.items() if p.at_bound]
-    notes += [f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound]
-    notes = [*warnings, *notes]
+    degrees = counted + sum(name in found.names for name in problem.priors) - len(solution.names)
+    notes = [*warnings, *(f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of "
+                          "the others hold it there." for n, p in parameters.items() if p.at_bound),
+             *(f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound)]
     if not nuisances:
         notes.append("Conditions and time origins were taken as exact.")
-    # At its null an effect is absent: a minimum like any other. Elsewhere a bound stopped the fit short of one.
-    stopped = [n for n, p in parameters.items() if p.at_bound and not _at_null(space, n, solution.u)]
-    converged, steps = solution.converged and not stopped, f"after {solution.steps} step{'s' * (solution.steps != 1)}"
+    stopped, fixed, scales = [], {}, space.scales()
+    for k, slot in enumerate(space.slots):
+        name, p, u = slot.name, slot.parameter, solution.u[k]
+        # At its null an effect is absent: a minimum like any other. Elsewhere a bound stopped the fit short of one.
+        absent = p.kind == "amplitude" and abs(u - p.default) <= NEAR * scales[k]
+        if name in parameters and parameters[name].at_bound and not absent:
+            stopped.append(name)
+        away = p.kind != "shape" and u != p.default
+        if name not in parameters and (slot.owner is None or slot.owner in effects or away):
+            fixed[name] = p.transform.from_unconstrained(u)
+    steps = f"after {solution.steps} step{'s' * (solution.steps != 1)}"
+    converged = solution.converged and not stopped
     state = (f"converged {steps}" if converged else
              f"stopped {steps} at a bound of {' and '.join(stopped)}: there is no minimum inside" if stopped else
              f"not converged {steps}: the values may move further")
@@ -257,33 +265,15 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
             if "pull" in one:
                 pulls.setdefault(name, {})[record] = one["pull"]
     return Fit(
-        campaign.name, campaign.title, campaign.sha256, model, effects, parameters,
-        list_fixed(space, solution.u, effects, found.names), covariance, correlations, solution.chi2, degrees,
-        solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls), problem.records.count, counted,
-        dict(noise), converged, solution.steps, state, shifts, told, remedies, tuple(notes), dict(settings),
-        space, solution, campaign, problem, found, gaussians)
-
-
-def _at_null(space: ParameterSpace, name: str, u: np.ndarray) -> bool:
-    """Whether an amplitude stands where its effect is absent."""
-    k = space.index[name]
-    p = space.slots[k].parameter
-    return p.kind == "amplitude" and abs(u[k] - p.default) <= NEAR * space.scales()[k]
-
-
-def list_fixed(space: ParameterSpace, u: np.ndarray, effects: tuple[str, ...], free: tuple[str, ...]
-               ) -> dict[str, float]:
-    """Public values of the model's parameters that were held, and of any other effect's that is not at its null."""
-    found = {}
-    for k, slot in enumerate(space.slots):
-        away = slot.parameter.kind != "shape" and u[k] != slot.parameter.default
-        if slot.name not in free and (slot.owner is None or slot.owner in effects or away):
-            found[slot.name] = slot.parameter.transform.from_unconstrained(u[k])
-    return found
+        campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed, covariance, correlations,
+        solution.chi2, degrees, solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls),
+        problem.records.count, counted, dict(noise), converged, solution.steps, state, shifts, told, remedies,
+        tuple(notes), dict(settings), campaign, problem, found, gaussians)
 
 
 def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
-              ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray, dict[str, tuple[float, float, float, float]]]:
+                        ) -> tuple[dict[str, Fitted], np.ndarray, np.ndarray,
+                                   dict[str, tuple[float, float, float, float]]]:
     """Parameters in the order of `found.names`, their covariance, correlations, and Gaussians of their coordinates.
 
     The one rule for intervals, of `fit` and `discover`: Gaussian in the coordinate in which the fit moves, cut off at
@@ -291,49 +281,45 @@ def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, star
     the null fit as well. Held parameters are uncorrelated.
     """
     space, solution, names = problem.space, found.solution, found.names
-    moving = list(solution.names)
-    place = [names.index(n) for n in moving]
+    place = [names.index(n) for n in solution.names]
     covariance, correlations = np.zeros((len(names),) * 2), np.eye(len(names))
     covariance[np.ix_(place, place)] = known.covariance
     correlations[np.ix_(place, place)] = known.correlations
-    cut = _cut_off(problem, found) if found.held else {}
+    cut = {}  # mean and standard deviation of held parameters' Gaussians, before they are cut off at the bounds
+    if found.held:
+        full = problem.solve([*solution.names, *found.held], solution.u, solution.z, moving=False)
+        flat, rest = full.flattened()
+        whole = analyse_fit(space, full).covariance
+        step = -whole @ ((flat / full.scales).T @ rest)
+        cut = {name: (float(solution.u[space.index[name]] + step[k]), math.sqrt(whole[k, k]))
+               for k, name in enumerate(full.names) if name in found.held}
     parameters, gaussians = {}, {}
     for k, name in enumerate(names):
-        j = space.index[name]
-        p = space.slots[j].parameter
-        transform, u, unit = p.transform, solution.u[j], space.unit(name, solution.u)
-        initial = transform.from_unconstrained(start[j])
+        p, u = space.parameter(name), float(solution.u[space.index[name]])
+        mean, sd = cut.get(name, (u, float(np.sqrt(covariance[k, k]))))
         low, high = found.room(problem, name)
-        if name in cut:
-            gaussians[name] = (*cut[name], low, high)
-            sd, first, last = truncate_normal(*gaussians[name])
-            covariance[k, k] = sd**2
-            side = "upper" if found.held[name] > 0 else "lower"
-            if transform.reciprocal:
-                side = {"lower": "upper", "upper": "lower"}[side]
-            value = transform.from_unconstrained(u)
-            parameters[name] = Fitted(value, transform.slope(value) * sd, *transform.interval(first, last), unit,
-                                      initial, side, True, "stopped at its bound")
-            continue
-        sd = float(np.sqrt(covariance[k, k]))
-        if p.singular:
+        if p.singular and name not in cut:
             sd = max(sd, _reach_null(problem, solution, name))
-        gaussians[name] = (float(u), sd, low, high)
         if name in known.undetermined:
-            gaussians[name] = (float(u), math.inf, *p.coordinate_bounds())
-            parameters[name] = Fitted(transform.from_unconstrained(u), math.inf,
-                                      *transform.interval(*p.coordinate_bounds()), unit, initial, "", False,
-                                      "not determined by these records")
-            continue
-        text = ""
-        if p.sign and p.sign * (u - p.default) < 0:
+            sd, (low, high) = math.inf, p.coordinate_bounds()
+        gaussians[name] = mean, sd, low, high
+        inside, first, last = truncate_normal(*gaussians[name])
+        ends, value, side, text = p.transform.interval(first, last), p.transform.from_unconstrained(u), "", ""
+        if name in cut:
+            sd, text = inside, "stopped at its bound"
+            covariance[k, k] = sd**2
+            side = "upper" if (found.held[name] > 0) != p.transform.reciprocal else "lower"
+        elif name in known.undetermined:
+            text = "not determined by these records"
+        elif p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
                 ", and no farther than noise explains" if abs(u - p.default) < 2 * sd else "")
-        value = transform.from_unconstrained(u)
-        first, last = transform.interval(*truncate_normal(*gaussians[name])[1:])
-        if not text and p.excludes(first, last):
+        elif p.excludes(*ends):
             text = f"beyond what physics allows, {p.limits[0]:g} to {p.limits[1]:g}: {p.limits_reason}"
-        parameters[name] = Fitted(value, transform.slope(value) * sd, first, last, unit, initial, text=text)
+        parameters[name] = Fitted(
+            value, p.transform.slope(value) * sd if math.isfinite(sd) else math.inf, *ends,
+            space.unit(name, solution.u), p.transform.from_unconstrained(start[space.index[name]]), side,
+            name not in known.undetermined, text)
     return parameters, covariance, correlations, gaussians
 
 
@@ -349,46 +335,25 @@ def _reach_null(problem: Problem, solution: Solution, name: str) -> float:
     if distance == 0.0 or solution.residual.shape[1] != weights.shape[1] * weights.shape[2]:
         return 0.0  # of thinned records
     u[k] = null + NEXT * distance
-    others = [other for other in solution.names if other != name]
-    near = problem.solve(others, u, solution.z, tolerance=1e-2)
+    near = problem.solve([other for other in solution.names if other != name], u, solution.z, tolerance=1e-2)
     return 0.5 * abs(distance) if near.chi2 - solution.chi2 < LIKELY else 0.0
-
-
-def _cut_off(problem: Problem, found: Bounded) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of held parameters' Gaussian, before it is cut off at the bounds."""
-    index = problem.space.index
-    moving = list(found.solution.names)
-    full = problem.solve([*moving, *found.held], found.solution.u, found.solution.z, moving=False)
-    flat, rest = full.flattened()
-    known = analyse_fit(problem.space, full)
-    step = -known.covariance @ ((flat / full.scales).T @ rest)
-    result = {}
-    for j, name in enumerate(found.held, start=len(moving)):
-        result[name] = (float(found.solution.u[index[name]] + step[j]), math.sqrt(known.covariance[j, j]))
-    return result
 
 
 def _list_nuisances(problem: Problem, solution: Solution) -> dict[str, dict[str, dict[str, float]]]:
     """Shift of every record's conditions, and what the records start from."""
-    records = problem.records
-    sd = np.asarray(records.stack.condition_sd)
-    found = {key: {name: {"shift": float(solution.z[r, k] * sd[r, k]), "sd": float(sd[r, k]),
-                          "pull": float(solution.z[r, k])}
-                   for k, name in enumerate(records.nuisances) if sd[r, k] > 0 and name not in records.starts}
-             for r, key in enumerate(records.keys)}
+    records, found = problem.records, {}
+    deviations = np.asarray(records.stack.condition_sd)
     for r, key in enumerate(records.keys):
-        if not records.starts:
-            break
-        spread = np.sqrt(np.diag(_spread_starts(solution, r)))
-        for k, name in enumerate(records.starts):
-            start = float(records.stack.conditions[name][r]) + solution.z[r, k] * sd[r, k]
-            found[key][name] = {"estimate": float(start), "sd": float(spread[k] * sd[r, k])}
+        found[key] = {name: {"shift": float(z * sd), "sd": float(sd), "pull": float(z)}
+                      for name, z, sd in zip(records.nuisances, solution.z[r], deviations[r], strict=True)
+                      if sd > 0 and name not in records.starts}
+        if records.starts:  # as uncertain as the record alone leaves them, and what the shared parameters add
+            own, shared = solution.own[r], solution.shared[r]
+            alone = np.linalg.inv(own.T @ own + np.eye(own.shape[1]))
+            carried = alone @ own.T @ shared / solution.scales
+            spread = np.sqrt(np.diag(alone + carried @ solution.covariance() @ carried.T))
+            found[key] |= {name: {"estimate": float(records.stack.conditions[name][r]) + float(z * sd),
+                                  "sd": float(one * sd)}
+                           for name, z, sd, one in zip(records.starts, solution.z[r], deviations[r], spread,
+                                                       strict=False)}
     return found
-
-
-def _spread_starts(solution: Solution, record: int) -> np.ndarray:
-    """Covariance of one record's nuisances, in their deviations: its own, and what the shared parameters add."""
-    own, shared = solution.own[record], solution.shared[record]
-    alone = np.linalg.inv(own.T @ own + np.eye(own.shape[1]))
-    carried = alone @ own.T @ shared / solution.scales
-    return alone + carried @ solution.covariance() @ carried.T

@@ -46,18 +46,16 @@ class GoodnessOfFit:
         """The conclusion in a sentence; '' where there is none to draw."""
         left = f"chi-square per degree of freedom is {self.chi2_reduced:.3g}"
         far = f"the {self.setting.replace('_', ' ')} of record {self.record} by {abs(self.shift):.2g} stated deviations"
-        if not self.misfit and not self.moved:
-            return ""
-        if not self.moved:
-            told = f"The model does not describe the data within their noise: {left}."
-        elif not self.misfit:
-            told = ("The model describes the data only with settings that were moved further than their stated "
-                    f"uncertainty allows: {far}.")
-        else:
-            told = ("The model does not describe the data within their noise and the stated uncertainty of the "
-                    f"settings: {left}, and the fit moved {far}.")
-        return (f"{told} The uncertainties of the parameters do not allow for that; `ddetumble discover` looks for "
-                "what is missing.")
+        told = {
+            (False, False): "",
+            (True, False): f"The model does not describe the data within their noise: {left}.",
+            (False, True): "The model describes the data only with settings that were moved further than their stated "
+                           f"uncertainty allows: {far}.",
+            (True, True): "The model does not describe the data within their noise and the stated uncertainty of the "
+                          f"settings: {left}, and the fit moved {far}.",
+        }[self.misfit, self.moved]
+        return told and (f"{told} The uncertainties of the parameters do not allow for that; `ddetumble discover` "
+                         "looks for what is missing.")
 
 
 def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:

@@ -4,7 +4,6 @@ import dataclasses as dc
 import math
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -132,6 +131,12 @@ def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarr
                      tuple(n for n, x in zip(names, silent, strict=True) if x), tuple(blends), s)
 
 
+def limit_knowledge(space: ParameterSpace, name: str) -> float:
+    """Standard deviation of a coordinate beyond which nothing is known about the parameter."""
+    p = space.parameter(name)
+    return min(p.transform.unknown, VAST * p.transform.scale(p.typical))
+
+
 def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, campaign: Campaign
                        ) -> tuple[tuple[str, ...], tuple[Remedy, ...]]:
     """What cannot be told apart, in sentences, and the tests that would resolve it.
@@ -142,70 +147,76 @@ def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, c
         campaign: that was fitted.
     """
     remedies: list[Remedy] = []
-    names, found, columns = solution.names, [], solution.flattened()[0]
-    for name in known.silent:
-        found.append(f"These records say nothing about {name}: it changes them less than their noise.")
+    names, columns, told = solution.names, solution.flattened()[0], [set(blend.names) for blend in known.blends]
+    found = [f"These records say nothing about {name}: it changes them less than their noise." for name in known.silent]
     for k, blend in enumerate(known.blends):
-        change = _say_change(problem.space, solution, blend)
-        members = list_words(blend.names)
+        change, members = _format_change(problem.space, solution, blend), list_words(blend.names)
         if blend.singular:
             text = (f"{members} cannot be told apart: {change} changes no record beyond its noise, so that only "
                     "their combination is known, and the single values are not")
         else:
-            worst = max((abs(known.correlations[names.index(a), names.index(b)]), a, b) for a in blend.names
-                        for b in blend.names if a != b)[0]
+            places = [names.index(name) for name in blend.names]
+            worst = np.max(np.abs(known.correlations[np.ix_(places, places)] - np.eye(len(places))))
             text = (f"{members} are hard to tell apart (correlation up to {worst:.3f}): {change} changes the records "
                     "by one standard deviation only")
-        remedy = find_remedy(problem, solution, columns, blend, campaign) if k < 2 else None
-        remedies += [] if remedy is None else [remedy]
-        advice = _say_elsewhere(blend) if remedy is None else _say_remedy(remedy, blend)
+        remedy = _find_remedy(problem, solution, columns, blend, campaign) if k < 2 else None
+        elsewhere = [ELSEWHERE[name] for name in blend.names if name in ELSEWHERE]
+        if remedy is not None:
+            remedies.append(remedy)
+            advice = _format_remedy(remedy, blend)
+        elif elsewhere:
+            advice = f"{' or '.join(elsewhere)}, and fix what that gives"
+        else:
+            advice = f"fix one of them ({' or '.join(blend.names)}) at what is known from elsewhere"
         found.append(f"{text}; {advice}.")
-    told = [set(blend.names) for blend in known.blends]
     for i, a in enumerate(names):
-        for j in range(i):
-            pair = {a, names[j]}
-            value = known.correlations[i, j]
-            if abs(value) > CLOSE and not any(pair <= t for t in told) and not pair & set(known.silent):
-                found.append(f"{names[j]} and {a} are hard to tell apart (correlation {value:+.3f}).")
+        for b, value in zip(names[:i], known.correlations[i], strict=False):
+            if abs(value) > CLOSE and not any({a, b} <= t for t in told) and not {a, b} & {*known.silent}:
+                found.append(f"{b} and {a} are hard to tell apart (correlation {value:+.3f}).")
     for name in known.undetermined:
         if name not in known.silent and not any(name in t for t in told):
             found.append(f"These records hardly determine {name}: its uncertainty is wider than any likely value.")
     return tuple(found), tuple(remedies)
 
 
-def limit_knowledge(space: ParameterSpace, name: str) -> float:
-    """Standard deviation of a coordinate beyond which nothing is known about the parameter."""
-    p = space.parameter(name)
-    return min(p.transform.unknown, VAST * p.transform.scale(p.typical))
-
-
-def _say_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
+def _format_change(space: ParameterSpace, solution: Solution, blend: Blend) -> str:
     """Such as: raising a by 1 % and lowering b by 0.02."""
-    names = solution.names
-    first = names.index(blend.names[0])
+    first = solution.names.index(blend.names[0])
     step = blend.step if blend.step[first] > 0 else -blend.step
     if blend.singular:  # any length will do
         p = space.parameter(blend.names[0])
         step = step / abs(step[first]) * (0.01 if p.coordinate == "log" else 0.05 * p.transform.scale(p.typical))
     parts = []
     for name in blend.names:
-        k = names.index(name)
         transform, here = space.parameter(name).transform, solution.u[space.index[name]]
         before = transform.from_unconstrained(here)
-        change = transform.from_unconstrained(here + step[k]) - before
+        change = transform.from_unconstrained(here + step[solution.names.index(name)]) - before
         if transform.name == "log" and before:
             size = f"{abs(change / before) * 100:.2g} %"
         else:
             size = f"{abs(change):.2g} {space.unit(name, solution.u)}".rstrip()
-        parts.append(f"{'raising' if change > 0 else 'lowering'} {name} by {size}")
-    return list_words(parts)
+        parts.append((name, change, size))
+    return list_changes(parts)
 
 
-def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign
-                ) -> Remedy | None:
+def _format_remedy(remedy: Remedy, blend: Blend) -> str:
+    if remedy.setting == "depression":
+        what = f"the depression as a further channel (to {1e3 * remedy.values[0]:g} mm)"
+    else:
+        unit, factor = ("MPa", 1e-6) if remedy.setting.endswith("pressure") else (si_unit(remedy.setting), 1.0)
+        values, name = [f"{factor * value:.2g}" for value in remedy.values], remedy.setting.replace("_", " ")
+        what = f"as many records again, {'half ' if len(values) > 1 else ''}at the {name} {values[0]} {unit}"
+        what += f" and half at {values[1]} {unit}," if len(values) > 1 else ","
+    times = f"{remedy.gain:.1f}" if remedy.gain < 10 else "more than ten"
+    return f"{what} would " + ("tell them apart" if blend.singular else
+                               f"make their difference {times} times as certain")
+
+
+def _find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign
+                 ) -> Remedy | None:
     """The measurement that shortens a combination's uncertainty most; None where none does so by half."""
     tests = [(name, values) for name in REACH if name in campaign.records
-             for values in list_settings(problem, campaign, name)]
+             for values in _list_settings(problem, campaign, name)]
     tried = [Remedy(blend.names, *test, _try_conditions(problem, solution, columns, blend, campaign, *test))
              for test in tests]
     if problem.space.family.has_contact and "depression" not in problem.records.channels:
@@ -219,7 +230,7 @@ def find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend
     return best if enough else None
 
 
-def list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tuple[float, ...]]:
+def _list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tuple[float, ...]]:
     """Settings of a condition, SI, at which further records may be measured: lowest, highest, and half at each.
 
     They have two digits, and lie where the model's equations hold.
@@ -231,36 +242,13 @@ def list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tuple
     if name.endswith("pressure"):
         low = max(low, min(LEAST_PRESSURE, stated.min()))
     first, last = read_validity(problem.space.reference).get(name, (0.0, math.inf))
-    low, high = (_round_inside(value, last) for value in (max(low, first), min(high, last)))
+    ends = []
+    for value in (max(low, first), min(high, last)):
+        unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+        near = round(value / unit) * unit
+        ends.append(float(f"{near if near <= last else near - unit:.2g}"))
+    low, high = ends
     return [(low,), (high,), (low, high)] if low < high else []
-
-
-def _round_inside(value: float, last: float) -> float:
-    """To two digits, downwards where the nearest such number lies beyond `last`."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    near = round(value / unit) * unit
-    return float(f"{near if near <= last else near - unit:.2g}")
-
-
-def _say_remedy(remedy: Remedy, blend: Blend) -> str:
-    if remedy.setting == "depression":
-        what = f"the depression as a further channel (to {1e3 * remedy.values[0]:g} mm)"
-    else:
-        unit, factor = ("MPa", 1e-6) if remedy.setting.endswith("pressure") else (si_unit(remedy.setting), 1.0)
-        values, name = [f"{factor * value:.2g}" for value in remedy.values], remedy.setting.replace("_", " ")
-        what = f"as many records again, {'half ' if len(values) > 1 else ''}at the {name} {values[0]} {unit}"
-        what += f" and half at {values[1]} {unit}," if len(values) > 1 else ","
-    if blend.singular:
-        return f"{what} would tell them apart"
-    times = f"{remedy.gain:.1f}" if remedy.gain < 10 else "more than ten"
-    return f"{what} would make their difference {times} times as certain"
-
-
-def _say_elsewhere(blend: Blend) -> str:
-    known = [ELSEWHERE[name] for name in blend.names if name in ELSEWHERE]
-    if known:
-        return f"{' or '.join(known)}, and fix what that gives"
-    return f"fix one of them ({' or '.join(blend.names)}) at what is known from elsewhere"
 
 
 def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign,
@@ -275,15 +263,15 @@ def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, b
     conditions, sd = dict(records.stack.conditions), np.array(records.stack.condition_sd)
     conditions[name] = conditions[name].at[:count].set(table[name].to_numpy(dtype=float))
     stated = tuple(n for n in records.nuisances if n in campaign.conditions or n == "time")
-    there = condition_deviations(campaign, table, stated)
     places = [records.nuisances.index(n) for n in stated]
+    there = condition_deviations(campaign, table, stated)
     sd[:count, places] = np.where(sd[:count, places] > 0, there, 0.0)  # none where the settings do not move
-    stack = eqx.tree_at(lambda s: (s.conditions, s.condition_sd), records.stack, (conditions, jnp.asarray(sd)))
+    stack = dc.replace(records.stack, conditions=conditions, condition_sd=jnp.asarray(sd))
     if problem.space.family.has_contact:
         before = np.asarray(records.stack.conditions[name])
         longer = np.ones(len(before))
         longer[:count] = np.maximum(before[:count] / table[name].to_numpy(dtype=float), 1.0) ** (1.0 / 3.0)
-        stack = eqx.tree_at(lambda s: (s.time, s.span), stack, (stack.time * longer[:, None], stack.span * longer))
+        stack = dc.replace(stack, time=stack.time * longer[:, None], span=stack.span * longer)
     other = Problem(problem.space, dc.replace(records, stack=stack))
     found = other.solve(solution.names, solution.u, np.zeros_like(solution.z), moving=False)
     if found.failed:
@@ -295,29 +283,20 @@ def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, b
 
 def _try_depression(problem: Problem, solution: Solution, blend: Blend) -> float:
     """The same with the depression of the present records measured too, its slopes taken by differences."""
-
-    def move(u: np.ndarray, z: np.ndarray) -> np.ndarray | None:
-        moved = problem.solve(solution.names, u, z, moving=False)
-        return None if moved.failed else moved.state
-
-    def differ(step_u: np.ndarray, step_z: np.ndarray) -> np.ndarray | None:
-        ends = [move(solution.u + s * step_u, solution.z + s * step_z) for s in (NUDGE, -NUDGE)]
-        return None if ends[0] is None or ends[1] is None else (ends[0] - ends[1]) / (2.0 * NUDGE * DEPRESSION_SD)
-
-    still = np.zeros_like(solution.z)
+    names, still = solution.names, np.zeros_like(solution.z)
+    steps = [(scale * np.eye(len(solution.u))[problem.space.index[name]], still)
+             for name, scale in zip(names, solution.scales, strict=True)]
+    steps += [(np.zeros_like(solution.u), still + row) for row in np.eye(still.shape[1])]
     slopes = []
-    for name, scale in zip(solution.names, solution.scales, strict=True):
-        k = problem.space.index[name]
-        slopes.append(differ(scale * np.eye(len(solution.u))[k], still))
-    count = solution.z.shape[1]
-    slopes += [differ(np.zeros_like(solution.u), np.broadcast_to(row, still.shape)) for row in np.eye(count)]
-    if any(slope is None for slope in slopes):
-        return 1.0
+    for u, z in steps:
+        ends = [problem.solve(names, solution.u + s * u, solution.z + s * z, moving=False) for s in (NUDGE, -NUDGE)]
+        if any(end.failed for end in ends):
+            return 1.0
+        slopes.append((ends[0].state - ends[1].state) / (2.0 * NUDGE * DEPRESSION_SD))
     counted = np.asarray(problem.records.stack.weights)[: problem.records.count, 0] > 0
-    rows = np.stack([np.where(counted, slope, 0.0) for slope in slopes if slope is not None], axis=2)
-    free = len(solution.names)
-    wider = dc.replace(solution, shared=np.concatenate([solution.shared, rows[:, :, :free]], axis=1),
-                       own=np.concatenate([solution.own, rows[:, :, free:]], axis=1),
+    rows = np.where(counted[..., None], np.stack(slopes, axis=2), 0.0)
+    wider = dc.replace(solution, shared=np.concatenate([solution.shared, rows[:, :, :len(names)]], axis=1),
+                       own=np.concatenate([solution.own, rows[:, :, len(names):]], axis=1),
                        residual=np.concatenate([solution.residual, np.zeros(rows.shape[:2])], axis=1))
     columns, both = (one.flattened()[0] for one in (solution, wider))
     return measure_spread(columns, columns, blend) / measure_spread(both, columns, blend)
@@ -328,6 +307,11 @@ def measure_spread(rows: np.ndarray, columns: np.ndarray, blend: Blend) -> float
     unit = rows / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, s, right = np.linalg.svd(unit, full_matrices=False)
     return float(np.linalg.norm((right @ blend.direction) / np.maximum(s, 1e-6)))
+
+
+def list_changes(changes: Sequence[tuple[str, float, str]]) -> str:
+    """Changes of parameters (name, sign, size) in words, such as `raising a by 1 % and lowering b by 0.02`."""
+    return list_words([f"{'raising' if sign > 0 else 'lowering'} {name} by {size}" for name, sign, size in changes])
 
 
 def list_words(words: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ import dataclasses as dc
 import difflib
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -57,41 +57,39 @@ def is_fitted(name: str) -> bool:
     return not any(str(name) in one.models for one in list_families()) and Path(name).is_dir()
 
 
+def is_model(value: Any) -> bool:
+    """Whether it is a reference model, extended or not, or a class of such."""
+    if isinstance(value, type):
+        return issubclass(value, AbstractModel) and not inspect.isabstract(value)
+    return isinstance(value, (AbstractModel, AbstractLaw))
+
+
 def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:
-    """The reference model that a name stands for, where it is no fitted one.
-
-    Args:
-        name: a built-in model, or `FILE.py:NAME` for one of the user's own: a subclass of `AbstractReference` or
-            `AbstractFriction`, an instance of one or of `Striker`, or a law that extends one by effects.
-        family: of the records, as built-in names stand for different models in different families.
-
-    Raises:
-        InputError: There is no such model, file or name, or it is none of these things.
-    """
-    name = str(name)
+    """The reference model that a name stands for, where it is no fitted one; as for `archive.resolve_model`."""
     models = find_family(family).models
     if name == USUAL and models:
-        name = next((one for one in models if one == USUAL), next(iter(models)))
+        name = USUAL if USUAL in models else next(iter(models))
     if name in models:
-        model = models[name]
-        return ResolvedModel(name, model.make(), model.text)
+        return ResolvedModel(name, models[name].make(), models[name].text)
     own = split_name(name)
     if own is not None:
         return _import_model(name, *own)
-    made = _build_model(name)
+    outer, _, rest = name.removesuffix(")").partition("(")
+    parts = [part.strip() for part in rest.split(",")]
+    made = None
+    if name in PARTS:
+        made = PARTS[name]()
+    elif outer == "Striker" and name.endswith(")") and len(parts) == 2 and {*parts} <= {*PARTS}:
+        made = Striker(*(cast(Any, PARTS[part]()) for part in parts))
     if made is not None:
         return ResolvedModel(name, made, _describe_class(type(made)))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
-    other = [one.name for one in list_families() if name in one.models]
-    if other:
-        raise InputError(f"the model {name!r} is one for {' and '.join(other)} records, and these are of the family "
-                         f"{family!r}: for them there is {', '.join(models)}, a folder that fit or discover wrote, or "
-                         "FILE.py:NAME")
-    near = difflib.get_close_matches(name, models, n=1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    raise InputError(f"there is no model {name!r}{hint}; it is one of {', '.join(models)}, a folder that fit or "
-                     "discover wrote, or FILE.py:NAME")
+    if not models:
+        raise InputError(f"there is no model {name!r} of {family} records; give a folder that fit or discover wrote, "
+                         "or FILE.py:NAME")
+    raise InputError(f"there is no model {name!r}{_suggest(name, models)}; it is one of {', '.join(models)}, a folder "
+                     "that fit or discover wrote, or FILE.py:NAME")
 
 
 def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> ResolvedModel:
@@ -109,13 +107,19 @@ def wrap_model(model: AbstractModel | type[AbstractModel] | AbstractLaw) -> Reso
         except TypeError as error:
             raise InputError(f"{model.__name__}() cannot be made without arguments ({error}); give an instance"
                              ) from None
-    effects = model.effects if isinstance(model, AbstractLaw) else ()
+    effects = tuple(model.effects) if isinstance(model, AbstractLaw) else ()
     reference = model.reference if isinstance(model, AbstractLaw) else model
-    own = next((one for one in list_families() if one.name == type(reference).family), None)
+    kind = type(reference)
+    own = next((one for one in list_families() if one.name == kind.family), None)
     for name, built in own.models.items() if own else ():
         if _identify(built.make()) == _identify(reference):
-            return ResolvedModel(name, reference, built.text, tuple(effects))
-    return ResolvedModel(_name_class(reference), reference, _describe_class(type(reference)), tuple(effects))
+            return ResolvedModel(name, reference, built.text, effects)
+    file, name = getattr(sys.modules.get(kind.__module__), "__file__", None), kind.__name__
+    if isinstance(reference, Striker):
+        name = f"Striker({type(reference.ball).__name__}, {type(reference.friction).__name__})"
+    elif PARTS.get(name) is not kind and file is not None:
+        name = f"{file}:{kind.__qualname__}"
+    return ResolvedModel(name, reference, _describe_class(kind), effects)
 
 
 def _identify(reference: AbstractModel) -> tuple:
@@ -124,28 +128,14 @@ def _identify(reference: AbstractModel) -> tuple:
     return tuple(type(part) for part in parts_of(reference)), tuple(list_choices(reference).items()), held
 
 
-def _name_class(reference: AbstractModel) -> str:
-    kind = type(reference)
-    if isinstance(reference, Striker):
-        return f"Striker({type(reference.ball).__name__}, {type(reference.friction).__name__})"
-    if PARTS.get(kind.__name__) is kind:
-        return kind.__name__
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    return kind.__name__ if file is None else f"{file}:{kind.__qualname__}"
-
-
-def _build_model(name: str) -> AbstractModel | None:
-    """The model that a name by classes stands for (`Ball`, `Striker(Ball, CoulombFriction)`), or None."""
-    outer, _, rest = name.removesuffix(")").partition("(")
-    if outer == "Striker" and name.endswith(")"):
-        parts: list[Any] = [PARTS[part.strip()]() for part in rest.split(",") if part.strip() in PARTS]
-        return Striker(*parts) if len(parts) == 2 else None
-    return PARTS[name]() if name in PARTS else None
-
-
 def _describe_class(kind: type) -> str:
     """First paragraph of a class's docstring."""
     return " ".join((kind.__doc__ or kind.__name__).strip().split("\n\n")[0].split())
+
+
+def _suggest(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
@@ -159,7 +149,7 @@ def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
              and one.__module__ == module.__name__ and not one.__name__.startswith(("_", "Abstract"))]
     if not found:
         raise InputError("the file holds no effect: no class made from one of ddetumble's effect classes", file=path)
-    taken = {effect.id for effect in list_known()} - {one.id for one in found if one in list_known()}
+    taken = {effect.id for effect in list_known() if effect not in found}
     for one in found:
         if one.id in taken:
             raise InputError(f"the class {one.__name__} has the id {one.id!r}, which the catalogue has or another "
@@ -188,10 +178,8 @@ def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[
         return known[name]
     own_file = split_name(name)
     if own_file is None:
-        near = difflib.get_close_matches(str(name), known, n=1)
-        hint = f" (did you mean {near[0]}?)" if near else ""
-        raise InputError(f"there is no effect {name!r}{hint}; `ddetumble effects` lists them, and FILE.py:NAME is one "
-                         "of your own")
+        raise InputError(f"there is no effect {name!r}{_suggest(str(name), known)}; `ddetumble effects` lists them, "
+                         "and FILE.py:NAME is one of your own")
     path, attribute = own_file
     found = run_file(path).__dict__.get(attribute)
     if not isinstance(found, type) or not issubclass(found, AbstractEffect):
@@ -203,13 +191,13 @@ def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[
 def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
     """Take one model from the user's file."""
     module = run_file(path)
-    if not attribute.isidentifier() or attribute not in module.__dict__:
-        here = [key for key, value in module.__dict__.items() if _is_model(value) and not key.startswith("_")
+    if attribute not in module.__dict__:
+        here = [key for key, value in module.__dict__.items() if is_model(value) and not key.startswith("_")
                 and getattr(value, "__module__", module.__name__) == module.__name__]
         offer = f"; it has {', '.join(here)}" if here else ""
         raise InputError(f"there is no {attribute!r} in the file{offer}", file=path)
     found = module.__dict__[attribute]
-    if not _is_model(found):
+    if not is_model(found):
         raise InputError(f"{attribute} is no reference model: it has to be a subclass of ddetumble's "
                          "AbstractReference, an instance of one, or a ContactLaw", file=path)
     try:
@@ -221,9 +209,3 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
     if isinstance(made, AbstractLaw):
         return ResolvedModel(name, made.reference, own, tuple(made.effects))
     return ResolvedModel(name, made, _describe_class(type(made)) if type(made).__doc__ else own)
-
-
-def _is_model(value) -> bool:
-    if isinstance(value, type):
-        return issubclass(value, AbstractModel) and not inspect.isabstract(value)
-    return isinstance(value, (AbstractModel, AbstractLaw))

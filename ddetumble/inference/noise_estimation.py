@@ -61,24 +61,23 @@ def spline_columns(time: np.ndarray, spans: list[Span]) -> sparse.csr_matrix:
 def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
     found, family = {}, find_family(records.family)
-    contact = family.has_contact
-    values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
+    contact, stack = family.has_contact, records.stack
+    values, time, weights = (np.asarray(x) for x in (stack.values, stack.time, stack.weights))
+    spans = [list_spans(records, r, float(solution.end[r])) for r in range(records.count)]
     for c, channel in enumerate(records.channels):
-        traces, steps, pairs = [], [], []
+        traces, steps, pairs, medians = [], [], [], []
         for r, n in enumerate(records.lengths):
-            difference = np.diff(time[r, :n])
             # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
             # the parts of a tumbling record between its gaps.
-            used = np.asarray(records.stack.weights)[r, c, :n] > 0
-            if contact and records.complete[r, c]:
-                used = np.ones(n, dtype=bool)
+            used = np.ones(n, dtype=bool) if contact and records.complete[r, c] else weights[r, c, :n] > 0
             if used.sum() < LEAST:
                 continue
-            trace = (values[r, c] - solution.channels[r, c])[:n]
-            smooth = spline_columns(time[r, :n], list_spans(records, r, float(solution.end[r])))
+            t, trace = time[r, :n], (values[r, c] - solution.channels[r, c])[:n]
+            smooth, difference = spline_columns(t, spans[r]), np.diff(t)
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
             trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
-            pairs.append((time[r, :n][used], trace[used], float(np.median(difference))))
+            pairs.append((t[used], trace[used]))
+            medians.append(float(np.median(difference)))
             if not np.allclose(difference, difference[0], rtol=2e-3):
                 continue
             for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
@@ -86,9 +85,8 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
                     traces.append(trace[run])
                     steps.append(difference[0])
         stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
-        if sum(map(len, traces)) < 0.5 * sum(len(pair[0]) for pair in pairs):
-            found[channel] = estimate_from_pairs([pair[:2] for pair in pairs], float(np.median([p[2] for p in pairs])),
-                                                 stated.stated_sd)
+        if sum(map(len, traces)) < 0.5 * sum(len(t) for t, _ in pairs):
+            found[channel] = estimate_from_pairs(pairs, float(np.median(medians)), stated.stated_sd)
             continue
         if not traces:
             found[channel] = dc.replace(stated, log_level_sd=0.1,
@@ -98,14 +96,11 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
         interval = float(np.median(steps) if contact else np.sort(steps)[len(steps) // 2])
         same = [r for r in range(records.count)
                 if contact or abs(float(time[r, 1] - time[r, 0]) / interval - 1) < 2e-3]
-        lengths = [high - low for r in same
-                   for low, high, _ in list_spans(records, r, float(solution.end[r]))[: 1 if contact else None]]
+        lengths = [span.high - span.low for r in same for span in spans[r][: 1 if contact else None]]
         lowest = 10.0 / float(np.median(lengths))
         if family.free_running:
-            spans = [list_spans(records, r, 0.0)[0] for r in same]
-            numbers = [min(number, records.lengths[r] // 4) / (b - a) for r, (a, b, number) in zip(same, spans,
-                                                                                                  strict=True)]
-            lowest = 0.6 * float(np.max(numbers))
+            lowest = 0.6 * float(max(min(spans[r][0].splines, records.lengths[r] // 4)
+                                     / (spans[r][0].high - spans[r][0].low) for r in same))
         found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
                                          if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
                                         _quiet_deviation(records, c))
@@ -128,14 +123,12 @@ def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] |
     if not find_family(records.family).has_contact:
         return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
-    squares, count, lengths = 0.0, 0, []
-    for r, n in enumerate(records.lengths):
-        before = values[r, channel, :n][time[r, :n] < -1e-4]
-        if len(before) > 3 and records.complete[r, channel]:
-            squares += float(np.sum((before - before.mean()) ** 2))
-            count += len(before) - 1
-            lengths.append(len(before))
-    return (float(np.sqrt(squares / count)), count, int(np.median(lengths))) if count and squares > 0 else None
+    quiet = [values[r, channel, :n][time[r, :n] < -1e-4] for r, n in enumerate(records.lengths)
+             if records.complete[r, channel]]
+    quiet = [before for before in quiet if len(before) > 3]
+    squares = sum(float(np.sum((before - before.mean()) ** 2)) for before in quiet)
+    count = sum(len(before) - 1 for before in quiet)
+    return (float(np.sqrt(squares / count)), count, int(np.median([len(x) for x in quiet]))) if squares > 0 else None
 
 
 def changed(before: Mapping[str, Noise], after: dict[str, Noise]) -> bool:
@@ -171,14 +164,9 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
             how long a stretch is; it replaces what is stated where the two disagree beyond doubt, unless noise of the
             stated size would stray as little over so short a while.
     """
-    expected, doubtful = stated_sd, False
-    if quiet_sd is not None and stated_sd is not None and quiet_sd[1] >= 30:
-        doubtful = abs(np.log(quiet_sd[0] / stated_sd)) > max(0.15, 10.0 / np.sqrt(2.0 * quiet_sd[1]))
     power, frequency = [], []
-    for trace in traces:
+    for trace in (one for one in traces if len(one) >= LEAST):
         n = len(trace)
-        if n < LEAST:
-            continue
         window = np.hanning(n + 2)[1:-1]
         window = window / np.sqrt(np.mean(window**2))
         x = np.fft.rfft((trace - np.mean(trace)) * window)
@@ -186,42 +174,41 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         keep = (f >= lowest) & (f < 0.49 / interval)
         power.append(np.abs(x[keep]) ** 2 / n)
         frequency.append(f[keep])
-    count = sum(len(p) for p in power)
-    if count < LEAST:
-        sd = expected if expected is not None else float(np.std(np.concatenate(traces)))
-        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2,
-                     "too few samples to measure its correlation: taken as white")
+    if sum(map(len, power)) < LEAST:
+        return _assume_white(float(np.std(np.concatenate(traces))), interval, stated_sd)
     power, frequency = np.concatenate(power), np.concatenate(frequency)
-    # A Hann window makes neighbouring ordinates correlated: about half of them are independent.
-    weight = 0.5
-
-    def weigh(sd, rho, white):
-        s = sd**2 * _spectrum(frequency, interval, rho, white)
-        return weight * np.sum(np.log(s) + power / s)
-
     frequencies, counts, means = _gather(frequency, power)
+    weight = 0.5  # a Hann window makes neighbouring ordinates correlated: about half of them are independent
 
     def choose(expected):
-        return weigh_kinds(
+        return _weigh_kinds(
             lambda rho, white: _spectrum(frequencies, interval, rho[:, None], white[:, None]),
             lambda rho, white: np.log(_spectrum(lowest * BELOW, interval, rho[:, None], white[:, None])).mean(axis=1),
             weight * counts, means, expected, DRIFT / (lowest * interval), interval, stated_sd)
 
-    found = choose(expected)
-    if not doubtful or quiet_sd is None:
+    found = choose(stated_sd)
+    if quiet_sd is None or stated_sd is None:
         return found
     quiet, count, length = quiet_sd
+    if count < 30 or abs(np.log(quiet / stated_sd)) <= max(0.15, 10.0 / np.sqrt(2.0 * count)):
+        return found
 
     def judge(noise):
+        s = noise.sd**2 * _spectrum(frequency, interval, noise.correlation, noise.white_share)
         spread = noise.sd**2 * _stray(noise.correlation, noise.white_share, length)
         free = 0.5 * count * (1.0 - noise.correlation) / (1.0 + noise.correlation)
-        return (weigh(noise.sd, noise.correlation, noise.white_share)
+        return (weight * np.sum(np.log(s) + power / s)
                 + 0.5 * free * (np.log(spread / quiet**2) + quiet**2 / spread - 1.0)
                 + WORTH * ((noise.correlation > 0) + (noise.white_share > 0)))
 
     # A slow drift beside white noise of another size would say the same: the simpler account is believed.
     other = choose(quiet)
     return other if judge(other) < judge(found) else found
+
+
+def _assume_white(sd: float, interval: float, stated_sd: float | None) -> Noise:
+    return Noise(sd if stated_sd is None else stated_sd, 0.0, 0.0, interval, stated_sd, 0.2,
+                 "too few samples to measure its correlation: taken as white")
 
 
 def _stray(correlation: float, white: float, length: int) -> float:
@@ -249,13 +236,11 @@ def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: f
             squares.append((x[k:] - x[:-k])[near] ** 2)
     lag, square = np.concatenate(lags), np.concatenate(squares)
     if len(lag) < LEAST * PAIRS:
-        sd = stated_sd if stated_sd is not None else float(np.sqrt(np.mean(square) / 2.0))
-        return Noise(sd, 0.0, 0.0, interval, stated_sd, 0.2,
-                     "too few samples to measure its correlation: taken as white")
+        return _assume_white(float(np.sqrt(np.mean(square) / 2.0)), interval, stated_sd)
     weight = 0.5 / PAIRS  # every sample is in so many pairs
 
     lags, counts, squares = _gather(lag / interval, square)
-    found = weigh_kinds(
+    found = _weigh_kinds(
         lambda rho, white: 2.0 * (1.0 - (1.0 - white[:, None]) * rho[:, None] ** lags),
         lambda rho, white: np.log(_spectrum(SLOW / interval, interval, rho[:, None], white[:, None])).mean(axis=1),
         weight * counts, squares, stated_sd, DRIFT / SLOW[0], interval, stated_sd)
@@ -287,7 +272,7 @@ class _Nodes:
         return float(np.log(self.volume * np.sum(np.exp(low - self.loss))) - low)
 
 
-def weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np.ndarray,
+def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np.ndarray,
                 expected: float | None, longest: float, interval: float, stated_sd: float | None) -> Noise:
     r"""Average over white noise, AR(1) noise and their sum, each as likely as the others beforehand.
 

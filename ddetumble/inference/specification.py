@@ -10,9 +10,14 @@ from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from .._errors import InputError
 from .._settings import find_data
+from .._user_files import split_name
 
 
 SCHEMA = "ddetumble.fit/1"
+SECTIONS = {  # whose keys are parameters, and what stands there
+    "free": "has to be a number (its start) or true", "fixed": "has to be a number",
+    "priors": "has to be { mean = number, sd = positive number }", "bounds": "has to be [low, high]",
+}  # fmt: skip
 Number = StrictFloat | StrictInt
 
 
@@ -102,10 +107,9 @@ def read_specification(path) -> tuple[Specification, str]:
     path = path / "fit.toml" if path.is_dir() else path
     try:
         data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("there is no such file", file=path) from None
     except OSError as error:
-        raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
+        raise InputError("there is no such file" if isinstance(error, FileNotFoundError) else
+                         f"the file cannot be read ({error.strerror or error})", file=path) from None
     try:
         content = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError:
@@ -113,31 +117,31 @@ def read_specification(path) -> tuple[Specification, str]:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"this is no TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
-        found = content.get("schema")
-        raise InputError(f"the schema has to be {SCHEMA!r}; it is {found!r}", file=path, key="schema")
+        raise InputError(f"the schema has to be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
     try:
-        found = Specification.model_validate(_flatten(content))
+        found = Specification.model_validate(content | {
+            section: _join_names(content[section], section == "priors") for section in SECTIONS
+            if isinstance(content.get(section), dict)})
     except pydantic.ValidationError as error:
         raise InputError(_list_faults(error), file=path) from None
-    here = path.parent
-    update = {"campaign": str(_find_campaign(found.campaign, path)), "model": _see(found.model, here),
-              "effects": [_see(name, here) for name in found.effects]}
+
+    def see(name: str) -> str:
+        """A name of a model or effect as seen from the working folder."""
+        own = split_name(name)
+        if own is not None:
+            return f"{path.parent / own[0]}:{own[1]}"
+        return str(path.parent / name) if (path.parent / name / "model.json").is_file() else name
+
+    places = [place for place in (path.parent / found.campaign, find_data() / found.campaign) if place.exists()]
+    if not places:
+        raise InputError(f"there is no campaign {found.campaign!r}, neither from this file's folder on nor among those "
+                         "that come with the toolkit", file=path, key="campaign")
+    update = {"campaign": str(places[0]), "model": see(found.model), "effects": [see(name) for name in found.effects]}
     return found.model_copy(update=update), hashlib.sha256(data).hexdigest()
 
 
-def _flatten(content: dict) -> dict:
-    """Parameters of effects may be written with their dot, which TOML reads as a table: `wall-stiffness.q = 1.5`."""
-    content = dict(content)
-    for section in ("free", "fixed", "priors", "bounds"):
-        table = content.get(section)
-        if not isinstance(table, dict):
-            continue
-        content[section] = _join_names(table, section == "priors")
-    return content
-
-
 def _join_names(table: dict, priors: bool) -> dict:
-    """Tables within a table as names with dots, however deep: `constant-torque.torque.0`."""
+    """Tables within a table as names with dots, however deep: TOML reads `wall-stiffness.q = 1.5` as one."""
     flat = {}
     for name, value in table.items():
         if isinstance(value, dict) and not (priors and set(value) & {"mean", "sd"}):
@@ -151,11 +155,8 @@ def _list_faults(error: pydantic.ValidationError) -> str:
     """All faults in one sentence, each with its key."""
     faults: dict[str, str] = {}
     for fault in error.errors():
-        place = fault["loc"]
-        section = place[0] in ("free", "fixed", "priors", "bounds")
-        key = ".".join(str(part) for part in (place[:2] if section else place))
-        message = fault["msg"].removeprefix("Value error, ")
-        kind = fault["type"]
+        place, kind, message = fault["loc"], fault["type"], fault["msg"].removeprefix("Value error, ")
+        section = place[0] in SECTIONS
         if kind == "extra_forbidden":
             known = Sampler if len(place) > 1 and place[0] == "sampler" else Prior if section else Specification
             message = "is not a key that a fit has; there are " + ", ".join(
@@ -163,27 +164,6 @@ def _list_faults(error: pydantic.ValidationError) -> str:
         elif kind == "missing":
             message = "is missing"
         elif section and kind != "value_error":
-            message = {"free": "has to be a number (its start) or true", "fixed": "has to be a number",
-                       "priors": "has to be { mean = number, sd = positive number }",
-                       "bounds": "has to be [low, high]"}[str(place[0])]
-        else:
-            message = f"{message[:1].lower()}{message[1:]}"
-        faults.setdefault(key, message)
+            message = SECTIONS[str(place[0])]
+        faults.setdefault(".".join(map(str, place[:2] if section else place)), f"{message[:1].lower()}{message[1:]}")
     return "; ".join(f"{key}: {message}" for key, message in faults.items())
-
-
-def _find_campaign(text: str, path: Path) -> Path:
-    given = Path(text)
-    for candidate in (path.parent / given, find_data() / given):
-        if candidate.exists():
-            return candidate
-    raise InputError(f"there is no campaign {text!r}, neither from this file's folder on nor among those that come "
-                     "with the toolkit", file=path, key="campaign")
-
-
-def _see(name: str, here: Path) -> str:
-    """A name of a model or effect as seen from the working folder."""
-    file, colon, attribute = name.rpartition(":")
-    if colon and file.endswith(".py"):
-        return f"{here / file}:{attribute}"
-    return str(here / name) if (here / name / "model.json").is_file() else name

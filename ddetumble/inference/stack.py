@@ -283,6 +283,14 @@ def trim_records(records: Records) -> Records:
     return dc.replace(records, stack=stack)
 
 
+def hold_conditions(records: Records) -> Records:
+    """Records whose conditions, time origins and common errors are exact; what they start from stays free."""
+    free = jnp.asarray([name in records.starts for name in records.nuisances])
+    still = jnp.where(free, records.stack.condition_sd, 0.0)
+    inputs = {name: x for name, x in records.stack.inputs.items() if name != "common"}
+    return dc.replace(records, stack=dc.replace(records.stack, condition_sd=still, inputs=inputs))
+
+
 def _last_contact(time: np.ndarray, force: np.ndarray, noise: Noise) -> float:
     """Time of the last force above four deviations, or the end where there is none."""
     above = np.flatnonzero(np.nan_to_num(force) > 4.0 * noise.sd)
