@@ -16,17 +16,18 @@ PRINTED = np.array([39.8, 69.183, 75.9])
 def test_demand_by_hand():
     """Momentum over time and lever arm, from the tables' totals."""
     five = find_demand(read_momentum("table-5"), PRINTED, 0.2)
-    assert five.share == pytest.approx(1 - 26.815 / 72.829, abs=2e-5)
-    assert five.moment == pytest.approx((72.829 - 26.815) / 0.4, rel=1e-4)
-    assert five.forces["side wall, at the rim"] == pytest.approx(115.04 / 1.5, rel=1e-4)
-    assert five.rubbed["side wall, at the rim"] == pytest.approx(115.04 / 1.7, rel=1e-4)
-    assert five.rubbed["end face, at the rim"] == pytest.approx(115.04 / 1.3, rel=1e-4)
-    assert five.arms.min() > 1.5  # no printed force is enough at the lever arm that there is
+    assert five["share"] == pytest.approx(1 - 26.815 / 72.829, abs=2e-5)
+    assert five["moment"] == pytest.approx((72.829 - 26.815) / 0.4, rel=1e-4)
+    assert five["forces"]["side wall, at the rim"] == pytest.approx(115.04 / 1.5, rel=1e-4)
+    assert five["forces_with_friction"]["side wall, at the rim"] == pytest.approx(115.04 / 1.7, rel=1e-4)
+    assert five["forces_with_friction"]["end face, at the rim"] == pytest.approx(115.04 / 1.3, rel=1e-4)
+    assert five["smallest_arm"] > 1.5  # no printed force is enough at the lever arm that there is
     six = find_demand(read_momentum("table-6"), PRINTED, 0.2)
-    assert six.forces["end face, at the rim"] == pytest.approx(50.0, abs=0.02)
+    assert six["forces"]["end face, at the rim"] == pytest.approx(50.0, abs=0.02)
     # Whatever stays along the axis turns the direction by the difference of two angles.
-    a = 72.829 * np.sin(five.tilt)
-    assert np.arcsin(a / 26.8146) - np.arcsin(a / 72.829) == pytest.approx(five.turn, rel=1e-3)
+    a = 72.829 * np.sin(np.radians(five["tilt"]))
+    turn = np.degrees(np.arcsin(a / 26.8146) - np.arcsin(a / 72.829))
+    assert turn == pytest.approx(five["turn"], rel=1e-3)
 
 
 @pytest.mark.slow

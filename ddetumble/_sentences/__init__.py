@@ -21,11 +21,24 @@ def say(name: str, /, **facts) -> Sentence:
         name: `file.macro` of a template in this folder.
         **facts: plain values that it tells.
     """
-    file, macro = name.split(".")
-    text = getattr(_load().get_template(f"{file}.jinja").module, macro)(**facts)
-    sentence = Sentence(re.sub(r" ([;,.)])(?=\s|$)", r"\1", " ".join(str(text).split())))
+    sentence = Sentence(_join_lines(_render(name, facts)))
     sentence.name, sentence.facts = name, facts
     return sentence
+
+
+def tell(name: str, /, **facts) -> list[str]:
+    """The blocks of a template, which empty lines part: each on one line, but rows of a table on one each."""
+    blocks = (block.strip() for block in re.split(r"\n\s*\n", _render(name, facts)))
+    return [block if block.startswith("| ") else _join_lines(block) for block in blocks if block]
+
+
+def _render(name: str, facts: Mapping[str, Any]) -> str:
+    file, macro = name.split(".")
+    return str(getattr(_load().get_template(f"{file}.jinja").module, macro)(**facts))
+
+
+def _join_lines(text: str) -> str:
+    return re.sub(r" ([;,.)])(?=\s|$)", r"\1", " ".join(text.split()))
 
 
 def join_sentences(*parts: str) -> Sentence:
@@ -50,6 +63,7 @@ def _load():
         "name": lambda name: q.describe_quantity(name).name,
         "estimate": lambda one: q.format_estimate(one.estimate, one.sd, one.unit),
         "g": lambda value, digits=3: f"{value:.{digits}g}", "f": lambda value, digits=2: f"{value:.{digits}f}",
+        "signed": lambda value, digits=2: f"{value:.{digits}f}".replace("-", "−"),
         "begin": lambda text: text[:1].upper() + text[1:],
         "count": lambda number, noun: f"{number} {noun}{'' if number == 1 else 's'}",
     }

@@ -1,17 +1,19 @@
 """`ddetumble paper`: the paper beside the toolkit, computed and written as one page."""
 
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._numerics import scalar
-from ..contact.law import Ball, ContactLaw
+from .._sentences import say
+from .._settings import find_data
+from ..contact.law import Ball
 from .contradictions import (
     ELSEWHERE,
+    READINGS,
     SPEED,
-    Contradiction,
     draw_core,
     draw_duration,
     draw_errors,
@@ -22,16 +24,14 @@ from .contradictions import (
     draw_sign,
     list_contradictions,
     list_friction_points,
-    reading,
 )
 from .detumbling import write_detumbling
-from .friction import FrictionJudgement
-from .friction_page import draw_friction_points, read_friction, write_friction
+from .friction_page import draw_friction_errors, draw_range, draw_rest, read_friction, write_friction
 from .judgement import PeakJudgement, judge_campaign
 from .peak_page import draw_corrections, draw_differences, draw_growth, draw_ladder, draw_values
-from .peaks import ATMOSPHERE, Bench, PeakData, PeakProgram, Recipe, choose_effects, simulate_impacts
+from .peaks import ATMOSPHERE, Bench, PeakData, PeakProgram, Recipe, choose_effects
 from .rows import Noise, PairedDifference, PeakRow, compare_rows, describe_estimates, make_interval, make_row
-from .tables import find_data, read_errors
+from .section import read_errors, write_section
 from .tumbling import write_tumbling
 
 
@@ -46,7 +46,7 @@ CHANGES = (
 
 
 def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, speeds: np.ndarray, printed: np.ndarray,
-                    peaks: np.ndarray, noise: Noise) -> tuple[list[PeakRow], list[PairedDifference], dict]:
+                    peaks: np.ndarray, noise: Noise) -> tuple[list[PeakRow], dict]:
     r"""Multiply the printed column by what one physical change does to our model, $F_{printed} F(\theta)/F(\theta_0)$.
 
     Pressures are read as gauge here (the atmosphere is added), so that every row has gas for a change to act on.
@@ -59,7 +59,7 @@ def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, sp
         noise: of single peaks.
 
     Returns:
-        One row a change, their paired differences, and the fitted ratio of each, shape (records,), by label.
+        One row a change, and the fitted ratio of each, shape (records,), by label.
     """
     from scipy.interpolate import CubicSpline
     from scipy.optimize import minimize_scalar
@@ -95,11 +95,11 @@ def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, sp
         value = make_interval(best, spread, "1/s" if name == "gas-leak.lambda" else "")
         rows.append(make_row(words, "correction", (), 1, printed * ratios[words], held, peaks, pressures, noise,
                              {name: value}, remark="at its limit" if min(best - low, high - best) < 1e-4 else ""))
-    pairs = [compare_rows(a, b, peaks) for k, a in enumerate(rows) for b in rows[k + 1:]]
-    return rows, pairs, ratios
+    return rows, ratios
 
 
 RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
+KEPT = 0.7  # restitution of our model
 
 
 def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
@@ -117,65 +117,66 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     from ..measurement.package import read_campaign
     from ..reports.page import write_page
 
-    table = read_campaign(find_data("paper/table-3"))
-    figure = read_campaign(find_data("paper/figure-8"))
-    judged = {"Figure 8": _judge_impacts(figure), "Table 3": _judge_impacts(table)}
-    slipped = judge_campaign(read_campaign(find_data("paper/table-4")))
-    assert isinstance(slipped, FrictionJudgement)
-    friction = read_friction(slipped)
-    masses = vary_restitution(judged["Figure 8"])
-    times = {"ours": _span(judged["Figure 8"].contact[0]),
-             **{name: time_impacts(name, judged["Figure 8"]) for name in ("quarter", "area")}}
+    table, figure, slip = (read_campaign(find_data() / "paper" / name) for name in ("table-3", "figure-8", "table-4"))
+    peaks: Any
+    peaks, forces, slipped = (judge_campaign(campaign) for campaign in (figure, table, slip))
     assert table.peaks is not None
-    rows = {"printed": table.peaks["printed_peak_normal_force"].to_numpy(float),
-            "printed_error": read_errors("table-3")}
+    printed, stated = table.peaks["printed_peak_normal_force"].to_numpy(float), read_errors("table-3")
+    friction, masses = read_friction(slipped), vary_restitution(peaks)
+    mass = masses[RESTITUTIONS.index(KEPT)]["mass"]
+    times = {"ours": _span(peaks.contact[0]), **{name: time_impacts(name, peaks) for name in ("quarter", "area")}}
     points = list_contradictions(
-        {**rows, "measured": judged["Table 3"].peaks},
-        {"pressure": judged["Figure 8"].pressures, "peak": judged["Figure 8"].peaks}, times)
-    misses = next(point.values for point in points if point.number == 8)
-    points = sorted([*points, *list_friction_points(friction)], key=lambda point: point.number)
+        {"measured": forces.peaks, "printed": printed, "printed_error": stated},
+        {"pressure": peaks.pressures, "peak": peaks.peaks}, times) + list_friction_points(friction)
+    points = {point.number: point for point in sorted(points, key=lambda point: point.number)}
+    misses = points[8].values
+    worst = float(100 * np.max(np.abs(peaks.reference.fitted / peaks.peaks - 1.0)))
+    figures = {
+        "row-01-readings": draw_readings(), "row-02-core": draw_core(), "row-03-pressure": draw_pressure(),
+        "row-04-restitution": draw_restitution(), "row-05-rest": draw_rest(friction["load"]),
+        "row-06-range": draw_range(friction["load"]), "row-07-errors": draw_errors(forces.peaks, printed, stated),
+        "row-08-abscissae": draw_ranges(misses, forces.peaks, peaks.pressures / 1e6, peaks.peaks),
+        "row-09-duration": draw_duration(peaks.pressures, peaks.peaks, mass), "row-12-sign": draw_sign(mass),
+        "row-13-errors": draw_friction_errors(friction["measured"], friction["printed"], friction["printed_error"]),
+        "figure-8-growth": draw_growth(peaks), "figure-8-ladder": draw_ladder(peaks),
+        "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
+        "table-3-differences": draw_differences(
+            forces.pairs, "mean |error| of the first minus that of the second [points]"),
+    }  # fmt: skip
     pages, numbers = write_friction(slipped, friction, misses)
     tumbling, motion = write_tumbling()
     mean, spread = slipped.ratio
-    detumbling, impacts = write_detumbling(
-        judged["Figure 8"].peaks, judged["Table 3"].peaks, rows["printed"], float(mean))
-    sections = [_write_points(points, rows, judged, masses, draw_friction_points(friction)),
-                _write_figure(judged["Figure 8"], masses), *_write_table(judged["Table 3"], rows["printed"]), *pages,
-                tumbling, detumbling]
-    found = {"improved": "no single effect of the catalogue does what a curve without physics does",
-             "unexplained": "no effect of the catalogue helps",
-             "explained": f"{' and '.join(judged['Table 3'].effects)} explains what is missing"}
-    sentence = (f"On normal force and friction the paper contradicts itself at {len(points)} points. "
-                f"One free mass puts our model within {_worst(judged['Figure 8']):.1f} % of Figure 8's four peaks; on "
-                f"Table 3 {found.get(judged['Table 3'].verdict, 'nothing can be shown to be missing')}. On Table 4 a "
-                f"constant coefficient, {mean:.3f} ± {spread:.3f}, does as well as the corrected law, whose slip term "
-                f"diverges at every load of the table. In free rotation the printed cylinder keeps its nutation angle, "
-                f"which the paper has changing.")
-    for point in points:
+    detumbling, impacts = write_detumbling(peaks.peaks, forces.peaks, printed, mean)
+    spans = [one["worst"] for one in masses]
+    sections = [
+        write_section("points", figures, points=points.values(), elsewhere=ELSEWHERE.items(),
+                      drawn=[(name, points[int(name[4:6])]) for name in figures if name.startswith("row-")]),
+        write_section("figure_8", figures, [peaks.table()], verdict=peaks.verdict, sentence=peaks.sentence,
+                      notes=peaks.notes, worst=worst, masses=masses, least=min(spans), most=max(spans),
+                      exponent=peaks.exponent[0], error=peaks.exponent[1]),
+        write_section("table_3", figures, [forces.table()], verdict=forces.verdict, sentence=forces.sentence,
+                      notes=forces.notes),
+        _write_corrections(forces, printed), *pages, tumbling, detumbling]
+    sentence = say("paper.summary", points=len(points), worst=worst, verdict=forces.verdict,
+                   effects=list(forces.effects), mean=mean, spread=spread)
+    judged = {"Figure 8": peaks, "Table 3": forces, "Table 4": slipped}
+    for point in points.values():
         echo(f"{point.number:2d}  {point.sentence}")
-    everything = {**judged, "Table 4": slipped}
-    for name, one in everything.items():
+    for name, one in judged.items():
         echo(f"{name}: {one.verdict}. {one.sentence}")
-    echo(numbers["band"]["sentence"])
-    echo(motion["sentence"])
-    echo(impacts["sentence"])
+    for found in (numbers["band"], motion, impacts):
+        echo(found["sentence"])
     facts = [(name, one.verdict.replace("-", " "), f"{len(one.peaks)} {'forces' if one is slipped else 'peaks'}")
-             for name, one in everything.items()]
+             for name, one in judged.items()]
     page = write_page("The paper beside the toolkit: normal force, friction, free rotation, impacts", sentence,
                       sections, folder, "report.html", facts=facts)
     result = {"contradictions": [{"row": p.number, "title": p.title, "printed": p.printed, "found": p.found,
-                                  "used": p.used, "sentence": p.sentence, "values": dict(p.values)} for p in points],
-              "figure-8": judged["Figure 8"].to_dict(), "table-3": judged["Table 3"].to_dict(),
-              "table-4": {**slipped.to_dict(), **numbers}, "free_rotation": motion, "impacts": impacts}
+                                  "used": p.used, "sentence": p.sentence, "values": p.values} for p in points.values()],
+              "figure-8": peaks.to_dict(), "table-3": forces.to_dict(), "table-4": {**slipped.to_dict(), **numbers},
+              "free_rotation": motion, "impacts": impacts}
     text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (Path(folder) / "paper.json").write_text(text, encoding="utf-8")
     return page
-
-
-def _judge_impacts(campaign) -> PeakJudgement:
-    judged = judge_campaign(campaign)
-    assert isinstance(judged, PeakJudgement)
-    return judged
 
 
 def set_up_bench(judged: PeakJudgement) -> Bench:
@@ -214,7 +215,7 @@ def time_impacts(name: str, judged: PeakJudgement) -> tuple[float, float]:
     if name == "quarter":
         start["contact_radius_coefficient"] = 0.25
     else:
-        bench.program = PeakProgram(reading(name), ())
+        bench.program = PeakProgram(Ball(**READINGS[name][0]), ())
     row = bench.solve([Recipe(name, "reference", (), ("effective_mass",), (start,))])[0]
     return _span(bench.contact(row)[0])
 
@@ -223,123 +224,24 @@ def _span(times: np.ndarray) -> tuple[float, float]:
     return float(np.min(times)), float(np.max(times))
 
 
-def _worst(judged: PeakJudgement) -> float:
-    return float(100 * np.max(np.abs(judged.reference.fitted / judged.peaks - 1.0)))
-
-
-def _write_points(points: list[Contradiction], rows, judged, masses, more):
-    from ..reports.page import Section
-
-    figure, table = judged["Figure 8"], judged["Table 3"]
-    mass = next(one["mass"] for one in masses if one["restitution"] == 0.7)
-    by = {point.number: point for point in points}
-    drawn = {
-        1: ("row-01-readings", draw_readings()), 2: ("row-02-core", draw_core()),
-        3: ("row-03-pressure", draw_pressure()), 4: ("row-04-restitution", draw_restitution()),
-        7: ("row-07-errors", draw_errors(table.peaks, rows["printed"], rows["printed_error"])),
-        8: ("row-08-abscissae", draw_ranges(by[8], table.peaks, figure.pressures / 1e6, figure.peaks)),
-        9: ("row-09-duration", _draw_duration(figure, mass)), 12: ("row-12-sign", _draw_sign(mass)),
-    }  # fmt: skip
-    drawn = dict(sorted({**drawn, **more}.items()))
-    lines = [("row", "concerns", "the paper says", "its own equations or numbers give", "the toolkit uses")]
-    lines += [(str(p.number), p.title, p.printed, p.found, p.used) for p in points]
-    others = "; ".join(f"row {number}: {what}" for number, what in ELSEWHERE.items())
-    return Section(
-        "Where the paper does not agree with itself",
-        ["Every number below is computed here from the printed equations and tables, none is typed in.",
-         f"Points of the same list that concern other parts of the paper, and are shown with those: {others}."],
-        figures=[(name, f"Row {number}. {by[number].sentence}", drawing) for number, (name, drawing) in drawn.items()],
-        tables=[lines])
-
-
-def _draw_duration(judged: PeakJudgement, mass: float):
-    times = np.linspace(0.0, 0.3, 900)
-    law = ContactLaw(Ball(effective_mass=scalar(mass)))
-    conditions = {"initial_pressure": judged.pressures, "approach_speed": np.full(len(judged.peaks), SPEED)}
-    impact = simulate_impacts(law, conditions, times)
-    return draw_duration(times, np.asarray(impact.normal_force), judged.pressures / 1e6, judged.peaks, mass)
-
-
-def _draw_sign(mass: float):
-    times = np.linspace(0.0, 0.05, 400)
-    conditions = {"initial_pressure": np.array([1e6]), "approach_speed": np.array([SPEED])}
-    forces, depths = {}, {}
-    for name, sign in (("as printed", -1.0), ("Hunt and Crossley", 1.0)):
-        impact = simulate_impacts(ContactLaw(Ball(effective_mass=scalar(mass), damping_sign=sign)), conditions, times)
-        forces[name], depths[name] = np.asarray(impact.normal_force)[0], np.asarray(impact.depression)[0]
-    return draw_sign(times, forces, depths)
-
-
-def _write_figure(judged: PeakJudgement, masses):
-    from ..reports.page import Section
-
-    exponent, error = judged.exponent
-    spread = [one["worst"] for one in masses]
-    lines = [("restitution, kept there", "effective mass [kg]", "worst of four peaks [%]", "contact time [ms]")]
-    lines += [(f"{m['restitution']:g}", f"{m['mass']:.3f}", f"{100 * m['worst']:.2f}",
-               f"{1e3 * m['first']:.0f} to {1e3 * m['last']:.0f}") for m in masses]
-    return Section(
-        "Figure 8: four peaks and one free mass",
-        [f"Verdict: {judged.verdict}. {judged.sentence}",
-         f"One free effective mass puts all four peaks within {_worst(judged):.1f} %. The restitution does not matter "
-         f"for that: between {masses[0]['restitution']:g} and {masses[-1]['restitution']:g} the worst peak is off by "
-         f"{100 * min(spread):.2f} to {100 * max(spread):.2f} %, while the mass moves from {masses[0]['mass']:.2f} to "
-         f"{max(m['mass'] for m in masses):.2f} and {masses[-1]['mass']:.2f} kg. Peaks cannot tell them apart.",
-         f"The peaks grow as P₀ to the power {exponent:.2f} ± {error:.2f}: close to the 1/3 of a mass on F ∝ P₀ δ², "
-         "far from the 1 of a press at fixed stroke."],
-        points=judged.notes,
-        figures=[("figure-8-growth", "Figure 8's peaks, how they grow with pressure, and what our model leaves.",
-                  draw_growth(judged)),
-                 ("figure-8-ladder", "Every model on Figure 8, each peak predicted by a fit without it. Hatched: the "
-                  "estimate is outside its physical range.", draw_ladder(judged))],
-        tables=[lines, judged.table()])
-
-
-def _write_table(judged: PeakJudgement, printed: np.ndarray):
-    from ..reports.page import Section
-
+def _write_corrections(judged: PeakJudgement, printed: np.ndarray):
+    """What could make the printed theory too high by one factor."""
     bench = set_up_bench(judged)
     mass = judged.reference.estimates["effective_mass"]["estimate"]
-    rows, pairs, ratios = correct_printed(bench.program, mass, judged.pressures,
-                                          bench.data.conditions["approach_speed"], printed, judged.peaks, judged.noise)
+    rows, ratios = correct_printed(bench.program, mass, judged.pressures, bench.data.conditions["approach_speed"],
+                                   printed, judged.peaks, judged.noise)
     factor = next(row for row in judged.rows if row.kind == "printed")
     value = factor.estimates["factor"]
     gaps = {row.label: compare_rows(row, factor, judged.peaks) for row in rows}
-    alike = [name for name, gap in gaps.items() if abs(gap.difference) <= 2 * gap.standard_error]
-    other = [name for name in gaps if name not in alike]
-    close = sum(abs(p.difference) <= 2 * p.standard_error for p in pairs if {p.first, p.second} <= set(alike))
-    text = (f"The printed theory lies above the measurement in every row; times {value['estimate']:.3f} ± "
-            f"{value['sd']:.3f} it misses left-out rows by {100 * factor.heldout:.1f} % (worst "
-            f"{100 * factor.worst:.1f} %). That one factor can be any of: {'; '.join(alike)}. None of these can be "
-            f"told from the factor, and {close} of their {len(alike) * (len(alike) - 1) // 2} pairs cannot be told "
-            "from each other, at two standard errors."
-            + (f" Not so {'; '.join(other)}: it takes most from the slow impacts at low pressure, which these rows do "
-               "not show." if other else ""))
-    lines = [("change", "estimate", "left out: rms [%]", "left out: worst [%]", "against the one factor [%]")]
-    for row in rows:
-        gap = gaps[row.label]
-        lines.append((row.label, describe_estimates(row.estimates), f"{100 * row.heldout:.2f}",
-                      f"{100 * row.worst:.2f}", f"{100 * gap.difference:+.2f} ± {100 * gap.standard_error:.2f}"))
-    return [
-        Section(
-            "Table 3: eleven peaks, models side by side",
-            [f"Verdict: {judged.verdict}. {judged.sentence}",
-             "Each row was predicted by a fit without it. The pressures are 0, 0.25 … 2.5 MPa by assumption (row 8 "
-             "above)."],
-            points=judged.notes,
-            figures=[("table-3-models", "Above: fits to all eleven peaks. Below: each peak predicted by a fit without "
-                                        "it; the band is twice the scatter about the polynomial.", draw_values(judged)),
-                     ("table-3-ladder", "Every model on Table 3, best first. Hatched: the estimate is outside its "
-                                        "physical range, so the model does not count.", draw_ladder(judged)),
-                     ("table-3-differences", "Paired differences of left-out errors, ± two standard errors. Grey: "
-                      "eleven numbers cannot tell the two apart. Arrows: beyond the scale.", draw_differences(
-                          judged.pairs, "mean |error| of the first minus that of the second [points]"))],
-            tables=[judged.table()]),
-        Section(
-            "Why the printed theory is five per cent too high, and what these peaks cannot separate", [text],
-            figures=[("table-3-corrections", "Measured over printed, and what single changes make of the printed "
-                                             "theory (pressures read as gauge, so that every row has gas).",
-                      draw_corrections(judged.pressures, printed, judged.peaks, ratios, rows,
-                                                value["estimate"]))],
-            tables=[lines]),
-    ]
+    alike = [row for row in rows if _cannot_tell(gaps[row.label])]
+    pairs = [compare_rows(a, b, judged.peaks) for a, b in itertools.combinations(alike, 2)]
+    drawn = draw_corrections(judged.pressures, printed, judged.peaks, ratios, rows, value["estimate"])
+    return write_section(
+        "corrections", {"table-3-corrections": drawn}, factor=value["estimate"], sd=value["sd"], rms=factor.heldout,
+        worst=factor.worst, alike=[row.label for row in alike], other=[row.label for row in rows if row not in alike],
+        close=sum(map(_cannot_tell, pairs)), pairs=len(pairs),
+        rows=[(row, describe_estimates(row.estimates), gaps[row.label]) for row in rows])
+
+
+def _cannot_tell(pair: PairedDifference) -> bool:
+    return abs(pair.difference) <= 2 * pair.standard_error
