@@ -35,7 +35,7 @@ MODULES = {
     "inference.identifiability": ("tests/test_identifiability.py",),
     "inference.noise": ("tests/test_noise.py",),
     "inference.noise_estimation": ("tests/test_noise.py", "tests/test_faults.py"),
-    "inference.bounded": ("tests/test_intervals.py",),
+    "inference.bounded": ("tests/test_intervals.py", "tests/test_bounded.py"),
     "selection.leave_record_out": ("tests/test_outliers.py",),
     "selection.outliers": ("tests/test_outliers.py",),
     "selection.data_errors": ("tests/test_data_errors.py", "tests/test_baseline.py"),

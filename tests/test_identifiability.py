@@ -1,8 +1,13 @@
 """What a Jacobian determines, beside closed forms of two and three columns."""
 
+import dataclasses as dc
+import re
+
 import numpy as np
 import pytest
+from helpers_statistics import fit_toy, make_selection
 
+from ddetumble.inference import identifiability
 from ddetumble.inference.identifiability import Blend, analyse_jacobian, list_words, measure_spread
 
 
@@ -89,3 +94,188 @@ def test_spread_along_a_combination():
 
 def test_words():
     assert [list_words("abc"[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
+
+
+@pytest.fixture(scope="module")
+def one_pressure():
+    """A toy at one pressure and one speed: stiffness and gas bend nearly the same pulse."""
+    return fit_toy(make_selection(5, conditions=[(1.4, 1e5)] * 6))
+
+
+@pytest.fixture
+def toy_problem(monkeypatch):
+    """Remedies are tried on the toy's own problem."""
+    monkeypatch.setattr(identifiability, "Problem", type(make_selection().problem))
+
+
+def make_blend(problem, solution, names):
+    """The combination of two parameters that one record cannot tell apart, from the fit's own columns."""
+    columns, _ = solution.flattened()
+    norms = np.linalg.norm(columns, axis=0)
+    _, s, rows = np.linalg.svd(columns / norms, full_matrices=False)
+    return Blend(tuple(names), rows[-1], rows[-1] / s[-1] * solution.scales / norms, False), columns
+
+
+def spread_by_inverse(columns, blend, unit):
+    """Standard deviation along the combination from the inverse of the normal equations."""
+    scaled = columns / np.linalg.norm(unit, axis=0)
+    return float(np.sqrt(blend.direction @ np.linalg.inv(scaled.T @ scaled) @ blend.direction))
+
+
+@pytest.mark.parametrize(("name", "values"), [
+    ("initial_pressure", (2e5,)), ("initial_pressure", (1e5,)), ("approach_speed", (0.7, 2.8)),
+])  # fmt: skip
+def test_gain_of_further_records_is_that_of_the_joint_fit(toy_problem, one_pressure, name, values):
+    """As many records again at other settings, beside a campaign that holds both from the start.
+
+    The further records last as long as their contact, (before/after)^(1/3) of these where it is longer.
+    """
+    selection, fitted = one_pressure
+    problem, solution = selection.problem, fitted.solution
+    blend, columns = make_blend(problem, solution, ("stiffness", "gas"))
+    gain = identifiability._try_conditions(problem, solution, columns, blend, selection.campaign, name, values)
+    table = selection.campaign.records
+    own = [(row.approach_speed, row.initial_pressure) for row in table.itertuples()]
+    place = ("approach_speed", "initial_pressure").index(name)
+    further = [tuple(values[k % len(values)] if j == place else x for j, x in enumerate(pair))
+               for k, pair in enumerate(own)]
+    new, _ = fit_toy(make_selection(5, conditions=further))
+    time = np.array(new.problem.time)
+    for r, pair in enumerate(further):
+        time[r] *= max(own[r][place] / pair[place], 1.0) ** (1.0 / 3.0)
+    new.problem.time = time
+    more = new.problem.solve(solution.names, solution.u, np.zeros_like(solution.z), moving=False)
+    rows, _ = more.projected()
+    both = np.concatenate([columns, rows.reshape(-1, columns.shape[1])])
+    expected = spread_by_inverse(columns, blend, columns) / spread_by_inverse(both, blend, columns)
+    assert gain == pytest.approx(expected, rel=1e-6) and gain > 1.0
+
+
+class WithState:
+    """The toy with a depression that is linear in parameters and settings; one trial in so many fails."""
+
+    def __init__(self, problem, solution, shared, own, fails=()):
+        self.problem, self.solution, self.shared, self.own, self.fails = problem, solution, shared, own, fails
+        self.space, self.records, self.calls = problem.space, problem.records, 0
+
+    def solve(self, names, u, z, *, moving):
+        """Depression at these coordinates."""
+        assert not moving
+        self.calls += 1
+        places = [self.space.index[name] for name in names]
+        state = 0.01 + np.einsum("grk,k->gr", self.shared, u[places]) + np.einsum("grk,gk->gr", self.own, z)
+        return dc.replace(self.solution, state=state, failed=("r0",) if self.calls in self.fails else ())
+
+
+def test_gain_of_a_depression_channel(one_pressure):
+    """Beside the normal equations with the new channel's rows written out, records' settings eliminated by inverses."""
+    selection, fitted = one_pressure
+    problem, solution = selection.problem, fitted.solution
+    blend, columns = make_blend(problem, solution, ("stiffness", "gas"))
+    generator = np.random.default_rng(4)
+    shape = problem.time.shape
+    shared = 3e-5 * generator.normal(size=(*shape, len(solution.names)))
+    own = 3e-5 * generator.normal(size=(*shape, 3))
+    gain = identifiability._try_depression(WithState(problem, solution, shared, own), solution, blend)
+    deviation = identifiability.DEPRESSION_SD
+    counted = (problem.weights[:, 0] > 0)[..., None]
+    square = np.zeros((len(solution.names), len(solution.names)))
+    for r in range(len(solution.residual)):
+        a = np.concatenate([solution.shared[r], counted[r] * shared[r] * solution.scales / deviation])
+        b = np.concatenate([solution.own[r], counted[r] * own[r] / deviation])
+        square += a.T @ a - a.T @ b @ np.linalg.inv(b.T @ b + np.eye(3)) @ b.T @ a
+    norms = np.linalg.norm(columns, axis=0)
+    variance = blend.direction @ np.linalg.inv(square / np.outer(norms, norms)) @ blend.direction
+    assert gain == pytest.approx(spread_by_inverse(columns, blend, columns) / np.sqrt(variance), rel=1e-6)
+    assert gain > 1.05
+    for fails in ((1,), (2,), (7,)):
+        assert identifiability._try_depression(WithState(problem, solution, shared, own, fails), solution, blend) == 1.0
+
+
+@pytest.mark.parametrize(("stated", "values", "expected"), [
+    ("initial_pressure", (1e6, 2e6), [(2.5e5,), (2.5e6,), (2.5e5, 2.5e6)]),  # 0.25 and 1.25 times
+    ("initial_pressure", (6e5, 6e5), [(2e5,), (7.5e5,), (2e5, 7.5e5)]),  # no flatter than 2 bar
+    ("initial_pressure", (1e5, 3e5), [(1e5,), (3.8e5,), (1e5, 3.8e5)]),  # unless it was
+    ("approach_speed", (0.5, 2.0), [(0.3,), (3.0,), (0.3, 3.0)]),
+    ("approach_speed", (0.0, 2.0), []), ("approach_speed", (-1.0, 2.0), []),
+])  # fmt: skip
+def test_settings_within_reach(one_pressure, stated, values, expected):
+    """Beyond the lowest and the highest setting by the factors of `REACH`, in two digits."""
+    selection, _ = one_pressure
+    table = selection.campaign.records.copy()
+    table[stated] = np.resize(values, len(table))
+    found = identifiability._list_settings(selection.problem, dc.replace(selection.campaign, records=table), stated)
+    assert [list(one) for one in found] == [pytest.approx(list(one)) for one in expected]
+
+
+@pytest.mark.parametrize(("first", "last", "low", "high"), [(0.42, 2.55, 0.42, 2.5), (0.0, np.inf, 0.3, 3.0),
+                                                            (0.4, 0.404, None, None)])
+def test_settings_stay_where_the_model_holds(monkeypatch, one_pressure, first, last, low, high):
+    selection, _ = one_pressure
+    monkeypatch.setattr(identifiability, "read_validity", lambda reference: {"approach_speed": (first, last)})
+    table = selection.campaign.records.copy()
+    table["approach_speed"] = np.resize((0.5, 2.0), len(table))
+    found = identifiability._list_settings(selection.problem, dc.replace(selection.campaign, records=table),
+                                           "approach_speed")
+    assert found == ([] if low is None else [(low,), (high,), (low, high)])
+
+
+@pytest.mark.parametrize(("singular", "gains", "step", "chosen"), [
+    (False, (3.0, 2.5, 1.0), 5.0, 0), (False, (2.1, 2.5, 1.0), 5.0, 1), (False, (1.9, 1.5, 1.0), 5.0, None),
+    (True, (9.0, 1.0, 1.0), 2.0, 0), (True, (9.0, 1.0, 1.0), 4.0, None), (False, (1.0, 1.2, 2.4), 5.0, 2),
+])  # fmt: skip
+def test_the_best_remedy_that_is_enough(monkeypatch, one_pressure, singular, gains, step, chosen):
+    """By half at least; where nothing was known, until a deviation is below 0.3 of what is typical."""
+    selection, fitted = one_pressure
+    problem, solution = selection.problem, fitted.solution
+    tests = {"approach_speed": gains[0], "initial_pressure": gains[1], "depression": gains[2]}
+    monkeypatch.setattr(identifiability, "_list_settings", lambda problem, campaign, name: [(1.0,)])
+    monkeypatch.setattr(identifiability, "_try_conditions", lambda *given: tests[given[-2]])
+    monkeypatch.setattr(identifiability, "_try_depression", lambda *given: tests["depression"])
+    own = [problem.space.parameter(name) for name in solution.names]
+    scale = np.array([p.transform.scale(p.typical) for p in own])
+    blend = Blend(("stiffness", "gas"), np.ones(3), step * scale * [1.0, -0.2, 0.1], singular)
+    found = identifiability._find_remedy(problem, solution, solution.flattened()[0], blend, selection.campaign)
+    assert (None if found is None else found.setting) == (None if chosen is None else list(tests)[chosen])
+    if found is not None:
+        assert found.gain == gains[chosen] and found.names == blend.names
+
+
+def describe(selection, solution, known):
+    """Sentences and remedies about a fit."""
+    return identifiability.describe_knowledge(selection.problem, solution, known, selection.campaign)
+
+
+def test_a_pair_beside_its_correlation(monkeypatch, one_pressure):
+    """A combination is said once with its correlation; another pair that correlates has a sentence of its own."""
+    selection, fitted = one_pressure
+    solution = fitted.solution
+    remedy = identifiability.Remedy(("stiffness", "gas"), "approach_speed", (0.3, 3.0), 2.5)
+    monkeypatch.setattr(identifiability, "_find_remedy", lambda *given: remedy)
+    correlations = np.array([[1.0, -0.97, 0.96], [-0.97, 1.0, 0.2], [0.96, 0.2, 1.0]])
+    blend = Blend(("stiffness", "gas"), np.ones(3), np.array([0.1, -0.5, 0.0]), False)
+    known = identifiability.Knowledge(np.eye(3), correlations, (), (), (blend,), np.ones(3))
+    sentences, remedies = describe(selection, solution, known)
+    assert remedies == (remedy,) and len(sentences) == 2
+    assert "0.970" in sentences[0] and {"stiffness", "gas"} <= set(re.findall(r"\w+", sentences[0]))
+    assert "+0.960" in sentences[1] and {"stiffness", "loss"} <= set(re.findall(r"\w+", sentences[1]))
+    silent = dc.replace(known, silent=("loss",), undetermined=("loss",))
+    assert len(describe(selection, solution, silent)[0]) == 2  # what is silent correlates with nothing
+    undetermined = dc.replace(known, undetermined=("loss", "gas"))
+    assert len(describe(selection, solution, undetermined)[0]) == 3  # gas stands in the combination already
+    third = dc.replace(known, blends=(blend,) * 3)
+    assert len(describe(selection, solution, third)[1]) == 2  # remedies are sought for the worst two
+
+
+def test_changes_have_sizes(one_pressure):
+    """One deviation along a combination, in per cent of a logarithmic parameter and in the unit of another."""
+    selection, fitted = one_pressure
+    space, solution = selection.problem.space, fitted.solution
+    blend = Blend(("gas", "stiffness"), np.ones(3), np.array([0.02, -0.5, 0.0]), False)
+    text = identifiability._format_change(space, solution, blend)
+    assert "raising gas by 0.5 N" in text and "lowering stiffness by 2 %" in text
+    mirrored = dc.replace(blend, step=-blend.step)
+    assert identifiability._format_change(space, solution, mirrored) == text
+    free = dc.replace(blend, names=("stiffness", "gas"), step=np.array([40.0, -80.0, 0.0]), singular=True)
+    text = identifiability._format_change(space, solution, free)  # any length does: one per cent is taken
+    assert "raising stiffness by 1 %" in text and "lowering gas by 0.02 N" in text
