@@ -92,8 +92,9 @@ def test_room_is_the_narrower_of_bounds_and_limits(toy):
     _, problem, free = toy
     k = problem.space.index["stiffness"]
     low, high = problem.limits[0][k], problem.limits[1][k]
-    for ends, expected in ((None, (low, high)), ((low - 1.0, high + 1.0), (low, high)),
-                           ((low + 1.0, high - 2.0), (low + 1.0, high - 2.0)), ((low + 1.0, np.inf), (low + 1.0, high))):
+    cases = [(None, (low, high)), ((low - 1.0, high + 1.0), (low, high)),
+             ((low + 1.0, high - 2.0), (low + 1.0, high - 2.0)), ((low + 1.0, np.inf), (low + 1.0, high))]
+    for ends, expected in cases:
         found = bounded.Bounded(free, NAMES, {}, {} if ends is None else {"stiffness": ends})
         assert found.room(problem, "stiffness") == pytest.approx(expected)
     assert found.room(problem, "gas") == tuple(edges[problem.space.index["gas"]] for edges in problem.limits)
@@ -122,7 +123,7 @@ def test_share_that_a_model_removes(toy):
 
 
 def test_what_meets_the_data(toy):
-    """A model that has the pulse meets it; one that has nothing does where the record is as quiet as its noise alone."""
+    """A model that has the pulse meets it; one that has nothing does where the record is as quiet as its noise."""
     _, problem, free = toy
     assert bounded.meets_data(problem, free)
     assert not bounded.meets_data(problem, dc.replace(free, channels=0.0 * free.channels))
