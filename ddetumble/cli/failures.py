@@ -35,7 +35,8 @@ def run_guarded(action: Callable[[], object], words: Sequence[str] = ()) -> int:
         if isinstance(stream, io.TextIOWrapper):  # not so under a test runner
             stream.reconfigure(errors="replace")
     with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
+        warnings.showwarning = lambda message, *_, **__: print(f"ddetumble: note: {_join(str(message))}",
+                                                               file=sys.stderr)
         try:
             code = action()
             sys.stdout.flush()
@@ -113,11 +114,6 @@ def _leave_pipe() -> int:
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return PIPE_CLOSED
-
-
-def _show_warning(message, category, filename, lineno, file=None, line=None) -> None:
-    """Tell a warning as a note in one line."""
-    print(f"ddetumble: note: {_join(str(message))}", file=sys.stderr)
 
 
 def _join(text: str) -> str:

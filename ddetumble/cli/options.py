@@ -1,12 +1,11 @@
 """The application, and what several commands share: arguments, options, and what `fit` and `sample` read by them."""
 
-import dataclasses as dc
 import difflib
 import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -65,23 +64,14 @@ Overwrite = Annotated[bool, typer.Option(
     "--overwrite", help="Replace what is in the place that -o names; without it, only a new or empty one is taken.")]
 
 
-@dc.dataclass(frozen=True)
-class Source:
-    """What a fit or a posterior is made of.
+class Source(NamedTuple):
+    """What a fit or a posterior is made of."""
 
-    Attributes:
-        name: of the campaign, or of the folder of the specification.
-        measured: the campaign, or the path of the specification.
-        chosen: arguments of `fit`; empty where the specification says them.
-        folder: for the results.
-        shared: whether it is the specification's own folder.
-    """
-
-    name: str
-    measured: Any
-    chosen: dict[str, Any]
-    folder: Path
-    shared: bool
+    name: str  # of the campaign, or of the folder of the specification
+    measured: Any  # the campaign, or the path of the specification
+    chosen: dict[str, Any]  # arguments of `fit`; empty where the specification says them
+    folder: Path  # for the results
+    shared: bool  # whether it is the specification's own folder
 
     def open(self, command: str, overwrite: bool, own: Sequence[str], **more: Any) -> AbstractContextManager[Output]:
         """The folder for the results of a command, of which `own` are names; `more` as of `open_folder`."""
@@ -92,15 +82,14 @@ def read_source(text: str, output: Path | None, ending: str, own: Path | None, *
     """Read a campaign or find a specification, and say where the results go.
 
     Args:
-        text: of the argument `SOURCE`.
-        output: of the option; the folder of the specification, or one named after the campaign, where it is None.
+        text: the argument of the command.
+        output: of the option; the specification's own folder, or one named after the campaign and `ending`, if None.
         ending: of that name.
         own: file of effects.
-        **given: the other options on the fit, as `_read_choice` takes them, None where they are not given.
+        **given: the other options on the fit, as `_read_choice` takes them.
 
     Raises:
-        InputError: there is nothing to read, anything on the fit is given beside a specification, or a file of effects
-            without saying which of them to add.
+        InputError: There is nothing to read, or options are missing or of no use.
     """
     if text.endswith(".toml"):
         if own or any(given.values()):
@@ -124,11 +113,7 @@ def read_source(text: str, output: Path | None, ending: str, own: Path | None, *
 
 
 def name_own(names: Sequence[str], path: Path | None) -> list[str]:
-    """Names of effects, those of the user's file as `FILE.py:NAME`.
-
-    Raises:
-        InputError: The file cannot be read or run, or holds no effect.
-    """
+    """Names of effects, those of the user's file as `FILE.py:NAME`."""
     if path is None:
         return list(names)
     from ..inference.models import list_effects
@@ -138,11 +123,7 @@ def name_own(names: Sequence[str], path: Path | None) -> list[str]:
 
 
 def resolve_own(names: Sequence[str] | None, path: Path | None) -> tuple[list, list]:
-    """Effects of these names, of the catalogue or of the user's file, and all effects of that file.
-
-    Raises:
-        InputError: There is no such effect, or the file cannot be read or run, or holds none.
-    """
+    """Effects of these names, of the catalogue or of the user's file, and all effects of that file."""
     from ..inference.models import list_effects, resolve_effect
 
     held = list_effects(path) if path is not None else []
@@ -152,18 +133,20 @@ def resolve_own(names: Sequence[str] | None, path: Path | None) -> tuple[list, l
 def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequence[str] | None,
                  free: Sequence[str] | None, fixed: Sequence[str] | None, priors: Sequence[str] | None
                  ) -> dict[str, Any]:
-    """Arguments of `fit` for records of a family, by what the command line says; the paper's model where it is silent.
-
-    Raises:
-        InputError: There is no such parameter, or its value is none, or of another unit.
-    """
+    """Arguments of `fit` for records of a family, by what the command line says; of the paper's model if silent."""
     names, model = tuple(name_own(effects or (), own)), model or "paper"
     chosen: dict[str, Any] = {"model": model, "effects": names}
     if not (free or fixed or priors):
         return chosen
+    from ..contact.effect import parameters_of
+    from ..inference.archive import resolve_model
+    from ..inference.models import resolve_effect
     from ..measurement.headings import read_pairs
 
-    units = _list_units(model, family, names)
+    resolved = resolve_model(model, family)
+    classes = [*(type(effect) for effect in resolved.effects), *map(resolve_effect, names)]
+    units = {p.name: p.unit for p in parameters_of(resolved.reference)} | {
+        f"{effect.id}.{p.name}": p.unit for effect in classes for p in parameters_of(effect)}
     freed: dict[str, float | bool] = {}
     for entry in free or ():
         name, sign, value = entry.partition("=")
@@ -172,18 +155,6 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
     held = {name: _read_numbers("fix", name, text, units)[0] for name, text in read_pairs("fix", fixed).items()}
     known = {name: _read_numbers("prior", name, text, units, 2) for name, text in read_pairs("prior", priors).items()}
     return chosen | {"free": freed, "fixed": held, "priors": known}
-
-
-def _list_units(model: str, family: str, effects: Sequence[str]) -> dict[str, str]:
-    """Units of all parameters of a model with effects, by name."""
-    from ..contact.effect import parameters_of
-    from ..inference.archive import resolve_model
-    from ..inference.models import resolve_effect
-
-    resolved = resolve_model(model, family)
-    classes = [*(type(e) for e in resolved.effects), *(resolve_effect(name) for name in effects)]
-    return {p.name: p.unit for p in parameters_of(resolved.reference)} | {
-        f"{e.id}.{p.name}": p.unit for e in classes for p in parameters_of(e)}
 
 
 def _find_unit(option: str, name: str, units: dict[str, str]) -> str:

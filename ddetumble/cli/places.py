@@ -4,7 +4,6 @@ One rule for everything that is written: a command writes to a folder (or file) 
 `--overwrite` alone replaces what is there. Results appear whole, when the command has succeeded, or not at all.
 """
 
-import dataclasses as dc
 import glob
 import json
 import os
@@ -14,7 +13,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from .. import _settings
 from .._errors import InputError
@@ -44,17 +43,11 @@ def locate_fit(path: Path) -> Path:
     return shipped if not path.exists() and (shipped / "model.json").is_file() else path
 
 
-@dc.dataclass(frozen=True)
-class Output:
-    """The folder of a command's results while the command runs.
+class Output(NamedTuple):
+    """The folder of a command's results while the command runs."""
 
-    Attributes:
-        path: where they will be, as the user named it.
-        draft: where they are written until the command has succeeded.
-    """
-
-    path: Path
-    draft: Path
+    path: Path  # where they will be, as the user named it
+    draft: Path  # where they are written until the command has succeeded
 
     def place(self, written: Path) -> Path:
         """Where something written into the draft will be."""
@@ -80,7 +73,12 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
     """
     given, path = path, Path(os.path.realpath(path))
     _refuse_taken(given, overwrite, beside, resumes)
-    _remove_stale_drafts(path)
+    # Drafts of this place whose process was killed before it could remove them.
+    for stale in path.parent.glob(f".{glob.escape(path.name)}{DRAFT}*"):
+        handle = _lock(stale) if stale.is_dir() and not stale.is_symlink() else None
+        if handle is not None:
+            shutil.rmtree(stale, ignore_errors=True)
+            os.close(handle)
     made = [folder for folder in (path, *path.parents) if not folder.exists()]
     draft = handle = None
     done = False
@@ -114,28 +112,21 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
                 os.close(handle)
 
 
-def _remove_stale_drafts(path: Path) -> None:
-    """Remove the drafts beside a place whose process was killed before it could."""
-    for draft in path.parent.glob(f".{glob.escape(path.name)}{DRAFT}*"):
-        handle = _lock(draft) if draft.is_dir() and not draft.is_symlink() else None
-        if handle is not None:
-            shutil.rmtree(draft, ignore_errors=True)
-            os.close(handle)
-
-
 def _lock(draft: Path) -> int | None:
     """Hold a folder as long as this process lives; None where another one does, or nobody can (not on POSIX)."""
     if sys.platform == "win32":
         return None
     import fcntl
 
-    handle = os.open(draft, os.O_RDONLY)
+    handle = None
     try:
+        handle = os.open(draft, os.O_RDONLY)
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return handle
     except OSError:
-        os.close(handle)
+        if handle is not None:
+            os.close(handle)
         return None
-    return handle
 
 
 def open_optional(path: Path | None, command: str, overwrite: bool) -> AbstractContextManager[Output | None]:

@@ -1,5 +1,6 @@
 """Model against measurement: records with their residuals, peaks, what an effect changes, and predicted records."""
 
+import dataclasses as dc
 import math
 from collections.abc import Mapping, Sequence
 
@@ -69,7 +70,15 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
     beside = max(len(f"{title}  {short[own]}") for own, title in titles.items()) <= count_characters(panel, 9.0)
     figure = new_figure(0.5 + (2.75 if beside else 2.9) * rows, width, gap=0.045)
     grid = figure.add_gridspec(rows, columns)
-    limit = _limit_residuals([own[trace.record] for own in traces.values() for trace in chosen if trace.record in own])
+    # Half height of the residual strips, in units of the noise: nearly all points of the drawn records.
+    drawn = [own[trace.record] for own in traces.values() for trace in chosen if trace.record in own]
+    values = np.abs(np.concatenate(list(map(standardise, drawn))))
+    values = values[np.isfinite(values)]
+    limit = float(max(4.0, math.ceil(np.quantile(values, 0.995)))) if values.size else 4.0
+    tick = int(limit - 1)
+    if limit >= 10:  # a round number near four fifths of the limit
+        step = 10 ** math.floor(math.log10(limit)) / 2
+        tick = int(math.floor(0.9 * limit / step) * step)
     handles, lower = [], None
     for i, trace in enumerate(chosen):
         row, column = divmod(i, columns)
@@ -104,8 +113,7 @@ def draw_fit(models: Mapping[str, Sequence[Trace]], channel: str | None = None, 
                             x=0.0, ha="left", linespacing=1.6)
         upper.tick_params(labelbottom=False)
         upper.yaxis.set_major_locator(MaxNLocator(5, steps=STEPS))
-        lower.set_ylim(-1.1 * limit, 1.1 * limit)
-        lower.set_yticks([-_tick(limit), 0, _tick(limit)])
+        lower.set(ylim=(-1.1 * limit, 1.1 * limit), yticks=[-tick, 0, tick])
         if column:
             lower.tick_params(labelleft=False)
         else:
@@ -166,7 +174,8 @@ def draw_signatures(models: Mapping[str, Sequence[Trace]], channel: str, count: 
     name, *names = models
     first = pick_channel(models[name], channel)
     others = [{trace.record: trace for trace in pick_channel(models[other], channel)} for other in names]
-    change = {t.record: max(_size(own[t.record].model - t.model) / t.sd for own in others) for t in first}
+    change = {t.record: max(np.mean(np.nan_to_num((own[t.record].model - t.model) / t.sd) ** 2) for own in others)
+              for t in first}
     largest: dict[str, Trace] = {}  # of every condition the record with the largest change
     varying = vary(trace.conditions for trace in first)[:3]
     for trace in sorted(first, key=lambda t: -change[t.record]):
@@ -251,7 +260,10 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
             if row == rows - 1 or i + columns >= len(keys):
                 lower.set_xlabel(along.label)
             if column == 0:
-                upper.set_ylabel(_name_group(table, group))
+                shown = [describe_quantity(channel, table[channel]) for channel in group]
+                angular = group[0].startswith(("angular", "attitude"))
+                word = group[0].rsplit("_", 1)[0].replace("_", " ") if angular else "force"
+                upper.set_ylabel(shown[0].label if len(shown) == 1 else dc.replace(shown[0], name=word).label)
                 lower.set_ylabel("± 2 sd")
     shown = groups[0] if len(groups) == 1 else max(groups, key=len)
     words = ["mean"] if len(shown) == 1 else [describe_quantity(c).name for c in shown]
@@ -271,14 +283,6 @@ def _draw_channel(upper, lower, own, abscissa: str, channel: str, scale: float, 
     upper.plot(x, mean, "-" if len(x) > 1 else "o", color=colour, lw=1.4)
 
 
-def _name_group(table, group: Sequence[str]) -> str:
-    shown = [describe_quantity(channel, table[channel]) for channel in group]
-    if len(shown) == 1:
-        return shown[0].label
-    word = group[0].rsplit("_", 1)[0].replace("_", " ") if group[0].startswith(("angular", "attitude")) else "force"
-    return f"{word} [{shown[0].unit}]" if shown[0].unit else word
-
-
 def _draw_noise(axes):
     """Two standard deviations of the noise, below residuals."""
     axes.axhspan(-2, 2, color=FLOOR, alpha=0.18, lw=0)
@@ -292,21 +296,6 @@ def _find_lines(x: np.ndarray, others: Sequence[np.ndarray]) -> list[np.ndarray]
     keys = list(zip(*map(group_values, others), strict=True)) or [()] * x.size
     lines = [np.array([i for i, own in enumerate(keys) if own == key]) for key in dict.fromkeys(keys)]
     return [line[np.argsort(x[line], kind="stable")] for line in lines if line.size]
-
-
-def _limit_residuals(traces: Sequence[Trace]) -> float:
-    """Half height of the residual strips, in units of the noise: nearly all points of the drawn records."""
-    values = np.abs(np.concatenate(list(map(standardise, traces))))
-    values = values[np.isfinite(values)]
-    return float(max(4.0, math.ceil(np.quantile(values, 0.995)))) if values.size else 4.0
-
-
-def _tick(limit: float) -> int:
-    """A round number near four fifths of the limit."""
-    if limit < 10:
-        return int(limit - 1)
-    step = 10 ** math.floor(math.log10(limit)) / 2
-    return int(math.floor(0.9 * limit / step) * step)
 
 
 def _smooth(trace: Trace) -> np.ndarray:
@@ -324,8 +313,3 @@ def _smooth(trace: Trace) -> np.ndarray:
             total = np.convolve(np.where(good, residual[part], 0.0), kernel, mode="same")
             smooth[part] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
     return smooth
-
-
-def _size(values: np.ndarray) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else 0.0

@@ -75,7 +75,11 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
         labels.append(clean(part, 20) or "free force, ±2 sd")
         for law, dash in zip(laws, _DASHES, strict=False):
             values = sketch_law(law, shape, k)
-            if values is not None and _lies_on(values[seen], f[seen], sd[seen]):
+            if values is None:
+                continue
+            # Elsewhere a law holds beside other values of the model's own parameters, which one picture cannot show.
+            near = np.abs(values - f)[seen] <= 3.0 * sd[seen] + 0.05 * np.abs(f[seen]).max()
+            if np.mean(near) > 0.9:
                 drawn, = axes.plot(x[seen], factor * values[seen], color=INK, lw=1.2, ls=dash)
                 if k == 0:
                     handles.append(drawn)
@@ -87,14 +91,6 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
     top = shape.visited / max(shape.visited.max(), 1e-300)
     axes.fill_between(x, 0, 0.06 * top, step="mid", color=PALE, lw=0, transform=axes.get_xaxis_transform(), zorder=0)
     return handles, labels
-
-
-def _lies_on(law: np.ndarray, curve: np.ndarray, sd: np.ndarray) -> bool:
-    """Whether a law lies within three deviations of nearly all of a curve.
-
-    Elsewhere it holds beside other values of the model's own parameters, and one picture cannot show both.
-    """
-    return float(np.mean(np.abs(law - curve) <= 3.0 * sd + 0.05 * np.abs(curve).max())) > 0.9
 
 
 def _scale(shape: Shape) -> tuple[float, str]:

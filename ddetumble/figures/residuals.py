@@ -79,20 +79,25 @@ def draw_residual_map(models: Mapping[str, Sequence[Trace]], narrow: bool = Fals
                           if one.record in traces else nothing for one in order]) for traces in own]
         finite = np.abs(np.concatenate([one[np.isfinite(one)] for one in maps]))
         limit = max(2.0, float(np.quantile(finite, 0.99)) if finite.size else 2.0)
-        rows[channel] = maps, order, _label_rows(order, height, not narrow), limit
+        names, short = vary(trace.conditions for trace in order), shorten_names((trace.record for trace in order), 18)
+        every = max(1, math.ceil(len(order) * 0.135 / height))  # rows whose labels do not overlap
+        told = () if narrow else names[:3]
+        labels = ["" if i % every else f"{describe_conditions(trace.conditions, told)}   {short[trace.record]}".strip()
+                  for i, trace in enumerate(order)]
+        rows[channel] = maps, group_condition(order, names[0] if names else ""), labels, limit
 
     def draw(axes, channel: str, k: int, first: bool, last: bool):
-        maps, order, labels, limit = rows[channel]
-        extent = (edges[0], edges[-1], len(order) - 0.5, -0.5)
+        maps, groups, labels, limit = rows[channel]
+        extent = (edges[0], edges[-1], len(labels) - 0.5, -0.5)
         image = axes.imshow(maps[k], aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest",
                             extent=extent)
         axes.set_facecolor("#e3e3e3")
         for edge in (0, 1):
             axes.axvline(edge, color=INK, lw=0.7, ls=(0, (3, 3)))
-        for line in _find_breaks(order):
-            axes.axhline(line, color="white", lw=1.2)
+        for row in np.flatnonzero(np.diff(np.nan_to_num(groups))):
+            axes.axhline(row + 0.5, color="white", lw=1.2)
         axes.tick_params(axis="y", length=0)
-        axes.set_yticks(range(len(order)), labels if first else [""] * len(order), fontsize=7.5)
+        axes.set_yticks(range(len(labels)), labels if first else [""] * len(labels), fontsize=7.5)
         axes.set_xticks([0, 0.25, 0.5, 0.75, 1], [view.ends[0], "¼", "½", "¾", view.ends[1]])
         if last and view.reach == (0.0, 1.0):  # the names of the ends would stick out
             for tick, side in ((0, "left"), (-1, "right")):
@@ -164,21 +169,6 @@ def _draw_panels(models, channels: Sequence[str], narrow: bool, height: float, d
         colours.set_label(label, fontsize=9)
         colours.ax.tick_params(labelsize=8.5, labelcolor=INK, color=GREY)
     return figure
-
-
-def _label_rows(traces: Sequence[Trace], height: float, full: bool = True) -> list[str]:
-    """What each row is: record and, in `full`, conditions; every other one is left out where they would overlap."""
-    names = vary(trace.conditions for trace in traces)[:3] if full else ()
-    every = max(1, math.ceil(len(traces) * 0.135 / height))
-    short = shorten_names((trace.record for trace in traces), 18)
-    labels = [f"{describe_conditions(trace.conditions, names)}   {short[trace.record]}".strip() for trace in traces]
-    return [label if i % every == 0 else "" for i, label in enumerate(labels)]
-
-
-def _find_breaks(traces: Sequence[Trace]) -> list[float]:
-    """Rows between which the first condition changes."""
-    names = vary(trace.conditions for trace in traces)
-    return [] if not names else list(np.flatnonzero(np.diff(group_condition(traces, names[0])) != 0) + 0.5)
 
 
 def _grid_errors(traces: Sequence[Trace]):

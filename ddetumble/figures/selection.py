@@ -1,8 +1,8 @@
 """A discovery's loop: the error falling step by step, the catalogue ranked, and parameters with their intervals."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
@@ -136,21 +136,12 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), na
     return figure
 
 
-class _HasParameters(Protocol):
-    """A step, a fit: parameters, and pairs of names with their correlation."""
-
-    @property
-    def parameters(self) -> Mapping[str, Estimate | Fitted]: ...
-    @property
-    def correlations(self) -> Sequence[tuple[str, str, float]]: ...
-
-
 @styled
-def draw_parameters(steps: Mapping[str, _HasParameters], narrow: bool = False):
+def draw_parameters(steps: Mapping[str, Any], narrow: bool = False):
     """A line a parameter with its 95 % interval, each on its own scale, and the strongest correlations beside them.
 
     Args:
-        steps: one or two models by name, the reference model first; the last one's parameters are listed.
+        steps: one or two fits or steps by name, the reference model first; the last one's parameters are listed.
     """
     final = list(steps.values())[-1]
     correlations = sorted(final.correlations, key=lambda item: -abs(item[2]))[:MOST]
@@ -167,7 +158,12 @@ def draw_parameters(steps: Mapping[str, _HasParameters], narrow: bool = False):
     handles = {}
     for axes, (name, own) in zip(panels, final.parameters.items(), strict=False):
         dress_rows(axes, [""] * len(steps))
-        drawn, scale = [], _find_scale(steps.values(), name)
+        # A power of ten by which a parameter is divided where its numbers would be too long for an axis.
+        edges = [abs(edge) for step in steps.values() if name in step.parameters
+                 for edge in _interval(step.parameters[name])]
+        largest = max((edge for edge in edges if math.isfinite(edge)), default=0.0)
+        power = math.floor(math.log10(largest)) if largest > 0 else 0
+        drawn, scale = [], 1.0 if -4 <= power < 5 else 10.0**power
         for row, ((label, step), shade) in enumerate(zip(steps.items(), shades, strict=True)):
             estimate = step.parameters.get(name)
             if estimate is None or not math.isfinite(estimate.estimate):
@@ -203,14 +199,6 @@ def _draw_correlations(axes, correlations: Sequence[tuple[str, str, float]]):
     axes.axvline(0, color=GREY, lw=0.7)
     axes.set(xlim=(-1.28, 1.28), xticks=[-1, 0, 1], ylim=(max(len(correlations), FEWEST) - 0.4, -0.6),
              title="strongest correlations")
-
-
-def _find_scale(steps: Iterable[_HasParameters], name: str) -> float:
-    """A power of ten by which a parameter is divided where its numbers would be too long for an axis."""
-    edges = [abs(edge) for step in steps if name in step.parameters for edge in _interval(step.parameters[name])]
-    largest = max((edge for edge in edges if math.isfinite(edge)), default=0.0)
-    power = math.floor(math.log10(largest)) if largest > 0 else 0
-    return 1.0 if -4 <= power < 5 else 10.0**power
 
 
 def _interval(estimate: Estimate | Fitted) -> tuple[float, float]:

@@ -1,8 +1,8 @@
 """Fitted series put in order for a figure: spans, phases and strokes; residuals by condition and in bins."""
 
-import dataclasses as dc
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,21 +17,13 @@ FEWEST = 5  # samples of a bin
 GAP = 0.04  # of a setting's value, between two nominal ones
 
 
-@dc.dataclass(frozen=True)
-class Bins:
-    """Means of standardised residuals in bins.
+class Bins(NamedTuple):
+    """Means of standardised residuals in bins."""
 
-    Attributes:
-        centre: of the bins, in the variable's SI unit (mean of the variable).
-        mean: mean residual over noise.
-        error: standard error of the mean, from the scatter between records.
-        floor: standard error that noise alone gives the mean.
-    """
-
-    centre: np.ndarray
-    mean: np.ndarray
-    error: np.ndarray
-    floor: np.ndarray
+    centre: np.ndarray  # mean of the variable, in its SI unit
+    mean: np.ndarray  # residual over noise
+    error: np.ndarray  # standard error of the mean, from the scatter between records
+    floor: np.ndarray  # standard error that noise alone gives the mean
 
 
 def find_span(trace: Trace) -> tuple[float, float]:
@@ -184,15 +176,6 @@ def choose_records(traces: Sequence[Trace], count: int) -> list[Trace]:
     return [traces[i] for i in sorted(chosen)]
 
 
-def inflate_noise(count, noise: Mapping | None):
-    """Factor by which correlation along a trace inflates the variance of a mean of `count` neighbouring samples."""
-    noise = noise or {}
-    correlation = min(max(float(noise.get("correlation") or 0.0), 0.0), 0.99)
-    white = min(max(float(noise.get("white_share") or 0.0), 0.0), 1.0)
-    slow = np.minimum((1 + correlation) / (1 - correlation), np.maximum(count, 1))
-    return white + (1 - white) * slow
-
-
 def average_bins(x: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Means of the finite values in bins of `x`, nan where a bin holds none."""
     good = np.isfinite(values)
@@ -223,7 +206,11 @@ def bin_residuals(traces, values, edges, noise=None, keep=None) -> Bins:
     count, total, where = count[:, full], total[:, full], where[:, full]
     number, records = count.sum(axis=0), (count > 0).sum(axis=0)
     mean = total.sum(axis=0) / number
-    floor = np.sqrt((count * inflate_noise(count, noise)).sum(axis=0)) / number
+    # Correlation along a trace inflates the variance of a mean of neighbouring samples.
+    correlation = np.clip(float((noise or {}).get("correlation") or 0.0), 0.0, 0.99)
+    white = np.clip(float((noise or {}).get("white_share") or 0.0), 0.0, 1.0)
+    inflation = white + (1 - white) * np.minimum((1 + correlation) / (1 - correlation), np.maximum(count, 1))
+    floor = np.sqrt((count * inflation).sum(axis=0)) / number
     spread = np.sqrt(((total - count * mean) ** 2).sum(axis=0)) / number
     spread *= np.sqrt(records / np.maximum(records - 1, 1))
     return Bins(where.sum(axis=0) / number, mean, np.where(records >= 3, spread, floor), floor)

@@ -26,21 +26,13 @@ _NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[
 
 @dc.dataclass(frozen=True)
 class Picture:
-    """A figure of a page.
+    """A figure of a page."""
 
-    Attributes:
-        name: of the PNG file, without its ending.
-        caption: what it shows, one or two sentences.
-        figure: a matplotlib figure.
-        alt: what a reader who cannot see it should hear; the caption where it is empty.
-        narrow: the same drawn for a telephone; without it, the figure is shrunk there, and enlarged by a tap.
-    """
-
-    name: str
-    caption: str
-    figure: Any
-    alt: str = ""
-    narrow: Any = None
+    name: str  # of the PNG file, without its ending
+    caption: str  # what it shows, one or two sentences
+    figure: Any  # of matplotlib
+    alt: str = ""  # what a reader who cannot see it should hear; the caption where it is empty
+    narrow: Any = None  # the same for a telephone; without it, the figure is shrunk there, and enlarged by a tap
 
 
 def draw_picture(name: str, caption: str, draw: Callable[..., Any], *arguments, alt: str = "") -> Picture:
@@ -60,21 +52,13 @@ class Table:
 
 @dc.dataclass(frozen=True)
 class Section:
-    """A part of a page.
-
-    Attributes:
-        title: its heading.
-        paragraphs: plain text, commands between backticks; `markupsafe.Markup` passes as HTML.
-        figures: `Picture`s, or tuples (name, caption, figure[, alt]).
-        tables: `Table`s, pandas data frames, or lists of rows of which the first is the header.
-        points: a list of short sentences after the paragraphs.
-    """
+    """A part of a page, under a heading."""
 
     title: str
-    paragraphs: Sequence[str] = ()
-    figures: Sequence[Any] = ()
-    tables: Sequence[Any] = ()
-    points: Sequence[str] = ()
+    paragraphs: Sequence[str] = ()  # plain text, commands between backticks; `markupsafe.Markup` passes as HTML
+    figures: Sequence[Any] = ()  # `Picture`s, or tuples (name, caption, figure[, alt])
+    tables: Sequence[Any] = ()  # `Table`s, pandas data frames, or lists of rows of which the first is the header
+    points: Sequence[str] = ()  # a list of short sentences after the paragraphs
 
 
 def write_page(
@@ -118,7 +102,12 @@ def write_page(
     # Images are packed one by one: all of a long page as pixels would be hundreds of megabytes.
     packed = [(write_png(image), _encode(image)) for image in (render_image(one.figure) for one in pictures)]
     narrow = [_encode(render_image(one.narrow, 190)) if one.narrow is not None else "" for one in pictures]
-    shown = _fit_budget(pictures, [one for _, one in packed], BUDGET - sum(map(len, narrow)))
+    shown = [one for _, one in packed]
+    # The largest are drawn again with fewer pixels while the page would be too large.
+    for dpi in (115, 85, 60):
+        for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
+            if sum(map(len, (*shown, *narrow))) > BUDGET:
+                shown[i] = _encode(render_image(pictures[i].figure, dpi))
     images = {picture.name: pair for picture, *pair in zip(pictures, shown, narrow, strict=True)}
     headline, rest = split_sentence(sentence)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
@@ -211,16 +200,6 @@ def write_bytes(path: Path, content: bytes):
 
 def _encode(image) -> str:
     return base64.b64encode(write_png(reduce_colours(image))).decode("ascii")
-
-
-def _fit_budget(pictures: Sequence[Picture], shown: list[str], budget: int) -> list[str]:
-    """Images as base64; the largest are drawn again with fewer pixels while the page would be too large."""
-    for dpi in (115, 85, 60):
-        for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
-            if sum(map(len, shown)) <= budget:
-                return shown
-            shown[i] = _encode(render_image(pictures[i].figure, dpi))
-    return shown
 
 
 def _read_table(table) -> dict:
