@@ -159,7 +159,7 @@ def draw_parameters(steps: Mapping[str, Any], count: int = 8, narrow: bool = Fal
     shades = [AFTER] if len(steps) == 1 else [BEFORE, AFTER]
     handles = {}
     for axes, (name, own) in zip(panels, final.parameters.items(), strict=False):
-        dress_rows(axes, [""] * len(steps))
+        dress_rows(axes, [""] * len(steps)).set_yticks([])
         # A power of ten by which a parameter is divided where its numbers would be too long for an axis.
         edges = [abs(edge) for step in steps.values() if name in step.parameters
                  for edge in _interval(step.parameters[name])]
