@@ -8,7 +8,7 @@ from helpers_measurement import raw_text
 from typer.testing import CliRunner
 
 from ddetumble._errors import InputError
-from ddetumble.cli.application import main
+from ddetumble.cli import main
 from ddetumble.measurement import import_tests, read_campaign, write_campaign
 
 
@@ -166,7 +166,7 @@ def test_nothing_is_left_behind_by_a_refused_import(tmp_path):
 
 
 def test_help_speaks_of_friction_tests():
-    from ddetumble.cli.application import app
+    from ddetumble.cli import app
 
     shown = CliRunner().invoke(app, ["import", "--help"], env={"COLUMNS": "200", "TERM": "dumb"}).output
     for words in ("--load", "--slip", "sliding", "--family slip"):

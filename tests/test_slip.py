@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign, write_campaign
-from ddetumble.cli.application import main
+from ddetumble.cli import main
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from ddetumble import InputError, compare, discover, find_data, fit, predict, read_campaign
-from ddetumble.cli.application import main
+from ddetumble.cli import main
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.tumbling import RATES, simulate_tumbling
 from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign

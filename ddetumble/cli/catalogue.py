@@ -29,7 +29,15 @@ def show_effects(
     of your own.
     """
     if new is not None:
-        source, test = _write_template(new, stage, output, overwrite)
+        from ..effects.template import write_template
+
+        with tempfile.TemporaryDirectory() as draft:
+            made = write_template(new, stage, Path(draft))
+            source, test = written = [output / file.name for file in made]
+            for file in written:
+                check_file(file, overwrite)
+            for file, target in zip(made, written, strict=True):
+                write_bytes(file.read_bytes(), target)
         typer.echo(f"Written: {source}, which works as it is, to be given your law, and {test}, its contract test.\n"
                    f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
         return
@@ -59,20 +67,6 @@ def show_effects(
         start = f"{'null' if one.kind == 'amplitude' else 'from'} {one.default:g}"
         typer.echo(_describe_parameter(one, start, bool(one.limits_reason)))
     typer.echo(f"  reference  {entry.reference}")
-
-
-def _write_template(name: str, stage: str, folder: Path, overwrite: bool) -> tuple[Path, Path]:
-    """Write an effect to begin with and its test, both or neither; returns their paths."""
-    from ..effects.template import write_template
-
-    with tempfile.TemporaryDirectory() as draft:
-        made = write_template(name, stage, Path(draft))
-        source, test = (folder / file.name for file in made)
-        for file in (source, test):
-            check_file(file, overwrite)
-        for file, target in zip(made, (source, test), strict=True):
-            write_bytes(file.read_bytes(), target)
-    return source, test
 
 
 @command("models", "The reference models to begin with: law, parameters, source.", "models", "models power-law",

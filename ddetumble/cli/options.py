@@ -1,12 +1,11 @@
 """The application, and what several commands share: arguments, options, and what `fit` and `sample` read by them."""
 
-import dataclasses as dc
 import difflib
 import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -65,23 +64,14 @@ Overwrite = Annotated[bool, typer.Option(
     "--overwrite", help="Replace what is in the place that -o names; without it, only a new or empty one is taken.")]
 
 
-@dc.dataclass(frozen=True)
-class Source:
-    """What a fit or a posterior is made of.
+class Source(NamedTuple):
+    """What a fit or a posterior is made of."""
 
-    Attributes:
-        name: of the campaign, or of the folder of the specification.
-        measured: the campaign, or the path of the specification.
-        chosen: arguments of `fit`; empty where the specification says them.
-        folder: for the results.
-        shared: whether it is the specification's own folder.
-    """
-
-    name: str
-    measured: Any
-    chosen: dict[str, Any]
-    folder: Path
-    shared: bool
+    name: str  # of the campaign, or of the folder of the specification
+    measured: Any  # the campaign, or the path of the specification
+    chosen: dict[str, Any]  # arguments of `fit`; empty where the specification says them
+    folder: Path  # for the results
+    shared: bool  # whether it is the specification's own folder
 
     def open(self, command: str, overwrite: bool, own: Sequence[str], **more: Any) -> AbstractContextManager[Output]:
         """The folder for the results of a command, of which `own` are names; `more` as of `open_folder`."""

@@ -4,7 +4,6 @@ One rule for everything that is written: a command writes to a folder (or file) 
 `--overwrite` alone replaces what is there. Results appear whole, when the command has succeeded, or not at all.
 """
 
-import dataclasses as dc
 import glob
 import json
 import os
@@ -14,7 +13,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from .. import _settings
 from .._errors import InputError
@@ -44,17 +43,11 @@ def locate_fit(path: Path) -> Path:
     return shipped if not path.exists() and (shipped / "model.json").is_file() else path
 
 
-@dc.dataclass(frozen=True)
-class Output:
-    """The folder of a command's results while the command runs.
+class Output(NamedTuple):
+    """The folder of a command's results while the command runs."""
 
-    Attributes:
-        path: where they will be, as the user named it.
-        draft: where they are written until the command has succeeded.
-    """
-
-    path: Path
-    draft: Path
+    path: Path  # where they will be, as the user named it
+    draft: Path  # where they are written until the command has succeeded
 
     def place(self, written: Path) -> Path:
         """Where something written into the draft will be."""

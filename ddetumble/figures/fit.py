@@ -250,7 +250,13 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
             lower = dress(figure.add_subplot(inner[1], sharex=upper, sharey=same[1]))
             first.setdefault(row, (upper, lower))
             for channel, colour in zip(group, LINES, strict=False):
-                _draw_channel(upper, lower, own, abscissa, channel, along.scale, colour)
+                shown = describe_quantity(channel, own[channel])
+                x, mean = along.scale * own[abscissa].to_numpy(), shown.scale * own[channel].to_numpy()
+                for ending, fill, alpha in (("_sd_new", FLOOR, 0.25), ("_sd", KIN, 0.8)):
+                    sd = 2.0 * shown.scale * own[channel + ending].to_numpy()
+                    upper.fill_between(x, mean - sd, mean + sd, color=fill, alpha=alpha, lw=0)
+                    lower.fill_between(x, -sd, sd, color=fill, alpha=alpha, lw=0)  # often thinner than the line
+                upper.plot(x, mean, "-" if len(x) > 1 else "o", color=colour, lw=1.4)
             upper.tick_params(labelbottom=False, labelleft=column == 0)
             lower.tick_params(labelleft=column == 0)
             if g == 0:
@@ -260,27 +266,16 @@ def draw_prediction(table, settings: Mapping[str, Mapping[str, float]]):
             if row == rows - 1 or i + columns >= len(keys):
                 lower.set_xlabel(along.label)
             if column == 0:
-                shown = [describe_quantity(channel, table[channel]) for channel in group]
+                every = [describe_quantity(channel, table[channel]) for channel in group]
                 angular = group[0].startswith(("angular", "attitude"))
                 word = group[0].rsplit("_", 1)[0].replace("_", " ") if angular else "force"
-                upper.set_ylabel(shown[0].label if len(shown) == 1 else dc.replace(shown[0], name=word).label)
+                upper.set_ylabel(every[0].label if len(every) == 1 else dc.replace(every[0], name=word).label)
                 lower.set_ylabel("± 2 sd")
-    shown = groups[0] if len(groups) == 1 else max(groups, key=len)
-    words = ["mean"] if len(shown) == 1 else [describe_quantity(c).name for c in shown]
-    head_figure(figure, [*map(key_line, LINES[: len(shown)]), key_band(KIN, 0.8), key_band(alpha=0.25)],
+    most = max(groups, key=len)
+    words = ["mean"] if len(most) == 1 else [describe_quantity(c).name for c in most]
+    head_figure(figure, [*map(key_line, LINES[: len(most)]), key_band(KIN, 0.8), key_band(alpha=0.25)],
                 [*words, "± 2 sd of the mean", "± 2 sd of a new measurement"])
     return figure
-
-
-def _draw_channel(upper, lower, own, abscissa: str, channel: str, scale: float, colour: str) -> None:
-    """The mean with its bands, and below the bands alone, which are often thinner than the line."""
-    shown = describe_quantity(channel, own[channel])
-    x, mean = scale * own[abscissa].to_numpy(), shown.scale * own[channel].to_numpy()
-    for ending, fill, alpha in (("_sd_new", FLOOR, 0.25), ("_sd", KIN, 0.8)):
-        sd = 2.0 * shown.scale * own[channel + ending].to_numpy()
-        upper.fill_between(x, mean - sd, mean + sd, color=fill, alpha=alpha, lw=0)
-        lower.fill_between(x, -sd, sd, color=fill, alpha=alpha, lw=0)
-    upper.plot(x, mean, "-" if len(x) > 1 else "o", color=colour, lw=1.4)
 
 
 def _draw_noise(axes):

@@ -1,7 +1,6 @@
 """The missing force: how much of the misfit it removes, what it looks like over its variable, and its spectrum."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from .style import NARROW, WIDTH, dress, head_figure, key_band, new_figure, styl
 
 
 _COLOURS = (AFTER, BEFORE, MORE[0])
-_DASHES = ("--", ":", "-.")
 _SEEN = 0.02  # share of an even spread of samples below which a place counts as not visited
 
 
@@ -34,7 +32,7 @@ def draw_missing_shape(missing: MissingForce, narrow: bool = False):
         figure = new_figure(5.6)
         grid = figure.add_gridspec(2, 2, width_ratios=(1.75, 1.0))
         places = [grid[:, 0], grid[0, 1], grid[1, 1]] if spectrum else [grid[:, 0], grid[:, 1]]
-    handles, labels = _draw_curves(figure.add_subplot(places[0]), best, missing.laws[:1])
+    handles, labels = _draw_curves(figure.add_subplot(places[0]), best, next(iter(missing.laws), None))
     _draw_bars(figure.add_subplot(places[1]), missing)
     if spectrum:
         _draw_spectrum(figure.add_subplot(places[2]), best)
@@ -51,13 +49,13 @@ def draw_missing_rivals(missing: MissingForce, narrow: bool = False):
     figure = new_figure(3.0 * rows, NARROW if narrow else WIDTH)
     for k, shape in enumerate(shapes):
         axes = figure.add_subplot(rows, columns, k + 1)
-        _draw_curves(axes, shape, ())
+        _draw_curves(axes, shape)
         axes.set_title(f"{clean(shape.way, 24)}: {f'{format_number(shape.difference)} behind' if k else 'best'}")
     return figure
 
 
-def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
-    """Curves of a shape with their bands, where it was visited, and simple laws; returns handles and labels."""
+def _draw_curves(axes, shape: Shape, law: Law | None = None):
+    """Curves of a shape with their bands, where it was visited, and a simple law; returns handles and labels."""
     shown = describe_quantity(shape.variable, shape.x)
     factor, unit = _scale(shape)
     x, handles, labels = shown.scale * shape.x, [], []
@@ -73,17 +71,16 @@ def _draw_curves(axes, shape: Shape, laws: Sequence[Law]):
         line, = axes.plot(x[seen], factor * f[seen], color=colour, lw=1.8)
         handles.append(line)
         labels.append(clean(part, 20) or "free force, ±2 sd")
-        for law, dash in zip(laws, _DASHES, strict=False):
-            values = sketch_law(law, shape, k)
-            if values is None:
-                continue
-            # Elsewhere a law holds beside other values of the model's own parameters, which one picture cannot show.
-            near = np.abs(values - f)[seen] <= 3.0 * sd[seen] + 0.05 * np.abs(f[seen]).max()
-            if np.mean(near) > 0.9:
-                drawn, = axes.plot(x[seen], factor * values[seen], color=INK, lw=1.2, ls=dash)
-                if k == 0:
-                    handles.append(drawn)
-                    labels.append(typeset(clean(law.text, 70)))
+        values = None if law is None else sketch_law(law, shape, k)
+        if law is None or values is None:
+            continue
+        # Elsewhere the law holds beside other values of the model's own parameters, which one picture cannot show.
+        near = np.abs(values - f)[seen] <= 3.0 * sd[seen] + 0.05 * np.abs(f[seen]).max()
+        if np.mean(near) > 0.9:
+            drawn, = axes.plot(x[seen], factor * values[seen], color=INK, lw=1.2, ls="--")
+            if k == 0:
+                handles.append(drawn)
+                labels.append(typeset(clean(law.text, 70)))
     if shape.begins is not None:
         axes.axvspan(shown.scale * shape.begins, x[-1], color=PLACE, lw=0, zorder=0)
         handles.append(key_band(PLACE, None))
@@ -119,12 +116,10 @@ def _draw_bars(axes, missing: MissingForce):
         rows.append(("ceiling", missing.ceiling[1], INK))
     shares = [missing.share(loss) for _, loss, _ in rows]
     dress(axes, "x", xlim=(0, 118), xticks=[0, 50, 100], xlabel="share of the held-out misfit removed [%]")
-    axes.barh(range(len(rows)), [100 * s for s in shares], color=[colour for *_, colour in rows], height=0.6)
+    bars = axes.barh(range(len(rows)), [100 * s for s in shares], color=[colour for *_, colour in rows], height=0.6)
+    axes.bar_label(bars, list(map(format_share, shares)), padding=3, fontsize=8.5)
     axes.set_yticks(range(len(rows)), [text for text, *_ in rows])
     axes.invert_yaxis()
-    for k, share in enumerate(shares):
-        axes.annotate(format_share(share), (100 * share, k), xytext=(3, 0), textcoords="offset points", va="center",
-                      fontsize=8.5)
 
 
 def _draw_spectrum(axes, shape: Shape):

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -64,7 +64,15 @@ def draw_corner(posterior: Posterior):
         _set_ticks(axes.xaxis, ticks)
         lowest = row == count - 1
         if row == column:
-            _draw_marginal(axes, values[:, row], curves[row], spans[row])
+            edges = np.linspace(spans[row][0], spans[row][1], 33)
+            density = np.histogram(values[:, row], bins=edges, density=True)[0]
+            axes.stairs(density, edges, fill=True, color=KIN, alpha=0.6)
+            axes.stairs(density, edges, color=AFTER, lw=1.0)
+            axes.plot(*curves[row].T, color=BEFORE, lw=1.4, ls=_DASHED)
+            for q in np.quantile(values[:, row], [0.025, 0.975]):
+                axes.axvline(q, color=GREY, lw=0.7, ls=(0, (2, 2)))
+            axes.set(ylim=(0, 1.15 * max([density.max(), *curves[row][:, 1]])), yticks=[])
+            axes.spines["left"].set_visible(False)
         else:
             _draw_pair(axes, values[:, [column, row]])
             for ellipse in _push_ellipses(posterior.target, column, row):
@@ -173,22 +181,14 @@ def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4
     axes.minorticks_off()
     short = shorten_names((one.record for one in records), 14)
     name_ticks(axes, [short[str(one.record)] for one in records], WIDTH - 1.2, 8)
-    _draw_replicates(below, checks, family, count)
-    head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
-                         key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
-                [*STATISTICS.values(), "stands out by itself", "measured", "90 % of replicates"])
-    return figure
-
-
-def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
-    """Measured minus the mean of the replicates, over their range: for the strangest records, and some that are not."""
+    # Measured minus the mean of the replicates, over their range: for the strangest records, and some that are not.
     own = checks.replicates
-    order = np.argsort([min(one.p_values.values()) for one in checks.records])
+    order = np.argsort([min(one.p_values.values()) for one in records])
     wanted = [*order[: -(-count // 2)], *order[-(count // 2):]] if len(order) > count else order
     chosen = sorted(int(g) for g in wanted)
-    names = vary(one.conditions for one in checks.records)
-    short = shorten_names((one.record for one in checks.records), 20)
-    panels = figure.subplots(-(-len(chosen) // 2), 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
+    names = vary(one.conditions for one in records)
+    short = shorten_names((one.record for one in records), 20)
+    panels = below.subplots(-(-len(chosen) // 2), 2 if len(chosen) > 1 else 1, squeeze=False).ravel()
     shown = describe_quantity(own.channels[0], unit="")
     for axes in panels[len(chosen):]:
         axes.set_axis_off()
@@ -204,7 +204,7 @@ def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
         dress(axes).fill_between(x, *band, color=KIN, alpha=0.5, lw=0)
         axes.plot(x, (measured - middle) * shown.scale, color=INK, lw=0.7)
         axes.axhline(0, color=PALE, lw=0.8, zorder=1)
-        record = checks.records[g]
+        record = records[g]
         title = f"{short[str(record.record)]}   {describe_conditions(record.conditions, names)}"
         axes.set_title(wrap_text(title, WIDTH / 2 - 0.8, 9), fontsize=9)
         axes.margins(x=0)
@@ -212,23 +212,39 @@ def _draw_replicates(figure, checks: Checks, family: str, count: int) -> None:
             axes.set_ylabel(f"measured − model\n[{shown.unit or '–'}]", fontsize=8.5)
         if k >= len(chosen) - 2:
             axes.set_xlabel(along.label)
+    head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
+                         key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
+                [*STATISTICS.values(), "stands out by itself", "measured", "90 % of replicates"])
+    return figure
 
 
 @styled
-def draw_left_out(scores: Scores):
-    """Logarithm of the predictive density of the records of every condition, left out."""
-    varying = vary(one.conditions for one in scores.scores)
+def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
+    """Logarithm of the predictive density of the records of every condition, left out; of one or more models.
+
+    Args:
+        scores: of the models, the best first, from which others are drawn as differences.
+        names: of the models.
+    """
+    first = scores[0]
+    varying = vary(one.conditions for one in first.scores)
     labels = [describe_conditions(one.conditions, varying) or clean(", ".join(one.records), 20)
-              for one in scores.scores]
+              for one in first.scores]
     figure = new_figure(0.9 + 0.235 * len(labels))
     axes = dress_rows(figure.add_subplot(), labels, fontsize=8.5 if len(labels) <= 24 else 7)
-    axes.set_xlabel("logarithm of the predictive density")
-    axes.scatter(scores.values, range(len(labels)), s=34, edgecolor=AFTER, zorder=3,
-                 facecolor=[AFTER if one.trusted else "white" for one in scores.scores])
-    entries = {"left-out condition": key_dot(AFTER, 6)}
-    if not all(one.trusted for one in scores.scores):
-        entries["weights not to be trusted"] = key_dot(GREY, 6, mfc="white")
-    head_figure(figure, list(entries.values()), list(entries))
+    several = len(scores) > 1
+    if several:
+        axes.axvline(0, color=SHADES[0], lw=1.4)
+    for one, shade in list(zip(scores, SHADES, strict=False))[several:]:
+        axes.scatter(one.values - several * first.values, range(len(labels)), s=34, edgecolor=shade, zorder=3,
+                     facecolor=[shade if score.trusted else "white" for score in one.scores])
+    axes.set_xlabel("logarithm of the predictive density" + several * ", minus that of the first model")
+    handles = [key_dot(shade, 6) for _, shade in zip(scores, SHADES, strict=False)]
+    words = [clean(name, 40) for name in names][: len(handles)] or ["left-out condition"]
+    if any(not score.trusted for one in scores for score in one.scores):
+        handles.append(key_dot(GREY, 6, mfc="white"))
+        words.append("weights not to be trusted")
+    head_figure(figure, handles, words)
     return figure
 
 
@@ -283,19 +299,6 @@ def _span(values: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
     low, high = min(low, max(float(seen.min()), low - room)), max(high, min(float(seen.max()), high + room))
     pad = 0.05 * (high - low) or 1e-9 * max(abs(low), 1.0)
     return low - pad, high + pad
-
-
-def _draw_marginal(axes, values: np.ndarray, curve: np.ndarray, span: tuple[float, float]) -> None:
-    edges = np.linspace(*span, 33)
-    density = np.histogram(values, bins=edges, density=True)[0]
-    axes.stairs(density, edges, fill=True, color=KIN, alpha=0.6)
-    axes.stairs(density, edges, color=AFTER, lw=1.0)
-    axes.plot(*curve.T, color=BEFORE, lw=1.4, ls=_DASHED)
-    for q in np.quantile(values, [0.025, 0.975]):
-        axes.axvline(q, color=GREY, lw=0.7, ls=(0, (2, 2)))
-    axes.set_ylim(0, 1.15 * max([density.max(), *curve[:, 1]]))
-    axes.set_yticks([])
-    axes.spines["left"].set_visible(False)
 
 
 def _draw_pair(axes, values: np.ndarray) -> None:

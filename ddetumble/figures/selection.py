@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Any
 
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
@@ -16,7 +16,6 @@ from .style import NARROW, WIDTH, dress_rows, head_figure, key_band, key_dot, ne
 
 
 CHANCE = 0.05  # p-value from which what an effect removes may be chance
-MOST = 8  # correlations drawn
 FEWEST = 4  # bars that there is room for at least, so that one alone is not as high as the figure
 # Looks of bars of the ranking, in the order of their legend.
 KINDS = {
@@ -96,15 +95,17 @@ def _describe_fit(step: Step | Comparison) -> str:
 
 
 @styled
-def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), narrow: bool = False):
+def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), confused: Sequence[str] | None = None,
+                 narrow: bool = False):
     """One bar an effect: the share of the misfit above noise that it removes; a diamond for what can be seen of it.
 
     Args:
         candidates: as they stood at the first step, best first.
         chosen: effects that were added, in their order.
+        confused: effects that this campaign cannot tell from the first chosen one; its own list where not given.
     """
-    # What this campaign cannot tell from the first chosen one.
-    confused = [name for one in candidates if one.effect in chosen[:1] for name in one.indistinguishable_from]
+    if confused is None:
+        confused = [name for one in candidates if one.effect in chosen[:1] for name in one.indistinguishable_from]
     figure = new_figure((2.0 if narrow else 1.0) + 0.27 * max(len(candidates), 1), NARROW if narrow else WIDTH)
     axes = dress_rows(figure.add_subplot(), [shorten(one.effect, 22 if narrow else 36) for one in candidates])
     used = []
@@ -136,24 +137,16 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), na
     return figure
 
 
-class _HasParameters(Protocol):
-    """A step, a fit: parameters, and pairs of names with their correlation."""
-
-    @property
-    def parameters(self) -> Mapping[str, Estimate | Fitted]: ...
-    @property
-    def correlations(self) -> Sequence[tuple[str, str, float]]: ...
-
-
 @styled
-def draw_parameters(steps: Mapping[str, _HasParameters], narrow: bool = False):
+def draw_parameters(steps: Mapping[str, Any], count: int = 8, narrow: bool = False):
     """A line a parameter with its 95 % interval, each on its own scale, and the strongest correlations beside them.
 
     Args:
-        steps: one or two models by name, the reference model first; the last one's parameters are listed.
+        steps: one or two fits or steps by name, the reference model first; the last one's parameters are listed.
+        count: how many correlations at most.
     """
     final = list(steps.values())[-1]
-    correlations = sorted(final.correlations, key=lambda item: -abs(item[2]))[:MOST]
+    correlations = sorted(final.correlations, key=lambda item: -abs(item[2]))[:count]
     heights = (0.75 + (0.85 if narrow else 0.62) * len(final.parameters),
                0.9 + 0.36 * max(len(correlations), FEWEST))
     figure = new_figure(sum(heights[: 1 + bool(correlations)]) if narrow else max(heights), NARROW if narrow else WIDTH)
@@ -166,7 +159,7 @@ def draw_parameters(steps: Mapping[str, _HasParameters], narrow: bool = False):
     shades = [AFTER] if len(steps) == 1 else [BEFORE, AFTER]
     handles = {}
     for axes, (name, own) in zip(panels, final.parameters.items(), strict=False):
-        dress_rows(axes, [""] * len(steps))
+        dress_rows(axes, [""] * len(steps)).set_yticks([])
         # A power of ten by which a parameter is divided where its numbers would be too long for an axis.
         edges = [abs(edge) for step in steps.values() if name in step.parameters
                  for edge in _interval(step.parameters[name])]

@@ -1,8 +1,8 @@
 """Fitted series put in order for a figure: spans, phases and strokes; residuals by condition and in bins."""
 
-import dataclasses as dc
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,21 +17,13 @@ FEWEST = 5  # samples of a bin
 GAP = 0.04  # of a setting's value, between two nominal ones
 
 
-@dc.dataclass(frozen=True)
-class Bins:
-    """Means of standardised residuals in bins.
+class Bins(NamedTuple):
+    """Means of standardised residuals in bins."""
 
-    Attributes:
-        centre: of the bins, in the variable's SI unit (mean of the variable).
-        mean: mean residual over noise.
-        error: standard error of the mean, from the scatter between records.
-        floor: standard error that noise alone gives the mean.
-    """
-
-    centre: np.ndarray
-    mean: np.ndarray
-    error: np.ndarray
-    floor: np.ndarray
+    centre: np.ndarray  # mean of the variable, in its SI unit
+    mean: np.ndarray  # residual over noise
+    error: np.ndarray  # standard error of the mean, from the scatter between records
+    floor: np.ndarray  # standard error that noise alone gives the mean
 
 
 def find_span(trace: Trace) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """The report of a comparison: models against the measurements, and of several what each one adds."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,9 +14,17 @@ from .findings import show_errors, show_failures, show_fits
 from .page import Section, Table, draw_picture, write_page
 
 
-# Columns of the errors in words; those of residuals in the channel's unit are named with it.
-_WORDS = {"ratio": "rms / noise", "nrmse": "rms / signal", "samples": "samples", "records": "records",
-          "record": "record", "sequence": "place in the series", "chi2_reduced": "χ² per sample", "channel": "channel"}
+def _count(value: float) -> str:
+    return f"{value:g}" if np.isfinite(value) else "–"
+
+
+# Columns of the errors in words, and how they are shown; residuals are in the channel's unit, named with it.
+_COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "ratio": ("rms / noise", format_number), "nrmse": ("rms / signal", format_error), "samples": ("samples", _count),
+    "records": ("records", _count), "record": ("record", clean), "sequence": ("place in the series", _count),
+    "chi2_reduced": ("χ² per sample", format_number),
+    "channel": ("channel", lambda name: describe_quantity(name).name),
+}  # fmt: skip
 _RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
 
 
@@ -58,7 +67,7 @@ def _tabulate_errors(result: Comparison) -> Section:
     """Errors by channel, condition and record, every column with its unit."""
     units = {str(row["channel"]): str(row["unit"]) for _, row in result.channels.iterrows()}
     tables = [_tabulate(result.channels.drop(columns="unit"), units, "By channel.")]
-    if any(name not in _WORDS and not name.startswith("ratio") and name not in _RESIDUALS
+    if any(name not in _COLUMNS and not name.startswith("ratio") and name not in _RESIDUALS
            for name in result.conditions.columns):
         tables.append(_tabulate(result.conditions, units,
                                 "By condition; each is the mean over tests with equal settings."))
@@ -82,22 +91,12 @@ def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Ta
         elif name.startswith("ratio_"):
             header.append(f"rms / noise, {describe_quantity(name.removeprefix('ratio_')).name}")
             columns.append([format_number(float(value)) for value in values])
-        elif name in _WORDS:
-            header.append(_WORDS[name])
-            columns.append([_show(name, value) for value in values])
+        elif name in _COLUMNS:
+            heading, show = _COLUMNS[name]
+            header.append(heading)
+            columns.append(list(map(show, values)))
         else:
             setting = describe_quantity(name, np.asarray(values, float))
             header.append(setting.label)
             columns.append([setting.format(float(value)) for value in values])
     return Table(header, list(zip(*columns, strict=True)), caption)
-
-
-def _show(name: str, value) -> str:
-    """A cell of a column that has a word of its own."""
-    if name == "nrmse":
-        return format_error(float(value))
-    if name == "channel":
-        return describe_quantity(str(value)).name
-    if name in ("samples", "records", "sequence") and np.isfinite(value):
-        return f"{float(value):g}"
-    return clean(value) if isinstance(value, str) else format_number(float(value))

@@ -26,21 +26,13 @@ _NUMBER = re.compile(r"^[-+−<]?\s*[\d.,]+(e[-+−]?\d+)?( ?[±–-] ?[\d.]+(e[
 
 @dc.dataclass(frozen=True)
 class Picture:
-    """A figure of a page.
+    """A figure of a page."""
 
-    Attributes:
-        name: of the PNG file, without its ending.
-        caption: what it shows, one or two sentences.
-        figure: a matplotlib figure.
-        alt: what a reader who cannot see it should hear; the caption where it is empty.
-        narrow: the same drawn for a telephone; without it, the figure is shrunk there, and enlarged by a tap.
-    """
-
-    name: str
-    caption: str
-    figure: Any
-    alt: str = ""
-    narrow: Any = None
+    name: str  # of the PNG file, without its ending
+    caption: str  # what it shows, one or two sentences
+    figure: Any  # of matplotlib
+    alt: str = ""  # what a reader who cannot see it should hear; the caption where it is empty
+    narrow: Any = None  # the same for a telephone; without it, the figure is shrunk there, and enlarged by a tap
 
 
 def draw_picture(name: str, caption: str, draw: Callable[..., Any], *arguments, alt: str = "") -> Picture:
@@ -60,21 +52,13 @@ class Table:
 
 @dc.dataclass(frozen=True)
 class Section:
-    """A part of a page.
-
-    Attributes:
-        title: its heading.
-        paragraphs: plain text, commands between backticks; `markupsafe.Markup` passes as HTML.
-        figures: `Picture`s, or tuples (name, caption, figure[, alt]).
-        tables: `Table`s, pandas data frames, or lists of rows of which the first is the header.
-        points: a list of short sentences after the paragraphs.
-    """
+    """A part of a page, under a heading."""
 
     title: str
-    paragraphs: Sequence[str] = ()
-    figures: Sequence[Any] = ()
-    tables: Sequence[Any] = ()
-    points: Sequence[str] = ()
+    paragraphs: Sequence[str] = ()  # plain text, commands between backticks; `markupsafe.Markup` passes as HTML
+    figures: Sequence[Any] = ()  # `Picture`s, or tuples (name, caption, figure[, alt])
+    tables: Sequence[Any] = ()  # `Table`s, pandas data frames, or lists of rows of which the first is the header
+    points: Sequence[str] = ()  # a list of short sentences after the paragraphs
 
 
 def write_page(

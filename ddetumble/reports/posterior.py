@@ -129,7 +129,7 @@ def _show_left_out(posterior: Posterior) -> Section | None:
         "of the same campaign under the same noise, as `ddetumble average` does."]
     header = ("condition", "records", "log density", "Pareto k", "how", "to be trusted")
     caption = "Logarithm of the predictive density of every condition's records, given all others."
-    picture = Picture("left-out", caption, figures.draw_left_out(scores),
+    picture = Picture("left-out", caption, figures.draw_left_out([scores]),
                       f"Log predictive density of {len(rows)} conditions.")
     return Section("Conditions left out", paragraphs, [picture], [Table(header, rows)])
 
