@@ -67,28 +67,17 @@ class Exam:
 
 @dc.dataclass(frozen=True)
 class Case:
-    """One question with its answer.
+    """One question with its answer."""
 
-    Attributes:
-        index: its number in the exam.
-        kind: of what is hidden, out of TRUTHS.
-        effects: that are hidden, with their parameters.
-        asked, strengths: of every effect, the strength drawn and the one that its parameters have.
-        noise: `rho` and `white_share`.
-        fault: one of FAULTS, or None.
-        setting: of the generator; `base` in it are the reference model's parameters.
-        seed: of the campaign's random numbers.
-    """
-
-    index: int
-    kind: str
-    effects: Mapping[str, Mapping[str, Any]]
-    asked: Mapping[str, float]
-    strengths: Mapping[str, float]
-    noise: Mapping[str, float]
-    fault: str | None
-    setting: Mapping[str, Any]
-    seed: int
+    index: int  # its number in the exam
+    kind: str  # of what is hidden, out of TRUTHS
+    effects: Mapping[str, Mapping[str, Any]]  # that are hidden, with their parameters
+    asked: Mapping[str, float]  # strength drawn for every effect
+    strengths: Mapping[str, float]  # and the one that its parameters have
+    noise: Mapping[str, float]  # `rho` and `white_share`
+    fault: str | None  # one of FAULTS
+    setting: Mapping[str, Any]  # of the generator; `base` in it are the reference model's parameters
+    seed: int  # of the campaign's random numbers
 
 
 def start_random(exam: Exam, *more: int) -> np.random.Generator:

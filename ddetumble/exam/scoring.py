@@ -21,21 +21,14 @@ BINS = (0.5, 0.71, 1.0, 1.41, 2.0, 2.83, 4.0, 5.66, 8.0)  # of strength
 
 @dc.dataclass(frozen=True)
 class Share:
-    """So many of so many, with the limits of Clopper and Pearson (1934), each exceeded with 2.5 % probability.
-
-    Attributes:
-        count, total: cases.
-        low, high: limits of the share; 0 and 1 where there are no cases.
-        upper: one-sided 95 % upper limit.
-        share: count over total; nan without cases.
-    """
+    """So many of so many, with the limits of Clopper and Pearson (1934), each exceeded with 2.5 % probability."""
 
     count: int
     total: int
     low: float = 0.0
     high: float = 1.0
-    upper: float = 1.0
-    share: float = float("nan")
+    upper: float = 1.0  # one-sided 95 % limit
+    share: float = float("nan")  # count over total
 
 
 def count_share(flags: Iterable[bool]) -> Share:

@@ -58,13 +58,7 @@ class Settings:
 
 
 class AbstractSampler(ABC):
-    """A way to make steps of several independent chains.
-
-    Attributes:
-        name: of the sampler.
-        target: what is sampled.
-        settings: how.
-    """
+    """A way to make steps of several independent chains."""
 
     name: ClassVar[str]
 
@@ -78,11 +72,8 @@ class AbstractSampler(ABC):
 
     @abstractmethod
     def advance(self, steps: int) -> Block:
-        """So many steps of all chains.
-
-        Returns:
-            `x`, shape (chains, steps, walkers, free), `log_density`, shape (chains, steps, walkers), and whatever
-            `resume` and `count` need.
+        """So many steps of all chains: `x`, shape (chains, steps, walkers, free), `log_density`, shape (chains, steps,
+        walkers), and whatever `resume` and `count` need.
         """
 
     @abstractmethod

@@ -245,7 +245,23 @@ def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Se
         x, likelihoods, base = draw_about(target, seed)
         scores.append(score_conditions(target, x, likelihoods, base, seed=seed,
                                        report=lambda text, share, tell=tell: tell(text, 0.4 + 0.6 * share)))
-    return conclude(fits, scores, notes)
+    elpd = np.stack([one.values for one in scores], axis=1)
+    weights, totals = stack_weights(elpd), elpd.sum(axis=0)
+    compared = compare_rivals(elpd, weights)
+    rivals = []
+    for k in np.argsort(-totals, kind="stable"):
+        folder = "".join(c if c.isalnum() or c in "+-_" else "-" for c in names[k])[:100]
+        rivals.append(Rival(names[k], folder, fits[k], scores[k], float(weights[k]), *compared[k]))
+    notes = list(notes)
+    if len(elpd) < FEW:
+        notes.append(f"With {len(elpd)} conditions the standard errors, and so the weights, are themselves rough.")
+    if doubtful := [one.name for one in rivals if not all(s.trusted for s in one.scores.scores)]:
+        notes.append(f"Not every score of {', '.join(doubtful)} can be trusted: single conditions decide what the "
+                     "others leave open (see pareto_k in weights.json).")
+    notes.append("Weights are those of a mixture for prediction, not probabilities of the models; none of the rivals "
+                 "need be right.")
+    return ModelWeights(fits[0].campaign, fits[0].sha256, fits[0].model, tuple(rivals), _say(rivals, len(elpd)),
+                        tuple(notes))
 
 
 def fit_again(found: Fit, noise: dict[str, Noise] | Any) -> Fit:
@@ -312,16 +328,11 @@ def stack_weights(elpd: np.ndarray) -> np.ndarray:
         mixed = np.maximum(relative @ w, 1e-300)
         return -np.mean(np.log(mixed)), -np.mean(relative / mixed[:, None], axis=0)
 
-    w = np.full(count, 1.0 / count)
-    # EM never leaves the simplex nor lowers the sum; the end of its way, which may be long, is left to SLSQP.
-    for _ in range(200):
-        w = -w * loss(w)[1]
     with np.errstate(all="ignore"):
-        found = optimize.minimize(loss, w, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * count,
-                                  constraints={"type": "eq", "fun": lambda v: v.sum() - 1.0}, options={"ftol": 1e-14})
-        better = np.clip(found.x, 0.0, 1.0) / np.clip(found.x, 0.0, 1.0).sum()
-    w = better if np.all(np.isfinite(better)) and loss(better)[0] <= loss(w)[0] else w
-    w = np.where(w < NOTHING, 0.0, w)
+        found = optimize.minimize(
+            loss, np.full(count, 1.0 / count), jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * count,
+            constraints={"type": "eq", "fun": lambda w: w.sum() - 1.0}, options={"ftol": 1e-14})
+    w = np.where(found.x < NOTHING, 0.0, found.x)
     return w / w.sum()
 
 
@@ -343,28 +354,6 @@ def compare_rivals(elpd: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
         outcome = "preferred" if preferred else "favoured" if weights[best] >= NEARLY_ALL else "indistinguishable"
         found.append((difference, error, "best" if k == best else outcome))
     return found
-
-
-def conclude(fits: Sequence[Fit], scores: Sequence[Scores], notes: Sequence[str] = ()) -> ModelWeights:
-    """Weights and what they mean, from the left-out scores of every rival."""
-    elpd = np.stack([one.values for one in scores], axis=1)
-    weights, totals = stack_weights(elpd), elpd.sum(axis=0)
-    compared = compare_rivals(elpd, weights)
-    rivals = []
-    for k in np.argsort(-totals, kind="stable"):
-        name = name_rival(fits[k].effects)
-        folder = "".join(c if c.isalnum() or c in "+-_" else "-" for c in name)[:100]
-        rivals.append(Rival(name, folder, fits[k], scores[k], float(weights[k]), *compared[k]))
-    notes = list(notes)
-    if len(elpd) < FEW:
-        notes.append(f"With {len(elpd)} conditions the standard errors, and so the weights, are themselves rough.")
-    if doubtful := [one.name for one in rivals if not all(s.trusted for s in one.scores.scores)]:
-        notes.append(f"Not every score of {', '.join(doubtful)} can be trusted: single conditions decide what the "
-                     "others leave open (see pareto_k in weights.json).")
-    notes.append("Weights are those of a mixture for prediction, not probabilities of the models; none of the rivals "
-                 "need be right.")
-    return ModelWeights(fits[0].campaign, fits[0].sha256, fits[0].model, tuple(rivals), _say(rivals, len(elpd)),
-                        tuple(notes))
 
 
 def _say(rivals: Sequence[Rival], conditions: int) -> str:

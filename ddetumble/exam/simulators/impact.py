@@ -196,10 +196,9 @@ def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
 
     separate.terminal, separate.direction = True, -1.0
     scale = np.array([1.0, 1.0, 1e3, 1e3, 1e3])
-    solution = solve_ivp(
-        impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0], method="DOP853", dense_output=True,
-        events=separate, rtol=rtol, atol=atol * scale, max_step=impact.guess_contact_time() / parts,
-    )  # fmt: skip
+    solution = solve_ivp(impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0], method="DOP853",
+                         dense_output=True, events=separate, rtol=rtol, atol=atol * scale,
+                         max_step=impact.guess_contact_time() / parts)
     if not solution.success:
         raise RuntimeError(solution.message)
     return solution.sol, solution.t_events[0][0] if solution.t_events[0].size else None

@@ -122,11 +122,9 @@ def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
 def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
     """Three tests at other pressures and speeds, after the campaign's last."""
     count = len(setting["pressures"]) * len(setting["speeds"]) * setting["repeats"]
-    found = []
-    for conditions in choose_heldout(setting["pressures"], setting["speeds"], count + 1):
-        times = place_times(setting["base"], conditions, 5e-4)
-        found.append(HeldOut(conditions, times, simulate(setting["base"], effects, conditions, times)))
-    return found
+    tests = choose_heldout(setting["pressures"], setting["speeds"], count + 1)
+    times = [place_times(setting["base"], conditions, 5e-4) for conditions in tests]
+    return [HeldOut(c, t, simulate(setting["base"], effects, c, t)) for c, t in zip(tests, times, strict=True)]
 
 
 IMPACT = CaseGenerator(

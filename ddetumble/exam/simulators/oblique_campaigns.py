@@ -95,12 +95,10 @@ def prepare(setting: Mapping, seed: int) -> Callable[[Mapping], float]:
 
 def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
     """Three tests at other pressures and speeds."""
-    found = []
-    for conditions in choose_oblique_heldout(setting["pressures"], setting["speeds"], setting["slides"]):
-        times = straight.place_times(setting["base"], conditions, 5e-4)
-        readings = simulate_strike(setting["base"], effects, conditions, times, FORCES, STEPS)
-        found.append(HeldOut(conditions, times, readings))
-    return found
+    base, tests = setting["base"], choose_oblique_heldout(setting["pressures"], setting["speeds"], setting["slides"])
+    times = [straight.place_times(base, conditions, 5e-4) for conditions in tests]
+    return [HeldOut(c, t, simulate_strike(base, effects, c, t, FORCES, STEPS))
+            for c, t in zip(tests, times, strict=True)]
 
 
 OBLIQUE = CaseGenerator(

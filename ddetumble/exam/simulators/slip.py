@@ -109,21 +109,17 @@ class Rub:
         self.rubber *= 1.0 - wear["w"] * -math.expm1(-earlier / wear["j_0"])
         self.pressed = self.load * (self.load / REFERENCE_LOAD) ** -x["load-exponent"]["m"]
 
-    def measure_rubber_coefficient(self, since, work=0.0):
-        """Return mu_r (-) at slip since reversal (m) after the work (J) has heated it.
+    def measure_force(self, since, work=0.0):
+        """Return f (N) against the motion at slip since reversal (m) after the work (J) has heated the rubber.
 
-        Factors 1 - exp(-s/s_0), exp(-kappa W) and, from t = s/u since reversal, 1 + A ln(1 + t/t_0).
+        mu_r has the factors exp(-kappa W), 1 - exp(-s/s_0) and, from t = s/u since reversal, 1 + A ln(1 + t/t_0);
+        x-stick-slip multiplies the sum by 1 + ratio (2 frac(s/wavelength) - 1).
         """
         x = self.effects
         friction = self.rubber * np.exp(-x["frictional-heating"]["kappa"] * np.asarray(work, dtype=float))
         if x["presliding"]["s_0"]:
             friction = friction * -np.expm1(-since / x["presliding"]["s_0"])
-        return friction * (1.0 + x["x-creep"]["A"] * np.log1p(since / self.speed / x["x-creep"]["t_0"]))
-
-    def measure_force(self, since, work=0.0):
-        """Return f (N) against the motion, which x-stick-slip multiplies by 1 + ratio (2 frac(s/wavelength) - 1)."""
-        x = self.effects
-        friction = self.measure_rubber_coefficient(since, work)
+        friction = friction * (1.0 + x["x-creep"]["A"] * np.log1p(since / self.speed / x["x-creep"]["t_0"]))
         friction = friction + self.scale * measure_slip_coefficient(since, self.load)
         force = friction * self.pressed + x["viscous-friction"]["c_t"] * self.speed + x["adhesive-offset"]["f_a"]
         phase = since / x["x-stick-slip"]["wavelength"]
@@ -135,19 +131,13 @@ def accumulate_work(rub, path, strokes=None, rtol=1e-11):
     index, _, since, _ = follow_strokes(path, strokes)
     work, before = np.zeros(since.size), 0.0
     step = rub.effects["x-stick-slip"]["wavelength"] / 20.0 if rub.effects["x-stick-slip"]["ratio"] else math.inf
-
-    def heat(s, w):
-        return np.abs(rub.measure_force(s, w))
-
     for k in range(index.max() + 1 if index.size else 0):
         here = index == k
         end = since[here].max() if strokes is None or k == index.max() else strokes[k]
         if end == 0.0:  # nothing but the start
             continue
-        solution = solve_ivp(
-            heat, (0.0, end), [before], method="DOP853", dense_output=True, rtol=rtol, atol=1e-14,
-            max_step=min(step, end / 8.0),
-        )  # fmt: skip
+        solution = solve_ivp(lambda s, w: np.abs(rub.measure_force(s, w)), (0.0, end), [before], method="DOP853",
+                             dense_output=True, rtol=rtol, atol=1e-14, max_step=min(step, end / 8.0))
         if not solution.success:
             raise RuntimeError(solution.message)
         work[here], before = solution.sol(since[here])[0], solution.y[0, -1]

@@ -10,23 +10,15 @@ STEPS = (1e-4, 0.1)  # of finite differences: shared parameters, and nuisances i
 
 
 class Reference(NamedTuple):
-    """A reference model on some tests, as a refit sees it.
+    """A reference model on some tests, as a refit sees it."""
 
-    Attributes:
-        base: its true parameters.
-        start: coordinates of the parameters that all records share, at the truth.
-        move: parameters at such coordinates.
-        read: readings of record i over noise, from i, parameters, effects, and the record's own nuisances, shape
-            (nuisances,), in units of their prior deviations.
-        records, nuisances: how many there are, and of each record its own.
-    """
-
-    base: Mapping[str, float]
-    start: np.ndarray
-    move: Callable[[np.ndarray], Mapping[str, float]]
+    base: Mapping[str, float]  # its true parameters
+    start: np.ndarray  # coordinates of the parameters that all records share, at the truth
+    move: Callable[[np.ndarray], Mapping[str, float]]  # parameters at such coordinates
+    # Readings of record i over noise, from i, parameters, effects, and its own nuisances in their prior deviations.
     read: Callable[[int, Mapping[str, float], Mapping[str, Any], np.ndarray], np.ndarray]
-    records: int
-    nuisances: int
+    records: int  # how many there are
+    nuisances: int  # of each
 
 
 def share_logarithms(base: Mapping[str, float], names: Sequence[str]
