@@ -69,14 +69,8 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
     and peaks, pressures below vacuum (sampled ones by more than six standard deviations), counts that are no whole
     numbers from 1 on.
 
-    Args:
-        name: Of the quantity.
-        values: In SI, shape (rows,); NaN passes.
-        rows: Where they stand.
-        resource: `records`, `samples` or `peaks`.
-        uncertainty: Of the values, or None.
-        remedy: What the message on a negative pressure ends with.
-        column: Heading of the column, where it is another than the name.
+    `values` are SI, shape (rows,), NaN passes; `resource` is `records`, `samples` or `peaks`; `remedy` ends the message
+    on a negative pressure; `column` is the heading, where it is another than the name.
     """
     column, hint = column or name, ""
 

@@ -159,11 +159,10 @@ def screen_samples(campaign: Campaign, settings: ScreeningSettings = SCREENING) 
 
 def find_runs(x: np.ndarray, sd: float, chance: float, count: int, tolerance: float,
               settings: ScreeningSettings = SCREENING) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Readings at a limit, with those around them that may be, and readings that stand still, both of shape (samples,);
-    and the limits.
+    """Which readings of a record, shape (samples,), are at a limit (or around one), which stand still, and the limits.
 
     Args:
-        x: readings of one record, shape (samples,), NaN where missing.
+        x: readings, NaN where missing.
         sd: standard deviation of the noise.
         chance: that two neighbours are equal.
         count: readings of all records, for how often chance may do it.

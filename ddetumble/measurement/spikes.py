@@ -87,11 +87,7 @@ def leave_common_spikes(time: dict[str, np.ndarray], spikes: dict[str, np.ndarra
                         groups: Mapping[str, Hashable], settings: ScreeningSettings) -> dict[str, np.ndarray]:
     """Spikes without those that come at one time in more records than chance would have it: these are the experiment's.
 
-    Args:
-        time: of every record's samples.
-        spikes: which of these are spikes, of the same shapes.
-        groups: conditions of every record; repeats have the same.
-        settings: thresholds.
+    All arguments are by record: times, which samples are spikes, and conditions; repeats have the same.
     """
     found, count = {key: own.copy() for key, own in spikes.items()}, sum(map(len, time.values()))
     total = sum(int(own.sum()) for own in spikes.values())
