@@ -163,11 +163,9 @@ def check_peaks(peaks, keys: Sequence[str]) -> None:
 
 def check_unique(rows) -> None:
     """Refuse a second row of one record."""
-    first = {}
-    for key, line in zip(rows.keys, rows.lines, strict=True):
-        if first.setdefault(key, line) != line:
-            problem = f"the record {key!r} has a row already on line {first[key]}; give every test its own key"
-            raise InputError(problem, file=rows.file, column="record", row=line)
+    refuse_rows(pd.Index(rows.keys).duplicated(), rows, "record", lambda i: (
+        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; give "
+        "every test its own key"))
 
 
 def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:

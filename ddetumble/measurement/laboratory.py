@@ -18,7 +18,7 @@ from .headings import expand_role, read_pairs
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, read_layout
 from .plausibility import check_plausibility
-from .tables import convert_column, pick_column
+from .tables import convert_column
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
 
 
@@ -187,7 +187,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
     plan.notes.append(f"{Path(raw.file).name}: {used}; {f'left out: {left}' if left else 'no column left out'}.")
     groups = {stem: np.arange(len(raw))}
     if "record" in roles:
-        cells = pick_column(raw, roles["record"])
+        cells = raw.columns[roles["record"]]
         check_keys(cells, raw, roles["record"])
         groups = pd.Series(cells).groupby(cells, sort=False).indices
     tests = [RawTest(str(key), raw.file, raw.lines[rows], {name: v[rows] for name, v in values.items()})
