@@ -17,9 +17,8 @@ from ddetumble.exam.simulators.tumbling_campaigns import make_tumble_campaign
 from ddetumble.inference.estimation import fit
 from ddetumble.inference.noise_estimation import estimate_from_pairs, estimate_noise
 from ddetumble.measurement.campaign import Campaign, Column, Uncertainty
-from ddetumble.measurement.faults import find_runs, find_truncated, screen_samples
+from ddetumble.measurement.faults import find_runs, find_spikes, find_truncated, screen_samples
 from ddetumble.measurement.package import read_campaign
-from ddetumble.measurement.spikes import find_spikes
 from ddetumble.selection.discover import discover
 from ddetumble.selection.missing.missing_force import draw_missing_force
 from ddetumble.selection.outliers import begin_cleaning

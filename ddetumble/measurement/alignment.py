@@ -152,8 +152,8 @@ def find_offset(quiet: np.ndarray) -> float:
 
 def _is_moving(t: np.ndarray, quiet: np.ndarray) -> bool:
     """Whether a channel moves before contact: six standard errors, so that noise alone does not, and a nanometre."""
-    line = stats.linregress(t, quiet)
-    return abs(line.slope) > max(6 * line.stderr, 1e-9 / np.ptp(t))
+    slope, *_, error = stats.linregress(t, quiet)
+    return abs(slope) > max(6 * error, 1e-9 / np.ptp(t))
 
 
 def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) -> tuple[list[float], float]:

@@ -16,10 +16,8 @@ from .units import role_of, si_unit
 
 PEAKS = ("peak_normal_force", "peak_friction_force")
 FEWEST_SAMPLES = 5
-# What ends the message on a negative pressure, of a campaign and of a laboratory's file.
-PACKAGE_REMEDY = ('; mark the field "reference": "gauge" and state ambient_pressure in known if the gauge counts from '
-                  "the ambient")
-IMPORT_REMEDY = "; give --gauge and --ambient if it counts from the ambient"
+_GAUGE = ('; if the gauge counts from the ambient pressure, mark the field "reference": "gauge" and state '
+          "ambient_pressure in known; to an import give --gauge and --ambient")
 OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
@@ -63,20 +61,13 @@ def check_keys(keys: Sequence[str], rows, column: str = "record") -> None:
                 "the record key holds control characters; name the test")
 
 
-def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, remedy: str = PACKAGE_REMEDY,
-                 column: str = "") -> None:
+def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, column: str = "") -> None:
     """Refuse values that the quantity of that name cannot have: numbers that overflow, zero or negative speeds, loads
     and peaks, pressures below vacuum (sampled ones by more than six standard deviations), counts that are no whole
     numbers from 1 on.
 
-    Args:
-        name: Of the quantity.
-        values: In SI, shape (rows,); NaN passes.
-        rows: Where they stand.
-        resource: `records`, `samples` or `peaks`.
-        uncertainty: Of the values, or None.
-        remedy: What the message on a negative pressure ends with.
-        column: Heading of the column, where it is another than the name.
+    `values` are SI, shape (rows,), NaN passes; `resource` is `records`, `samples` or `peaks`; `column` is the heading,
+    where it is another than the name.
     """
     column, hint = column or name, ""
 
@@ -90,7 +81,7 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
         refuse(values <= 0, "must be positive")
     elif resource != "samples" and name in _NOT_NEGATIVE or name == "pressure":
         pressed = role_of(name) == "pressure"
-        hint = remedy if pressed else ""
+        hint = _GAUGE if pressed else ""
         slack = 6 * uncertainty.sd(values) if name == "pressure" and uncertainty else 0.0
         refuse(values < -slack, "an absolute pressure cannot be negative" if pressed else "cannot be negative")
 
@@ -172,11 +163,9 @@ def check_peaks(peaks, keys: Sequence[str]) -> None:
 
 def check_unique(rows) -> None:
     """Refuse a second row of one record."""
-    first = {}
-    for key, line in zip(rows.keys, rows.lines, strict=True):
-        if first.setdefault(key, line) != line:
-            problem = f"the record {key!r} has a row already on line {first[key]}; give every test its own key"
-            raise InputError(problem, file=rows.file, column="record", row=line)
+    refuse_rows(pd.Index(rows.keys).duplicated(), rows, "record", lambda i: (
+        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; give "
+        "every test its own key"))
 
 
 def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._errors import InputError
-from .checks import IMPORT_REMEDY, Rows, check_values
+from .checks import Rows, check_values
 from .headings import expand_role, guess_role, name_condition, read_pairs
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
@@ -19,33 +19,19 @@ WEIGHED = "--known 'effective_mass=1.2 kg' makes a force of"
 
 @dataclass
 class Plan:
-    """The options of an import, the conditions found so far, and the running account of decisions.
-
-    Args:
-        kind: Of the records.
-        choices: Quantity to the column that was named for it.
-        keep: Further columns to the names that they get.
-        units: Unit by quantity or column, from --unit.
-        mass: Effective mass [kg] that makes a force of an acceleration, or None.
-        ambient: Pressure [Pa] that makes gauge pressures absolute; None where they are absolute already.
-        si: SI unit of every quantity found so far.
-        headings: Quantity to the heading it was read from, for messages.
-        conditions: Values by condition and record key, SI.
-        sources: Where each condition comes from.
-        notes: Every decision, in sentences.
-    """
+    """The options of an import, the conditions found so far, and the running account of decisions."""
 
     kind: RecordKind
-    choices: dict[str, str]
-    keep: dict[str, str]
-    units: dict[str, str]
-    mass: float | None = None
-    ambient: float | None = None
-    si: dict[str, str] = field(default_factory=dict)
-    headings: dict[str, str] = field(default_factory=dict)
-    conditions: dict[str, dict[str, float]] = field(default_factory=dict)
-    sources: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    choices: dict[str, str]  # quantity to the column that was named for it
+    keep: dict[str, str]  # further columns to the names that they get
+    units: dict[str, str]  # by quantity or column, from --unit
+    mass: float | None  # effective mass [kg] that makes a force of an acceleration
+    ambient: float | None = None  # pressure [Pa] that makes gauge pressures absolute; None where they are already
+    si: dict[str, str] = field(default_factory=dict)  # unit of every quantity found so far
+    headings: dict[str, str] = field(default_factory=dict)  # quantity to the heading it was read from
+    conditions: dict[str, dict[str, float]] = field(default_factory=dict)  # by name and record key, SI
+    sources: dict[str, str] = field(default_factory=dict)  # where each condition comes from
+    notes: list[str] = field(default_factory=list)  # every decision, in sentences
 
     def add(self, name: str, values: dict[str, float], unit: str, source: str,
             places: Mapping[str, Mapping] | None = None) -> None:
@@ -55,11 +41,10 @@ class Plan:
         if name == self.kind.pressure and self.ambient is not None:
             values = {key: value + self.ambient for key, value in values.items()}
         self.conditions[name], self.si[name], self.sources[name] = values, unit, source
-        remedy = IMPORT_REMEDY if self.ambient is None else ""
         for key, value in values.items():
             place = (places or {}).get(key, {})
             try:
-                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None, remedy)
+                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None)
             except InputError as error:
                 by = "" if place else f" (given by {source})"
                 raise InputError(f"{name} of record {key!r}: {error.problem}{by}", **place) from None

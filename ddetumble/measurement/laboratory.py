@@ -10,7 +10,7 @@ import pandas as pd
 from .._errors import InputError, error_place
 from .alignment import RawTest, align_tests, start_clocks, take_means, turn_axes, turn_friction
 from .campaign import Campaign, Column
-from .checks import IMPORT_REMEDY, check_keys, check_known, check_record, check_values
+from .checks import check_keys, check_known, check_record, check_values
 from .columns import FRICTION_TEST, Plan, choose_columns, find_unit, make_plan
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
@@ -18,7 +18,7 @@ from .headings import expand_role, read_pairs
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
 from .layout import RawFile, read_layout
 from .plausibility import check_plausibility
-from .tables import convert_column, pick_column
+from .tables import convert_column
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
 
 
@@ -187,7 +187,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
     plan.notes.append(f"{Path(raw.file).name}: {used}; {f'left out: {left}' if left else 'no column left out'}.")
     groups = {stem: np.arange(len(raw))}
     if "record" in roles:
-        cells = pick_column(raw, roles["record"])
+        cells = raw.columns[roles["record"]]
         check_keys(cells, raw, roles["record"])
         groups = pd.Series(cells).groupby(cells, sort=False).indices
     tests = [RawTest(str(key), raw.file, raw.lines[rows], {name: v[rows] for name, v in values.items()})
@@ -292,8 +292,7 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
     for test in tests:
         for name in channels:
             if name in test.values:
-                check_values(name, test.values[name], test, "samples", own.get(name), IMPORT_REMEDY,
-                             plan.headings.get(name, name))
+                check_values(name, test.values[name], test, "samples", own.get(name), plan.headings.get(name, name))
     samples = pd.concat([pd.DataFrame({"record": test.key} | test.values) for test in tests], ignore_index=True)
     columns = {name: Column(name, unit, own.get(name), common=shared.get(name)) for name, unit in units.items()}
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)

@@ -21,17 +21,11 @@ _LETTERS = ("N", "s", "m", "K", "V", "%", "1")  # single characters that may be 
 
 @dataclass(frozen=True)
 class RawFile(Table):
-    """A raw file taken apart: cells as text by column name (the heading without its unit).
+    """A raw file taken apart: cells as text by column name (the heading without its unit)."""
 
-    Args:
-        units: Unit of each column as its heading or the unit row gives it, or None.
-        decimal: "." or ",".
-        notes: What was decided, in sentences.
-    """
-
-    units: dict[str, str | None]
-    decimal: str
-    notes: tuple[str, ...]
+    units: dict[str, str | None]  # of each column as its heading or the unit row gives it
+    decimal: str  # "." or ","
+    notes: tuple[str, ...]  # what was decided, in sentences
 
 
 def read_layout(path, *, delimiter: str | None = None, decimal: str | None = None) -> RawFile:

@@ -146,25 +146,25 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
         if column not in fields:
             problem = f"the column is not described in {descriptor.name}; add a field for it or remove it"
             raise InputError(problem, file=path, column=column)
-    keys = [cell.strip() for cell in table.columns.pop("record")]
+    keys = [cell.strip() for cell in table.columns["record"]]
     checks.check_keys(keys, table)
     numbers = _Numbers(path, table.lines, keys, {}, {})
-    for column in table.columns:
-        field = fields[column]
+    del fields["record"]
+    for column, field in fields.items():
         if not field.numeric:
             notes.append(f"The column {column} of {name} is not numeric and was left out.")
             continue
         with error_place(column=column):
-            known_about, offset = _describe_field(field, name, known, notes)
+            about, offset = _describe_field(field, name, known, notes)
         sparse = name != "records" and column not in ("time", *UNITLESS)
         values = convert_column(table, column, decimal=field.decimalChar, allow_missing=sparse,
                                 missing=frozenset(resource.table.missingValues))
         with np.errstate(over="ignore"):
             values = check_unit(field.unit or "1", column).convert(values) + offset
-        checks.check_values(column, values, table, name, known_about.uncertainty)
+        checks.check_values(column, values, table, name, about.uncertainty)
         if column in ("initial_pressure", "internal_pressure") and not np.all(values):
             notes.append(f"The column {column} holds absolute pressures of zero: a ball without gas.")
-        numbers.columns[column], numbers.values[column] = known_about, values
+        numbers.columns[column], numbers.values[column] = about, values
     return numbers
 
 

@@ -53,12 +53,9 @@ VERDICTS = {"nothing-missing": "nothing missing", "explained": "explained", "imp
 
 
 def describe_quantity(name: str, values=None, unit: str = "") -> Quantity:
-    """Name, unit and scale in which a quantity is shown; small pressures are shown in kPa, long times in s or h.
+    """Name, unit and scale in which a channel, condition or variable is shown.
 
-    Args:
-        name: of a channel, condition or variable.
-        values: SI values to be shown, which decide on kPa or MPa, and on ms, s or h.
-        unit: SI unit of a quantity that has no unit of its own here.
+    The SI values to be shown decide on kPa or MPa, and on ms, s or h; `unit` is that of a quantity unknown here.
     """
     if name not in _QUANTITIES:
         return Quantity(clean(name).replace("_", " "), "" if unit == "1" else clean(unit), 1.0)
@@ -183,13 +180,7 @@ def name_steps(discovery) -> list[str]:
 
 
 def name_step(steps: Sequence, number: int, model: str) -> str:
-    """A model of the loop: the reference, or what came and went at that step: `+ adhesion, − gas-leak`.
-
-    Args:
-        steps: of the discovery.
-        number: of the step, 0 for the reference model.
-        model: name of the reference model.
-    """
+    """A model of the loop: what came and went at that step, `+ adhesion, − gas-leak`; 0 is the reference `model`."""
     if not number:
         return clean(model, 34)
     step, before = steps[number], steps[number - 1].effects

@@ -38,17 +38,11 @@ _MISTAKES = (
 
 @dataclass(frozen=True)
 class Table:
-    """A table as text.
+    """A table as text."""
 
-    Args:
-        file: The file's name as the user would write it.
-        columns: Column name to its cells, in the order of the file.
-        lines: Line number of each data row, counted from 1 (the header is line 1), shape (rows,).
-    """
-
-    file: str
-    columns: dict[str, list[str]]
-    lines: np.ndarray
+    file: str  # its name as the user would write it
+    columns: dict[str, list[str]]  # column name to its cells, in the order of the file
+    lines: np.ndarray  # line number of each data row, counted from 1 (the header is line 1), shape (rows,)
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -153,14 +147,9 @@ def read_table(path) -> Table:
 
 def convert_column(table: Table, column: str, *, decimal: str = ".", missing=("",), allow_missing: bool = False
                    ) -> np.ndarray:
-    """Numbers of a column, shape (rows,), in the unit of the file.
+    """Numbers of a column, shape (rows,), in the unit of the file; `decimal` is "." or ",".
 
-    Args:
-        table: The table.
-        column: Name of the column.
-        decimal: Decimal separator, "." or ",".
-        missing: Cells that stand for a missing value.
-        allow_missing: Missing values become NaN; otherwise they are refused.
+    Empty cells and those in `missing` become NaN if `allow_missing`.
 
     Raises:
         InputError: The column is not there, or a cell is not a plain finite number; file, column and line are named.

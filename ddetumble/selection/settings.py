@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 
-from ..measurement.spikes import ScreeningSettings
+from ..measurement.faults import ScreeningSettings
 
 
 @dc.dataclass(frozen=True)
