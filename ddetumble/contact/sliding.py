@@ -173,11 +173,11 @@ class FrictionLaw(AbstractLaw):
     def force(self, slide: Slide) -> Scalar:
         """Friction force against the motion [N] (Eq. 11 with the effects)."""
         rubber = self.reference.rubber(slide)
-        for effect in self.pick(AbstractRubberEffect):
+        for effect in self.pick("rubber"):
             rubber = rubber * effect.factor(slide)
         force = (rubber + self.reference.slipping(slide)) * slide.normal_load
-        for effect in self.pick(AbstractLoadEffect):
+        for effect in self.pick("load"):
             force = force * effect.factor(slide)
-        for effect in self.pick(AbstractFrictionForce):
+        for effect in self.pick("friction"):
             force = force + effect.force(slide)
         return force
