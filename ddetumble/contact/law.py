@@ -31,7 +31,8 @@ class Forces(eqx.Module):
 class AbstractReference(AbstractModel):
     """A reference model: elastic force from depression and conditions; effects extend it.
 
-    They may require of it what it `provides`: `gas`, `geometry`, `damping`.
+    They may require of it what it `provides`: `gas`, `geometry`, `damping`. One without gas needs no diameter and no
+    shape of its own.
     """
 
     family: ClassVar[str] = "impact"
@@ -41,13 +42,13 @@ class AbstractReference(AbstractModel):
         """This model with effects."""
         return ContactLaw(self, effects)
 
-    @abc.abstractmethod
     def diameter(self) -> Scalar:
         """Undeformed outer diameter [m]; 0 where there is none."""
+        return jnp.zeros(())
 
-    @abc.abstractmethod
     def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
         """Contact radius [m] and volume ratio V0/V' [-]; `increment(b)` is what geometry effects add to b."""
+        return jnp.zeros_like(depression), jnp.ones_like(depression)
 
     @abc.abstractmethod
     def elastic(self, contact: Contact) -> Scalar:
@@ -140,20 +141,8 @@ class Ball(AbstractDamped):
         return self.damping_sign * form(restitution, approach_speed)
 
 
-class AbstractGasless(AbstractReference):
-    """A reference model of a soft body without gas: no diameter, no contact disc, no volume."""
-
-    def diameter(self) -> Scalar:
-        """No diameter: 0 [m]."""
-        return jnp.zeros(())
-
-    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
-        """Contact radius 0 [m] and volume ratio 1 [-]."""
-        return jnp.zeros_like(depression), jnp.ones_like(depression)
-
-
 @final
-class PowerLaw(AbstractDamped, AbstractGasless):
+class PowerLaw(AbstractDamped):
     r"""A soft body without gas: $F_k = F_{10}\,(\delta/10\,\mathrm{mm})^n (c/c_0)^\beta$ (Hertz: n = 1.5).
 
     `condition` names the condition $c$ that the stiffness depends on (a campaign's pressure, or a pad's thickness), ''

@@ -115,7 +115,6 @@ class RigidBody(AbstractModel):
                                    text="angular velocity of the orbit", limits=(0.0, 2e-3),
                                    limits_reason="at the surface of a planet as dense as the Earth 1.24e-3")
     family: ClassVar[str] = "tumble"
-    provides: ClassVar[tuple[str, ...]] = ()
 
     def moments(self) -> Vector:
         """Principal moments over the transverse one, (1, 1, r) [-]."""
