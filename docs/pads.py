@@ -7,13 +7,13 @@ from jaxtyping import Array
 
 from ddetumble._numerics import safe_power
 from ddetumble.contact.effect import AbstractElasticEffect, AbstractStiffnessEffect, Scalar, parameter
-from ddetumble.contact.law import AbstractGasless
+from ddetumble.contact.law import AbstractReference
 
 
 REFERENCE = 0.04  # m, the thickness at which `stiffness_force` holds
 
 
-class PadSpring(AbstractGasless):
+class PadSpring(AbstractReference):
     r"""A spring without any loss.
 
     $F = F_{50} (\delta/50\,\mathrm{mm})^n (h/40\,\mathrm{mm})^\beta$ with the thickness h of the pad.

@@ -28,7 +28,7 @@ from ddetumble.cli.progress import show_progress
 from ddetumble.dynamics import simulate_sliding
 from ddetumble.effects import parameters_of
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
-from ddetumble.families.strokes import find_turns
+from ddetumble.families.slip import find_turns
 from ddetumble.figures.style import AFTER, BEFORE, FLOOR, INK, dress, head_figure, new_figure, render_png, styled
 from ddetumble.inference.files import make_plain, write_json
 from ddetumble.inference.stack import stack_records

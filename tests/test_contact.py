@@ -8,7 +8,6 @@ from scipy.integrate import quad
 
 from ddetumble._numerics import positive_part, safe_power, safe_sqrt
 from ddetumble.contact.damping import damping_number, delivered_restitution, printed_damping, restitution_balance
-from ddetumble.contact.gas import gas_pressure
 from ddetumble.contact.geometry import (
     contact_radius,
     membrane_area_radius,
@@ -84,11 +83,6 @@ def test_truncated_sphere():
     np.testing.assert_allclose(press(Ball(truncated=True), 1e6, 5e-3), 1e6 * np.pi * b**2, rtol=1e-14)
     assert float(truncated_sphere_radius(0.0, DIAMETER)) == 0.0
     assert np.isfinite(jax.grad(truncated_sphere_radius)(0.0, DIAMETER))
-
-
-def test_gas():
-    """P V^n = const; what is left of the gas multiplies it."""
-    np.testing.assert_allclose(gas_pressure(2e6, 0.9, 1.4, 0.8), 2e6 * 0.8 * 0.9**1.4, rtol=1e-14)
 
 
 def test_power_law_reads_its_condition():

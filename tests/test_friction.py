@@ -23,7 +23,7 @@ from ddetumble.effects import catalogue
 from ddetumble.effects.directions import SLIP_DIRECTIONS
 from ddetumble.effects.slip import FrictionalHeating, Presliding
 from ddetumble.exam.simulators.slip import simulate_slip
-from ddetumble.families.strokes import split_strokes
+from ddetumble.families.slip import split_strokes
 
 
 SLIP = catalogue("slip")

@@ -103,7 +103,8 @@ def read_impact(law: ContactLaw, conditions: Mapping[str, Array]) -> Readings:
     diameter, damping = law.start(conditions)
 
     def change(states, place):
-        return law.rates(law.contact(conditions, diameter, *place, states), states)
+        time, depression, rate = place
+        return law.rates(law.contact(conditions, diameter, time, depression, rate, states), states)
 
     def advance(states, places):
         here, there = places
@@ -113,8 +114,8 @@ def read_impact(law: ContactLaw, conditions: Mapping[str, Array]) -> Readings:
     ends = tuple(x[:-1] for x in course), tuple(x[1:] for x in course)
     last, states = jax.lax.scan(advance, law.begin_states(), ends)
 
-    def push(states, *place):
-        contact = law.contact(conditions, diameter, *place, states)
+    def push(states, time, depression, rate):
+        contact = law.contact(conditions, diameter, time, depression, rate, states)
         return law.forces(contact, damping, states), contact.pressure
 
     found, pressure = jax.vmap(push)(jnp.concatenate([states, last[None]]), *course)

@@ -219,19 +219,14 @@ class AbstractModel(eqx.Module):
 
 
 class AbstractLaw(eqx.Module):
-    """Base of all laws: a reference model and the effects that extend it.
-
-    Attributes:
-        reference: the reference model.
-        effects: any number of effects, at their null or not.
-    """
+    """Base of all laws: a reference model and the effects that extend it."""
 
     reference: AbstractVar[AbstractModel]
-    effects: AbstractVar[tuple[AbstractEffect, ...]]
+    effects: AbstractVar[tuple[AbstractEffect, ...]]  # at their null or not
 
-    def pick(self, kind: type) -> list[Any]:
-        """Effects of one kind, in their order."""
-        return [effect for effect in self.effects if isinstance(effect, kind)]
+    def pick(self, stage: str) -> list[Any]:
+        """Effects that act at a stage, in their order."""
+        return [effect for effect in self.effects if stage in list_stages(type(effect))]
 
     def __add__(self, effect: AbstractEffect | type[AbstractEffect]) -> Self:
         """This law extended by one more effect, an instance or a class (which then stands at its defaults).

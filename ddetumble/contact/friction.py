@@ -4,10 +4,10 @@ Formulas are pure functions of plain arguments. The slip term is printed for sli
 everything else is SI.
 """
 
-import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_power
@@ -22,15 +22,8 @@ POLYNOMIALS = {
     "e": (2.69364, -0.05815, 0.00712e-4),
 }
 SLIP_UNIT = 1e-3  # the polynomials take slip in mm
-
-
-def _find_divergence() -> float:
-    """Load above which b + |d| > 0; d is negative there, so that b - d = 0 is quadratic."""
-    p, q, r = (b - d for b, d in zip(POLYNOMIALS["b"], POLYNOMIALS["d"], strict=True))
-    return (-q + math.sqrt(q * q - 4.0 * p * r)) / (2.0 * r)
-
-
-DIVERGES_ABOVE = _find_divergence()  # load from which the curve of Eqs. 9 and 10 grows without limit, 30.65 N
+# Load from which the curve of Eqs. 9 and 10 grows without limit, 30.65 N: there b + |d| = b - d = 0, as d is negative.
+DIVERGES_ABOVE = float(np.roots(np.subtract(POLYNOMIALS["b"], POLYNOMIALS["d"])[::-1]).max())
 CHANGES_SIGN_AT = -POLYNOMIALS["a"][0] / POLYNOMIALS["a"][1]  # load at which a(F_n) changes sign, 44.40 N
 
 

@@ -114,10 +114,9 @@ class Striker(AbstractModel):
 
     def extend(self, effects: tuple[AbstractEffect, ...]) -> "StrikeLaw":
         """This model with effects: those on impacts, on friction, and on the patch."""
-        for effect in effects if isinstance(effects, (tuple, list)) else (effects,):
-            if not isinstance(effects, (tuple, list)) or not isinstance(effect, AbstractEffect):
-                raise TypeError("`extend` takes a tuple of effects, such as `(TangentialCompliance(5e-5),)`; it is "
-                                f"given {effect!r:.60}.")
+        if not isinstance(effects, (tuple, list)) or not all(isinstance(e, AbstractEffect) for e in effects):
+            raise TypeError("`extend` takes a tuple of effects, such as `(TangentialCompliance(5e-5),)`; it is given "
+                            f"{effects!r:.60}.")
         return StrikeLaw(self, effects)
 
 
@@ -141,12 +140,12 @@ class StrikeLaw(AbstractLaw):
 
     def compliance(self, patch: Patch) -> Scalar:
         """Tangential compliance of the patch [m/N]; 0 without effects."""
-        return positive_part(sum((effect.compliance_at(patch) for effect in self.pick(AbstractComplianceEffect)),
+        return positive_part(sum((effect.compliance_at(patch) for effect in self.pick("compliance")),
                                  jnp.zeros_like(patch.normal_force)))
 
     def brake(self, patch: Patch) -> Scalar:
         """Force that brakes rolling at full speed, the moment of the offset normal force over the height [N]."""
-        total = sum((effect.offset_at(patch) for effect in self.pick(AbstractReactionEffect)),
+        total = sum((effect.offset_at(patch) for effect in self.pick("reaction")),
                     jnp.zeros_like(patch.normal_force))
         return safe_divide(total, patch.height) * patch.normal_force
 

@@ -11,26 +11,7 @@ from jaxtyping import Array
 
 from .._numerics import positive_part, safe_power
 from .damping import exact_damping, printed_damping
-from .effect import (
-    AbstractContactForce,
-    AbstractDriveEffect,
-    AbstractEffect,
-    AbstractElasticEffect,
-    AbstractGasEffect,
-    AbstractGeometryEffect,
-    AbstractLaw,
-    AbstractModel,
-    AbstractRestitutionEffect,
-    AbstractSensorEffect,
-    AbstractSizeEffect,
-    AbstractStatefulEffect,
-    AbstractStiffnessEffect,
-    AbstractSurfaceForce,
-    Contact,
-    Scalar,
-    parameter,
-)
-from .gas import gas_pressure
+from .effect import AbstractEffect, AbstractLaw, AbstractModel, AbstractStatefulEffect, Contact, Scalar, parameter
 from .geometry import contact_radius, racetrack_volume, sphere_volume, truncated_sphere_radius
 from .signal import Signal
 
@@ -50,10 +31,8 @@ class Forces(eqx.Module):
 class AbstractReference(AbstractModel):
     """A reference model: elastic force from depression and conditions; effects extend it.
 
-    Attributes:
-        name: public name.
-        provides: what effects may require: `gas`, `geometry`, `damping`.
-        text: one sentence that says which equations it is.
+    They may require of it what it `provides`: `gas`, `geometry`, `damping`. One without gas needs no diameter and no
+    shape of its own.
     """
 
     family: ClassVar[str] = "impact"
@@ -63,13 +42,13 @@ class AbstractReference(AbstractModel):
         """This model with effects."""
         return ContactLaw(self, effects)
 
-    @abc.abstractmethod
     def diameter(self) -> Scalar:
         """Undeformed outer diameter [m]; 0 where there is none."""
+        return jnp.zeros(())
 
-    @abc.abstractmethod
     def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
         """Contact radius [m] and volume ratio V0/V' [-]; `increment(b)` is what geometry effects add to b."""
+        return jnp.zeros_like(depression), jnp.ones_like(depression)
 
     @abc.abstractmethod
     def elastic(self, contact: Contact) -> Scalar:
@@ -162,20 +141,8 @@ class Ball(AbstractDamped):
         return self.damping_sign * form(restitution, approach_speed)
 
 
-class AbstractGasless(AbstractReference):
-    """A reference model of a soft body without gas: no diameter, no contact disc, no volume."""
-
-    def diameter(self) -> Scalar:
-        """No diameter: 0 [m]."""
-        return jnp.zeros(())
-
-    def shape(self, depression: Array, diameter: Array, increment) -> tuple[Array, Array]:
-        """Contact radius 0 [m] and volume ratio 1 [-]."""
-        return jnp.zeros_like(depression), jnp.ones_like(depression)
-
-
 @final
-class PowerLaw(AbstractDamped, AbstractGasless):
+class PowerLaw(AbstractDamped):
     r"""A soft body without gas: $F_k = F_{10}\,(\delta/10\,\mathrm{mm})^n (c/c_0)^\beta$ (Hertz: n = 1.5).
 
     `condition` names the condition $c$ that the stiffness depends on (a campaign's pressure, or a pad's thickness), ''
@@ -213,7 +180,7 @@ class ContactLaw(AbstractLaw):
 
     def stateful(self) -> list:
         """The effects with a state of their own, in the order of the state vector."""
-        return self.pick(AbstractStatefulEffect)
+        return [effect for effect in self.effects if isinstance(effect, AbstractStatefulEffect)]
 
     def begin_states(self) -> Array:
         """States of the effects at first touch, shape (states,)."""
@@ -225,9 +192,9 @@ class ContactLaw(AbstractLaw):
         speed = conditions["approach_speed"]
         first = Contact(zero, zero, speed, zero, zero + 1.0, self.reference.diameter(), zero, zero,
                         conditions.get("initial_pressure", zero), speed, conditions, zero)
-        growth = sum((effect.growth(first) for effect in self.pick(AbstractSizeEffect)), zero)
+        growth = sum((effect.growth(first) for effect in self.pick("size")), zero)
         restitution = self.reference.rebound()
-        for effect in self.pick(AbstractRestitutionEffect):
+        for effect in self.pick("restitution"):
             restitution = restitution * effect.factor(first)
         return self.reference.diameter() * (1.0 + growth), self.reference.damping(restitution, speed)
 
@@ -235,62 +202,62 @@ class ContactLaw(AbstractLaw):
                 rate: Array, states: Array) -> Contact:
         """Geometry, gas and elastic force at one instant."""
         zero = jnp.zeros_like(depression)
-        one = jnp.ones_like(zero)
         pressure = conditions.get("initial_pressure", zero)
         bare = Contact(time, positive_part(depression), rate, zero, zero + 1.0, diameter, zero, zero, pressure,
                        conditions["approach_speed"], conditions, zero)
 
         def increment(radius):
             at = eqx.tree_at(lambda c: c.contact_radius, bare, radius)
-            return sum((effect.contact_radius(seen) for effect, seen in self._see(AbstractGeometryEffect, at, states)),
+            return sum((effect.contact_radius(seen) for effect, seen in self._see("geometry", at, states)),
                        zero)
 
         radius, ratio = self.reference.shape(bare.depression, diameter, increment)
         shaped = eqx.tree_at(lambda c: (c.contact_radius, c.volume_ratio), bare, (radius, ratio))
-        gas = gas_pressure(pressure, ratio, one, one)
-        for effect, seen in self._see(AbstractGasEffect, shaped, states):
+        gas = pressure * ratio  # Eq. 3, isothermal
+        for effect, seen in self._see("gas", shaped, states):
             gas = gas * effect.pressure_factor(seen)
         filled = eqx.tree_at(lambda c: c.pressure, shaped, gas)
         elastic = self.reference.elastic(filled)
-        for effect, seen in self._see(AbstractElasticEffect, filled, states):
+        for effect, seen in self._see("elastic", filled, states):
             elastic = elastic + effect.force(seen)
-        for effect, seen in self._see(AbstractStiffnessEffect, filled, states):
+        for effect, seen in self._see("stiffness", filled, states):
             elastic = elastic * effect.factor(seen)
         return eqx.tree_at(lambda c: c.elastic_force, filled, elastic)
 
     def forces(self, contact: Contact, damping: Array, states: Array) -> Forces:
         """Normal force and drive at one instant (Eqs. 4 to 7 with the effects)."""
         normal = contact.elastic_force * (1.0 + damping * contact.depression_rate)
-        for effect, seen in self._see(AbstractContactForce, contact, states):
+        for effect, seen in self._see("contact", contact, states):
             normal = normal + effect.force(seen)
         normal = positive_part(normal)
-        for effect, seen in self._see(AbstractSurfaceForce, contact, states):
+        for effect, seen in self._see("surface", contact, states):
             normal = normal + effect.force(seen)
         return Forces(normal, self.drive(contact, states))
 
     def drive(self, contact: Contact, states: Array) -> Scalar:
         """Force of the arm towards the plate at one instant [N]."""
-        return sum((effect.force(seen) for effect, seen in self._see(AbstractDriveEffect, contact, states)),
+        return sum((effect.force(seen) for effect, seen in self._see("drive", contact, states)),
                    jnp.zeros_like(contact.depression))
 
     def rates(self, contact: Contact, states: Array) -> Array:
         """Time derivatives of the effects' own states."""
-        found = [effect.rate(seen) for effect, seen in self._see(AbstractStatefulEffect, contact, states)]
+        found = [effect.rate(self._give(contact, effect, states)) for effect in self.stateful()]
         return jnp.stack(found) if found else jnp.zeros((0,))
 
-    def _see(self, kind: type, contact: Contact, states: Array) -> Iterator[tuple[Any, Contact]]:
-        """Effects of one kind, each with the contact as it sees it: with its own state."""
-        stateful = self.stateful()
-        for effect in self.pick(kind):
-            own = [k for k, other in enumerate(stateful) if other is effect]
-            yield effect, eqx.tree_at(lambda c: c.state, contact, states[own[0]]) if own else contact
+    def _see(self, stage: str, contact: Contact, states: Array) -> Iterator[tuple[Any, Contact]]:
+        """Effects of a stage, each with the contact as it sees it: with its own state."""
+        return ((effect, self._give(contact, effect, states)) for effect in self.pick(stage))
+
+    def _give(self, contact: Contact, effect: AbstractEffect, states: Array) -> Contact:
+        own = [k for k, other in enumerate(self.stateful()) if other is effect]
+        return eqx.tree_at(lambda c: c.state, contact, states[own[0]]) if own else contact
 
     def has_sensor(self) -> bool:
         """Whether any effect acts on the sensor."""
-        return bool(self.pick(AbstractSensorEffect))
+        return bool(self.pick("sensor"))
 
     def reading(self, force: Signal) -> Signal:
         """What the force gauge reads."""
-        for effect in sorted(self.pick(AbstractSensorEffect), key=lambda e: type(e).order):
+        for effect in sorted(self.pick("sensor"), key=lambda e: type(e).order):
             force = effect.reading(force)
         return force

@@ -80,9 +80,9 @@ class AbstractFriction(AbstractModel):
     def rubber(self, slide: Slide) -> Scalar:
         """Coefficient of adhesion and hysteresis, Eq. 8 [-]."""
 
-    @abc.abstractmethod
     def slipping(self, slide: Slide) -> Scalar:
-        """Coefficient of the slip term, Eq. 9 [-]."""
+        """Coefficient of the slip term, Eq. 9 [-]; 0 where the model has none."""
+        return jnp.zeros_like(slide.slip)
 
     def extend(self, effects: tuple[AbstractEffect, ...]) -> "FrictionLaw":
         """This model with effects."""
@@ -141,10 +141,6 @@ class RubberFriction(AbstractRubberFriction):
 class AdhesionHysteresis(AbstractRubberFriction):
     """Eq. 8 alone: adhesion and hysteresis without the slip term, whose load polynomials end at 31 N."""
 
-    def slipping(self, slide: Slide) -> Scalar:
-        """No slip term: 0."""
-        return jnp.zeros_like(slide.slip)
-
 
 @final
 class CoulombFriction(AbstractFriction):
@@ -159,10 +155,6 @@ class CoulombFriction(AbstractFriction):
         """The constant; effects on Eq. 8's part act on it."""
         return self.friction_coefficient
 
-    def slipping(self, slide: Slide) -> Scalar:
-        """No slip term: 0."""
-        return jnp.zeros_like(slide.slip)
-
 
 class FrictionLaw(AbstractLaw):
     """A reference model and the effects that extend it; factors multiply, forces add."""
@@ -173,11 +165,11 @@ class FrictionLaw(AbstractLaw):
     def force(self, slide: Slide) -> Scalar:
         """Friction force against the motion [N] (Eq. 11 with the effects)."""
         rubber = self.reference.rubber(slide)
-        for effect in self.pick(AbstractRubberEffect):
+        for effect in self.pick("rubber"):
             rubber = rubber * effect.factor(slide)
         force = (rubber + self.reference.slipping(slide)) * slide.normal_load
-        for effect in self.pick(AbstractLoadEffect):
+        for effect in self.pick("load"):
             force = force * effect.factor(slide)
-        for effect in self.pick(AbstractFrictionForce):
+        for effect in self.pick("friction"):
             force = force + effect.force(slide)
         return force

@@ -115,7 +115,6 @@ class RigidBody(AbstractModel):
                                    text="angular velocity of the orbit", limits=(0.0, 2e-3),
                                    limits_reason="at the surface of a planet as dense as the Earth 1.24e-3")
     family: ClassVar[str] = "tumble"
-    provides: ClassVar[tuple[str, ...]] = ()
 
     def moments(self) -> Vector:
         """Principal moments over the transverse one, (1, 1, r) [-]."""
@@ -136,12 +135,12 @@ class TumbleLaw(AbstractLaw):
     @property
     def inner(self) -> list[Any]:
         """Effects with a body of their own, in the order of their states."""
-        return self.pick(AbstractInnerTorque)
+        return [effect for effect in self.effects if isinstance(effect, AbstractInnerTorque)]
 
     def moments(self) -> Vector:
         """Principal moments over the transverse one [-]."""
         moments = self.reference.moments()
-        for effect in self.pick(AbstractInertiaEffect):
+        for effect in self.pick("inertia"):
             moments = moments + effect.moments()
         return moments
 
@@ -154,7 +153,7 @@ class TumbleLaw(AbstractLaw):
         omega, moments = spin.angular_velocity, spin.moments
         total = -cross(omega, moments * omega)
         own = []
-        for effect in self.pick(AbstractTorque):
+        for effect in self.pick("torque"):
             seen = spin
             if isinstance(effect, AbstractInnerTorque):
                 seen = eqx.tree_at(lambda s: s.inner, spin, inner[len(own)])
@@ -168,7 +167,7 @@ class TumbleLaw(AbstractLaw):
 
     def read(self, angular_velocity: Array, time: Array) -> Array:
         """What the gyroscopes read for rates over time, shapes (samples, 3), (samples,) [rad/s], [s]."""
-        for effect in sorted(self.pick(AbstractGyroEffect), key=lambda e: e.order):
+        for effect in sorted(self.pick("gyroscope"), key=lambda e: e.order):
             angular_velocity = effect.reading(angular_velocity, time)
         return angular_velocity
 

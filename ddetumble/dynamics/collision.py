@@ -32,15 +32,7 @@ from .._errors import InputError
 from .._numerics import is_known, safe_divide, safe_sqrt, stop
 from .._rotation import normalise, rotate, rotate_back, turn
 from ..contact.effect import Scalar
-from ..contact.gripping import (
-    AbstractComplianceEffect,
-    Patch,
-    StrikeLaw,
-    Striker,
-    find_height,
-    share_friction,
-    solve_slider,
-)
+from ..contact.gripping import Patch, StrikeLaw, Striker, find_height, share_friction, solve_slider
 from .entry import read_conditions, read_law
 from .impact import measure_error
 from .surfaces import Debris
@@ -69,7 +61,7 @@ class Course(eqx.Module):
 
 
 class Ledger(eqx.Module):
-    """Where momentum and energy went, inertial components."""
+    """Where momentum and energy went, from before to after the impact, inertial components."""
 
     arm_impulse: Array  # of the arm's drive, shape (3,) [N s]
     # of the arm about the origin: of its drive, of the mount that keeps the ball from turning (or of what turns
@@ -79,13 +71,13 @@ class Ledger(eqx.Module):
     normal_loss: Array  # taken by the contact [J]
     friction_loss: Array  # taken by the patch [J]
     rolling_loss: Array  # taken by rolling [J]
-    tip_before: Array  # before it, linear momentum of the apparent mass, shape (3,) [N s]
+    tip_before: Array  # linear momentum of the apparent mass, shape (3,) [N s]
     tip_after: Array
-    tip_moment_before: Array  # before it, its angular momentum about the origin, shape (3,) [N m s]
+    tip_moment_before: Array  # its angular momentum about the origin, shape (3,) [N m s]
     tip_moment_after: Array
-    debris_before: Array  # before it, angular momentum of the debris about the origin, shape (3,) [N m s]
+    debris_before: Array  # angular momentum of the debris about the origin, shape (3,) [N m s]
     debris_after: Array
-    energy_before: Array  # before it, of both bodies and the ball's rolling [J]
+    energy_before: Array  # of both bodies and the ball's rolling [J]
     energy_after: Array
 
 
@@ -105,7 +97,6 @@ class Collision(eqx.Module):
     separation: Scalar  # time of separation [s]
     peak_force: Scalar  # [N]
     peak_depression: Scalar  # [m]
-    peak_pressure: Scalar  # [Pa]
     # least distance of the contact disc from each edge; below zero it reaches over one, shape (edges,) [m]
     margins: Float[Array, " edges"]
     course: Course  # the contact over its duration
@@ -170,20 +161,6 @@ class _Setup(eqx.Module):
         return along * self.law.reference.ball.inertia() + (velocity - along) * self.law.reference.tangential_mass
 
 
-class _Touch(eqx.Module):
-    """Forces and motion at one instant."""
-
-    depression: Array
-    rate: Array
-    pressure: Array
-    normal_force: Array
-    friction: Array
-    slip: Array
-    slider: Array
-    margins: Array
-    change: Any
-
-
 def reduce_mass(debris: Debris, point: Array, normal: Array, mass: Array) -> Array:
     r"""Mass that an impact feels along the normal, $1/m_{red} = 1/m_{arm} + 1/m + (r \times n)^T I^{-1} (r \times n)$.
 
@@ -193,8 +170,8 @@ def reduce_mass(debris: Debris, point: Array, normal: Array, mass: Array) -> Arr
     return 1.0 / (1.0 / mass + 1.0 / debris.mass + lever @ jnp.linalg.solve(debris.inertia, lever))
 
 
-def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
-    """Everything at one instant."""
+def _touch(setup: _Setup, time: Array, state: _State) -> tuple[Course, _State]:
+    """The contact at one instant, and the rates of all states."""
     law, debris, n0 = setup.law, setup.debris, setup.normal
     reference, normal_law = law.reference, law.normal
     attitude = normalise(state.attitude)
@@ -226,7 +203,7 @@ def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
     limit = jnp.where(patch.normal_force > 0, limit, 0.0)
     creep = reference.creep_speed
     slider, change = slip, jnp.zeros(3)
-    if any(isinstance(effect, AbstractComplianceEffect) for effect in law.effects):
+    if law.pick("compliance"):
         push = state.patch - n * (n @ state.patch) + setup.relaxation * slip
         stiff = law.compliance(patch) * limit
         size = safe_sqrt(push @ push)
@@ -248,14 +225,14 @@ def _touch(setup: _Setup, time: Array, state: _State) -> _Touch:
         arm_moment=jnp.cross(ball, arm) + jnp.cross(contact_point - ball, force) + jnp.cross(velocity, tip),
         arm_work=arm @ velocity, normal_loss=normal_force * rate, rolling_loss=brake @ rolling,
         friction_loss=friction @ slip, own=normal_law.rates(contact, state.own))
-    return _Touch(depression, rate, contact.pressure, normal_force, friction, safe_sqrt(slip @ slip), sliding,
-                  foot.margins - contact.contact_radius, moved)
+    return Course(time, depression, rate, contact.pressure, normal_force, friction, safe_sqrt(slip @ slip),
+                  foot.margins - contact.contact_radius), moved
 
 
 @jax.jit
 def _rates(setup: _Setup, time: Array, state: _State) -> _State:
     """Rates of all states. Compiled on its own: the integrator asks for it in many places, and traces it once."""
-    return _touch(setup, time, state).change
+    return _touch(setup, time, state)[1]
 
 
 def simulate_collision(law: StrikeLaw | Striker, debris: Debris, attitude: Any, angular_velocity: Any, point: Any,
@@ -373,9 +350,7 @@ def _collide(law, debris, attitude, omega, point, velocity, given, span, relaxat
     final = unravel(solution.ys[0] * scales)
 
     def read(share):
-        touch = _touch(setup, share * end * unit, unravel(solution.evaluate(share * end) * scales))
-        return Course(share * end * unit, touch.depression, touch.rate, touch.pressure, touch.normal_force,
-                      touch.friction, touch.slip, touch.margins)
+        return _touch(setup, share * end * unit, unravel(solution.evaluate(share * end) * scales))[0]
 
     course = jax.vmap(read)(jnp.asarray(SHARES))
     bad = ~(separated | (solution.result == dfx.RESULTS.successful)) | (speed <= 0)
@@ -421,4 +396,4 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
     return Collision(
         attitude, after, momentum, body, final.debris, final.debris_momentum, velocity, setup.normal, speed, sliding,
         end, _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
-        jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)
+        jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)

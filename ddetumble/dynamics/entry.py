@@ -1,7 +1,7 @@
 """What a simulation is given, checked where its values are known; plain numbers become arrays."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +13,10 @@ from ..contact.effect import AbstractLaw, AbstractModel
 from ..effects.free import PLAN
 
 
-def read_law(law: Any, kind: type[AbstractLaw], example: str, verb: str) -> tuple[Any, tuple[str, ...]]:
+Law = TypeVar("Law", bound=AbstractLaw)
+
+
+def read_law(law: Any, kind: type[Law], example: str, verb: str) -> tuple[Law, tuple[str, ...]]:
     """The law, of a reference model the one without effects, and the condition that its gas needs.
 
     Raises:
@@ -22,7 +25,7 @@ def read_law(law: Any, kind: type[AbstractLaw], example: str, verb: str) -> tupl
     found = law.extend(()) if isinstance(law, AbstractModel) else law
     if not isinstance(found, kind):
         raise InputError(f"{verb} needs {example}; it is given a {type(law).__name__}")
-    return found, ("initial_pressure",) if "gas" in found.reference.provides else ()
+    return found, (("initial_pressure",) if "gas" in found.reference.provides else ())
 
 
 def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: str) -> dict[str, Array]:

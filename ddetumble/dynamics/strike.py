@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.integrate import simpson
 
 from .._numerics import stop
 from ..contact.effect import Scalar
@@ -166,7 +167,7 @@ def simulate_oblique_impact(law: StrikeLaw | Striker, conditions: Mapping[str, A
     moved = grip(law, conditions, motion.diameter, course)
     force, slip = _read_at(times, motion.end, moved.force), _read_at(times, motion.end, moved.slip)
     touch = (times > 0.0) & ((times < motion.end) | (~motion.separated & (times <= motion.end)))
-    weights = _simpson(NODES) * motion.end
+    weights = simpson(np.eye(NODES), dx=1.0 / (NODES - 1)) * motion.end
     bad = ~jnp.isfinite(jnp.sum(moved.force) + jnp.sum(moved.slip))
     return Strike(
         **vars(impact) | {"failed": impact.failed | bad}, tangential_force=jnp.where(touch, force, 0.0),
@@ -184,10 +185,3 @@ def _read_at(times: Array, end: Array, values: Array) -> Array:
     y0, y1, y2, y3 = (values[first + k] for k in range(4))
     return (-(u - 1) * (u - 2) * (u - 3) / 6 * y0 + u * (u - 2) * (u - 3) / 2 * y1
             - u * (u - 1) * (u - 3) / 2 * y2 + u * (u - 1) * (u - 2) / 6 * y3)
-
-
-def _simpson(count: int) -> np.ndarray:
-    """Weights of Simpson's rule on equal steps over 0..1, an odd number of places."""
-    weights = np.where(np.arange(count) % 2 == 1, 4.0, 2.0)
-    weights[[0, -1]] = 1.0
-    return weights / (3.0 * (count - 1))

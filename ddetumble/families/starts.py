@@ -34,16 +34,18 @@ def stack_starts(campaign: Campaign, groups: Sequence[Any]) -> Starts:
     attitudes = _list_attitudes(campaign)
     table = None if campaign.path is None else campaign.path / "samples.csv"
     times, rates = read_rates(campaign, groups)
-    filled = [fill_gaps(t, w) for t, w in zip(times, rates, strict=True)]
-    ratio = campaign.known.get("inertia_ratio") or guess_ratio(times, filled)
-    begun = np.array([_turn_back(t[0], w[0], ratio) for t, w in zip(times, filled, strict=True)])
+    ratio = campaign.known.get("inertia_ratio") or guess_ratio(times, rates)
+    begun = np.array([w[0] for w in rates])
+    # Torque-free, the transverse rates turn back to t = 0 at (1 - r) omega_z.
+    across = (begun[:, 0] + 1j * begun[:, 1]) * np.exp(1j * (1.0 - ratio) * begun[:, 2] * [t[0] for t in times])
+    begun[:, 0], begun[:, 1] = across.real, across.imag
     found = {name: begun[:, k] for k, name in enumerate(START)}
     if attitudes:
         vectors = []
         for key, group, start in zip(campaign.record_keys, groups, begun, strict=True):
             vectors.append(_guess_attitude(group, attitudes, start, str(key), table))
         found |= {name: np.array(vectors)[:, k] for k, name in enumerate(START_ATTITUDE)}
-    fastest = [float(np.sqrt(np.sum(w**2, axis=1)).max()) for w in filled]
+    fastest = [float(np.sqrt(np.sum(w**2, axis=1)).max()) for w in rates]
     widths = [FREE * max(fastest), FREE]
     wide = np.stack([np.full(len(times), widths[k >= len(START)]) for k in range(len(found))], axis=1)
     return Starts(found, wide, {"mesh": lay_mesh(times, fastest)})
@@ -64,7 +66,7 @@ def lay_mesh(times: Sequence[np.ndarray], speeds: Sequence[float] | np.ndarray) 
 
 
 def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Times (samples,) [s] and rates (samples, 3) [rad/s] of all records, missing ones nan.
+    """Times (samples,) [s] and rates (samples, 3) [rad/s] of all records, gaps filled.
 
     Raises:
         InputError: a rate that is missing throughout, times before 0 or far behind it.
@@ -89,7 +91,7 @@ def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarr
             raise InputError(f"record {key!r} has no value of this rate, and the model needs all three", file=table,
                              column=RATES[int(np.argmax(empty))])
         times.append(time)
-        rates.append(values)
+        rates.append(fill_gaps(time, values))
     return times, rates
 
 
@@ -99,12 +101,9 @@ def straighten(values: np.ndarray) -> np.ndarray:
     A missing number leaves its whole sample as it is.
     """
     values, last = values.copy(), np.array([1.0, 0.0, 0.0, 0.0])
-    first = True
     for k, one in enumerate(values):
         if np.isfinite(one).all():
-            if (one[0] if first else one @ last) < 0:
-                values[k] = -one
-            last, first = values[k], False
+            values[k] = last = -one if one @ last < 0 else one
     return values
 
 
@@ -139,14 +138,7 @@ def integrate_couple(t: np.ndarray, w: np.ndarray, window: float = WINDOW) -> tu
 def guess_body(campaign: Campaign) -> float:
     """Ratio of the moments, guessed from all records of a campaign."""
     assert campaign.samples is not None
-    times, rates = read_rates(campaign, [group for _, group in campaign.samples.groupby("record", sort=False)])
-    return guess_ratio(times, [fill_gaps(t, w) for t, w in zip(times, rates, strict=True)])
-
-
-def _turn_back(time: float, rate: np.ndarray, ratio: float) -> np.ndarray:
-    """Rates at t = 0 of a body of revolution that has these at a later time."""
-    across = (rate[0] + 1j * rate[1]) * np.exp(1j * (1.0 - ratio) * rate[2] * time)
-    return np.array([across.real, across.imag, rate[2]])
+    return guess_ratio(*read_rates(campaign, [group for _, group in campaign.samples.groupby("record", sort=False)]))
 
 
 def fill_gaps(time: np.ndarray, values: np.ndarray) -> np.ndarray:
