@@ -45,7 +45,7 @@ from .selection.discover import discover as discover
 from .selection.discovery import Discovery as Discovery
 from .selection.missing.missing_force import draw_missing_force as draw_missing_force
 from .selection.predict import predict as predict
-from .selection.pulses import predict_pulses as predict_pulses
+from .selection.predict import predict_pulses as predict_pulses
 from .selection.settings import SelectionSettings as SelectionSettings
 
 __version__: str

@@ -35,8 +35,7 @@ from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
 from ddetumble.figures import draw_missing_shape
 from ddetumble.reports import write_missing
 from ddetumble.selection.cross_validation import compare_losses
-from ddetumble.selection.missing.missing_force import find_lone, summarise_missing
-from ddetumble.selection.missing.splines import (
+from ddetumble.selection.missing.free_form import (
     Normal,
     Term,
     coarsen,
@@ -47,6 +46,7 @@ from ddetumble.selection.missing.splines import (
     solve_ridge,
     spread_ridge,
 )
+from ddetumble.selection.missing.missing_force import find_lone, summarise_missing
 from ddetumble.selection.missing.symbolic import FORMS, amplitude_unit, evaluate, find_rivals, order_laws, sketch_law
 from ddetumble.selection.result import Estimate, Law, MissingForce, Shape
 

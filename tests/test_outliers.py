@@ -22,11 +22,11 @@ def rumble(*records, size=2.0):
     return spoil
 
 
-def suspects_of(settings=None, most=None, **options):
+def suspects_of(settings=None, **options):
     if settings is not None:
         options["settings"] = SelectionSettings(outliers=settings)
     selection, fitted = fit_toy(make_selection(**options))
-    return find_suspects(selection, fitted, most)
+    return find_suspects(selection, fitted)
 
 
 def test_no_record_is_at_fault_among_right_ones():
@@ -138,11 +138,10 @@ def test_the_wrong_record_is_found():
 def test_as_many_as_one_in_four_are_found():
     assert {s.key for s in suspects_of(seed=2, spoil=rumble(3, 4, size=8.0))} == {"r3", "r4"}
     assert len(suspects_of(seed=2, spoil=rumble(2, 3, 4, size=20.0))) == 2
-    assert len(suspects_of(seed=2, spoil=rumble(3, 4, size=8.0), most=1)) == 1
     assert len(suspects_of(OutlierSettings(one_in=8), seed=2, spoil=rumble(3, 4, size=8.0))) == 1
     assert len(suspects_of(OutlierSettings(one_in=100), seed=2, spoil=rumble(3, 4, size=8.0))) == 1
     assert suspects_of(OutlierSettings(fewest=9), seed=2, spoil=rumble(3)) == []
-    assert len(suspects_of(OutlierSettings(fewest=8), seed=2, spoil=rumble(3), most=2)) == 1
+    assert len(suspects_of(OutlierSettings(fewest=8), seed=2, spoil=rumble(3))) == 1
 
 
 def test_a_record_that_bends_the_fit_to_itself_is_found():

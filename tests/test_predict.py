@@ -22,7 +22,7 @@ from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
 from ddetumble.selection import predict as prediction
-from ddetumble.selection.extrapolation import find_squeezes
+from ddetumble.selection.predict import find_squeezes
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}

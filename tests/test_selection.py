@@ -156,7 +156,7 @@ def test_amplitudes_and_their_starts():
     assert start == pytest.approx({"bump.a": 0.15})
 
     def one(name, z):
-        return Score(name.split(".")[0], name, {}, z, z, 1.0, 1.0, np.ones(1), 0, np.array([z]))
+        return Score(name.split(".")[0], name, {}, z, z, 1.0, 1.0, np.ones(1), 0)
 
     assert list_starts(selection, "bump", [one("bump.a", -1.0)])[0]["bump.a"] == pytest.approx(-0.15)
     largest = [one("bump.a", -3.0), one("bump.a", 2.0)]
@@ -277,7 +277,7 @@ def test_whether_an_effect_could_have_shown():
     limit = 4.5**2 / 9.0 / samples
 
     def one(effect, visible):
-        return Score(effect, f"{effect}.a", {}, 0.0, 0.0, 1.0, visible, np.ones(1), 0, np.zeros(1))
+        return Score(effect, f"{effect}.a", {}, 0.0, 0.0, 1.0, visible, np.ones(1), 0)
 
     assert could_have_shown(selection, [one("ripple", 1.01 * limit)])
     assert not could_have_shown(selection, [one("ripple", 0.99 * limit), one("probe", 1.0)])

@@ -67,8 +67,7 @@ def predict_records(
         picture, values = file.with_suffix(".png"), file.with_name(f"{file.stem}-pulses.csv")
         for other in (picture, values):
             check_file(other, overwrite)
-    from ..selection.predict import predict
-    from ..selection.pulses import format_pulses, has_pulses, predict_pulses
+    from ..selection.predict import format_pulses, has_pulses, predict, predict_pulses
 
     with show_progress(f"predicting {conditions.name}") as report:
         table = predict(model, conditions)

@@ -4,19 +4,24 @@ import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 import pandas as pd
+from jaxtyping import Array
 
 from .._display import AbstractPrinted
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractSensorEffect, parameters_of
+from .._numerics import positive_part, safe_divide
+from ..contact.effect import AbstractGasEffect, AbstractSensorEffect, Contact, Scalar, parameters_of
+from ..contact.law import ContactLaw
 from ..families import FAMILIES, find_family, name_family
 from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.files import make_plain
+from ..inference.levenberg_marquardt import BorderedLevenbergMarquardt, eliminate_nuisances
 from ..inference.models import ResolvedModel
 from ..inference.noise import Noise
 from ..inference.noise_estimation import estimate_noise
@@ -24,40 +29,37 @@ from ..inference.parameters import ParameterSpace
 from ..inference.stack import default_noise
 from ..measurement.campaign import Campaign
 from ..measurement.package import read_campaign
-from .rebound import MEASURED, REACH, STEPS, Motion, build_law, find_rebound, follow_states
 from .smoothing import Smooth, find_separation, inflate, smooth_samples
 
 
 FEWEST = 8  # samples in contact
 MOST = 128  # samples of a record from which the restitution is found
 BAND = 1.959964  # two-sided 95 % quantile of the normal distribution
+MEASURED = "measured_pressure"  # condition under which a law finds the measured pressure
+STEPS = 256  # of the motion
+REACH = 1.12  # how far beyond the measured separation the motion is followed
+TOLERANCE = 1e-4  # fall of chi-square at which the fit ends: a hundredth of a standard error
+TRIALS = 40  # of the fit, at most
+FAILED = 1e4  # deviations that stand for a sample that could not be computed
 
 
 @dc.dataclass(frozen=True)
 class Identification(AbstractPrinted):
-    """The force that depression and pressure say.
-
-    Attributes:
-        campaign, model: names.
-        table: columns `record`, `time`, `normal_force`, `normal_force_sd` and, where there is a gauge, `gauge`,
-            `difference`, `z` (difference over the standard deviation of both); SI, the campaign's samples in order.
-        records: one row a record: `record`, `peak_force`, `peak_force_sd`, and with a gauge `peak_gauge`, `bias`
-            (mean difference in contact), `rms_z`, `coverage` (share of the samples in contact inside the 95 % band).
-        rms_z, coverage: over all samples in contact; nan without a gauge.
-        restitution, restitution_sd: the value that was used, and its standard deviation.
-        source: where it comes from, one sentence.
-        notes: further sentences.
-    """
+    """The force that depression and pressure say."""
 
     campaign: str
     model: str
+    # Columns `record`, `time`, `normal_force`, `normal_force_sd` and, with a gauge, `gauge`, `difference`, `z`
+    # (difference over the standard deviation of both); SI, the campaign's samples in order.
     table: pd.DataFrame
+    # One row a record: `record`, `peak_force`, `peak_force_sd`, and with a gauge `peak_gauge`, `bias` (mean difference
+    # in contact), `rms_z`, `coverage` (share of the samples in contact inside the 95 % band).
     records: pd.DataFrame
-    rms_z: float
+    rms_z: float  # over all samples in contact; nan without a gauge
     coverage: float
-    restitution: float
+    restitution: float  # the value that was used, and its standard deviation
     restitution_sd: float
-    source: str
+    source: str  # where it comes from, one sentence
     notes: tuple[str, ...] = ()
 
     @property
@@ -375,4 +377,163 @@ def _summarise(campaign: Campaign, table: pd.DataFrame, contacts: Sequence[_Cont
         if gauge:
             found[-1] |= {"peak_gauge": own["gauge"].max(), "bias": own.loc[own["inside"], "difference"].mean(),
                           **judge(own)}
-    return pd.DataFrame(found), *judge(table).values()
+    whole = judge(table)
+    return pd.DataFrame(found), whole["rms_z"], whole["coverage"]
+
+
+@final
+class MeasuredPressure(AbstractGasEffect):
+    """The gas pressure is what was measured, whatever the gas does."""
+
+    id: ClassVar[str] = "measured-pressure"
+    law: ClassVar[str] = "P' as measured"
+    reference: ClassVar[str] = "a pressure gauge in the ball"
+
+    def pressure_factor(self, contact: Contact) -> Scalar:
+        """Measured pressure over that of Eq. 3 [-]."""
+        return safe_divide(contact.conditions[MEASURED], contact.initial_pressure * contact.volume_ratio)
+
+
+def build_law(space: ParameterSpace, u: Array, measured: bool) -> ContactLaw:
+    """The law on the ball's side of the gauge; with `measured`, the pressure is taken from the conditions."""
+    law = space.build(u)
+    replaced = (AbstractSensorEffect, AbstractGasEffect) if measured else AbstractSensorEffect
+    kept = tuple(e for e in law.effects if not isinstance(e, replaced))
+    return ContactLaw(law.reference, (*kept, MeasuredPressure()) if measured else kept)
+
+
+def follow_states(law: ContactLaw, conditions: dict, time: Array, depression: Array, rate: Array, pressure: Array
+                  ) -> Array:
+    """States of a law's effects along a known motion, each shape (times,), by Heun's method: shape (times, states)."""
+    diameter, _ = law.start(conditions)
+    if not law.stateful():
+        return jnp.zeros((len(time), 0))
+
+    def slope(k, states):
+        known = {**conditions, MEASURED: pressure[k]}
+        return law.rates(law.contact(known, diameter, time[k], depression[k], rate[k], states), states)
+
+    def advance(states, k):
+        h = time[k + 1] - time[k]
+        first = slope(k, states)
+        after = states + 0.5 * h * (first + slope(k + 1, states + h * first))
+        return after, after
+
+    begin = jnp.stack([e.initial() for e in law.stateful()])
+    return jnp.concatenate([begin[None], jax.lax.scan(advance, begin, jnp.arange(len(time) - 1))[1]])
+
+
+class Motion(NamedTuple):
+    """What was measured of contacts; a first axis of all arrays counts the records."""
+
+    conditions: dict[str, Any]  # SI
+    time: np.ndarray  # of the samples, shape (samples,), padded by repeating the last
+    depression: np.ndarray  # shape (samples,), nan where there is none
+    pressure: np.ndarray  # measured, at the half steps of the motion, shape (2 STEPS + 1,); zeros where none is
+    end: np.ndarray  # how long to follow the motion [s]
+    deviations: np.ndarray  # of approach speed and time origin, shape (2,)
+
+
+class Rebound(NamedTuple):
+    """Parameters that the measured depression gives."""
+
+    u: np.ndarray  # coordinates of all parameters
+    names: tuple[str, ...]  # of those that were found
+    covariance: np.ndarray  # of their coordinates
+    chi2_reduced: float  # of the depression
+    converged: bool
+    slack: float  # how far above 1 it may lie by chance
+
+
+def _observe(law: ContactLaw, motion: Motion, z: Array) -> Array:
+    """Depression of one record at its samples, by the classical Runge-Kutta method and cubic interpolation.
+
+    `z` moves approach speed and time origin, in their deviations.
+    """
+    shifts = z * motion.deviations
+    conditions = {**motion.conditions, "approach_speed": motion.conditions["approach_speed"] + shifts[0]}
+    diameter, damping = law.start(conditions)
+    mass, h = law.reference.inertia(), motion.end / STEPS
+
+    def slope(time, y, gas):
+        contact = law.contact({**conditions, MEASURED: gas}, diameter, time, y[0], y[1], y[2:])
+        forces = law.forces(contact, damping, y[2:])
+        touch = jnp.where(y[0] >= 0.0, 1.0, 0.0)
+        return jnp.concatenate([jnp.stack([y[1], touch * (forces.drive - forces.normal) / mass]),
+                                law.rates(contact, y[2:])])
+
+    def advance(y, k):
+        t, gas = k * h, motion.pressure
+        a = slope(t, y, gas[2 * k])
+        b = slope(t + 0.5 * h, y + 0.5 * h * a, gas[2 * k + 1])
+        c = slope(t + 0.5 * h, y + 0.5 * h * b, gas[2 * k + 1])
+        d = slope(t + h, y + h * c, gas[2 * k + 2])
+        after = y + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        return after, after[:2]
+
+    start = jnp.stack([jnp.zeros(()), conditions["approach_speed"], *(e.initial() for e in law.stateful())])
+    path = jnp.concatenate([start[None, :2], jax.lax.scan(advance, start, jnp.arange(STEPS))[1]])
+    depth, rate = path[:, 0], path[:, 1]
+    t = jnp.clip(motion.time - shifts[1], 0.0, motion.end)
+    k = jnp.clip(jnp.floor(t / h).astype(int), 0, STEPS - 1)
+    s = t / h - k
+    return positive_part((1 + 2 * s) * (1 - s) ** 2 * depth[k] + s * (1 - s) ** 2 * h * rate[k]
+                         + s * s * (3 - 2 * s) * depth[k + 1] - s * s * (1 - s) * h * rate[k + 1])
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _fit(space, names, measured, u, motion, sd):
+    """Coordinates of `names`, the records' own shifts, residuals, their derivatives by both, and whether it ended."""
+    index = np.array([space.index[name] for name in names])
+    scale, low, high = space.scales()[index], *(bound[index] for bound in space.bounds())
+    there = jnp.isfinite(motion.depression)
+
+    def place(theta):
+        return jnp.clip(u[index] + theta * scale, low, high)
+
+    def residual(y, args):
+        theta, z = y
+        law = build_law(space, u.at[index].set(place(theta)), measured)
+        model = jax.vmap(lambda own, row: _observe(law, row, own))(z, motion)
+        left = jnp.where(there, (model - jnp.nan_to_num(motion.depression)) / sd, 0.0)
+        return jnp.where(jnp.isfinite(left), left, FAILED), z, jnp.zeros_like(theta)
+
+    solver = BorderedLevenbergMarquardt(jnp.asarray(TOLERANCE), jnp.asarray(TRIALS))
+    start = (jnp.zeros(len(names)), jnp.zeros_like(motion.deviations))
+    found = optx.least_squares(residual, solver, start, max_steps=None, throw=False)
+    theta, z = found.value
+    shared = jax.jacfwd(lambda t: residual((t, z), None)[0])(theta)
+    own = jax.jacfwd(lambda step: residual((theta, z + step), None)[0])(jnp.zeros(2))
+    converged = (found.result == optx.RESULTS.successful) & solver.has_converged(found.state)
+    return place(theta), z, residual((theta, z), None)[0], shared, own, converged
+
+
+def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], motion: Motion, sd: float,
+                 inflation: float, measured: bool) -> Rebound:
+    """Fit the parameters `names` to the measured depression, each record's speed and time origin under their stated
+    uncertainty.
+
+    Args:
+        space, u: parameters of the law, and where they start, shape (parameters,).
+        motion: of the records.
+        sd: standard deviation of the depression [m]; `inflation` of the variance of means by correlated noise.
+        measured: whether the pressure was measured.
+    """
+    index = [space.index[name] for name in names]
+    values, z, left, shared, own, converged = (np.asarray(x) for x in _fit(
+        space, tuple(names), measured, jnp.asarray(u), Motion(*(jax.tree.map(jnp.asarray, x) for x in motion)), sd))
+    u = u.copy()
+    u[index] = values
+    degrees = max(float(np.isfinite(motion.depression).sum()) - len(names), 1.0)
+    slack = 5.0 * float(np.sqrt(2.0 * inflation / degrees))
+    if np.any(left == FAILED) or not np.all(np.isfinite(shared)):
+        return Rebound(u, tuple(names), np.full((len(names), len(names)), np.inf), float("inf"), False, slack)
+    records, _, count = own.shape
+    columns, _ = eliminate_nuisances(
+        np.concatenate([shared, np.zeros((records, count, len(names)))], axis=1),
+        np.concatenate([own, np.broadcast_to(np.eye(count), (records, count, count))], axis=1),
+        np.concatenate([left, z], axis=1))
+    scale = space.scales()[index]
+    information = np.einsum("gri,grj->ij", columns, columns)
+    covariance = inflation * np.linalg.pinv(information, rcond=1e-12) * np.outer(scale, scale)
+    return Rebound(u, tuple(names), covariance, float(np.sum(left**2) + np.sum(z**2)) / degrees, bool(converged), slack)

@@ -15,21 +15,13 @@ ROUGHNESS = 4  # derivative whose square is penalised
 
 @dc.dataclass(frozen=True)
 class Smooth:
-    """A smoothing spline over a contact.
+    """A smoothing spline over a contact."""
 
-    Attributes:
-        knots: with repeated ends [s].
-        coefficients: shape (columns,), unit of the channel.
-        covariance: of the coefficients, shape (columns, columns).
-        residual: of the samples that were used, in their order.
-        spent: degrees of freedom that the curve takes.
-    """
-
-    knots: np.ndarray
-    coefficients: np.ndarray
-    covariance: np.ndarray
-    residual: np.ndarray
-    spent: float
+    knots: np.ndarray  # with repeated ends [s]
+    coefficients: np.ndarray  # shape (columns,), unit of the channel
+    covariance: np.ndarray  # of the coefficients, shape (columns, columns)
+    residual: np.ndarray  # of the samples that were used, in their order
+    spent: float  # degrees of freedom that the curve takes
 
     def columns(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Basis or its derivative at times inside the contact (held at its ends), shape (times, columns)."""
@@ -46,15 +38,10 @@ def _columns(knots: np.ndarray, time: np.ndarray, derivative: int = 0) -> np.nda
 
 
 def smooth_samples(time: np.ndarray, values: np.ndarray, noise: Noise, start: float, end: float) -> Smooth:
-    """Fit a smoothing spline to the samples of one contact.
+    """Fit a smoothing spline to the samples of one contact, at least 8, from its start to its end [s].
 
     How smooth it is follows from the known noise: every smoothness counts by the marginal likelihood of the samples.
     The covariance is the posterior one: it holds the noise that is left and the bias that the smoothing brings.
-
-    Args:
-        time, values: samples in contact, at least 8, shape (samples,).
-        noise: of the channel.
-        start, end: of the contact [s].
     """
     count = int(np.clip(len(time) // 2, DEGREE + 1, MOST_COLUMNS))
     knots = np.concatenate([[start] * DEGREE, np.linspace(start, end, count - DEGREE + 1), [end] * DEGREE])
@@ -112,11 +99,8 @@ def inflate(noise: Noise) -> float:
 
 
 def find_separation(time: np.ndarray, depression: np.ndarray) -> float:
-    """Time at which a measured depression has come back to zero and stays there; the last time where it never does.
-
-    Args:
-        time, depression: samples after first touch, no gaps, shape (samples,) [s], [m].
-    """
+    """Time at which a measured depression has come back to zero and stays there, from samples after first touch; the
+    last time where it never does."""
     soft = np.convolve(np.pad(depression, 2, mode="edge"), np.ones(5) / 5, mode="valid")
     peak = int(np.argmax(soft))
     low = np.flatnonzero(soft[peak:] < 0.4 * soft[peak])

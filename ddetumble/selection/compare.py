@@ -50,66 +50,43 @@ class _Written(AbstractPrinted):
 
 @dc.dataclass(frozen=True)
 class Comparison(_Written):
-    """A model held against a campaign.
-
-    Attributes:
-        campaign, title, sha256, model: names; `fitted` the parameters that were refitted.
-        sentence: the outcome in words.
-        lack_of_fit: whether something is missing.
-        chi2_reduced: of the whitened residuals and setting errors.
-        nrmse, noise_nrmse: rms residual over rms signal, and what noise alone leaves of it.
-        channels, records, conditions: errors, one row each: `rms` [SI], `ratio` (to the noise), `bias` [SI], `nrmse`,
-            `samples`; records with their conditions and `chi2_reduced`; conditions are groups of equal settings.
-        residuals: binned residuals over their noise: `channel`, `variable` (`time` as a share of the contact,
-            `depression`, `depression_rate`, every condition), `phase`, `low`, `high`, `mean`, `standard_error`,
-            `records`, `samples`.
-        parameters: estimates of what was refitted.
-        where: places that hold most of the misfit.
-        noise: by channel.
-        traces: model beside measurement, every record and channel.
-        shifts: how far the settings of the records were moved.
-        held_nrmse: `nrmse` with every condition as it is written down; None where no setting was moved beyond chance.
-        notes: sentences on records outside the model's range, and on samples that were not taken.
-        effects: ids of the effects in the model.
-        heldout_nrmse: the cross-validated error; of a model that was fitted to another campaign `nrmse` itself, as none
-            of these records chose it. NaN where there are too few conditions, or nothing was fitted.
-        prediction_nrmse, prediction_coverage: the prediction error from settings as they are written down, and the
-            share of samples within the predicted 95 % interval; NaN for a model of another campaign.
-        heldout_squares: of the cross-validated error, by record: their sum is its square, shape (records,).
-        groups: condition of every record, shape (records,).
-        converged: state of the optimiser.
-        free: number of parameters that these records chose, here or before.
-    """
+    """A model held against a campaign; errors are rms over rms signal."""
 
     campaign: str
     title: str
     sha256: str
     model: str
-    fitted: tuple[str, ...]
-    sentence: str
+    fitted: tuple[str, ...]  # parameters that were refitted
+    sentence: str  # the outcome in words
     lack_of_fit: LackOfFit
-    chi2_reduced: float
+    chi2_reduced: float  # of the whitened residuals and setting errors
     nrmse: float
-    noise_nrmse: float
+    noise_nrmse: float  # what noise alone leaves of it
+    # Errors: `rms` [SI], `ratio` (to the noise), `bias` [SI], `nrmse`, `samples`; records with their conditions and
+    # `chi2_reduced`; conditions are groups of equal settings.
     channels: pd.DataFrame
     records: pd.DataFrame
     conditions: pd.DataFrame
+    # Binned residuals over their noise: `channel`, `variable` (`time` as a share of the contact, `depression`,
+    # `depression_rate`, every condition), `phase`, `low`, `high`, `mean`, `standard_error`, `records`, `samples`.
     residuals: pd.DataFrame
-    parameters: Mapping[str, Estimate]
-    where: tuple[Place, ...]
-    noise: Mapping[str, Mapping[str, Any]]
-    traces: tuple[Trace, ...]
-    shifts: tuple[SettingShift, ...] = ()
-    held_nrmse: float | None = None
-    notes: tuple[str, ...] = ()
-    effects: tuple[str, ...] = ()
+    parameters: Mapping[str, Estimate]  # that were refitted
+    where: tuple[Place, ...]  # places that hold most of the misfit
+    noise: Mapping[str, Mapping[str, Any]]  # by channel
+    traces: tuple[Trace, ...]  # every record and channel
+    shifts: tuple[SettingShift, ...] = ()  # how far the settings of the records were moved
+    held_nrmse: float | None = None  # with conditions as written down; None where no setting moved beyond chance
+    notes: tuple[str, ...] = ()  # on records outside the model's range, and on samples that were not taken
+    effects: tuple[str, ...] = ()  # in the model
+    # Cross-validated; of a model that was fitted to another campaign `nrmse` itself, as none of these records chose it.
+    # NaN where there are too few conditions, or nothing was fitted.
     heldout_nrmse: float = float("nan")
-    prediction_nrmse: float = float("nan")
-    prediction_coverage: float = float("nan")
-    heldout_squares: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    prediction_nrmse: float = float("nan")  # from settings as they are written down; NaN for another campaign's model
+    prediction_coverage: float = float("nan")  # share of samples within the predicted 95 % interval
+    heldout_squares: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)  # by record
     groups: np.ndarray = dc.field(default_factory=lambda: np.zeros(0, dtype=int), repr=False, compare=False)
     converged: bool = True
-    free: int = 0
+    free: int = 0  # parameters that these records chose, here or before
 
     def __str__(self) -> str:
         """The outcome for a terminal."""
@@ -146,22 +123,13 @@ class Comparison(_Written):
 
 @dc.dataclass(frozen=True)
 class Comparisons(Sequence[Comparison], _Written):
-    """Several models held against one campaign, in the order in which they were given: the loop by hand.
-
-    Attributes:
-        models: the comparison of each.
-        names: of the models.
-        best: number of the one with the smallest cross-validated error; None where that is not known.
-        alike: numbers of those whose cross-validated error is not larger than its by two standard errors of the paired
-            difference over conditions.
-        sentence: the outcome in words.
-    """
+    """Several models held against one campaign, in the order in which they were given: the loop by hand."""
 
     models: tuple[Comparison, ...]
     names: tuple[str, ...]
-    best: int | None
-    alike: tuple[int, ...]
-    sentence: str
+    best: int | None  # number of the one with the smallest cross-validated error; None where that is not known
+    alike: tuple[int, ...]  # of those that are not worse by two standard errors of the difference over conditions
+    sentence: str  # the outcome in words
 
     def __len__(self) -> int:
         return len(self.models)
@@ -288,7 +256,9 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     traces = make_traces(campaign, bench.records, solution, level)
     used = (np.asarray(bench.records.stack.weights)[: bench.records.count] > 0).sum(axis=(1, 2))
     chi2 = np.sum(solution.residual ** 2, axis=1) + np.sum(solution.z**2, axis=1)
-    records = _tabulate_records(campaign, traces).assign(chi2_reduced=chi2 / np.maximum(used, 1))
+    own_traces = {key: [t for t in traces if t.record == key] for key in map(str, campaign.record_keys)}
+    records = pd.DataFrame([{"record": key, **some[0].conditions, **_join_channels(some)}
+                            for key, some in own_traces.items()]).assign(chi2_reduced=chi2 / np.maximum(used, 1))
     channels = pd.DataFrame([{"channel": channel, "unit": series[0].unit, **_errors(series)}
                              for channel, series in _split(traces).items()])
     shifts, floor = measure_shifts(bench.records, solution), nrmse(traces, noise=True)
@@ -355,11 +325,6 @@ def _join_channels(traces: Sequence[Trace]) -> dict[str, float]:
     return found | {f"ratio_{c}": e["ratio"] for c, e in ratios.items()}
 
 
-def _tabulate_records(campaign: Campaign, traces: Sequence[Trace]) -> pd.DataFrame:
-    own = {key: [t for t in traces if t.record == key] for key in map(str, campaign.record_keys)}
-    return pd.DataFrame([{"record": key, **some[0].conditions, **_join_channels(some)} for key, some in own.items()])
-
-
 def _tabulate_conditions(campaign: Campaign, traces: Sequence[Trace], groups: np.ndarray) -> pd.DataFrame:
     """Errors by group of equal settings; each condition is the mean over the group."""
     rows = []
@@ -377,11 +342,7 @@ def bin_residuals(traces: Sequence[Trace], end: Mapping[str, float], campaign: C
                   ) -> pd.DataFrame:
     """Mean residual over noise in bins of every variable; standard errors from the scatter between records.
 
-    Args:
-        traces: model beside measurement.
-        end: of the contact or record, in its independent variable.
-        campaign: gives the conditions.
-        family: names the variables.
+    `end` is that of the contact or record, in its independent variable.
     """
     rows = []
     for channel, own in _split(traces).items():
@@ -407,23 +368,16 @@ def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> lis
     if not len(everything) or np.ptp(everything) == 0:
         return []
     edges = np.linspace(everything.min(), everything.max(), BINS + 1)
-    count, total = np.zeros((len(z), BINS)), np.zeros((len(z), BINS))
-    for i, (r, k, x) in enumerate(zip(z, keep, values, strict=True)):
-        bin_ = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
-        count[i], total[i] = np.bincount(bin_, minlength=BINS), np.bincount(bin_, r[k], minlength=BINS)
-    rows = []
-    for b in np.flatnonzero(count.sum(axis=0) > 0):
-        there = count[:, b] > 0
-        n = float(count[:, b].sum())
-        mean = float(total[:, b].sum() / n)
-        error = 1.0 / np.sqrt(n)
-        if there.sum() > 1:
-            # Records are the independent units: their means scatter about the common one.
-            scatter = total[there, b] - mean * count[there, b]
-            error = float(np.sqrt(there.sum() / (there.sum() - 1) * np.sum(scatter**2)) / n)
-        rows.append({"low": float(edges[b]), "high": float(edges[b + 1]), "mean": mean, "standard_error": error,
-                     "records": int(there.sum()), "samples": int(n)})
-    return rows
+    count = np.array([np.histogram(x, edges)[0] for x in values], dtype=float)
+    total = np.array([np.histogram(x, edges, weights=r[k])[0] for r, k, x in zip(z, keep, values, strict=True)])
+    there, n = np.sum(count > 0, axis=0), count.sum(axis=0)
+    mean = total.sum(axis=0) / np.maximum(n, 1.0)
+    # Records are the independent units: their means scatter about the common one.
+    scatter = np.sqrt(there / np.maximum(there - 1, 1) * np.sum((total - mean * count) ** 2, axis=0))
+    error = np.where(there > 1, scatter / np.maximum(n, 1.0), 1.0 / np.sqrt(np.maximum(n, 1.0)))
+    return [{"low": float(edges[b]), "high": float(edges[b + 1]), "mean": float(mean[b]),
+             "standard_error": float(error[b]), "records": int(there[b]), "samples": int(n[b])}
+            for b in np.flatnonzero(n)]
 
 
 def _tell(model: str, campaign: Campaign, view: View, traces: Sequence[Trace], channels: pd.DataFrame,

@@ -59,16 +59,12 @@ class LeftOut(NamedTuple):
 
 def predict_left_out(problem: Problem, solution: Solution, groups: np.ndarray, share: float = DEFAULT.early,
                      adjust: bool = True) -> LeftOut:
-    """Every record by the model fitted without its condition.
+    """Every record by the model fitted without its condition: the parameters by one Gauss-Newton step (as in
+    `leave_out`), then the exact model.
 
-    Parameters and settings by one Gauss-Newton step (as in `leave_out`), then the exact model. Of records that run on
-    from where they start, the first `share` gives what they start from, and the rest counts (as in `forecast`).
+    Of records that run on from where they start, the first `share` gives what they start from, and the rest counts.
 
     Args:
-        problem: that was fitted.
-        solution: with all records.
-        groups: condition of every record, shape (records,).
-        share: see above.
         adjust: whether the left-out record's own settings suit it best within their stated uncertainty, which makes the
             cross-validated error; else they stand as they are written down, which makes the prediction error.
     """

@@ -283,11 +283,8 @@ class MovingZero:
 def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bool) -> MovingZero | None:
     """The channel whose zeros, free in every record, remove most of a model's misfit; None where none does.
 
-    Args:
-        selection: of the campaign.
-        solution: of the model.
-        final: whether the catalogue has been tried. Before that only zeros are looked for that show before first touch:
-            an effect may look like another zero at every condition.
+    `final` says whether the catalogue has been tried. Before that only zeros are looked for that show before first
+    touch: an effect may look like another zero at every condition.
     """
     records, contact = selection.records, selection.family.has_contact
     if records.count < selection.settings.baseline.fewest or not (contact or final):
@@ -321,7 +318,7 @@ def _free_zeros(selection: SelectionProblem, solution: Solution, c: int) -> Movi
     right = np.concatenate([solution.residual, solution.z], axis=1)
     before = float(np.sum(right**2))
     gain = before - float(np.sum(side**2))
-    excess = before - (float((np.asarray(records.stack.weights) > 0).sum()) - free)
+    excess = before - (selection.samples - free)
     if excess <= 0 or stats.chi2.sf(gain, 2 * count) > limits.p_value or gain < (
             limits.removed if seen else limits.removed_unseen) * excess:
         return None
@@ -349,11 +346,8 @@ def _free_zeros(selection: SelectionProblem, solution: Solution, c: int) -> Movi
 
 
 def _explained(selection: SelectionProblem, solution: Solution, x: np.ndarray) -> float:
-    """Share of the scatter that conditions explain, adjusted for its freedom; 1 where there are too few records to say.
-
-    A quadratic of the logarithms of the conditions, place in the series included, or else a plane; of tumbling records
-    a plane over speed and axial rate.
-    """
+    """Share of the scatter that conditions explain (a quadratic of their logarithms, or else a plane; of tumbling
+    records a plane over speed and axial rate), adjusted for its freedom; 1 where there are too few records to say."""
     records = selection.campaign.records
     table = [records[c].to_numpy(dtype=float) for c in records.columns]
     if selection.family.free_running:

@@ -59,32 +59,28 @@ def make_fit(selection: SelectionProblem, fitted: Fitted, model: str, verdict: s
         selection.guess, selection.noise, {"made_by": "discover", "verdict": verdict}, True, selection.warnings)
 
 
-def strongest_correlations(solution: Solution) -> tuple[tuple[str, str, float], ...]:
-    """Correlations of the free parameters by size."""
-    covariance, names = solution.covariance(), solution.names
-    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    pairs = [(names[i], names[j], float(covariance[i, j] / (sd[i] * sd[j])))
-             for i, j in zip(*np.triu_indices(len(names), 1), strict=True)]
-    return tuple(sorted((p for p in pairs if abs(p[2]) >= FAINT), key=lambda p: -abs(p[2])))
-
-
 def describe_step(selection: SelectionProblem, grown: FittedStep, before: FittedStep | None) -> Step:
     """The record of one step."""
     fitted, solution = grown.fitted, grown.fitted.solution
     traces = make_traces(selection.campaign, selection.records, solution, selection.noise)
-    rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
     shifts = measure_shifts(selection.records, solution)
     added = None
     if before is not None:
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])
     alternatives = tuple({"effect": e, "heldout_difference": d, "standard_error": s}
                          for e, d, s in grown.alternatives)
+    covariance, names = solution.covariance(), solution.names
+    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    pairs = [(names[i], names[j], float(covariance[i, j] / (sd[i] * sd[j])))
+             for i, j in zip(*np.triu_indices(len(names), 1), strict=True)]
+    correlations = sorted((p for p in pairs if abs(p[2]) >= FAINT), key=lambda p: -abs(p[2]))
     predicted = selection.predict(fitted)
     return Step(
-        added=added, effects=fitted.effects, chi2_reduced=solution.chi2 / max(rows - len(solution.names), 1.0),
-        nrmse=nrmse(traces), heldout_nrmse=selection.cross_validate(fitted), alternatives=alternatives,
+        added=added, effects=fitted.effects,
+        chi2_reduced=solution.chi2 / max(selection.samples - len(names), 1.0), nrmse=nrmse(traces),
+        heldout_nrmse=selection.cross_validate(fitted), alternatives=alternatives,
         lack_of_fit=grown.lack, parameters=public_estimates(selection, solution),
-        correlations=strongest_correlations(solution), traces=traces, converged=solution.converged, shifts=shifts,
+        correlations=tuple(correlations), traces=traces, converged=solution.converged, shifts=shifts,
         held_nrmse=measure_held(selection, solution) if is_moved(shifts, selection.settings.level_each) else None,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage)
 
@@ -116,7 +112,7 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
             before = reference
         fits = dict(map_threads(lambda e: (e, _finish(selection, grown, tried, before, e)), tried.order))
     best = min(fits.values(), key=lambda f: (f.thinned, f.merit))
-    rivals = {best.thinned: best}
+    rivals: dict[bool, Fitted | None] = {best.thinned: best}
     if any(f.thinned != best.thinned for f in fits.values()):
         rivals[True] = selection.extend(best, best.effects, thinned=True)
     sizes: dict[str, dict[str, float]] = {}
@@ -137,9 +133,7 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
         free, used = len(alone.solution.names), float((np.abs(alone.solution.residual) > 0).sum())
         drop = max(alone.solution.chi2 - fitted.solution.chi2, 0.0)
         excess = max(alone.solution.chi2 - (used - free), 1.0)
-        scale = 1.0
-        if alone.thinned:
-            scale = max(float((np.asarray(selection.records.stack.weights) > 0).sum()) / max(used, 1.0), 1.0)
+        scale = max(selection.samples / max(used, 1.0), 1.0) if alone.thinned else 1.0
         widen = 1.0 + 2.0 * max(n.log_level_sd for n in selection.noise.values())
         single = float(stats.chi2.sf(drop * scale / widen, max(len(fitted.solution.names) - free, 1)))
         difference, error = compare_losses(fitted.loss, (rivals[fitted.thinned] or fitted).loss, selection.groups)

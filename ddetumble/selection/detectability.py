@@ -45,16 +45,10 @@ def detectable_length(directions: int, settings: SelectionSettings = DEFAULT) ->
 
 def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: str, goal: float,
               first: float | None = None) -> Signature | None:
-    """Size of an amplitude at which its signature has the wanted length; None where none was found.
+    """Size of an amplitude at which its signature has the length `goal`; None where none was found.
 
     Where the signature grows by a jump (a patch that begins to grip), the smallest size tried that shows enough.
-
-    Args:
-        problem, solution: the model without the effect.
-        origin: coordinates with the shapes of the effect put in, shape (parameters,).
-        name: of the amplitude.
-        goal: the length.
-        first: distance from the null to try first; a tenth of a typical change where not given.
+    `origin` holds coordinates with the shapes of the effect put in, `first` the distance from the null to try first.
     """
     p = problem.space.parameter(name)
     null, side = p.default, float(p.sign or 1)

@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
-import numpy as np
-
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
@@ -16,6 +14,7 @@ from ..families import find_family, name_family
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
+from ..measurement.grouping import count_conditions
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
 from .describe import describe_candidates, describe_noise, describe_step, list_loose, make_fit
@@ -64,14 +63,20 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     name, references = asked.name, ()
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
-    if _needs_references(path) and not questions:
+    # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
+    open_ended = len(path.steps[-1].fitted.effects) >= settings.effects_before_rivals or keep_physical(path)[1]
+    if open_ended and not is_explained(path) and not questions:
         report("trying the other reference models", 0.88)
         references = _try_references(asked, state, effects, path.steps[0].fitted, settings)
-        better = _choose_reference(path, references)
-        if better is None:
-            path = extend_path(path, settings.most_effects, report)
-        else:
+        # Where no condition can be left out, nothing confirms the effects beside another reference model: only one that
+        # needs none of them counts. Of several the one with the fewest parameters.
+        good = [r for r in references if is_explained(r.path)
+                and (r.path.selection.holds_out or len(r.path.steps) == 1)]
+        if good:
+            better = min(good, key=lambda r: (len(r.last.solution.names), r.last.merit))
             path, name = better.path, better.name
+        else:
+            path = extend_path(path, settings.most_effects, report)
     selection = path.selection
     steps, beyond = keep_physical(path)
     unphysical = (path.steps[len(steps)].fitted.effects, beyond) if beyond else None
@@ -85,15 +90,15 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     last, campaign, rejected = steps[-1], selection.campaign, steps[0].lack.rejected
     doubts = list_doubts(verdict, candidates, questions, unphysical, settings) if rejected else ()
     rivals = [last.tried.refined[e] for e, _, _ in last.alternatives] if last.tried is not None else []
-    made = tuple(tuple(partial(make_fit, selection, one, name, verdict) for one in fits)
-                 for fits in ([s.fitted for s in steps], rivals))
+    made = (tuple(partial(make_fit, selection, step.fitted, name, verdict) for step in steps),
+            tuple(partial(make_fit, selection, rival, name, verdict) for rival in rivals))
     found = Discovery(
         campaign=campaign.name, title=campaign.title, family=campaign.family, sha256=campaign.sha256, model=name,
         verdict=verdict, effects=last.fitted.effects, steps=tuple(described), candidates=tuple(candidates),
         where=tuple(where), noise_nrmse=nrmse(described[0].traces, noise=True), noise=describe_noise(selection),
         sentence="", settings=settings, counts={
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
-            "conditions": selection.conditions, "seconds": round(time.perf_counter() - began, 2)},
+            "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(r.to_dict() for r in references),
         missing=missing if isinstance(missing, MissingForce) else None, made=made)
     family, left_out = selection.family, selection.left_out
@@ -208,19 +213,17 @@ class Reference:
     text: str
     path: Path
 
+    @property
+    def last(self) -> Fitted:
+        """The fit of the last step."""
+        return self.path.steps[-1].fitted
+
     def to_dict(self) -> dict[str, Any]:
         """How far it came, as `result.json` has it."""
-        last = self.path.steps[-1]
-        return {"model": self.name, "text": self.text, "effects": list(last.fitted.effects),
-                "parameters": len(last.fitted.solution.names), "rejected": last.lack.rejected,
-                "p_value": last.lack.p_value, "chi2": last.fitted.solution.chi2}
-
-
-def _needs_references(path: Path) -> bool:
-    """Whether other reference models are worth a try: as many effects as may stand without explain nothing, or one
-    beyond what physics allows."""
-    many = len(path.steps[-1].fitted.effects) >= path.selection.settings.effects_before_rivals
-    return not is_explained(path) and (many or bool(keep_physical(path)[1]))
+        lack, last = self.path.steps[-1].lack, self.last
+        return {"model": self.name, "text": self.text, "effects": list(last.effects),
+                "parameters": len(last.solution.names), "rejected": lack.rejected, "p_value": lack.p_value,
+                "chi2": last.solution.chi2}
 
 
 def _try_references(asked: ResolvedModel, state: Cleaned, effects: Sequence[type[AbstractEffect]], own: Fitted,
@@ -240,12 +243,11 @@ def _try_references(asked: ResolvedModel, state: Cleaned, effects: Sequence[type
                                                             settings))
         except (ComputationError, InputError):
             continue
-        rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
-        one, other = own.solution, alone.solution
+        one, other, rows = own.solution, alone.solution, selection.samples
         same = abs(other.chi2 - one.chi2) <= settings.same_reference * one.chi2 and len(other.names) == len(one.names)
         if not same and other.chi2 - rows <= settings.farthest_reference * max(one.chi2 - rows, 1.0):
             fitted.append((name, built.text, selection, alone))
-            known.append(identify(selection.reference))
+            known.append(identify(selection.space.reference))
     found = []
     for name, text, selection, alone in sorted(fitted, key=lambda one: one[3].merit)[:settings.rival_references]:
         try:
@@ -253,14 +255,3 @@ def _try_references(asked: ResolvedModel, state: Cleaned, effects: Sequence[type
         except ComputationError:
             continue
     return tuple(found)
-
-
-def _choose_reference(path: Path, references: Sequence[Reference]) -> Reference | None:
-    """The one that leaves no misfit with the fewest parameters, where the first model leaves one; else None.
-
-    Where no condition can be left out, nothing confirms the effects beside another reference model: only one that needs
-    none of them counts.
-    """
-    good = [r for r in references if is_explained(r.path) and (r.path.selection.holds_out or len(r.path.steps) == 1)]
-    last = {r.name: r.path.steps[-1].fitted for r in good}
-    return min(good, key=lambda r: (len(last[r.name].solution.names), last[r.name].merit), default=None)

@@ -12,6 +12,7 @@ import numpy as np
 from .._display import Progress
 from .._numerics import map_threads
 from ..inference.assembly import default_starts
+from ..inference.noise_estimation import changed, measure_noise
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
 from .lack_of_fit import Score
@@ -99,10 +100,11 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
             continue
         selection, tried = wider, None
         steps.append(more)
-        again = selection.measure_again(more.fitted)
-        if again is not None:
-            # Every step is fitted and judged again under the noise that the better model leaves.
-            selection = again
+        # What a poor model leaves may be too sharp for the splines that are taken out of its residuals first: where the
+        # better one leaves another noise, every step is fitted and judged again under it.
+        noise = measure_noise(selection.campaign, selection.records, more.fitted.solution)
+        if changed(selection.noise, noise):
+            selection = dc.replace(selection.restack(noise), noise=noise)
             for k, step in enumerate(steps):
                 fitted = selection.repeat(step.fitted)
                 selection = selection.span(fitted.solution)
@@ -133,18 +135,19 @@ def add_effect(selection: SelectionProblem, current: FittedStep, tried: Candidat
                 step = step.refit(selection, wider)
     if len(step.fitted.effects) > 1:
         selection, step = prune(selection, step)
-    fitted = selection.finish(step.fitted)
-    if step.fitted.solution.chi2 - fitted.solution.chi2 < selection.settings.same_fit:
-        return selection, dc.replace(step, fitted=fitted)
+    fitted = selection.repeat(step.fitted, 1e-5)
+    gain = step.fitted.solution.chi2 - fitted.solution.chi2
+    if fitted.solution.failed or gain < -1e-3:  # it broke down, beyond what the integrator's tolerance allows
+        return selection, step
     # A fit that has stopped short leaves a misfit of its own, in residuals and settings.
-    return selection, step.refit(selection, fitted)
+    judged = gain < selection.settings.same_fit
+    return selection, dc.replace(step, fitted=fitted) if judged else step.refit(selection, fitted)
 
 
 def could_have_shown(selection: SelectionProblem, scores: Sequence[Score]) -> bool:
     """Whether any effect whose own signature is three times the noise would have been found."""
-    samples = float((np.asarray(selection.records.stack.weights) > 0).sum())
-    catalogued = {e.id for e in selection.catalogue}
-    return any(9.0 * samples * s.visible > selection.settings.shown**2 for s in scores if s.effect in catalogued)
+    catalogued, least = {e.id for e in selection.catalogue}, selection.settings.shown**2 / 9.0
+    return any(selection.samples * s.visible > least for s in scores if s.effect in catalogued)
 
 
 def has_physical_sign(selection: SelectionProblem, fitted: Fitted, effect: str) -> bool:

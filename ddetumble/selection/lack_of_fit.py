@@ -117,17 +117,11 @@ class Score:
     visible: float  # share of the signature that refitting parameters and nuisances leaves
     cosines: np.ndarray  # of projected signatures with every direction scored with it, shape (directions,)
     place: int  # its own among them
-    records: np.ndarray  # score of each record, shape (records,)
 
 
 def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[str, str, dict[str, float]]]
                      ) -> list[Score]:
-    """Efficient scores at a fitted model.
-
-    Args:
-        problem, solution: the fitted model.
-        wanted: (effect id, parameter name, shape coordinates by name) of every direction.
-    """
+    """Efficient scores at a fitted model of directions (effect id, parameter name, shape coordinates by name)."""
     if not wanted:  # a short catalogue may all be in the model
         return []
     groups: list[list[int]] = []
@@ -162,13 +156,13 @@ def score_directions(problem: Problem, solution: Solution, wanted: list[tuple[st
         column *= 1.0 / norms[k] if told else 0.0
         norms[k] *= told
     flat = columns.reshape(len(order), -1)
-    cosines, by_record = flat @ flat.T, -np.einsum("kgr,gr->kg", columns, residual)
+    cosines, sums = flat @ flat.T, -np.einsum("kgr,gr->kg", columns, residual).sum(axis=1)
     back, found = np.argsort(order), []
     for m, (effect, name, shapes) in enumerate(wanted):
         k, scale = back[m], problem.scales[problem.space.index[name]]
-        z, norm = float(by_record[k].sum()), norms[k]
+        z, norm = float(sums[k]), norms[k]
         found.append(Score(effect, name, shapes, z, z / norm * scale if norm else 0.0, (norm / scale) ** 2,
-                           float((norm / max(sizes[k], 1e-300)) ** 2), cosines[k, back], m, by_record[k]))
+                           float((norm / max(sizes[k], 1e-300)) ** 2), cosines[k, back], m))
     return found
 
 

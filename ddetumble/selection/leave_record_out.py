@@ -48,12 +48,9 @@ class Aside:
 
 def measure_record(selection: SelectionProblem, solution: Solution, record: int, spread: np.ndarray | None = None,
                    columns: np.ndarray | None = None) -> Misfit:
-    """Smooth misfit of one record, its nuisances at their best.
+    """Smooth misfit of one record under a solution, its nuisances at their best.
 
     Args:
-        selection: for the splines.
-        solution: at whose point residual and derivatives are.
-        record: place of the record.
         spread: covariance of the free parameters over their scales: they may move by so much.
         columns: further whitened columns that may move freely, shape (rows, columns).
     """

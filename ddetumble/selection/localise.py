@@ -13,7 +13,9 @@ from .problem import Fitted, SelectionProblem
 from .result import Place
 
 
-FINE = 24  # bins of the state, in which an onset lies anywhere
+COARSE = 12  # bins of the state, of which several hold a misfit
+FINE = 24  # the same, in which an onset lies anywhere
+SCANNED = 160  # frequencies that are tried one by one, half a cycle of the longest record apart
 LINES = 4096  # frequencies that are tried, a quarter of a cycle apart: records of 2,500 samples hold no more
 AT_ONCE = 2_000_000  # values of them at samples that are computed at once
 
@@ -76,8 +78,7 @@ def find_line(selection: SelectionProblem, fitted: Fitted) -> float | None:
     return float(grid[k]) if power[k] > 3.0 * np.median(power) else None
 
 
-def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[AbstractEffect], most: int = 160
-              ) -> float | None:
+def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[AbstractEffect]) -> float | None:
     """Frequency at which a torque that repeats in time would take most of the misfit of tumbling records [Hz].
 
     The motion turns a line into several, so that every frequency is tried: the efficient scores of all amplitudes
@@ -88,7 +89,7 @@ def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[Abstr
     line = direction.line  # pyright: ignore[reportAttributeAccessIssue]
     names = [f"{direction.id}.{p.name}" for p in parameters_of(direction) if p.kind != "shape"]
     longest, interval = float(np.max(np.ptp(time, axis=1))), float(np.median(np.diff(time[0, : 64])))
-    grid = np.arange(1.0, min(2.0 * longest * 0.4 / interval, most)) * 0.5 / longest
+    grid = np.arange(1.0, min(2.0 * longest * 0.4 / interval, SCANNED)) * 0.5 / longest
     solution = problem.solve(fitted.solution.names, fitted.solution.u, fitted.solution.z, moving=False)
     wanted = [(direction.id, name, {line: float(np.log(f))}) for f in grid for name in names]
     scores = score_directions(problem, solution, wanted)
@@ -112,8 +113,7 @@ def locate(selection: SelectionProblem, base: Fitted, directions: dict[str, Fitt
     name, best = next(iter(directions.items()))
     if not selection.settings.is_beaten(*compare_losses(base.loss, best.loss, selection.groups)):
         return found
-    samples = float((np.asarray(selection.records.stack.weights) > 0).sum())
-    excess = max(base.solution.chi2 - (samples - base.solution.shared.shape[2]), 1.0)
+    excess = max(base.solution.chi2 - (selection.samples - base.solution.shared.shape[2]), 1.0)
     place = _place(selection, name, best)
     (low, high), whole = place.range, place.range[0] <= 0.0 or place.variable != selection.family.state
     share = 1.0 if whole else share_of_range(selection, base, place.channel, place.range)
@@ -153,9 +153,9 @@ def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place
                  1.0, period)
 
 
-def residual_places(selection: SelectionProblem, fitted: Fitted, bins: int = 12) -> list[Place]:
+def residual_places(selection: SelectionProblem, fitted: Fitted) -> list[Place]:
     """For every channel the range of the state (depression, slip) and the phase that hold most of the misfit."""
-    edges, excess, samples = _bin_excess(selection, fitted, bins)
+    edges, excess, samples = _bin_excess(selection, fitted, COARSE)
     places = []
     for channel, own in excess.items():
         whole = own.sum()

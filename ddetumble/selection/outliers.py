@@ -34,12 +34,11 @@ class Suspect:
     enclosed: bool  # whether there are records on all sides of it, or a repeat
 
 
-def find_suspects(selection: SelectionProblem, fitted: Fitted, most: int | None = None) -> list[Suspect]:
+def find_suspects(selection: SelectionProblem, fitted: Fitted) -> list[Suspect]:
     """Records at fault under a model, worst first; at most one in four, and one that is in doubt at the end."""
     count, limits = selection.records.count, selection.settings.outliers
-    most = max(1, count // limits.one_in) if most is None else most
     found, out = [], set()
-    while len(found) < most and count - len(out) >= limits.fewest:
+    while len(found) < max(1, count // limits.one_in) and count - len(out) >= limits.fewest:
         suspect = _find_worst(selection, fitted, out)
         if suspect is None:
             break
@@ -141,15 +140,8 @@ Search = Callable[[Campaign], tuple[SelectionProblem, Fitted] | None]
 
 
 def find_culprit(selection: SelectionProblem, fitted: Fitted, search: Search) -> Suspect | None:
-    """The record without which a model is found that leaves nothing, and that is plainly at fault under that model.
-
-    Args:
-        selection, fitted: a model that leaves a misfit.
-        search: a model that leaves nothing smooth of a campaign and where it was found, or None.
-
-    Returns:
-        The record, judged under that model; None where none carries most of the misfit, or it is not beyond doubt.
-    """
+    """The record without which `search` finds a model that leaves nothing smooth, and that is plainly at fault under
+    that model; None where none carries most of the misfit, or it is not beyond doubt."""
     limits, count = selection.settings.outliers, selection.records.count
     if count <= limits.fewest:
         return None
@@ -186,11 +178,7 @@ class Cleaned:
 
 
 def begin_cleaning(campaign: Campaign, keep_all: bool = False, settings: SelectionSettings = DEFAULT) -> Cleaned:
-    """Look at the samples themselves, before any model.
-
-    Raises:
-        InputError: No record is left.
-    """
+    """Look at the samples themselves, before any model; an InputError where no record is left."""
     cleaned, faults = screen_samples(campaign, settings.screening)
     lost = (*find_rate_units(campaign, settings.outliers), *find_blind(cleaned))
     faults = (*faults, *lost)
@@ -208,16 +196,12 @@ def begin_cleaning(campaign: Campaign, keep_all: bool = False, settings: Selecti
 
 def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, final: bool = False,
                   search: Search | None = None) -> tuple[Cleaned, bool]:
-    """Look for records at fault under a model.
+    """Look for records at fault under a model; says whether the campaign has changed, so that all is fitted again.
 
     Args:
-        state: so far.
-        selection, fitted: a model fitted to `state.campaign`.
+        state: so far; `fitted` a model of its campaign.
         final: whether it is what the search ended with, rather than the reference model.
         search: a model that leaves nothing smooth of another campaign, if any, where none was found of this one.
-
-    Returns:
-        What is known now, and whether the campaign has changed, so that everything has to be fitted again.
     """
     suspects = find_suspects(selection, fitted)
     sure = [s for s in suspects if s.sure]
@@ -225,7 +209,13 @@ def clean_records(state: Cleaned, selection: SelectionProblem, fitted: Fitted, f
         culprit = find_culprit(selection, fitted, search)
         sure = [] if culprit is None else [culprit]
     zero = None if sure else find_moving_zeros(selection, fitted.solution, final)
-    doubtful = [s for s in suspects if not s.sure and not zero and _stands_alone(selection, s)]
+    doubtful = []
+    for suspect in suspects if not zero else []:
+        if not suspect.sure:  # it is in doubt only where nothing that the catalogue holds shows in the others either
+            problem, at = mask_records(selection.problem, {suspect.aside.record}), suspect.aside.solution
+            solution = problem.solve(at.names, at.u, at.z, tolerance=1e-2)
+            scores = score_directions(problem, solution, selection.list_directions((), float(solution.state.max())))
+            doubtful += [suspect] if selection.calibrate(scores) >= selection.settings.level_each else []
     new = [tell_fault(s, state.keep_all) for s in (*sure, *doubtful)]
     new += [tell_zero(selection, zero, state.keep_all)] if zero else []
     known = {_identify(f) for f in state.faults}
@@ -258,11 +248,3 @@ def _drop_samples(campaign: Campaign, selection: SelectionProblem, suspects: Seq
             values[rows[off]] = np.nan
             samples[channel] = values
     return dc.replace(campaign, samples=samples)
-
-
-def _stands_alone(selection: SelectionProblem, suspect: Suspect) -> bool:
-    """Whether nothing that the catalogue holds shows in the records beside it either."""
-    problem, at = mask_records(selection.problem, {suspect.aside.record}), suspect.aside.solution
-    solution = problem.solve(at.names, at.u, at.z, tolerance=1e-2)
-    scores = score_directions(problem, solution, selection.list_directions((), float(solution.state.max())))
-    return selection.calibrate(scores) >= selection.settings.level_each

@@ -1,7 +1,8 @@
-"""A fitted model at new conditions, with the uncertainty of its mean and of a new measurement."""
+"""A fitted model at new conditions, with the uncertainty of its mean and of a new measurement: records over time, and
+peak force, duration and impulse of impacts."""
 
 import dataclasses as dc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeGuard
@@ -12,16 +13,18 @@ import numpy as np
 import pandas as pd
 
 from .._errors import ComputationError, InputError
-from ..families import find_family
+from ..contact.friction import describe_range
+from ..contact.law import ContactLaw
+from ..contact.sliding import RubberFriction
+from ..dynamics.impact import bound_depression
 from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
 from ..inference.problem import evaluate
 from ..inference.stack import Stack, pad_shape
 from ..measurement.layout import split_heading
 from ..measurement.tables import Table, convert_column, read_table
-from ..measurement.units import check_unit, parse_unit, si_unit
+from ..measurement.units import check_unit, format_time, parse_unit, si_unit
 from ..posterior.stacking import FILE as WEIGHTS
 from ..posterior.stacking import ModelWeights, read_weights
-from .extrapolation import describe_extrapolation, describe_failure
 
 
 POSITIVE = ("approach_speed", "normal_load", "slip_speed")
@@ -33,6 +36,16 @@ PATH = 256  # points at which the path from zero slip to the last wanted one is 
 SAMPLES = 200  # of a record whose times are chosen, about
 BEYOND = 1.25  # contact times that such an impact record lasts
 LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
+SLACK = 0.02  # of a condition's value, by which it may lie outside
+SQUEEZED = 0.5  # of the diameter: farther in, the plate would be past the centre of the undeformed ball
+MOST = 6  # notes on conditions; the rest is counted
+FORCES = {"normal_force": ("peak_normal_force", "normal_impulse"),
+          "tangential_force": ("peak_tangential_force", "tangential_impulse")}
+DURATION = "contact_duration"
+UNITS = {"peak_normal_force": "N", DURATION: "s", "normal_impulse": "N s", "peak_tangential_force": "N",
+         "tangential_impulse": "N s"}
+FINE = 700  # samples of a pulse: its peak is met to 1e-5, and the model pads records to 768 anyway
+AFTER = 1.1  # contact times that the samples reach, so that pulses that last longer by a few deviations end too
 
 
 @dc.dataclass(frozen=True)
@@ -62,19 +75,14 @@ class Request:
 
 
 def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, names: tuple[str, ...]) -> Request:
-    """Read what is wanted of a fitted model.
-
-    Args:
-        conditions: CSV file, or a table like it; a heading may carry a unit (`initial_pressure [MPa]`), SI else.
-        saved: the model.
-        names: of the conditions that it reads.
+    """Read what is wanted of a fitted model that reads conditions of these `names`, from a CSV file or a table like it.
 
     Raises:
         InputError: a column is missing or holds no numbers, a unit of another quantity, conditions that no test can
             have, or that change within a record.
     """
     table = _from_frame(conditions) if isinstance(conditions, pd.DataFrame) else read_table(conditions)
-    place, lines, family, abscissa = table.file, table.lines, saved.space.family, name_abscissa(saved)
+    place, lines, family, abscissa = table.file, table.lines, saved.space.family, saved.space.family.independent
 
     def refuse(bad: np.ndarray, column: str, tell: Callable[[int], str]) -> None:
         """Refuse the first of the rows that are bad."""
@@ -211,7 +219,7 @@ def _predict_model(model: str | Path | FittedModel | AbstractFitted,
     """As `predict`, for a single model."""
     saved, request = ask_model(model, conditions)
     request = lay_times(saved, request)
-    abscissa, keys, values = name_abscissa(saved), request.keys, request.values
+    abscissa, keys, values = saved.space.family.independent, request.keys, request.values
     groups, settings = request.groups(), request.settings(name_conditions(saved))
     notes = [*request.notes, *describe_extrapolation(saved, [key for key, _ in groups], settings)]
     verdict = saved.extra.get("verdict")
@@ -260,29 +268,19 @@ def ask_model(model: str | Path | FittedModel | AbstractFitted, conditions: str 
 
 def name_conditions(saved: FittedModel) -> tuple[str, ...]:
     """Names of what a record needs."""
-    return (*saved.ranges, *find_family(saved.family, "predict").starts)
-
-
-def name_abscissa(saved: FittedModel) -> str:
-    """Name of the independent variable."""
-    return find_family(saved.family, "predict").independent
+    return (*saved.ranges, *saved.space.family.starts)
 
 
 def list_channels(saved: FittedModel) -> tuple[str, ...]:
     """Channels of the campaign that the model predicts."""
-    return tuple(c for c in find_family(saved.family, "predict").channels if c in saved.channels)
+    return tuple(c for c in saved.space.family.channels if c in saved.channels)
 
 
 def lay_times(saved: FittedModel, request: Request) -> Request:
-    """What is wanted, with times of its own for every record where none are given.
-
-    Raises:
-        InputError: the model's file does not say how long its campaign's records are.
-        ComputationError: the model could not be integrated.
-    """
+    """What is wanted, with times of its own for every record where none are given."""
     if request.timed:
         return request
-    name, groups = name_abscissa(saved), request.groups()
+    name, groups = saved.space.family.independent, request.groups()
     if saved.sampling is None:
         raise InputError(f"there is no column {name!r}, and the model does not say how long its records are: give it, "
                          "or fit the model again")
@@ -335,14 +333,9 @@ def _linearise(space, names, channels, stack, base, directions, low, high):
 def evaluate_rows(saved: FittedModel, channels: tuple[str, ...], times: list[np.ndarray],
                   settings: dict[str, np.ndarray], keys: list[str], u: np.ndarray | None = None
                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A fitted model at a few records.
+    """A fitted model at a few records: at `times` by record, ascending, and `settings`, one value a record.
 
     Args:
-        saved: the model.
-        channels: wanted ones.
-        times: of the samples, by record, ascending.
-        settings: conditions, one value a record.
-        keys: of the records, for messages.
         u: coordinates of the parameters, one row a record; those of the fit where not given.
 
     Returns:
@@ -396,11 +389,7 @@ def name_scatter(saved: FittedModel, settings: dict[str, np.ndarray]) -> tuple[s
 
 
 def average_predictions(tables: Sequence[pd.DataFrame], weights: Sequence[float]) -> pd.DataFrame:
-    """Mix predictions of the same rows: mean, and deviations by the law of total variance.
-
-    Args:
-        tables: one a model, as `predict` returns them.
-        weights: of the models, with sum 1.
+    """Mix predictions of the same rows by weights with sum 1: mean, and deviations by the law of total variance.
 
     Returns:
         A table of the same columns: `<channel>` is the mean of the means, the square of `<channel>_sd` (and of
@@ -432,3 +421,199 @@ def read_rivals(average: str | Path | ModelWeights) -> tuple[list[str], list[Fit
     total = sum(weight for *_, weight in rivals)
     return ([name for name, *_ in rivals], [load(place) for _, place, _ in rivals],
             [weight / total for *_, weight in rivals])
+
+
+def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
+                   conditions: str | Path | pd.DataFrame | Request) -> pd.DataFrame:
+    r"""Peak force $\max F$, contact duration and impulse $\int F dt$ of impacts at new conditions.
+
+    F is what the gauge reads. Deviations are propagated by differences of one standard deviation along the principal
+    directions of the fit's covariance, and of every condition that scatters.
+
+    Args:
+        model: what `fit`, `discover` or `average` returned, or a folder that they wrote; with weights, values are
+            averaged over the rivals.
+        conditions: as of `predict`; times are not read.
+
+    Returns:
+        One row a record: `record`, and of `peak_normal_force` [N], `contact_duration` [s], `normal_impulse` [N s] (of
+        oblique impacts of the tangential force too) the value, `<name>_sd` (of the mean) and `<name>_sd_new` (of a new
+        test: its conditions scatter too, and the gauge's noise in the peak). A contact that does not end has no
+        duration and no impulse: nan, and `attrs["notes"]` says so.
+
+    Raises:
+        InputError: The model is of other records, or the conditions are faulty.
+        ComputationError: The model could not be integrated there.
+    """
+    if isinstance(model, ModelWeights) or is_average(model):
+        _, models, weights = read_rivals(model)
+        tables = [predict_pulses(one, conditions) for one in models]
+        result = average_predictions(tables, weights)
+        result.attrs["notes"] = tuple(dict.fromkeys(note for table in tables for note in table.attrs["notes"]))
+        return result
+    saved, request = ask_model(model, conditions)
+    if not saved.space.family.has_contact:
+        raise InputError(f"the model is of {saved.family} records; peaks, durations and impulses are those of impacts")
+    if saved.sampling is None:
+        raise InputError("the model does not say how long its records are; fit it again")
+    groups = request.groups()
+    keys, settings = [key for key, _ in groups], request.settings(name_conditions(saved))
+    values, deviations = _follow_pulses(saved, settings, keys)
+    notes = [f"Record {key} is still in contact {format_time(values['last'][k])} after first touch: it has no duration "
+             "and no impulse." for k, key in enumerate(keys) if not np.isfinite(values[DURATION][k])]
+    columns: dict[str, object] = {"record": keys}
+    for name in UNITS:
+        if name in values:
+            own, new = deviations[name]
+            columns |= {name: values[name], f"{name}_sd": own, f"{name}_sd_new": new}
+    result = pd.DataFrame(columns)
+    result.attrs["notes"] = tuple(notes)
+    return result
+
+
+def has_pulses(model: str | Path) -> bool:
+    """Whether the model in a folder is of impacts that `predict_pulses` reads."""
+    folder = Path(model)
+    models = read_rivals(folder)[1] if is_average(folder) else [load(folder)]
+    return all(one.space.family.has_contact and one.sampling is not None for one in models)
+
+
+def _follow_pulses(saved: FittedModel, settings: Mapping[str, np.ndarray], keys: list[str]
+                   ) -> tuple[dict[str, np.ndarray], dict[str, tuple[np.ndarray, np.ndarray]]]:
+    """Values by name, shape (records,), and their deviations: of the mean, and of a new test."""
+    settings = dict(settings)
+    ends, done = find_ends(saved, settings, keys)
+    scatter = [n for n in name_scatter(saved, settings) if n != "time"]
+    spread = saved.spread()
+    rows: list[tuple[int, np.ndarray, dict[str, float]]] = []  # record, parameters, conditions
+    for k in range(len(keys)):
+        here = {name: float(v[k]) for name, v in settings.items()}
+        rows.append((k, saved.u, here))
+        for sign in (1.0, -1.0):
+            rows += [(k, saved.u + sign * direction, here) for direction in spread]
+            rows += [(k, saved.u, here | {n: here[n] + sign * float(saved.uncertainties[n].sd(np.array([here[n]]))[0])})
+                     for n in scatter]
+    found = _measure_rows(saved, rows, AFTER * ends, keys)
+    count = 1 + 2 * (len(spread) + len(scatter))
+    values, deviations = {"last": AFTER * ends}, {}
+    for name, column in found.items():
+        column = column.reshape(len(keys), count)
+        column = np.where(done[:, None] | (name.startswith("peak")), column, np.nan)
+        half = 0.5 * (column[:, 1: 1 + count // 2] - column[:, 1 + count // 2:])
+        own = np.sum(half[:, : len(spread)] ** 2, axis=1)
+        new = own + np.sum(half[:, len(spread):] ** 2, axis=1)
+        for channel, (peak, _) in FORCES.items():
+            new = new + (saved.noise[channel].sd ** 2 if name == peak else 0.0)
+        values[name], deviations[name] = column[:, 0], (np.sqrt(own), np.sqrt(new))
+    return values, deviations
+
+
+def _measure_rows(saved: FittedModel, rows: list[tuple[int, np.ndarray, dict[str, float]]], lasts: np.ndarray,
+                  keys: list[str]) -> dict[str, np.ndarray]:
+    """Peak, duration and impulse of many records at parameters of their own, shape (rows,)."""
+    channels = list_channels(saved)
+    parts: dict[str, list[np.ndarray]] = {}
+    for first in range(0, len(rows), CHUNK):
+        part = rows[first: first + CHUNK]
+        # The first sample stands just behind first touch: a dashpot's force jumps there.
+        times = [np.concatenate([[1e-9 * lasts[k]], np.linspace(0.0, lasts[k], FINE)[1:]]) for k, *_ in part]
+        settings = {n: np.array([here[n] for *_, here in part]) for n in part[0][2]}
+        model, _, _, end = evaluate_rows(saved, channels, times, settings, [keys[k] for k, *_ in part],
+                                         np.stack([u for _, u, _ in part]))
+        parts.setdefault(DURATION, []).append(end)
+        time = np.stack(times)
+        for c, channel in enumerate(channels):
+            if channel in FORCES:
+                force = model[:, c, :FINE]
+                peak, impulse = FORCES[channel]
+                parts.setdefault(peak, []).append(np.max(force, axis=1))
+                parts.setdefault(impulse, []).append(np.trapezoid(force, time, axis=1))
+    return {name: np.concatenate(found) for name, found in parts.items()}
+
+
+def format_pulses(table: pd.DataFrame) -> str:
+    """The values for a terminal, each with the deviation of its mean and, in brackets, of a new test."""
+    shown = {"record": list(table["record"])}
+    for name in UNITS:
+        if name in table:
+            shown[f"{name} [{UNITS[name]}]"] = [
+                f"{v:.4g} ± {a:.2g} ({b:.2g})" if np.isfinite(v) else "–"
+                for v, a, b in zip(table[name], table[f"{name}_sd"], table[f"{name}_sd_new"], strict=True)]
+    return pd.DataFrame(shown).to_string(index=False)
+
+
+@dc.dataclass(frozen=True)
+class Squeeze:
+    """An impact that would press the ball together by more than the contact geometry is made for."""
+
+    record: str
+    depression: float  # that it does not exceed, by its kinetic energy [m]; infinite where none takes that up
+    diameter: float  # of the ball [m]
+
+    def __str__(self) -> str:
+        size = f"its {1e3 * self.diameter:.3g} mm"
+        return (f"the ball would be pressed together by more than {size}" if self.depression >= self.diameter else
+                f"the ball would be pressed together by up to {1e3 * self.depression:.3g} of {size}")
+
+
+def find_squeezes(saved: FittedModel, keys: Sequence[str], settings: Mapping[str, np.ndarray]) -> tuple[Squeeze, ...]:
+    """Records whose impact would press the ball together by more than `SQUEEZED` of its diameter, under `settings`, one
+    value a record; of models without a ball there is nothing to find."""
+    law = saved.law()
+    law = getattr(law, "normal", law)  # of an oblique impact
+    if not isinstance(law, ContactLaw) or not float(law.reference.diameter()) > 0:
+        return ()
+    found = []
+    for i, key in enumerate(keys):
+        here = {"initial_pressure": 0.0, "sequence": 1.0} | {name: float(v[i]) for name, v in settings.items()}
+        bounds = bound_depression(law, {name: jnp.asarray(value) for name, value in here.items()})
+        depression, diameter = map(float, bounds)
+        if depression > SQUEEZED * diameter:
+            found.append(Squeeze(key, depression, diameter))
+    return tuple(found)
+
+
+def describe_extrapolation(saved: FittedModel, keys: list[str], settings: dict[str, np.ndarray]) -> list[str]:
+    """Sentences on conditions beyond those of the campaign."""
+    found: dict[str, list[str]] = {}
+    some = []
+    for i, key in enumerate(keys):
+        phrases = saved.outside({name: float(v[i]) for name, v in settings.items()}, slack=SLACK)
+        some += [i] if phrases else []
+        for phrase in phrases:
+            found.setdefault(phrase, []).append(key)
+    notes = [f"Extrapolated: {phrase} (record {_list_some(records)})."
+             for phrase, records in list(found.items())[:MOST]]
+    if len(found) > MOST:
+        notes.append(f"Extrapolated in {len(found) - MOST} further settings.")
+    squeezes = find_squeezes(saved, [keys[i] for i in some], {name: v[some] for name, v in settings.items()})
+    if squeezes:
+        worst = max(squeezes, key=lambda one: one.depression / one.diameter)
+        records = _list_some([worst.record, *(one.record for one in squeezes if one is not worst)])
+        notes.append(f"Beyond the contact geometry, which holds up to {SQUEEZED:.0%} of the diameter: {worst} (record "
+                     f"{records}). What is predicted there means nothing.")
+    pressure, loads = settings.get("initial_pressure"), settings.get("normal_load")
+    if loads is not None and isinstance(saved.space.reference, RubberFriction):
+        notes += [f"Outside the range of Eq. 10: {phrase}." for phrase in dict.fromkeys(map(describe_range, loads))
+                  if phrase]
+    if pressure is not None and np.any(pressure == 0) and "gas" in saved.space.reference.provides:
+        notes.append("Without gas (initial_pressure = 0) this model's ball has no gas force.")
+    return notes
+
+
+def describe_failure(saved: FittedModel, key: str, settings: Mapping[str, np.ndarray], place: int) -> str:
+    """Why the model can hardly be integrated for a record, at a place among `settings`, and what to do."""
+    here = {name: float(v[place]) for name, v in settings.items()}
+    reasons = saved.outside(here, slack=SLACK)
+    reasons += map(str, find_squeezes(saved, [key], {name: np.array([value]) for name, value in here.items()}))
+    given = ", ".join(f"{name} = {value:g}" for name, value in here.items())
+    failed = f"the model could not be integrated for record {key!r}"
+    if not reasons:
+        return f"{failed} ({given}); check its conditions and their units"
+    return (f"{failed}: {'; '.join(reasons)}. Check the conditions ({given}) and their units, or choose some nearer to "
+            "those of the campaign")
+
+
+def _list_some(records: Sequence[str]) -> str:
+    more = f" and {len(records) - 3} more" if len(records) > 3 else ""
+    return f"{', '.join(records[:3])}{more}"

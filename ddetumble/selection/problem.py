@@ -13,13 +13,13 @@ from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
-from ..inference.noise_estimation import changed, differs_from_stated, measure_noise
+from ..inference.noise_estimation import differs_from_stated, measure_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
 from ..inference.stack import Records, stack_records
 from ..measurement.campaign import Campaign
-from ..measurement.grouping import can_leave_out, count_conditions, group_conditions
+from ..measurement.grouping import can_leave_out, group_conditions
 from .cross_validation import forecast, leave_out, predict_left_out
 from .lack_of_fit import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
 from .result import LackOfFit
@@ -50,11 +50,8 @@ class Fitted:
 
     @property
     def merit(self) -> float:
-        """The same with a penalty for each parameter: of two effects that predict alike the simpler is named first.
-
-        A viscoelastic wall that relaxes at once is a dashpot: left-out conditions alone would leave their order to
-        chance.
-        """
+        """The same with a penalty for each parameter: of two effects that predict alike (a viscoelastic wall that
+        relaxes at once is a dashpot) the simpler is named first."""
         return self.score + self.penalty * len(self.solution.names)
 
 
@@ -100,20 +97,15 @@ class SelectionProblem:
         """Kind of test."""
         return self.space.family
 
-    @property
-    def reference(self) -> AbstractModel:
-        """Template of the reference model."""
-        return self.space.reference
+    @cached_property
+    def samples(self) -> float:
+        """How many samples of all channels count."""
+        return float((np.asarray(self.records.stack.weights) > 0).sum())
 
     @cached_property
     def groups(self) -> np.ndarray:
         """Condition of every record, shape (records,)."""
         return group_conditions(self.campaign.records)
-
-    @cached_property
-    def conditions(self) -> int:
-        """How many conditions there are."""
-        return count_conditions(self.campaign.records)
 
     @cached_property
     def holds_out(self) -> bool:
@@ -147,14 +139,6 @@ class SelectionProblem:
         names = [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if not p.free]
         return [name for name in names if name not in self.freed]
 
-    def measure_again(self, fitted: Fitted) -> "SelectionProblem | None":
-        """The same under the noise of a better model's residuals; None where that has not changed.
-
-        What a poor model leaves may be too sharp for the splines that are taken out of its residuals first.
-        """
-        noise = measure_noise(self.campaign, self.records, fitted.solution)
-        return dc.replace(self.restack(noise), noise=noise) if changed(self.noise, noise) else None
-
     def list_origins(self, base: np.ndarray) -> list[np.ndarray]:
         """Where a fit with more effects starts: where the poorer model ended, and without what strayed there.
 
@@ -170,12 +154,6 @@ class SelectionProblem:
         """The same model fitted to all samples from where it was (after the noise has changed)."""
         old = fitted.solution
         return self.file(fitted.effects, self.problem.solve(old.names, old.u, old.z, tolerance=tolerance))
-
-    def finish(self, fitted: Fitted) -> Fitted:
-        """The same fit, of all samples, to a tight tolerance; as it was where that breaks down."""
-        found = self.repeat(fitted, 1e-5)
-        worse = found.solution.failed or found.solution.chi2 > fitted.solution.chi2 + 1e-3
-        return fitted if worse else found
 
     def fit(self, effects: Sequence[str], starts: Sequence[dict[str, float]], base: np.ndarray, z: np.ndarray,
             tolerance: float = 1e-2, extra: Sequence[str] = (), screening: bool = False, thinned: bool = False
@@ -213,14 +191,8 @@ class SelectionProblem:
         return Fitted(tuple(effects), solution, loss, ahead, problem is not self.problem, self.settings.significant)
 
     def predict(self, fitted: Fitted, adjust: bool = False) -> PredictionError:
-        """How well a model predicts every condition from the fit without it (`predict_left_out`).
-
-        Of records that run on from where they start, their first part gives what they start from.
-
-        Args:
-            fitted: the model.
-            adjust: whether settings are adjusted within their stated uncertainty, else as they are written down.
-        """
+        """How well a model predicts every condition from the fit without it, its settings as they are written down or
+        adjusted (`predict_left_out`)."""
         if not self.holds_out:
             return PredictionError(np.full(self.records.count, np.nan), float("nan"))
         problem = self.thin if fitted.thinned and self.thin is not None else self.problem
@@ -236,12 +208,8 @@ class SelectionProblem:
         return [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if p.kind != "shape"]
 
     def list_directions(self, exclude: Sequence[str], depth: float) -> list[tuple[str, str, dict[str, float]]]:
-        """Every direction outside a model: catalogue (shapes on their grids), and test directions.
-
-        Args:
-            exclude: ids of the effects in the model.
-            depth: largest state that it reaches; onsets lie at parts of it.
-        """
+        """Every direction outside the effects of a model: catalogue (shapes on their grids), and test directions, whose
+        onsets lie at parts of `depth`, the largest state that it reaches."""
         wanted = []
         for effect in self.catalogue:
             amplitudes = self.list_amplitudes(effect.id)
@@ -291,8 +259,7 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
     """State the choice of a model for a campaign.
 
     Args:
-        campaign: with samples.
-        reference: template of the reference model.
+        campaign, reference: with samples; template of the reference model.
         extra: effects of the user, beside the catalogue.
         given: effects that the model has from the start, with their values; they are no candidates.
         zeros: by channel whose baseline moves in every record how far (see `stack_records`).
@@ -324,10 +291,7 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
 
 
 def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted]:
-    """Fit the reference model, measure the noise's correlation, and fit again under it.
-
-    Returns:
-        The problem under the noise that was found, and the fit.
+    """Fit the reference model, measure the noise's correlation, and fit again under it: the problem under that noise.
 
     Raises:
         ComputationError: the reference model could not be integrated.

@@ -48,8 +48,7 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
     """The sentence of a verdict.
 
     Args:
-        found: the discovery, its sentence and notes still to be told.
-        family: of its records.
+        found, family: the discovery, its sentence and notes still to be told; the kind of its records.
         left_out: ids of effects that lack what they need.
         units: whether a unit is in doubt: then that doubt, the first one, comes instead of the verdict.
         asked: name of the reference model that was asked for.
@@ -57,11 +56,12 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
     first = found.steps[0]
     model, rejected = _name_model(found), first.lack_of_fit.rejected
     folds = family.folds if np.isfinite(first.heldout_nrmse) else ""
+    parts: list[str] = []
     if units and found.doubts:
-        parts = [say("verdict.doubtful_unit", doubt=found.doubts[0], model=repr(found.model),
-                     before=_level(first, found))]
+        parts.append(say("verdict.doubtful_unit", doubt=found.doubts[0], model=repr(found.model),
+                         before=_level(first, found)))
     else:
-        parts = [_tell_verdict(found, family, model, folds)]
+        parts.append(_tell_verdict(found, family, model, folds))
         if found.verdict in ("improved", "unexplained") and found.where:
             view = dc.replace(family.view, longest=find_longest(first.traces))
             parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
@@ -91,13 +91,8 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
 
 def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked: str, undrawn: str,
                exact: Sequence[str], loose: Sequence[str]) -> list[str]:
-    """What was assumed, and what could not be seen.
-
-    Args:
-        found, family, left_out, asked: as of `tell_discovery`.
-        undrawn: why no missing force was drawn.
-        exact: settings that state no uncertainty; `loose`: parameters that the records do not fix.
-    """
+    """What was assumed, and what could not be seen: why no missing force was drawn, `exact` settings that state no
+    uncertainty, `loose` parameters that the records do not fix."""
     first, settings = found.steps[0], found.settings
     needs = {effect.id: effect.requires for effect in family.catalogue}
     notes = [say("verdict.fits_better", effect=a["effect"], added=s.added) for s in found.steps for a in s.alternatives
@@ -112,29 +107,17 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
     notes += [say("verdict.noise", channel=channel, text=noise["text"]) for channel, noise in found.noise.items()]
     if any(not s.converged for s in found.steps):
         notes.append(say("verdict.unconverged"))
-    if undrawn:
-        notes.append(undrawn)
-    if exact:
-        notes.append(say("verdict.exact_settings", names=list(exact)))
-    if loose:
-        notes.append(say("verdict.undetermined", names=list(loose)))
-    if found.references and found.model == asked:
-        notes.append(say("verdict.no_better_reference", models=[r["model"] for r in found.references]))
-    return notes
+    others = [r["model"] for r in found.references] if found.model == asked else []
+    return [*notes, *filter(None, [undrawn]), *(say(f"verdict.{name}", **{key: list(names)}) for name, key, names in (
+        ("exact_settings", "names", exact), ("undetermined", "names", loose),
+        ("no_better_reference", "models", others)) if names)]
 
 
 def list_doubts(verdict: str, candidates: Sequence[Candidate], questions: Sequence[str],
                 unphysical: tuple[Sequence[str], Sequence[Unphysical]] | None, settings: SelectionSettings
                 ) -> tuple[str, ...]:
-    """What has to be settled first: units that may be wrong, and models that fit at values beyond what physics allows.
-
-    Args:
-        verdict: it is the open ones in which an effect may imitate what is missing.
-        candidates: of the catalogue.
-        questions: about units.
-        unphysical: effects that fit, and their estimates that physics does not allow.
-        settings: thresholds.
-    """
+    """What has to be settled first: `questions` about units, and models that fit at values beyond what physics allows,
+    the best one (its effects and estimates) or one effect that would remove most of an open misfit."""
     if unphysical is not None:
         effects, values = unphysical
         return *questions, say("verdict.unphysical", effects=list(effects), values=list(map(str, values)))

@@ -13,16 +13,11 @@ from .result import Trace
 
 def make_traces(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise] | None = None
                 ) -> tuple[Trace, ...]:
-    """Every record and channel, measured and as a fit has it.
+    """Every record and channel, measured and as a fit has it, with the noise of its channel, or else of the fit's
+    weights.
 
     Samples that the fit leaves out (missing, or so close to first touch that a jump of the force may lie on either side
     of them) are nan in `measured`.
-
-    Args:
-        campaign: that was stacked; its columns give units.
-        records: the stack that was fitted.
-        solution: of the fit.
-        noise: by channel; where a channel is absent, the deviation of the whitening weights.
     """
     stack = records.stack
     time, values, weights = (np.asarray(x) for x in (stack.time, stack.values, stack.weights))
@@ -50,12 +45,8 @@ def make_traces(campaign: Campaign, records: Records, solution: Solution, noise:
 def split_error(records: Records, channels: np.ndarray, used: np.ndarray | None = None) -> np.ndarray:
     """Square of the rms error over the rms signal, split by record, shape (records,); nan where there is no signal.
 
-    Their sum is the square of `nrmse`.
-
-    Args:
-        records: the stack that was fitted.
-        channels: model, shape (records, channels, samples), SI.
-        used: samples that count beside those that the fit leaves out, shape (records, samples); all where not given.
+    Their sum is the square of `nrmse`. `channels` are the model's, shape (records, channels, samples), SI; `used` the
+    samples that count beside those that the fit leaves out, shape (records, samples).
     """
     values = np.asarray(records.stack.values)[: records.count]
     there = np.asarray(records.stack.weights)[: records.count] > 0

@@ -21,8 +21,16 @@ from ..outliers import begin_cleaning, clean_records
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
 from ..settings import DEFAULT
-from .free_form import Drawn, FreeBench, draw_forces, find_ground, measure_visible, spread_drawn
-from .splines import Term, evaluate_basis
+from .free_form import (
+    Drawn,
+    FreeBench,
+    Term,
+    draw_forces,
+    evaluate_basis,
+    find_ground,
+    measure_visible,
+    spread_drawn,
+)
 from .symbolic import find_laws, find_rivals
 
 
@@ -31,6 +39,7 @@ CLEAR = 3.0  # standard deviations by which a force is told from zero
 ABSORBED = 0.2  # share of its signature below which what the parameters imitate leaves too little of a shape
 LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
 WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
+WHOLE = 0.9  # share that it removes where nothing but noise and details are left
 
 
 
@@ -92,24 +101,17 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
     if lack.rejected:
         found = describe_missing(selection, reference, beside, best, report)
     else:
-        rows = float((np.asarray(selection.records.stack.weights) > 0).sum())
-        noise = float(np.sqrt(beside.score / rows))
-        found = MissingForce(selection.family.name, beside.effects, reference.score, beside.score, best, None, rows, (),
-                             (), (), say("missing.nothing_to_draw", noise=noise, p=lack.p_value))
+        noise = float(np.sqrt(beside.score / selection.samples))
+        found = MissingForce(
+            selection.family.name, beside.effects, reference.score, beside.score, best, None, selection.samples, (), (),
+            (), say("missing.nothing_to_draw", noise=noise, p=lack.p_value))
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
 def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fitted, best: tuple[str, float] | None,
                      report: Progress) -> MissingForce:
-    """Draw the force missing beside a model of a selection.
-
-    Args:
-        selection: of the campaign.
-        reference: fit of the reference model.
-        beside: fit of the model beside which the force is drawn.
-        best: effect of the catalogue that does best, with its held-out loss.
-        report: called with a sentence and the share done.
-    """
+    """Draw the force missing beside a model of a selection; `best` is the effect of the catalogue that does best, with
+    its held-out loss."""
     report("drawing the missing force", 0.6)
     bench = FreeBench(selection, beside)
     normals = bench.scan()
@@ -256,24 +258,15 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[Sentence, tu
         if better.loss < law.loss - decisive and not found.lone:
             notes.append(say("missing.better", text=better.text, share=found.share(better.loss), folds=folds,
                              worse=better.chi2 - law.chi2))
-    if found.alike:
-        notes.append(say("missing.alike", folds=folds, others=list(found.alike)))
-    if best.centred:
-        notes.append(say("missing.centred"))
-    if best.visible < ABSORBED:
-        notes.append(say("missing.absorbed", visible=best.visible))
-    empty = best.visited < 0.02 / PLACES
-    if empty.any() and not best.variable.startswith("initial"):
-        last = best.x[~empty].max() if (~empty).any() else best.x[0]
-        if last < best.x[-2]:
-            notes.append(say("missing.unvisited", last=format_quantity(best.variable, float(last), longest)))
-    if share < WORTH:
-        notes.append(say("missing.too_little"))
-    if share < 0.9:
-        notes.append(say("missing.elsewhere", share=1.0 - share))
-    if bench.ground.note:
-        notes.append(bench.ground.note)
-    return join_sentences(*parts), (*notes, say("missing.bands"))
+    seen = best.x[best.visited >= 0.02 / PLACES]
+    last = float(seen.max() if len(seen) else best.x[0])
+    reached = last >= best.x[-2] or best.variable.startswith("initial")
+    told = ((bool(found.alike), "alike", {"folds": folds, "others": list(found.alike)}),
+            (best.centred, "centred", {}), (best.visible < ABSORBED, "absorbed", {"visible": best.visible}),
+            (not reached, "unvisited", {"last": format_quantity(best.variable, last, longest)}),
+            (share < WORTH, "too_little", {}), (share < WHOLE, "elsewhere", {"share": 1.0 - share}))
+    notes += [say(f"missing.{name}", **facts) for needed, name, facts in told if needed]
+    return join_sentences(*parts), (*notes, *filter(None, [bench.ground.note]), say("missing.bands"))
 
 
 def summarise_missing(found: MissingForce) -> Sentence:

@@ -21,8 +21,19 @@ from ...inference.problem import Problem, Solution
 from ..cross_validation import compare_losses, leave_out
 from ..result import Estimate, Law, Shape
 from ..settings import DEFAULT
-from .free_form import FreeBench, cut
-from .splines import Normal, Term, evaluate_basis, hold_out, measure_ridge, place_law, smooth, solve_ridge, with_plan
+from .free_form import (
+    FreeBench,
+    Normal,
+    Term,
+    cut,
+    evaluate_basis,
+    hold_out,
+    measure_ridge,
+    place_law,
+    smooth,
+    solve_ridge,
+    with_plan,
+)
 
 
 REFINED = 5  # forms that are fitted to the end
@@ -88,8 +99,7 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
     """Simple laws in the variables of `terms`, best first.
 
     Args:
-        bench: of the model.
-        normals: of every term at its finest.
+        bench, normals: of the model, and of every term at its finest.
         terms: whose variables and directions are tried.
         ceiling: held-out loss of the best flexible force: pairs are tried where no single law comes near it.
         lone: whether one condition alone shows the misfit. No other can predict it: laws are then those that take at
@@ -160,7 +170,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_G
             best = None
             for shape in _list_shapes(form, term):
                 own = inverse @ np.stack(evaluate(form, x, shape, term.scale), axis=1)
-                small = normal.turn(block_diag(np.eye(base), np.kron(gate[:, None], own)))
+                small = normal.turn(np.asarray(block_diag(np.eye(base), np.kron(gate[:, None], own))))
                 free = np.zeros(base + own.shape[1])
                 price = DEFAULT.significant * (own.shape[1] + len(form.shapes))
                 loss = measure_ridge(small, free) + price if lone else float(hold_out(small, free).sum())
