@@ -580,15 +580,6 @@ class _Settled(NamedTuple):
     steps: Any
 
 
-class _Measured(NamedTuple):
-    """What the Jacobian at a fit says: in coordinates, whitened columns by these, deviations, combinations."""
-
-    known: Knowledge
-    columns: np.ndarray
-    sd: np.ndarray
-    derived: dict[str, tuple[float, float]]
-
-
 @partial(jax.jit, static_argnums=0)
 def _refit(curve: Curve, starts: Array, k: int, value: float, weight: float, data: Any) -> _Settled:
     """One go from many starts, shape (lines, coefficients); coordinate k is drawn to `value` with a weight or 0."""
@@ -613,10 +604,8 @@ def _refit(curve: Curve, starts: Array, k: int, value: float, weight: float, dat
 
 
 @partial(jax.jit, static_argnums=0)
-def _differentiate(curve: Curve, coefficients: Array, data: Any):
-    """Derivatives of the residual by the coefficients, and combinations with theirs."""
-    return (jax.jacfwd(curve.predict)(coefficients, data), curve.derive(coefficients),
-            jax.jacfwd(curve.derive)(coefficients))
+def _differentiate(curve: Curve, coefficients: Array, data: Any) -> Array:
+    return jax.jacfwd(curve.predict)(coefficients, data)
 
 
 @dc.dataclass(frozen=True)
@@ -651,25 +640,22 @@ class _Fitter:
         raise ComputationError(f"The fit of {self.subject} did not end after {taken} steps: chi-square is "
                                f"{best.chi2:.6g} and one more step would take {best.gain:.2g} off it")
 
-    def measure(self, coefficients: np.ndarray, data: Any = None) -> _Measured:
-        """Covariance, correlations and directions that change nothing, by the singular values of the Jacobian."""
+    def measure(self, coefficients: np.ndarray, data: Any = None) -> tuple[Knowledge, np.ndarray]:
+        """What the Jacobian at a fit says, in coordinates, and its whitened columns, shape (rows, coefficients)."""
         curve, data = self.curve, self.data if data is None else data
-        columns, values, slopes = map(np.asarray, _differentiate(curve, jnp.asarray(coefficients), data))
-        factor = np.where(curve.logs, coefficients, 1.0)  # derivative of a coefficient by its coordinate
-        columns, slopes = columns * factor, slopes * factor
+        columns = np.asarray(_differentiate(curve, jnp.asarray(coefficients), data))
+        columns = columns * np.where(curve.logs, coefficients, 1.0)
         if not np.all(np.isfinite(columns)):
             raise ComputationError("the derivatives of the curve at its fit are not all numbers")
         vast = np.where(curve.logs, TRANSFORMS["log"].unknown, VAST * np.array(curve.typical))
-        known = analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast)
-        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
-        derived = {n: (float(v), float(s)) for n, v, s in zip(curve.derived, values, spread, strict=True)}
-        return _Measured(known, columns, np.sqrt(np.diag(known.covariance)) * factor, derived)
+        return analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast), columns
 
     def profile(self, fit: _Settled, spans: np.ndarray) -> tuple[_Settled, tuple[Profile, ...]]:
         """Profile likelihood of every coefficient; where a profile finds a better fit, all begins again from there."""
-        curve, measured, place = self.curve, self.measure(fit.coefficients), self.curve.to_coordinates
-        reach = np.minimum(FAR * np.sqrt(np.diag(measured.known.covariance)), spans)
-        weights = np.maximum(STIFF * FAR / reach, np.linalg.norm(measured.columns, axis=0))
+        curve, place = self.curve, self.curve.to_coordinates
+        known, columns = self.measure(fit.coefficients)
+        reach = np.minimum(FAR * np.sqrt(np.diag(known.covariance)), spans)
+        weights = np.maximum(STIFF * FAR / reach, np.linalg.norm(columns, axis=0))
         seen: list[list[_Settled]] = []
         for _ in range(AGAIN):
             lines = [[self._walk(fit, k, sign * far, weight) for sign in (-1.0, 1.0)]
@@ -752,9 +738,15 @@ class _Fitter:
         curve, fit, profiles = self.curve, self.settle(starts), ()
         if spans is not None:
             fit, profiles = self.profile(fit, spans)
-        measured = self.measure(fit.coefficients)
-        known, lost = measured.known, measured.known.undetermined
+        known, columns = self.measure(fit.coefficients)
+        lost = known.undetermined
         doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
+        factor = np.where(curve.logs, fit.coefficients, 1.0)  # derivative of a coefficient by its coordinate
+        sds = np.sqrt(np.diag(known.covariance)) * factor
+        slopes = np.asarray(jax.jacfwd(curve.derive)(jnp.asarray(fit.coefficients))) * factor
+        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
+        derived = {n: (float(v), float(s) if s < UNKNOWN * abs(v) else math.inf)
+                   for n, v, s in zip(curve.derived, curve.derive(fit.coefficients), spread, strict=True)}
         coefficients = {}
         for k, name in enumerate(curve.names):
             low, high, bounded = 0.0 if curve.logs[k] else -math.inf, math.inf, False
@@ -762,7 +754,7 @@ class _Fitter:
                 low = high = math.nan
             elif profiles:
                 low, high, bounded = profiles[k].low, profiles[k].high, all(profiles[k].bounded)
-            sd = math.inf if name in lost or doubtful else float(measured.sd[k])
+            sd = math.inf if name in lost or doubtful else float(sds[k])
             coefficients[name] = Coefficient(name, curve.units[k], float(fit.coefficients[k]), sd, low, high, bounded)
         told, degrees = [], readings - len(curve.names)
         if not _fits_noise(fit.chi2, degrees):
@@ -774,18 +766,17 @@ class _Fitter:
         told += notes(fit.coefficients)
         told += [f"These readings say nothing about {name}: it changes them less than their noise."
                  for name in known.silent]
-        told += [self._describe(fit, measured, blend, tests, elsewhere, unit) for blend in known.blends[:MOST_BLENDS]]
+        told += [self._describe(fit, columns, blend, tests, elsewhere, unit) for blend in known.blends[:MOST_BLENDS]]
         rest = len(known.blends) - MOST_BLENDS
         if rest > 0:
             told.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} loose too: rely on the curve "
                         "rather than on single coefficients.")
         told += [_describe_openness(profile) for profile in profiles if not all(profile.bounded)]
-        derived = {n: (v, s if s < UNKNOWN * abs(v) else math.inf) for n, (v, s) in measured.derived.items()}
         return CurveFit(self.subject, coefficients, derived, dict(fixed), known.covariance, known.correlations,
                         known.singular, float(fit.chi2), readings, int(fit.steps), profiles, tuple(told), curve,
                         self.data)
 
-    def _describe(self, fit: _Settled, measured: _Measured, blend: Blend, tests: Mapping[str, Any],
+    def _describe(self, fit: _Settled, columns: np.ndarray, blend: Blend, tests: Mapping[str, Any],
                   elsewhere: Mapping[str, str], unit: str) -> str:
         """A combination that is hard to tell apart, in a sentence with what would."""
         curve, places = self.curve, [self.curve.names.index(name) for name in blend.names]
@@ -808,9 +799,9 @@ class _Fitter:
             part = "one standard deviation" if share == 1 else f"{share:.2g} of a standard deviation"
             text = f"{members} are hard to tell apart: {change} changes the readings by {part} only"
 
-        now = measure_spread(measured.columns, measured.columns, blend)
-        gains = [(measure_spread(np.concatenate([measured.columns, self.measure(fit.coefficients, data).columns]),
-                                 measured.columns, blend) / now, test) for test, data in tests.items()]
+        now = measure_spread(columns, columns, blend)
+        gains = [(measure_spread(np.concatenate([columns, self.measure(fit.coefficients, data)[1]]), columns, blend)
+                  / now, test) for test, data in tests.items()]
         left, test = min(gains)
         # The largest relative deviation of a member along the combination, and what averages it away.
         size = float(np.max(np.abs(steps) / np.where(logs, 1.0, np.maximum(np.abs(fit.coefficients[places]), typical))))
@@ -913,6 +904,13 @@ class SlipRecord:
     load: float
     sd: float | np.ndarray
 
+    @classmethod
+    def from_force(cls, slip, force, load: float, sd) -> "SlipRecord":
+        """The same from a friction force and its standard deviation, both in newtons."""
+        load = _check_positive(load, "the load [N]")
+        slip, force, sd = _check_readings(slip, force, sd, ("slip", "force", "sd"))
+        return cls(slip, force / load, load, sd / load)
+
 
 def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free_e: bool = False, levels: bool = True,
                    profile: bool = True) -> CurveFit:
@@ -937,9 +935,8 @@ def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free
         ComputationError: The fit failed; the message says where it stood.
     """
     load, curve = _check_positive(load, "the load [N]"), SLIP[bool(free_e)]
-    slip, friction, sd = _check_readings(slip, friction, sd, ("slip", "friction", "sd"), least=len(curve.names))
-    unit = load if force else 1.0
-    data, ((slips, value, weight),) = _stack([SlipRecord(slip, friction / unit, load, sd / unit)])
+    record = SlipRecord.from_force(slip, friction, load, sd) if force else SlipRecord(slip, friction, load, sd)
+    data, ((slips, value, weight),) = _stack([record], len(curve.names))
     ceiling = -1.0 / float(data.stroke[0]) if levels else math.inf
     data = _pick(data, 0, ceiling)
     spans = np.array([100 * np.abs(value).max(), 10 / _find_spacing(slips), 1e4, 14.0, 1e4])[:len(curve.names)]
@@ -977,7 +974,7 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
         raise InputError("quadratic polynomials in the load need curves at three loads or more; there are "
                          f"{len(set(loads))}")
     single, curve = SLIP[bool(free_e)], POLYNOMIAL[bool(free_e)]
-    data, parts = _stack(records)
+    data, parts = _stack(records, 3)
     fits = []
     for k, (load, part) in enumerate(zip(loads, parts, strict=True)):
         try:  # a curve that levels off; where none of those fits, one that need not
@@ -988,7 +985,7 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
                     break
         except ComputationError:
             continue  # a start is all that it would have been
-        columns = alone.measure(fit.coefficients).columns
+        columns = alone.measure(fit.coefficients)[1]
         columns[:, 3] /= fit.coefficients[3]
         fits.append((load, fit.coefficients, columns.T @ columns))
     if len(fits) < 3:
@@ -1083,12 +1080,13 @@ def _refuse_negative(x: np.ndarray, name: str) -> None:
         raise InputError(f"{name} must not be negative; number {int(np.argmax(x < 0)) + 1} is {x[x < 0][0]:g}")
 
 
-def _stack(records: Sequence[SlipRecord]) -> tuple[Readings, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-    """Records as padded arrays, and slip [mm], coefficient and weight of each."""
+def _stack(records: Sequence[SlipRecord], least: int
+           ) -> tuple[Readings, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+    """Records of so many samples at least as padded arrays, and slip [mm], coefficient and weight of each."""
     parts = []
     for record in records:
         slip, value, sd = _check_readings(record.slip, record.coefficient, record.sd, ("slip", "friction", "sd"),
-                                          least=3)  # a polynomial's coefficients at one load
+                                          least=least)
         _refuse_negative(slip, "slip")
         if np.ptp(slip) == 0:
             raise InputError(f"all slips at {float(record.load):g} N are {slip[0]:g} m; a curve needs different ones")
