@@ -105,16 +105,13 @@ class FittedModel:
     Attributes:
         folder: it was read from; None for one that is not on disk.
         campaign, sha256, family, records: of the campaign it was fitted to: name, hash, kind, how many records.
-        model: name of the reference model.
-        effects: ids of the effects in the model.
+        model, effects: name of the reference model, and ids of its effects.
         space: the reference model with these effects alone.
         u: coordinates of all parameters of `space`, shape (parameters,).
-        free: names of the fitted parameters.
-        covariance: of the coordinates of `free`, shape (free, free).
+        free, covariance: names of the fitted parameters; of their coordinates, shape (free, free).
         noise: by channel, in the order of the campaign's channels.
         units: SI unit of every channel and condition.
-        uncertainties: of the conditions, by name, where one is stated.
-        time_sd: standard deviation of the time origin [s]; 0 where none is stated.
+        uncertainties, time_sd: of the conditions, by name, and the time origin [s]; none or 0 where none is stated.
         ranges: lowest and highest value of every condition in the campaign, SI.
         chi2, versions: of the fit, and of the packages that made it.
         extra: what else the writer put there.
@@ -193,18 +190,11 @@ Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | FittedM
 def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                 noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
                 names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> FittedModel:
-    """A fitted model from a solution.
+    """A fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
 
-    Args:
-        campaign: that was fitted.
-        model_name: of the reference model, as `resolve_model` takes it.
-        space: of the fit; parameters of effects that are not in the model are left out.
-        solution: the fit.
-        noise: by channel.
-        effects: ids of the effects in the model; effects that are not at their null belong to it too.
-        covariance: of the coordinates of `names`; that of the solution where not given.
-        names: of the fitted parameters; those of the solution where not given.
-        extra: anything more that JSON can hold, for whoever reads the file.
+    Parameters of effects that are neither among `effects` (ids) nor away from their null are left out. `covariance` is
+    that of the coordinates of `names`; both are those of the solution where not given. `extra` is anything more that
+    JSON can hold, for whoever reads the file.
     """
     away = {s.owner for k, s in enumerate(space.slots)
             if s.parameter.kind != "shape" and solution.u[k] != s.parameter.default}
@@ -270,11 +260,9 @@ def save_model(folder, fitted: FittedModel) -> Path:
 
 
 def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
-    """Read a fitted model.
+    """Read a fitted model that `fit` or `discover` wrote: its folder, or the `model.json` in it.
 
-    Args:
-        folder: that `fit` or `discover` wrote, or the `model.json` in it.
-        extra: effects of the user that are defined in no file.
+    `extra` are effects of the user that are defined in no file.
 
     Raises:
         InputError: There is none, it is damaged, of another version, or needs a file that is not there.
@@ -306,10 +294,10 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     reference = _choose(resolve_model(model, family).reference, content.choices, path)
     known, classes = {e.id: e for e in (*list_known(), *extra)}, []
     for entry in content.effects:
-        if entry.id not in known and entry.source is None:
-            raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; give its class to "
-                             "load(extra=...)", file=path, key="effects")
         if entry.id not in known:
+            if entry.source is None:
+                raise InputError(f"the effect {entry.id!r} is in no file and not in the catalogue; give its class to "
+                                 "load(extra=...)", file=path, key="effects")
             require_trust(path.parent / entry.source.rpartition(":")[0], path)
         source = None if entry.source is None else see(entry.source, entry.source_sha256)
         classes.append(known.get(entry.id) or resolve_effect(str(source)))
@@ -331,11 +319,7 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
 
 
 def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel:
-    """The fitted model that a result holds, or that a folder has.
-
-    Raises:
-        InputError: The folder holds none, or a damaged one; or it is a model that was not fitted.
-    """
+    """The fitted model that a result holds, or that a folder has; refused where there is none."""
     if isinstance(model, AbstractFitted):
         return model.fitted_model()
     if isinstance(model, FittedModel):

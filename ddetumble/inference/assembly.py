@@ -29,12 +29,11 @@ class Assembly:
 
     Attributes:
         space: of all parameters.
-        catalogue: effects that the campaign's model may have.
-        directions: that it may have.
+        catalogue, directions: effects and test directions that the campaign's model may have.
         left_out: ids of effects that need what model or campaign lack.
         start: coordinates, known parameters put in, effects at their null, shape (parameters,).
         base: free parameters of the reference model.
-        warnings: sentences on records outside the range in which the reference model holds.
+        warnings: sentences on what is assumed, and on records outside the range in which the reference model holds.
     """
 
     space: ParameterSpace
@@ -48,12 +47,7 @@ class Assembly:
 
 def assemble_space(campaign: Campaign, reference: AbstractModel,
                    extra: Sequence[type[AbstractEffect]] = ()) -> Assembly:
-    """Gather everything that a model of the campaign may hold.
-
-    Args:
-        campaign: whose family the model describes.
-        reference: template of the reference model.
-        extra: effects of the user, beside the catalogue.
+    """Gather everything that a model of the campaign may hold: the reference model, the catalogue and `extra` effects.
 
     Raises:
         InputError: The campaign has no samples or not what the model needs, or states something impossible.
@@ -90,22 +84,14 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
 
 
 def require_samples(campaign: Campaign) -> None:
-    """Refuse a campaign of peaks only.
-
-    Raises:
-        InputError: It has no samples.
-    """
+    """Refuse a campaign of peaks only."""
     if campaign.samples is None:
         raise InputError(f"campaign {campaign.name!r} holds peaks only, and this needs sampled records: force over "
                          "time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
 
 
 def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:
-    """Sentences on what is known and of no use, on what is assumed, and on records outside the range of the model.
-
-    Raises:
-        InputError: A known name is a misspelt parameter.
-    """
+    """Sentences on what is known and of no use, on what is assumed, and on records outside the range of the model."""
     found = [str(one) for one in check_plausibility(campaign)]
     models = (built.make() for built in find_family(campaign.family).models.values())
     names = {*ROLES, *space.index, *(p.name for model in models for p in parameters_of(model))}
@@ -140,17 +126,21 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
         InputError: the model needs a gas pressure and the campaign has none, or none in some record.
     """
     records = campaign.records
+
+    def require(pressure: str, why: str, other: str) -> None:
+        if pressure not in records:
+            raise InputError(f"campaign {campaign.name!r} has no condition {pressure!r}, and {why}; give the pressure, "
+                             f"or take --model {other}")
+
     if isinstance(reference, Striker):
         if isinstance(reference.friction, RubberFriction):
             raise InputError("the loads of an oblique impact pass through the whole range in which Eq. 10 breaks down; "
                              "take AdhesionHysteresis (Eq. 8 alone) or CoulombFriction as its friction")
-        if isinstance(reference.friction, AbstractRubberFriction) and "initial_pressure" not in records:
-            raise InputError(f"campaign {campaign.name!r} has no condition 'initial_pressure', and Eq. 8 needs it; "
-                             "give the pressure, or take --model power-law")
+        if isinstance(reference.friction, AbstractRubberFriction):
+            require("initial_pressure", "Eq. 8 needs it", "power-law")
         return dc.replace(reference, ball=adapt_reference(campaign, reference.ball))
-    if isinstance(reference, AbstractRubberFriction) and "internal_pressure" not in records:
-        raise InputError(f"campaign {campaign.name!r} has no condition 'internal_pressure', and Eq. 8 needs it; give "
-                         "the pressure, or take --model coulomb")
+    if isinstance(reference, AbstractRubberFriction):
+        require("internal_pressure", "Eq. 8 needs it", "coulomb")
     if isinstance(reference, PowerLaw):
         further = [c for c in records.columns if c not in ("approach_speed", "tangential_speed", "sequence",
                                                          "initial_pressure")]
@@ -158,17 +148,14 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
         found = next((c for c, x in values.items() if (x > 0).all() and len(np.unique(x)) > 1), "")
         middle = float(np.median(values[found])) if found else 1.0
         return dc.replace(reference, condition=found, condition_reference=middle)
-    if "gas" not in reference.provides:
-        return reference
-    if "initial_pressure" not in records:
-        raise InputError(f"campaign {campaign.name!r} has no condition 'initial_pressure', and this model is of an "
-                         "inflated ball; give the pressure, or take --model power-law")
-    empty = records.index[records["initial_pressure"].to_numpy(dtype=float) <= 0]
-    if len(empty):
-        raise InputError(f"campaign {campaign.name!r}: record {empty[0]!r} has no absolute pressure "
-                         f"({records.loc[empty[0], 'initial_pressure']:g} Pa), and without gas this model gives no "
-                         "force at all; mark gauge pressures with \"reference\": \"gauge\", leave the record out, "
-                         "or take --model power-law")
+    if "gas" in reference.provides:
+        require("initial_pressure", "this model is of an inflated ball", "power-law")
+        empty = records.index[records["initial_pressure"].to_numpy(dtype=float) <= 0]
+        if len(empty):
+            raise InputError(f"campaign {campaign.name!r}: record {empty[0]!r} has no absolute pressure "
+                             f"({records.loc[empty[0], 'initial_pressure']:g} Pa), and without gas this model gives no "
+                             "force at all; mark gauge pressures with \"reference\": \"gauge\", leave the record out, "
+                             "or take --model power-law")
     return reference
 
 

@@ -24,7 +24,7 @@ class Bounded:
     Attributes:
         solution: of the parameters that move.
         names: of all free parameters, moving or held.
-        held: bound of each held parameter: -1 lower, +1 upper.
+        held: -1 or +1 for a parameter held at its lower or upper bound.
         bounds: of coordinates, by name, where there are any.
     """
 

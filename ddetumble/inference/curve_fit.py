@@ -57,7 +57,7 @@ GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are ta
 GOES = 4  # of a fit at most: along a curved valley one may not reach the end
 LITTLE = 0.02  # chi-square that one more Gauss-Newton step would gain: below it a fit has ended
 FLAT = 1e-4  # singular value of unit columns below which no step is taken that way
-STARTS = 12  # of a fit; fewer are padded, so that one program serves them all
+STARTS = 12  # of a fit
 POINTS = 12  # on each side of a profile
 FAR = 20.0  # standard deviations after which a profile that has not risen never will
 HIGH = 25.0  # rise of chi-square at which a profile ends
@@ -93,16 +93,13 @@ class Regression(AbstractPrinted):
     """A curve fitted by least squares.
 
     Attributes:
-        names: of the parameters.
-        values: at the smallest sum of squares, shape (parameters,).
-        errors: standard deviations of the values from the Jacobian there, infinite for what the readings do not
-            determine, shape (parameters,).
-        covariance: of the values, shape (parameters, parameters); nan between what is not determined and all else.
+        names, values: of the parameters at the smallest sum of squares, shape (parameters,).
+        errors, covariance: of the values from the Jacobian there; infinite for what the readings do not determine, and
+            nan between that and all else, shapes (parameters,) and (parameters, parameters).
         sum_of_squares: of the residuals, over `sd` where that is given (chi-square).
         residual_sd: root of the sum of squares over the degrees of freedom; nan where there are none.
         degrees: of freedom, readings less parameters.
-        steps: of Levenberg-Marquardt from the start with the damping that did better, and of polishing after it.
-        damping: which one that was.
+        steps, damping: from the start with the damping that did better, polishing included; and which one that was.
         converged: whether one more step would change next to nothing, and all parameters are determined.
         message: how it ended, a sentence.
     """
@@ -307,8 +304,7 @@ class Curve(abc.ABC):
     """A curve with few coefficients; a static value, to which the readings are an argument.
 
     Attributes:
-        names: of the coefficients.
-        units: of each, as text.
+        names, units: of the coefficients.
         logs: whether each is positive, with its logarithm as coordinate.
         typical: change of each coordinate a hundred times which is more than anybody expects (1 for logarithms).
         derived: names of combinations worth telling.
@@ -349,8 +345,7 @@ class Readings(NamedTuple):
     Attributes:
         at: slip since the stroke began [m], shape (..., samples), or pressure [Pa], shape (readings,).
         value, weight: friction coefficient and one over its deviation, 0 where no sample is, shape of `at` [-].
-        load: shape (...) [N].
-        stroke: its end, shape (...) [mm].
+        load, stroke: shape (...) [N], and where it ends [mm].
         reference: load at which d is positive [N].
         ceiling: b + |d| stays below it, so that curves level off; infinite where they need not [1/mm].
         ratio, modulus: sigma_0/p_r where it is not free [-], and E* [Pa], of pressures.
@@ -477,11 +472,8 @@ class Profile:
     """Chi-square as a function of one coefficient, all others refitted.
 
     Attributes:
-        name: of the coefficient.
-        values: of it, ascending, the estimate among them, shape (points,).
-        rise: of chi-square over its minimum [-], shape (points,).
-        low, high: of the 95 % interval, where the rise is 3.84; infinite (or 0, for what is positive) where it never
-            gets there.
+        values, rise: of the coefficient, ascending, the estimate among them; of chi-square over its minimum [-].
+        low, high: of the 95 % interval, where the rise is 3.84; infinite (or 0, for what is positive) without end.
         bounded: whether the data bound it below and above.
     """
 
@@ -495,12 +487,10 @@ class Profile:
 
 @dc.dataclass(frozen=True)
 class Coefficient:
-    """One fitted number.
+    """One fitted number; b and d are per millimetre, as Eq. 10 has them.
 
     Attributes:
-        name, unit: which; b and d are per millimetre, as Eq. 10 has them.
-        estimate: at the smallest chi-square.
-        sd: standard deviation from the Jacobian; infinite where nothing is known.
+        estimate, sd: at the smallest chi-square, and from the Jacobian there; infinite where nothing is known.
         low, high: 95 % interval by profile likelihood; infinite where there is no end, NaN where none can be given.
         bounded: whether the readings bound it on both sides.
     """
@@ -527,14 +517,11 @@ class CurveFit(AbstractPrinted):
 
     Attributes:
         subject: what was fitted.
-        coefficients: by name, in order.
+        coefficients, fixed: by name, in order; and what was held.
         derived: estimate and standard deviation of combinations, by name.
-        fixed: what was held, by name.
-        covariance: in coordinates (of what is positive: the logarithm), shape (coefficients, coefficients).
-        correlations: shape (coefficients, coefficients).
+        covariance, correlations: in coordinates (of what is positive: the logarithm), (coefficients, coefficients).
         singular_values: of the whitened Jacobian with columns of unit norm, descending; 0 is an exact symmetry.
-        chi2, readings: misfit, and how many numbers it sums over.
-        steps: that the optimiser took.
+        chi2, readings, steps: misfit, how many numbers it sums over, and steps that the optimiser took.
         profiles: one a coefficient.
         notes: what cannot be told apart and which test would, sentences.
         curve, data: for those who go on computing.
@@ -584,60 +571,19 @@ def _fits_noise(chi2: float, degrees: int) -> bool:
 
 
 class _Settled(NamedTuple):
-    """Fits, one or many side by side: internal coordinates, coefficients, chi-square (infinite where it is none), what
-    one more Gauss-Newton step would take off it, and steps taken.
-    """
+    """One fit or many: internal coordinates, coefficients, chi-square, what one more step would take off it, steps."""
 
-    x: np.ndarray
-    coefficients: np.ndarray
-    chi2: np.ndarray
-    gain: np.ndarray
-    steps: np.ndarray
-
-
-class _Measured(NamedTuple):
-    """What the Jacobian at a fit says.
-
-    Attributes:
-        known: in coordinates (logarithms of what is positive).
-        columns: whitened derivatives by the coordinates, shape (rows, coefficients).
-        sd: of the coefficients, shape (coefficients,).
-        derived: estimate and standard deviation of each combination.
-    """
-
-    known: Knowledge
-    columns: np.ndarray
-    sd: np.ndarray
-    derived: dict[str, tuple[float, float]]
-
-
-class _Lines(NamedTuple):
-    """Lines along which profiles are traced, every coefficient downwards, then upwards, shapes (lines,) each.
-
-    Attributes:
-        which: coefficient that is drawn to a value.
-        sign: -1 downwards, 1 upwards.
-        reach: farthest change of its coordinate.
-        weights: how strongly it is drawn.
-    """
-
-    which: np.ndarray
-    sign: np.ndarray
-    reach: np.ndarray
-    weights: np.ndarray
+    x: Any
+    coefficients: Any
+    chi2: Any
+    gain: Any
+    steps: Any
 
 
 @partial(jax.jit, static_argnums=0)
-def _refit(curve: Curve, starts: Array, which: Array, values: Array, weights: Array, data: Any):
-    """One go from many starts, in coordinates whose columns have unit norm.
-
-    Args:
-        curve, data: what is fitted.
-        starts: internal coordinates, shape (lines, coefficients).
-        which: coefficient that is drawn to a value, shape (lines,).
-        values, weights: coordinates that it is drawn to, and how strongly; weight 0 leaves it free, shapes (lines,).
-    """
-    def one(start, k, value, weight):
+def _refit(curve: Curve, starts: Array, k: int, value: float, weight: float, data: Any) -> _Settled:
+    """One go from many starts, shape (lines, coefficients); coordinate k is drawn to `value` with a weight or 0."""
+    def one(start):
         def rows(x):
             p = curve.unfold(x, data)
             return jnp.append(curve.predict(p, data), weight * (curve.to_coordinates(p, jnp)[k] - value))
@@ -645,16 +591,21 @@ def _refit(curve: Curve, starts: Array, which: Array, values: Array, weights: Ar
         norms = jnp.linalg.norm(jax.jacfwd(rows)(start), axis=0)
         unit = 1.0 / jnp.maximum(jnp.where(jnp.isfinite(norms), norms, 1.0), 1.0)
         x, steps = _go_down(rows, start, unit, 1e-8, 1e-4, GO)
-        return x, curve.unfold(x, data), rows(x), jax.jacfwd(rows)(x), steps
+        residual, columns = rows(x), jax.jacfwd(rows)(x)
+        good = jnp.isfinite(residual).all() & jnp.isfinite(columns).all() & jnp.isfinite(x).all()
+        residual, columns = jnp.where(good, residual, 0.0), jnp.where(good, columns, 0.0)
+        left, singular, _ = jnp.linalg.svd(columns / jnp.maximum(jnp.linalg.norm(columns, axis=0), 1.0),
+                                           full_matrices=False)
+        pull = jnp.where(singular > FLAT, left.T @ residual, 0.0)
+        chi2, gain = (jnp.where(good, jnp.sum(part**2), jnp.inf) for part in (residual[:-1], pull))
+        return _Settled(x, curve.unfold(x, data), chi2, gain, steps)
 
-    return jax.vmap(one)(starts, which, values, weights)
+    return jax.vmap(one)(starts)
 
 
 @partial(jax.jit, static_argnums=0)
-def _differentiate(curve: Curve, coefficients: Array, data: Any):
-    """Residual, its derivatives by the coefficients, and combinations with theirs."""
-    rows, columns = curve.predict(coefficients, data), jax.jacfwd(curve.predict)(coefficients, data)
-    return rows, columns, curve.derive(coefficients), jax.jacfwd(curve.derive)(coefficients)
+def _differentiate(curve: Curve, coefficients: Array, data: Any) -> Array:
+    return jax.jacfwd(curve.predict)(coefficients, data)
 
 
 @dc.dataclass(frozen=True)
@@ -669,28 +620,12 @@ class _Fitter:
         """Internal coordinates of many, shape (lines, coefficients), back from beyond limits, where slopes vanish."""
         return np.asarray(jax.vmap(lambda p: self.curve.fold(p, self.data))(jnp.asarray(coefficients)))
 
-    def go(self, x: np.ndarray, which=None, values=None, weights=None) -> _Settled:
-        """As `_refit`, every call with as many lines."""
-        count, size = len(x), max(STARTS, 2 * len(self.curve.names))
-        given = (x, np.zeros(count, dtype=int) if which is None else which,
-                 *(np.zeros(count) if part is None else part for part in (values, weights)))
-        padded = (np.concatenate([part, np.repeat(part[-1:], size - count, axis=0)]) for part in given)
-        found = _refit(self.curve, *map(jnp.asarray, padded), self.data)
-        x, p, rows, columns, steps = (np.asarray(a)[:count] for a in found)
-        good = np.isfinite(rows).all(axis=1) & np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(x).all(axis=1)
-        rows, columns = np.where(good[:, None], rows, 0.0), np.where(good[:, None, None], columns, 0.0)
-        left, singular, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), 1.0),
-                                          full_matrices=False)
-        pull = np.where(singular > FLAT, np.einsum("lrk,lr->lk", left, rows), 0.0)
-        chi2 = np.where(good, np.sum(rows[:, :-1] ** 2, axis=1), np.inf)
-        return _Settled(x, p, chi2, np.where(good, np.sum(pull**2, axis=1), np.inf), steps)
+    def go(self, x: np.ndarray, k: int = 0, value: float = 0.0, weight: float = 0.0) -> _Settled:
+        """As `_refit`."""
+        return _Settled(*map(np.asarray, _refit(self.curve, x, k, value, weight, self.data)))
 
     def settle(self, starts: np.ndarray) -> _Settled:
-        """The best fit from several starts at once, coefficients of shape (starts, coefficients), `STARTS` at most.
-
-        Raises:
-            ComputationError: No start led to a minimum.
-        """
+        """The best fit from several starts at once, coefficients of shape (starts, coefficients)."""
         x, taken = self.fold(np.asarray(starts, dtype=float)), 0
         for _ in range(GOES):
             lines = self.go(x)
@@ -705,119 +640,87 @@ class _Fitter:
         raise ComputationError(f"The fit of {self.subject} did not end after {taken} steps: chi-square is "
                                f"{best.chi2:.6g} and one more step would take {best.gain:.2g} off it")
 
-    def measure(self, coefficients: np.ndarray, data: Any = None) -> _Measured:
-        """Covariance, correlations and directions that change nothing, by the singular values of the Jacobian."""
+    def measure(self, coefficients: np.ndarray, data: Any = None) -> tuple[Knowledge, np.ndarray]:
+        """What the Jacobian at a fit says, in coordinates, and its whitened columns, shape (rows, coefficients)."""
         curve, data = self.curve, self.data if data is None else data
-        _, columns, values, slopes = map(np.asarray, _differentiate(curve, jnp.asarray(coefficients), data))
-        factor = np.where(curve.logs, coefficients, 1.0)  # derivative of a coefficient by its coordinate
-        columns, slopes = columns * factor, slopes * factor
+        columns = np.asarray(_differentiate(curve, jnp.asarray(coefficients), data))
+        columns = columns * np.where(curve.logs, coefficients, 1.0)
         if not np.all(np.isfinite(columns)):
             raise ComputationError("the derivatives of the curve at its fit are not all numbers")
         vast = np.where(curve.logs, TRANSFORMS["log"].unknown, VAST * np.array(curve.typical))
-        known = analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast)
-        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
-        derived = {n: (float(v), float(s)) for n, v, s in zip(curve.derived, values, spread, strict=True)}
-        return _Measured(known, columns, np.sqrt(np.diag(known.covariance)) * factor, derived)
+        return analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast), columns
 
     def profile(self, fit: _Settled, spans: np.ndarray) -> tuple[_Settled, tuple[Profile, ...]]:
-        """Profile likelihood of every coefficient, outwards from the fit on both sides.
-
-        A profile that finds a better place than the fit sends the fit there, and all begins again.
-
-        Args:
-            fit: the best one.
-            spans: farthest change of each coordinate that is worth trying, shape (coefficients,).
-
-        Returns:
-            The fit, and the profiles in the order of the names.
-        """
-        curve, measured = self.curve, self.measure(fit.coefficients)
-        reach = np.repeat(np.minimum(FAR * np.sqrt(np.diag(measured.known.covariance)), spans), 2)
-        places = np.arange(len(reach))
-        lines = _Lines(places // 2, np.where(places % 2, 1.0, -1.0), reach, np.maximum(
-            STIFF * FAR / reach, np.repeat(np.linalg.norm(measured.columns, axis=0), 2)))
-        traces = []
+        """Profile likelihood of every coefficient; where a profile finds a better fit, all begins again from there."""
+        curve, place = self.curve, self.curve.to_coordinates
+        known, columns = self.measure(fit.coefficients)
+        reach = np.minimum(FAR * np.sqrt(np.diag(known.covariance)), spans)
+        weights = np.maximum(STIFF * FAR / reach, np.linalg.norm(columns, axis=0))
+        seen: list[list[_Settled]] = []
         for _ in range(AGAIN):
-            points = self._trace(fit, lines)
-            traces.append(points)
-            if not np.any(points.chi2 < fit.chi2 - 0.01):
+            lines = [[self._walk(fit, k, sign * far, weight) for sign in (-1.0, 1.0)]
+                     for k, (far, weight) in enumerate(zip(reach, weights, strict=True))]
+            seen += [line for both in lines for line in both]
+            best = min((point for both in lines for line in both for point in line), key=lambda point: point.chi2)
+            if best.chi2 >= fit.chi2 - 0.01:
                 break
-            better = np.unravel_index(int(np.argmin(points.chi2)), points.chi2.shape)
-            fit = self.settle(points.coefficients[better][None])
-        ends = self._find_ends(fit, points, lines)
-        for seen in traces:
-            self._widen_ends(fit, seen, ends)
-        rise, ends = np.maximum(points.chi2 - fit.chi2, 0.0), ends.T
-        ends = np.where(curve.logs, np.exp(np.where(curve.logs, ends, 0.0)), ends)
-        made = []
-        for k, name in enumerate(curve.names):
-            values = np.concatenate([points.coefficients[:, 2 * k, k][::-1], fit.coefficients[k: k + 1],
-                                     points.coefficients[:, 2 * k + 1, k]])
-            rises = np.concatenate([rise[:, 2 * k][::-1], [0.0], rise[:, 2 * k + 1]])
-            there = np.isfinite(rises)
-            low, high = float(ends[0, k]), float(ends[1, k])
-            made.append(Profile(name, values[there], rises[there], low, high,
+            fit = self.settle(best.coefficients[None])
+        here, made = place(fit.coefficients), []
+        for k, (name, both) in enumerate(zip(curve.names, lines, strict=True)):
+            ends = []
+            for sign, line in zip((-1.0, 1.0), both, strict=True):
+                end = self._find_end(fit, k, line, sign * reach[k], weights[k])
+                # A line that follows one coefficient may miss a second valley that another line finds: an interval
+                # holds what its coefficient was on any line where chi-square had not risen.
+                passed = [np.array([place(p.coefficients)[k] if p.chi2 - fit.chi2 <= RISE else here[k] for p in other])
+                          for other in seen]
+                own = max(passed, key=lambda values: float(np.max(sign * values)))
+                point = int(np.argmax(sign * own))
+                if sign * own[point] > sign * end:
+                    # Where that line has no end, what still moves away there has none either.
+                    moving = abs(own[point] - own[point - 2]) > MOVING * abs(own[point] - here[k])
+                    end = sign * math.inf if point == POINTS - 1 and moving else own[point]
+                ends.append(float(np.exp(end) if curve.logs[k] else end))
+            points = [p for p in (*both[0][::-1], fit, *both[1]) if np.isfinite(p.chi2)]
+            low, high = ends
+            made.append(Profile(name, np.array([p.coefficients[k] for p in points]),
+                                np.array([max(float(p.chi2 - fit.chi2), 0.0) for p in points]), low, high,
                                 (low > (0.0 if curve.logs[k] else -math.inf), high < math.inf)))
         return fit, tuple(made)
 
-    def _trace(self, fit: _Settled, lines: _Lines) -> _Settled:
-        """Points of all profiles, each fit from the one before; shapes (points, lines, ...), infinite after `HIGH`."""
-        centre = self.curve.to_coordinates(fit.coefficients)[lines.which]
-        offsets = np.geomspace(np.minimum(0.25 * lines.reach / FAR, lines.reach / 30), lines.reach, POINTS)
-        x, done, points = np.tile(fit.x, (len(centre), 1)), np.zeros(len(centre), dtype=bool), []
-        for offset in offsets:
-            found = self.go(x, lines.which, centre + lines.sign * offset, lines.weights)
-            points.append(found._replace(chi2=np.where(done, np.inf, found.chi2)))
-            done |= ~(found.chi2 <= fit.chi2 + HIGH)
-            x = np.where(done[:, None], x, self.fold(found.coefficients))
-        return _Settled(*map(np.stack, zip(*points, strict=True)))
+    def _draw(self, x: np.ndarray, k: int, value: float, weight: float) -> _Settled:
+        """The fit with the coordinate of coefficient k drawn to a value, from internal coordinates."""
+        return _Settled(*(part[0] for part in self.go(x[None], k, value, weight)))
 
-    def _find_ends(self, fit: _Settled, points: _Settled, lines: _Lines) -> np.ndarray:
-        """Coordinates at which each side first rises by `RISE`, infinite where none does, shape (coefficients, 2).
+    def _walk(self, fit: _Settled, k: int, reach: float, weight: float) -> list[_Settled]:
+        """Points of the profile of coefficient k on one side, each fit from the one before, until it is `HIGH`."""
+        centre, x, points = self.curve.to_coordinates(fit.coefficients)[k], fit.x, []
+        for offset in np.geomspace(min(0.25 / FAR, 1 / 30), 1.0, POINTS):
+            points.append(self._draw(x, k, centre + offset * reach, weight))
+            if not points[-1].chi2 <= fit.chi2 + HIGH:
+                break
+            x = self.fold(points[-1].coefficients[None])[0]
+        return points
 
-        False position on the root of the rise, which is nearly straight, between the two points around it.
-        """
-        place, every = self.curve.to_coordinates, np.arange(len(lines.which))
-        root = np.sqrt(np.maximum(points.chi2 - fit.chi2, 0.0))
-        bounded = np.any(points.chi2 - fit.chi2 > RISE, axis=0)
-        first = np.argmax(points.chi2 - fit.chi2 > RISE, axis=0)
-        own, begin = place(points.coefficients)[:, every, lines.which], first == 0
-        x = np.where(begin[:, None], fit.x, points.x[first - 1, every])
-        below = np.where(begin, place(fit.coefficients)[lines.which], own[first - 1, every])
-        low = np.where(begin, 0.0, root[first - 1, every])
-        above, high = own[first, every], root[first, every]
-        there = bounded & np.isfinite(high)
-        above = np.where(there, above, below + lines.sign * lines.reach)
-        high = np.where(there, high, 10.0 * math.sqrt(RISE))
+    def _find_end(self, fit: _Settled, k: int, line: list[_Settled], reach: float, weight: float) -> float:
+        """Coordinate at which a profile first rises by `RISE`, by false position on its root; infinite if never."""
+        root = lambda point: math.sqrt(max(float(point.chi2 - fit.chi2), 0.0))
+        place = lambda point: float(self.curve.to_coordinates(point.coefficients)[k])
+        over = next((i for i, point in enumerate(line) if root(point) > math.sqrt(RISE)), None)
+        if over is None:
+            return math.copysign(math.inf, reach)
+        start = line[over - 1] if over else fit
+        x, below, low, above, high = start.x, place(start), root(start), place(line[over]), root(line[over])
+        if not math.isfinite(high):
+            above, high = below + reach, 10.0 * math.sqrt(RISE)
         for turn in range(BISECTIONS):
-            share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.02, 0.98)
-            share = share if turn % 3 < 2 else np.full(len(share), 0.5)
-            found = self.go(x, lines.which, below + share * (above - below), lines.weights)
-            value = place(found.coefficients)[every, lines.which]
-            middle = np.sqrt(np.maximum(found.chi2 - fit.chi2, 0.0))
-            up = ~(middle <= math.sqrt(RISE))
-            above, high = np.where(up, value, above), np.where(up, middle, high)
-            below, low, x = np.where(up, below, value), np.where(up, low, middle), np.where(up[:, None], x, found.x)
-        share = np.clip((math.sqrt(RISE) - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
-        return np.where(bounded, below + share * (above - below), lines.sign * np.inf).reshape(-1, 2)
-
-    def _widen_ends(self, fit: _Settled, points: _Settled, ends: np.ndarray) -> None:
-        """Let intervals hold what their coefficients were on any line where chi-square had not risen.
-
-        A line that follows one coefficient may miss a second valley that another line finds; and where another line has
-        no end, what still moves away there (by more than `MOVING` of its way) has none either.
-        """
-        here = self.curve.to_coordinates(fit.coefficients)
-        there = np.where((points.chi2 - fit.chi2 <= RISE)[..., None], self.curve.to_coordinates(points.coefficients),
-                         here)
-        for k in range(len(here)):
-            for side, sign in ((0, -1.0), (1, 1.0)):
-                own = there[..., k]
-                point, line = np.unravel_index(int(np.argmax(sign * own)), own.shape)
-                farthest = own[point, line]
-                if sign * farthest > sign * ends[k, side]:
-                    moving = abs(farthest - own[point - 2, line]) > MOVING * abs(farthest - here[k])
-                    ends[k, side] = sign * math.inf if point == POINTS - 1 and moving else farthest
+            share = min(max((math.sqrt(RISE) - low) / max(high - low, 1e-12), 0.02), 0.98) if turn % 3 < 2 else 0.5
+            point = self._draw(x, k, below + share * (above - below), weight)
+            if root(point) <= math.sqrt(RISE):
+                x, below, low = point.x, place(point), root(point)
+            else:
+                above, high = place(point), root(point)
+        return below + min(max((math.sqrt(RISE) - low) / max(high - low, 1e-12), 0.0), 1.0) * (above - below)
 
     def fit(self, starts: np.ndarray, *, readings: int, fixed: Mapping[str, float], spans: np.ndarray | None,
             tests: Mapping[str, Any], elsewhere: Mapping[str, str], unit: str,
@@ -825,10 +728,8 @@ class _Fitter:
         """Fit the curve, trace its profiles, and say what the readings cannot tell apart and which test would.
 
         Args:
-            starts: as for `settle`.
-            readings: how many there are.
-            fixed: what is held, by name.
-            spans: as for `profile`; None for no profiles, and so no intervals.
+            starts, spans: as for `settle` and `profile`; without `spans` there are no profiles, and so no intervals.
+            readings, fixed: how many there are, and what is held, by name.
             tests: readings to add to those there are, by what they are.
             elsewhere: for a coefficient, where else it can be had.
             unit: what could be repeated and averaged: `strokes`.
@@ -837,9 +738,15 @@ class _Fitter:
         curve, fit, profiles = self.curve, self.settle(starts), ()
         if spans is not None:
             fit, profiles = self.profile(fit, spans)
-        measured = self.measure(fit.coefficients)
-        known, lost = measured.known, measured.known.undetermined
+        known, columns = self.measure(fit.coefficients)
+        lost = known.undetermined
         doubtful = [p.name for p in profiles if p.name in lost and all(p.bounded)]
+        factor = np.where(curve.logs, fit.coefficients, 1.0)  # derivative of a coefficient by its coordinate
+        sds = np.sqrt(np.diag(known.covariance)) * factor
+        slopes = np.asarray(jax.jacfwd(curve.derive)(jnp.asarray(fit.coefficients))) * factor
+        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, known.covariance, slopes), 0.0))
+        derived = {n: (float(v), float(s) if s < UNKNOWN * abs(v) else math.inf)
+                   for n, v, s in zip(curve.derived, curve.derive(fit.coefficients), spread, strict=True)}
         coefficients = {}
         for k, name in enumerate(curve.names):
             low, high, bounded = 0.0 if curve.logs[k] else -math.inf, math.inf, False
@@ -847,7 +754,7 @@ class _Fitter:
                 low = high = math.nan
             elif profiles:
                 low, high, bounded = profiles[k].low, profiles[k].high, all(profiles[k].bounded)
-            sd = math.inf if name in lost or doubtful else float(measured.sd[k])
+            sd = math.inf if name in lost or doubtful else float(sds[k])
             coefficients[name] = Coefficient(name, curve.units[k], float(fit.coefficients[k]), sd, low, high, bounded)
         told, degrees = [], readings - len(curve.names)
         if not _fits_noise(fit.chi2, degrees):
@@ -859,18 +766,17 @@ class _Fitter:
         told += notes(fit.coefficients)
         told += [f"These readings say nothing about {name}: it changes them less than their noise."
                  for name in known.silent]
-        told += [self._describe(fit, measured, blend, tests, elsewhere, unit) for blend in known.blends[:MOST_BLENDS]]
+        told += [self._describe(fit, columns, blend, tests, elsewhere, unit) for blend in known.blends[:MOST_BLENDS]]
         rest = len(known.blends) - MOST_BLENDS
         if rest > 0:
             told.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} loose too: rely on the curve "
                         "rather than on single coefficients.")
         told += [_describe_openness(profile) for profile in profiles if not all(profile.bounded)]
-        derived = {n: (v, s if s < UNKNOWN * abs(v) else math.inf) for n, (v, s) in measured.derived.items()}
         return CurveFit(self.subject, coefficients, derived, dict(fixed), known.covariance, known.correlations,
                         known.singular, float(fit.chi2), readings, int(fit.steps), profiles, tuple(told), curve,
                         self.data)
 
-    def _describe(self, fit: _Settled, measured: _Measured, blend: Blend, tests: Mapping[str, Any],
+    def _describe(self, fit: _Settled, columns: np.ndarray, blend: Blend, tests: Mapping[str, Any],
                   elsewhere: Mapping[str, str], unit: str) -> str:
         """A combination that is hard to tell apart, in a sentence with what would."""
         curve, places = self.curve, [self.curve.names.index(name) for name in blend.names]
@@ -893,9 +799,9 @@ class _Fitter:
             part = "one standard deviation" if share == 1 else f"{share:.2g} of a standard deviation"
             text = f"{members} are hard to tell apart: {change} changes the readings by {part} only"
 
-        now = measure_spread(measured.columns, measured.columns, blend)
-        gains = [(measure_spread(np.concatenate([measured.columns, self.measure(fit.coefficients, data).columns]),
-                                 measured.columns, blend) / now, test) for test, data in tests.items()]
+        now = measure_spread(columns, columns, blend)
+        gains = [(measure_spread(np.concatenate([columns, self.measure(fit.coefficients, data)[1]]), columns, blend)
+                  / now, test) for test, data in tests.items()]
         left, test = min(gains)
         # The largest relative deviation of a member along the combination, and what averages it away.
         size = float(np.max(np.abs(steps) / np.where(logs, 1.0, np.maximum(np.abs(fit.coefficients[places]), typical))))
@@ -936,10 +842,7 @@ def _find_spacing(slip: np.ndarray) -> float:
 
 
 def _guess_slip(slip: np.ndarray, value: np.ndarray, weight: np.ndarray, free_e: bool, ceiling: float) -> np.ndarray:
-    """Coefficients to start from, shape (`STARTS`, 4 or 5), of one curve over slip [mm] below a ceiling [1/mm].
-
-    For given rates b + d > b - d the curve is linear in a, a c and a e: a grid of rates, the rest by linear algebra.
-    """
+    """Starts (`STARTS`, 4 or 5) of a curve over slip [mm]: a grid of rates, for which it is linear in a, a c, a e."""
     stroke, spacing = float(slip.max()), _find_spacing(slip)
     falling = -np.geomspace(0.2 / stroke, 3.0 / spacing, 16)
     rates = np.concatenate([falling, np.geomspace(0.3 / stroke, min(3.0 / spacing, 40.0 / stroke), 8)])
@@ -962,19 +865,13 @@ def _guess_slip(slip: np.ndarray, value: np.ndarray, weight: np.ndarray, free_e:
 
 
 def _guess_polynomials(curve: _SlipPolynomials, fits: list[tuple[float, np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Polynomials to start from, shape (`STARTS`, coefficients), out of fits at single loads.
+    """Polynomials to start from, shape (`STARTS`, coefficients), out of loads [N], a...d (e) and information at each.
 
-    Each of those has d > 0, while the polynomial of d may change sign between two loads (Eq. 10's does at 24.2 N): a
-    start for every place where it might. The fits weigh by their uncertainty, with `MODEST` added to it, as their own
-    is far too small away from the minimum; those whose c ran away have d = 0 and are left out.
-
-    Args:
-        curve: the polynomials.
-        fits: load [N], a...d (e), and their information matrix, in ascending order of the loads.
+    Each of those has d > 0, while the polynomial of d may change sign between two loads: a start for every such place.
     """
-    kept = [fit for fit in fits if abs(fit[1][2]) < RUNAWAY]
+    kept = [fit for fit in fits if abs(fit[1][2]) < RUNAWAY]  # a runaway c has d = 0
     kept = kept if len(kept) >= 3 else fits
-    modest = np.diag(np.square(MODEST[:len(kept[0][1])]))
+    modest = np.diag(np.square(MODEST[:len(kept[0][1])]))  # their own is far too small away from the minimum
     starts = []
     for turn in np.unique(np.linspace(1, len(kept), STARTS).round().astype(int)):
         left, right = 0.0, 0.0
@@ -1007,6 +904,13 @@ class SlipRecord:
     load: float
     sd: float | np.ndarray
 
+    @classmethod
+    def from_force(cls, slip, force, load: float, sd) -> "SlipRecord":
+        """The same from a friction force and its standard deviation, both in newtons."""
+        load = _check_positive(load, "the load [N]")
+        slip, force, sd = _check_readings(slip, force, sd, ("slip", "force", "sd"))
+        return cls(slip, force / load, load, sd / load)
+
 
 def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free_e: bool = False, levels: bool = True,
                    profile: bool = True) -> CurveFit:
@@ -1031,9 +935,8 @@ def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free
         ComputationError: The fit failed; the message says where it stood.
     """
     load, curve = _check_positive(load, "the load [N]"), SLIP[bool(free_e)]
-    slip, friction, sd = _check_readings(slip, friction, sd, ("slip", "friction", "sd"), least=len(curve.names))
-    unit = load if force else 1.0
-    data, ((slips, value, weight),) = _stack([SlipRecord(slip, friction / unit, load, sd / unit)])
+    record = SlipRecord.from_force(slip, friction, load, sd) if force else SlipRecord(slip, friction, load, sd)
+    data, ((slips, value, weight),) = _stack([record], len(curve.names))
     ceiling = -1.0 / float(data.stroke[0]) if levels else math.inf
     data = _pick(data, 0, ceiling)
     spans = np.array([100 * np.abs(value).max(), 10 / _find_spacing(slips), 1e4, 14.0, 1e4])[:len(curve.names)]
@@ -1071,7 +974,7 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
         raise InputError("quadratic polynomials in the load need curves at three loads or more; there are "
                          f"{len(set(loads))}")
     single, curve = SLIP[bool(free_e)], POLYNOMIAL[bool(free_e)]
-    data, parts = _stack(records)
+    data, parts = _stack(records, 3)
     fits = []
     for k, (load, part) in enumerate(zip(loads, parts, strict=True)):
         try:  # a curve that levels off; where none of those fits, one that need not
@@ -1082,7 +985,7 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
                     break
         except ComputationError:
             continue  # a start is all that it would have been
-        columns = alone.measure(fit.coefficients).columns
+        columns = alone.measure(fit.coefficients)[1]
         columns[:, 3] /= fit.coefficients[3]
         fits.append((load, fit.coefficients, columns.T @ columns))
     if len(fits) < 3:
@@ -1177,12 +1080,13 @@ def _refuse_negative(x: np.ndarray, name: str) -> None:
         raise InputError(f"{name} must not be negative; number {int(np.argmax(x < 0)) + 1} is {x[x < 0][0]:g}")
 
 
-def _stack(records: Sequence[SlipRecord]) -> tuple[Readings, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-    """Records as padded arrays, and slip [mm], coefficient and weight of each."""
+def _stack(records: Sequence[SlipRecord], least: int
+           ) -> tuple[Readings, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+    """Records of so many samples at least as padded arrays, and slip [mm], coefficient and weight of each."""
     parts = []
     for record in records:
         slip, value, sd = _check_readings(record.slip, record.coefficient, record.sd, ("slip", "friction", "sd"),
-                                          least=3)  # a polynomial's coefficients at one load
+                                          least=least)
         _refuse_negative(slip, "slip")
         if np.ptp(slip) == 0:
             raise InputError(f"all slips at {float(record.load):g} N are {slip[0]:g} m; a curve needs different ones")

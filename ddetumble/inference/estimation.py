@@ -189,18 +189,8 @@ def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.
                    warnings: Sequence[str]) -> tuple[np.ndarray, Solution]:
     """Fit the reference model from one origin after the other until a fit is sound.
 
-    Args:
-        problem: to solve.
-        names: of the free parameters of the reference model.
-        origins: coordinates to start from, in this order.
-        rank: whether to begin with the origin that leaves least where it stands.
-        warnings: sentences that explain why a record cannot be integrated.
-
-    Returns:
-        The origin of the first sound fit and the fit; where none is sound, those of the fit that leaves least.
-
-    Raises:
-        ComputationError: The model cannot be integrated from any origin.
+    With `rank`, the origin that leaves least where it stands is first. Returns the origin of the first sound fit and
+    the fit; where none is sound, those of the fit that leaves least.
     """
     if rank and len(origins) > 1:
         stand = [problem.solve(names, u, moving=False) for u in origins]
@@ -235,11 +225,7 @@ def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.
 
 
 def _refuse_stray(problem: Problem, solution: Solution) -> None:
-    """Refuse a fit that describes none of the data: its parameters mean nothing.
-
-    Raises:
-        ComputationError: Hardly less is left than without any model.
-    """
+    """Refuse a fit that removes hardly anything of the data: its parameters mean nothing."""
     if meets_data(problem, solution):
         return
     space = problem.space
@@ -282,8 +268,9 @@ def _place_values(space: ParameterSpace, base: np.ndarray, values: Mapping[str, 
     for name, value in values.items():
         if name not in space.index:
             raise InputError(f"there is no parameter {name!r} in this model")
-        u[space.index[name]] = _coordinate(space, name, float(value))
-        if not low[space.index[name]] <= u[space.index[name]] <= high[space.index[name]]:
+        k = space.index[name]
+        u[k] = _coordinate(space, name, float(value))
+        if not low[k] <= u[k] <= high[k]:
             raise InputError(f"{value:g} is outside what {name} can be")
     return u
 

@@ -1,5 +1,6 @@
 """Results as files: JSON written whole or not at all, with the versions and hashes that say where numbers come from."""
 
+import contextlib
 import dataclasses as dc
 import hashlib
 import json
@@ -24,11 +25,7 @@ Content = TypeVar("Content", bound=pydantic.BaseModel)
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file whole or not at all: `write` makes a draft, which then takes its place.
-
-    Raises:
-        InputError: It cannot be written.
-    """
+    """Write a file whole or not at all: `write` makes a draft, which then takes its place."""
     draft = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,11 +39,7 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all; numbers that are not finite become null.
-
-    Raises:
-        InputError: It cannot be written.
-    """
+    """Write a JSON file, whole or not at all; numbers that are not finite become null."""
     text = json.dumps(make_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_whole(path, lambda draft: draft.write_text(text, encoding="utf-8"))
 
@@ -107,14 +100,7 @@ def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> No
 
 
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
-    """Content of a JSON file that the toolkit wrote: of a schema, as a model has it.
-
-    Args:
-        again: what to do where it is of no use, such as `fit the model again`.
-
-    Raises:
-        InputError: It cannot be read, is damaged or of another version.
-    """
+    """Content of a JSON file that the toolkit wrote, refused where it is damaged; `again` says what to do then."""
     try:
         content = json.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
@@ -135,11 +121,7 @@ def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Conte
 
 
 def check_folder(folder: str | Path, what: str) -> Path:
-    """The folder that a result is to be written into.
-
-    Raises:
-        InputError: It is a file.
-    """
+    """The folder that a result is to be written into; refused where it is a file."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"is a file; name a folder for the {what}", file=folder)
@@ -163,7 +145,11 @@ def make_plain(value: Any) -> Any:
 
 def list_versions() -> dict[str, str]:
     """Versions of Python and of the packages on which numbers depend."""
-    return {"python": platform.python_version(), **{name: metadata.version(name) for name in PACKAGES}}
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        with contextlib.suppress(metadata.PackageNotFoundError):  # the toolkit itself may run from a folder
+            found[name] = metadata.version(name)
+    return found
 
 
 def hash_file(path: Path) -> str:
@@ -172,11 +158,7 @@ def hash_file(path: Path) -> str:
 
 
 def refuse_peaks(folder: Path) -> None:
-    """Refuse a folder in which `discover` judged a campaign of peaks only.
-
-    Raises:
-        InputError: It is one: no model was fitted to a curve.
-    """
+    """Refuse a folder in which `discover` judged a campaign of peaks only: no model was fitted to a curve."""
     try:
         kind = json.loads((folder / "result.json").read_text(encoding="utf-8")).get("kind")
     except (OSError, ValueError, AttributeError, RecursionError):

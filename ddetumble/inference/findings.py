@@ -37,7 +37,6 @@ class Fitted:
     Attributes:
         estimate, sd: value and one standard deviation; infinite where the data determine nothing.
         q025, q975: 95 % interval, from the coordinate in which the fit moves.
-        unit: of all of them.
         initial: where the fit started.
         at_bound: "" or which bound stopped it, `lower` or `upper`.
         determined: False where the records say nothing about it.
@@ -60,22 +59,17 @@ class Fit(AbstractFitted, AbstractPrinted):
     """A fitted model.
 
     Attributes:
-        campaign, title, sha256: of the campaign.
-        model: name of the reference model.
-        effects: ids of the effects in the model.
-        parameters: fitted ones, by name.
-        fixed: held ones, by name, in their public unit.
-        covariance: of the coordinates of `parameters`, in their order, shape (free, free).
-        correlations: of the same, shape (free, free).
+        campaign, title, sha256, records, samples: of the campaign, and how many it has.
+        model, effects: name of the reference model, and ids of its effects.
+        parameters, fixed: fitted ones, by name, and held ones, in their public unit.
+        covariance, correlations: of the coordinates of `parameters`, in their order, shape (free, free).
         chi2, degrees, chi2_reduced: sum of squares of whitened residuals, nuisances and priors; degrees of freedom.
         goodness: whether that is more than noise leaves, and whether settings had to move further than stated.
-        records, samples: how many.
         noise: by channel.
         converged, steps, state: of the optimiser; `state` is a sentence.
         nuisances: by record and condition: `shift` (SI), `sd` (as stated), `pull` (their ratio); `estimate` and its
             `sd` of what tumbling records start from.
-        cannot_tell_apart: sentences.
-        remedies: measurements that would tell parameters apart, with what they are expected to gain.
+        cannot_tell_apart, remedies: sentences, and measurements that would, with what they are expected to gain.
         notes: further sentences.
         settings: command, specification, seed.
         source, problem, bounded, space, solution: for those who go on computing.
@@ -224,8 +218,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
 
     Args:
         campaign, model, effects, noise, settings: as they go into `Fit`.
-        problem: that was solved.
-        found: its solution.
+        problem, found: that was solved, and its solution.
         start: coordinates that the fit started from.
         nuisances: whether the conditions moved.
         warnings: sentences on records outside the model's range.
@@ -259,11 +252,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     if known.undetermined:
         state += "; not all parameters are determined by these records"
     shifts = _list_nuisances(problem, solution)
-    pulls: dict[str, dict[str, float]] = {}
-    for record, own in shifts.items():
-        for name, one in own.items():
-            if "pull" in one:
-                pulls.setdefault(name, {})[record] = one["pull"]
+    pulls = {name: {record: own[name]["pull"] for record, own in shifts.items() if "pull" in own.get(name, {})}
+             for name in problem.records.nuisances}
     return Fit(
         campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed, covariance, correlations,
         solution.chi2, degrees, solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls),
@@ -324,10 +314,7 @@ def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, star
 
 
 def _reach_null(problem: Problem, solution: Solution, name: str) -> float:
-    """Half the distance to a null at which an amplitude has no slope, where values next to it fit as well; else 0.
-
-    The curvature at the estimate knows nothing of it.
-    """
+    """Half the way to a null at which an amplitude has no slope, where values next to it fit as well; else 0."""
     k, weights = problem.space.index[name], problem.records.stack.weights
     parameter, u = problem.space.slots[k].parameter, solution.u.copy()
     null = parameter.transform.from_field(parameter.default)

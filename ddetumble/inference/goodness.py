@@ -18,10 +18,8 @@ class GoodnessOfFit:
     """What a fit leaves beyond noise and stated settings.
 
     Attributes:
-        chi2_reduced: chi-square per degree of freedom [-].
-        p_value: chance that noise as it was taken leaves so much.
-        setting, record: that was moved furthest; '' where no setting may move.
-        shift: by how much, in its stated standard deviations, with its sign [-].
+        chi2_reduced, p_value: chi-square per degree of freedom, and the chance that noise as taken leaves so much.
+        setting, record, shift: what was moved furthest, and how far in its stated deviations; '' where none may move.
         shift_p_value: chance that settings as uncertain as stated are moved so far.
     """
 
@@ -59,13 +57,7 @@ class GoodnessOfFit:
 
 
 def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:
-    """The goodness of fit of a solution.
-
-    Args:
-        chi2: sum of squares of whitened residuals, shifts and priors [-].
-        degrees: of freedom.
-        shifts: of settings in their stated deviations, by setting and record.
-    """
+    """The goodness of fit of a chi-square, by the shifts of settings in their deviations, by setting and record."""
     size = {(name, record): abs(value) for name, own in shifts.items() for record, value in own.items()}
     name, record = max(size, key=lambda one: size[one], default=("", ""))
     p_value = combine_p_values([weigh_shifts(np.array(list(own.values()))) for own in shifts.values() if own])
@@ -75,9 +67,7 @@ def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, 
 
 
 def weigh_shifts(shifts: np.ndarray) -> float:
-    """p-value of the shifts of one setting, in stated deviations, shape (records,): of their sum of squares and of the
-    largest (Bonferroni).
-    """
+    """p-value of the shifts of one setting, in stated deviations: of their sum of squares and of the largest."""
     together = float(stats.chi2.sf(np.sum(shifts**2), len(shifts)))
     alone = min(len(shifts) * 2.0 * float(stats.norm.sf(np.max(np.abs(shifts)))), 1.0)
     return combine_p_values((together, alone))

@@ -41,8 +41,8 @@ class Blend:
 
     Attributes:
         names: of its members, the largest part first.
-        direction: change of every free coordinate along it, in units of unit-norm columns, shape (free,).
-        step: change of every free coordinate for one standard deviation along it, shape (free,).
+        direction, step: change of every free coordinate along it, in units of unit-norm columns and for one standard
+            deviation, shape (free,).
         singular: whether it changes the records not at all.
     """
 
@@ -54,10 +54,9 @@ class Blend:
 
 @dc.dataclass(frozen=True)
 class Remedy:
-    """A measurement that tells the members of a combination apart, as the linearised fit expects it.
+    """A measurement that tells the members `names` of a combination apart, as the linearised fit expects it.
 
     Attributes:
-        names: of the members.
         setting: condition at which as many records again would be measured, or `depression`, the channel to add.
         values: of the condition, SI: half of the records at each of two, or all at one; of the channel its deviation.
         gain: standard deviation along the combination, now over then.
@@ -74,10 +73,8 @@ class Knowledge:
     """What a fit knows about its free parameters.
 
     Attributes:
-        covariance: of the free coordinates; large and finite along combinations that nothing fixes.
-        correlations: shape (free, free).
-        undetermined: names of parameters about which nothing is known.
-        silent: names among them that change no record at all.
+        covariance, correlations: of the free coordinates; large and finite along combinations that nothing fixes.
+        undetermined, silent: parameters about which nothing is known; those among them that change no record.
         blends: combinations that the data hardly fix, worst first.
         singular: values of the columns scaled to unit norm, descending, shape (free,).
     """
@@ -100,10 +97,9 @@ def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarr
     """Find what a Jacobian determines.
 
     Args:
-        names: of the free parameters.
+        names, scales: of the free parameters, and of their coordinates, shape (free,).
         columns: whitened derivatives by coordinate/scale with nuisances eliminated, priors among the rows, shape
             (rows, free).
-        scales: of the free coordinates, shape (free,).
         vast: standard deviations of coordinates beyond which nothing is known, shape (free,).
     """
     count = len(names)
@@ -139,13 +135,7 @@ def limit_knowledge(space: ParameterSpace, name: str) -> float:
 
 def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, campaign: Campaign
                        ) -> tuple[tuple[str, ...], tuple[Remedy, ...]]:
-    """What cannot be told apart, in sentences, and the tests that would resolve it.
-
-    Args:
-        problem, solution: the fit.
-        known: what `analyse_fit` says of it.
-        campaign: that was fitted.
-    """
+    """What the records of a fit cannot tell apart, in sentences, and the tests that would resolve it."""
     remedies: list[Remedy] = []
     names, columns, told = solution.names, solution.flattened()[0], [set(blend.names) for blend in known.blends]
     found = [f"These records say nothing about {name}: it changes them less than their noise." for name in known.silent]
@@ -231,10 +221,7 @@ def _find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blen
 
 
 def _list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tuple[float, ...]]:
-    """Settings of a condition, SI, at which further records may be measured: lowest, highest, and half at each.
-
-    They have two digits, and lie where the model's equations hold.
-    """
+    """Settings of a condition, SI, to two digits, for further records: lowest and highest that are valid, and both."""
     stated = campaign.records[name].to_numpy(dtype=float)
     low, high = (factor * edge for factor, edge in zip(REACH[name], (stated.min(), stated.max()), strict=True))
     if not low > 0:
@@ -253,10 +240,7 @@ def _list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tupl
 
 def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign,
                     name: str, values: Sequence[float]) -> float:
-    """Standard deviation along a combination, now over that with as many records again at other settings.
-
-    A record lasts as long as its contact there, pressure^(-1/3) speed^(-1/3), with as many samples.
-    """
+    """Standard deviation along a combination, now over that with as many records again at other settings."""
     records = problem.records
     count, table = records.count, campaign.records.copy()
     table[name] = [values[k % len(values)] for k in range(count)]
@@ -269,7 +253,7 @@ def _try_conditions(problem: Problem, solution: Solution, columns: np.ndarray, b
     stack = dc.replace(records.stack, conditions=conditions, condition_sd=jnp.asarray(sd))
     if problem.space.family.has_contact:
         before = np.asarray(records.stack.conditions[name])
-        longer = np.ones(len(before))
+        longer = np.ones(len(before))  # a record lasts as long as its contact, pressure^(-1/3) speed^(-1/3)
         longer[:count] = np.maximum(before[:count] / table[name].to_numpy(dtype=float), 1.0) ** (1.0 / 3.0)
         stack = dc.replace(stack, time=stack.time * longer[:, None], span=stack.span * longer)
     other = Problem(problem.space, dc.replace(records, stack=stack))

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool
 
@@ -24,11 +25,9 @@ class NormalEquations(eqx.Module):
     r"""Normal equations of $\sum_g \|T_g\theta + Z_g z_g + r_g\|^2 + \|P\theta + c\|^2$.
 
     Attributes:
-        corner: $Z_g^T Z_g$, shape (records, own, own).
-        side: $Z_g^T T_g$, shape (records, own, shared).
+        corner, side: $Z_g^T Z_g$ and $Z_g^T T_g$, shapes (records, own, own) and (records, own, shared).
         square: $\sum_g T_g^T T_g + P^T P$, shape (shared, shared).
-        own: gradient $Z_g^T r_g$, shape (records, own).
-        shared: gradient $\sum_g T_g^T r_g + P^T c$, shape (shared,).
+        own, shared: gradients $Z_g^T r_g$ and $\sum_g T_g^T r_g + P^T c$, shapes (records, own) and (shared,).
     """
 
     corner: Array
@@ -44,7 +43,8 @@ class NormalEquations(eqx.Module):
         diagonal of shared parameters and 0 elsewhere. Coordinates are in units of their typical change, so that a
         column of norm 1 changes the sum of squares by 1 over one of these.
         """
-        corner = self.corner + damping * _diagonal(self.corner) + 1e-300 * jnp.eye(self.corner.shape[1])
+        unit = jnp.eye(self.corner.shape[1])
+        corner = self.corner + damping * self.corner * unit + 1e-300 * unit
         # What hardly acts where it stands would be sent far away, and no step would pass until damping holds all back.
         size = jnp.diag(self.square)
         square = self.square + jnp.diag(damping * jnp.maximum(size, FAINT) + DEAD)
@@ -59,14 +59,6 @@ class NormalEquations(eqx.Module):
         scaled = schur * scale[:, None] * scale[None, :] + 1e-14 * jnp.eye(schur.shape[0])
         theta = -scale * jsl.cho_solve((jnp.linalg.cholesky(scaled), True), scale * gradient)
         return theta, -from_own - jnp.einsum("gkj,j->gk", from_side, theta)
-
-    def slope(self, theta: Array, z: Array) -> Array:
-        """Gradient times a step."""
-        return jnp.sum(self.shared * theta) + jnp.sum(self.own * z)
-
-
-def _diagonal(matrix: Array) -> Array:
-    return matrix * jnp.eye(matrix.shape[-1])
 
 
 def gather_normal_equations(operator: Any, residual: Any) -> NormalEquations:
@@ -94,11 +86,10 @@ class _DescentState(eqx.Module):
     expected: Array
 
 
-class BorderedDescent(optx.AbstractDescent):
+class _BorderedDescent(optx.AbstractDescent):
     """The damped step; damping is relative to the diagonal, as Marquardt had it."""
 
     def init(self, y: Any, f_info_struct: Any) -> _DescentState:
-        """Blank equations of the right shapes."""
         theta, z = y
         count, (records, own) = theta.shape[0], z.shape
         blank = NormalEquations(jnp.zeros((records, own, own)), jnp.zeros((records, own, count)),
@@ -108,10 +99,10 @@ class BorderedDescent(optx.AbstractDescent):
     def query(self, y: Any, f_info: Any, state: _DescentState) -> _DescentState:
         """Equations at a new point, and by how much the sum of squares is expected to fall from there."""
         equations = gather_normal_equations(f_info.jac, f_info.residual)
-        return _DescentState(equations, -equations.slope(*equations.solve(jnp.zeros(()))))
+        theta, z = equations.solve(jnp.zeros(()))
+        return _DescentState(equations, -jnp.sum(equations.shared * theta) - jnp.sum(equations.own * z))
 
     def step(self, step_size: Array, state: _DescentState) -> tuple[Any, optx.RESULTS]:
-        """Step for damping 1/step_size."""
         return state.equations.solve(1.0 / step_size), optx.RESULTS.successful
 
 
@@ -121,7 +112,7 @@ class _SearchState(eqx.Module):
     trials: Array
 
 
-class GainSearch(optx.AbstractSearch):
+class _GainSearch(optx.AbstractSearch):
     """Damping by the gain ratio (Nielsen 1999), growing ever faster while steps are refused.
 
     Steps that raise the sum of squares by less than a tenth of `tolerance` pass: the integrator is no more exact.
@@ -130,7 +121,6 @@ class GainSearch(optx.AbstractSearch):
     tolerance: Array
 
     def init(self, y: Any, f_info_struct: Any) -> _SearchState:
-        """Initial damping."""
         return _SearchState(jnp.asarray(FIRST_DAMPING), jnp.asarray(10.0), jnp.asarray(0))
 
     def step(self, first_step: Bool[Array, ""], y: Any, y_eval: Any, f_info: Any, f_eval_info: Any,
@@ -162,20 +152,16 @@ class BorderedLevenbergMarquardt(optx.AbstractGaussNewton):
     rtol: float
     atol: float
     norm: Callable
-    descent: BorderedDescent
-    search: GainSearch
+    descent: _BorderedDescent
+    search: _GainSearch
     verbose: Callable[..., None]
     tolerance: Array
     most: Array
 
     def __init__(self, tolerance: Array, most: Array):
-        self.rtol = self.atol = 0.0
-        self.norm = optx.max_norm
-        self.descent = BorderedDescent()
-        self.search = GainSearch(tolerance)
-        self.verbose = _say_nothing
-        self.tolerance = tolerance
-        self.most = most
+        self.rtol, self.atol, self.norm = 0.0, 0.0, optx.max_norm
+        self.descent, self.search, self.verbose = _BorderedDescent(), _GainSearch(tolerance), _say_nothing
+        self.tolerance, self.most = tolerance, most
 
     def step(self, fn, y, args, options, state, tags):
         """One trial; ends as soon as little is expected from another."""
@@ -195,16 +181,11 @@ def _say_nothing(**more):
 
 
 def eliminate_nuisances(shared, own, right):
-    """Eliminate each record's nuisances (numpy): residual and shared columns orthogonal to the nuisance columns.
+    """Columns and right-hand side orthogonal to each record's nuisance columns (numpy arrays).
 
-    Args:
-        shared: shape (records, rows, shared); own: (records, rows, own); right: (records, rows).
-
-    Returns:
-        Projected `shared` and `right`, same shapes.
+    Shapes of `shared`, `own`, `right`: (records, rows, shared), (records, rows, own), (records, rows); the first and
+    last are returned.
     """
-    import numpy as np
-
     q, _ = np.linalg.qr(own)
     both = np.concatenate([shared, right[..., None]], axis=-1)
     both = both - q @ (np.swapaxes(q, -1, -2) @ both)

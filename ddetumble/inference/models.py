@@ -6,7 +6,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeGuard, cast
 
 from .._errors import InputError
 from .._user_files import run_file, split_name
@@ -57,7 +57,7 @@ def is_fitted(name: str) -> bool:
     return not any(str(name) in one.models for one in list_families()) and Path(name).is_dir()
 
 
-def is_model(value: Any) -> bool:
+def is_model(value: Any) -> TypeGuard[AbstractModel | type[AbstractModel] | AbstractLaw]:
     """Whether it is a reference model, extended or not, or a class of such."""
     if isinstance(value, type):
         return issubclass(value, AbstractModel) and not inspect.isabstract(value)
@@ -159,16 +159,12 @@ def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
 
 
 def list_known() -> tuple[type[AbstractEffect], ...]:
-    """Effects that are known by their id: the catalogue, and those of the user's own kinds of tests."""
+    """Effects known by their id: the catalogue, and those of the user's own kinds of tests."""
     return tuple(dict.fromkeys((*CATALOGUE, *(effect for one in list_families() for effect in one.catalogue))))
 
 
 def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[AbstractEffect]:
-    """The effect that a name stands for.
-
-    Args:
-        name: an id of the catalogue or of `own`, or `FILE.py:NAME` for a class of the user's own.
-        own: effects beside the catalogue, as `list_effects` gives them.
+    """The effect that an id of the catalogue or of `own`, or `FILE.py:NAME` of the user's own, stands for.
 
     Raises:
         InputError: There is no such effect, file or name, or it is no effect.
@@ -201,7 +197,7 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
         raise InputError(f"{attribute} is no reference model: it has to be a subclass of ddetumble's "
                          "AbstractReference, an instance of one, or a ContactLaw", file=path)
     try:
-        made = found() if isinstance(found, type) else found
+        made = cast(Callable[[], Any], found)() if isinstance(found, type) else found
     except Exception as error:
         raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
                          file=path) from error

@@ -20,11 +20,9 @@ class Noise:
     """White noise plus first-order autoregressive (Ornstein-Uhlenbeck) noise.
 
     Attributes:
-        sd: standard deviation of one sample, SI.
-        correlation: of the autoregressive part over one `interval` [-].
+        sd, stated_sd: standard deviation of one sample, SI, and what the campaign states, or None.
+        correlation, interval: of the autoregressive part over one sampling interval [-], and that [s].
         white_share: share of the variance that is white [-].
-        interval: sampling interval at which `correlation` holds [s].
-        stated_sd: what the campaign states, or None.
         log_level_sd: standard error of the logarithm of the noise power where the contact's own frequencies are.
         text: how it was found.
     """
@@ -40,9 +38,7 @@ class Noise:
     def covariance(self, lag: np.ndarray) -> np.ndarray:
         """Autocovariance at time lags `lag` [s], any shape."""
         lag = np.abs(lag)
-        coloured = np.where(lag == 0, 1.0, np.exp(np.log(max(self.correlation, 1e-12)) * lag / self.interval))
-        if self.correlation <= 0:
-            coloured = (lag == 0).astype(float)
+        coloured = self.correlation ** (lag / self.interval)
         return self.sd**2 * ((1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval))
 
 
@@ -51,8 +47,7 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
 
     Args:
         noise: the noise.
-        time: of the samples, shape (samples,) [s].
-        valid: False for missing samples, shape (samples,).
+        time, valid: of the samples [s]; False for missing ones, shape (samples,) each.
 
     Returns:
         Weights, shape (samples,): 1/sd of what cannot be predicted (0 for missing samples); and taps, shape

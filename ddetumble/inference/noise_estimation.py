@@ -10,7 +10,7 @@ import dataclasses as dc
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy import sparse
+from scipy import sparse, special
 from scipy.interpolate import BSpline
 
 from ..families import Span, find_family
@@ -117,9 +117,7 @@ def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
 
 
 def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] | None:
-    """Standard deviation of the samples before first touch, each record about its own mean; how many there are of all
-    records, and of one; None where there are none.
-    """
+    """Standard deviation of samples before first touch about their record's mean; how many they are, and of one."""
     if not find_family(records.family).has_contact:
         return None
     values, time = np.asarray(records.stack.values), np.asarray(records.stack.time)
@@ -220,12 +218,8 @@ def _stray(correlation: float, white: float, length: int) -> float:
 def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None) -> Noise:
     """The same where samples are missing or unevenly taken: likelihood of the differences of near samples.
 
-    Differences over a few intervals hardly feel what is slow, such as a missing force.
-
-    Args:
-        traces: times [s] and residuals [SI] of each record's samples.
-        interval: for which the correlation is given [s].
-        stated_sd: standard deviation that the campaign states, or None.
+    Differences over a few intervals hardly feel what is slow, such as a missing force. `traces` holds times [s] and
+    residuals [SI] of each record's samples; the correlation is given for `interval` [s].
     """
     lags, squares = [], []
     for time, x in traces:
@@ -255,85 +249,59 @@ def _gather(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return np.bincount(place, x) / counts, counts, np.bincount(place, values) / counts
 
 
-@dc.dataclass(frozen=True)
-class _Nodes:
-    """Noises of one kind, each standing for a part of the prior `volume` together with what the samples say."""
-
-    correlation: np.ndarray
-    white_share: np.ndarray
-    loss: np.ndarray
-    log_sd: np.ndarray
-    log_sd_error: np.ndarray
-    volume: float
-
-    @property
-    def log_evidence(self) -> float:
-        low = self.loss.min()
-        return float(np.log(self.volume * np.sum(np.exp(low - self.loss))) - low)
-
-
 def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np.ndarray,
                 expected: float | None, longest: float, interval: float, stated_sd: float | None) -> Noise:
     r"""Average over white noise, AR(1) noise and their sum, each as likely as the others beforehand.
 
-    The logarithm of the likelihood is $-\sum_k n_k(\log s_k + p_k/s_k)$ with $s_k = \sigma^2 S_k(\rho, w)$. The
-    size $\sigma$ is profiled; correlation times are as likely in every decade, shares in every tenth.
-
-    Args:
-        shape: $S$ of correlations and shares, shape (nodes,) each, at unit variance: shape (nodes, terms).
-        log_level: logarithm of the power at unit variance where it has to be known: shape (nodes,).
-        counts: weights $n_k$, shape (terms,).
-        means: observed $p_k$, shape (terms,).
-        expected: standard deviation that is stated, or None.
-        longest: correlation time [samples] beyond which noise would be a drift.
-        interval, stated_sd: as in `Noise`.
+    The logarithm of the likelihood is $-\sum_k n_k(\log s_k + p_k/s_k)$ with $s_k = \sigma^2 S_k(\rho, w)$; `shape` is
+    $S$ of correlations and shares, `counts` $n_k$, `means` $p_k$, and `log_level` the logarithm of the power where it
+    has to be known. The size $\sigma$ is profiled; correlation times, up to `longest`, are as likely in every decade.
     """
-    def weigh(correlation, white_share, volume):
-        return _Nodes(correlation, white_share, *_profile(shape(correlation, white_share), counts, means, expected),
-                      volume)
+    def look(correlation, white_share, volume):
+        """Nodes: correlation, share, loss, logarithm of the size and its error, part of the prior; a column each."""
+        found = _profile(shape(correlation, white_share), counts, means, expected)
+        return np.array([correlation, white_share, *found, np.full(len(correlation), volume)])
 
-    kinds = [weigh(np.zeros(1), np.zeros(1), 1.0), *(_search(weigh, longest, mixed) for mixed in (False, True))]
-    evidence = np.array([kind.log_evidence for kind in kinds])
-    chance = np.exp(evidence - np.logaddexp.reduce(evidence))
-    within = [np.exp(kind.loss.min() - kind.loss) for kind in kinds]
-    weight = np.concatenate([c * w / w.sum() for c, w in zip(chance, within, strict=True)])
-    level = np.concatenate([2.0 * k.log_sd + log_level(k.correlation, k.white_share) for k in kinds])
-    mean = float(np.sum(weight * level))
-    error = np.concatenate([2.0 * k.log_sd_error for k in kinds])
-    variance = float(np.sum(weight * (error**2 + (level - mean) ** 2)))
+    kinds = [look(np.zeros(1), np.zeros(1), 1.0), *(_search(look, longest, mixed) for mixed in (False, True))]
+    kind = np.repeat(np.arange(len(kinds)), [nodes.shape[1] for nodes in kinds])
+    correlation, white_share, loss, log_sd, error, volume = np.concatenate(kinds, axis=1)
+    weight = special.softmax(np.log(volume) - loss)
+    level = 2.0 * log_sd + log_level(correlation, white_share)
+    mean = float(weight @ level)
+    variance = float(weight @ ((2.0 * error) ** 2 + (level - mean) ** 2))
     # It stands for all: near their mean level, of a likely kind, and likely within it.
-    unlikely = np.concatenate([k.loss - k.loss.min() - np.log(c) for c, k in zip(np.maximum(chance, 1e-300), kinds,
-                                                                                 strict=True)])
+    least = np.array([nodes[2].min() for nodes in kinds])
+    unlikely = loss - (least + np.log(np.maximum(np.bincount(kind, weight), 1e-300)))[kind]
     best = int(np.argmin((level - mean) ** 2 / variance + 2.0 * unlikely))
-    sd, rho, white = (np.concatenate([getattr(k, name) for k in kinds])[best]
-                      for name in ("log_sd", "correlation", "white_share"))
-    sd, rho, white = float(np.exp(sd)), float(rho), float(white)
-    text = (f"correlated along the trace ({rho:.2f}), {100 * white:.0f} % of its power white" if white else
-            f"correlated along the trace ({rho:.2f} from sample to sample)") if rho > 0 else "white"
+    sd, rho, white = float(np.exp(log_sd[best])), float(correlation[best]), float(white_share[best])
+    text = "white"
+    if rho > 0:
+        text = (f"correlated along the trace ({rho:.2f}), {100 * white:.0f} % of its power white" if white else
+                f"correlated along the trace ({rho:.2f} from sample to sample)")
     if stated_sd is not None and abs(np.log(sd / stated_sd)) > 0.1:
         text += f"; its size {sd:.3g} is not the stated {stated_sd:.3g}"
     return Noise(sd, rho, white, interval, stated_sd, float(np.sqrt(variance + (level[best] - mean) ** 2)), text)
 
 
-def _search(weigh, longest: float, mixed: bool) -> _Nodes:
+def _search(look, longest: float, mixed: bool) -> np.ndarray:
     """Nodes over the part of the prior that the samples leave, found by looking ever closer."""
     box = np.array([[np.log(SHORTEST), np.log(longest)], [0.0, 1.0]])
     whole = box[0, 1] - box[0, 0]
-    for left in reversed(range(ROUNDS)):
+    for turn in range(ROUNDS):
         size = (box[:, 1] - box[:, 0]) / NODES
         axes = [low + step * (np.arange(count) + 0.5)
                 for low, step, count in zip(box[:, 0], size, NODES, strict=True)]
         time, share = np.meshgrid(axes[0], axes[1] if mixed else np.zeros(1), indexing="ij")
         volume = size[0] / whole * (size[1] if mixed else 1.0)
-        found = weigh(np.exp(-np.exp(-time.ravel())), share.ravel(), volume)
-        near = (found.loss < found.loss.min() + FAR).reshape(time.shape)
+        found = look(np.exp(-np.exp(-time.ravel())), share.ravel(), volume)
+        near = (found[2] < found[2].min() + FAR).reshape(time.shape)
         inside = [np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))][: 1 + mixed]
-        if left == 0 or all(i[-1] - i[0] > 0.5 * n for i, n in zip(inside, NODES, strict=False)):
-            return found
+        if turn == ROUNDS - 1 or all(i[-1] - i[0] > 0.5 * n for i, n in zip(inside, NODES, strict=False)):
+            break
         for k, i in enumerate(inside):
             low, high = box[k]
             box[k] = max(low, axes[k][i[0]] - 2.0 * size[k]), min(high, axes[k][i[-1]] + 2.0 * size[k])
-    raise AssertionError
+    return found
 
 
 def _profile(shape: np.ndarray, counts: np.ndarray, means: np.ndarray,

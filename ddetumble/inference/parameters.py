@@ -10,27 +10,13 @@ import numpy as np
 from jaxtyping import Array
 
 from .._errors import InputError
-from ..contact.effect import (
-    AbstractEffect,
-    AbstractModel,
-    Parameter,
-    list_choices,
-    parameters_of,
-    parts_of,
-    read_field,
-)
+from ..contact.effect import AbstractEffect, AbstractModel, Parameter, list_choices, parameters_of, parts_of, read_field
 from ..families import Family, find_family
 
 
 @dc.dataclass(frozen=True)
 class Slot:
-    """One parameter of the law.
-
-    Attributes:
-        name: public name: `effective_mass`, `wall-stiffness.k_w`.
-        owner: id of the effect, None for the reference model.
-        parameter: its declaration.
-    """
+    """One parameter of the law: public name (`wall-stiffness.k_w`), id of the effect (None: reference), declaration."""
 
     name: str
     owner: str | None
@@ -44,9 +30,7 @@ class Common:
     Attributes:
         column: that it shifts: a condition, a channel (its zero, or where relative its gain), or `time` for the
             independent variable, whatever its name.
-        sd: its standard deviation: SI, or as a fraction of the column's value.
-        relative: whether it is such a fraction.
-        unit: SI unit of the column.
+        sd, relative, unit: its standard deviation, SI or where relative a fraction of the value; SI unit of the column.
     """
 
     column: str
@@ -75,16 +59,14 @@ class ParameterSpace:
 
     def __init__(self, reference: AbstractModel, effects: Sequence[type[AbstractEffect]],
                  commons: Sequence[Common] = ()):
-        self.reference, self.commons = reference, tuple(commons)
-        self.effects = tuple(effects)
-        slots = [Slot(p.name, None, dc.replace(p, default=float(read_field(reference, p.field))))
-                 for p in parameters_of(reference)]
-        for effect in self.effects:
-            slots += [Slot(f"{effect.id}.{p.name}", effect.id, p) for p in parameters_of(effect)]
-        slots += [common.slot for common in self.commons]
-        self.slots = tuple(slots)
-        self.index = {slot.name: k for k, slot in enumerate(slots)}
-        if len(self.index) != len(slots):
+        self.reference, self.effects, self.commons = reference, tuple(effects), tuple(commons)
+        self.slots = (
+            *(Slot(p.name, None, dc.replace(p, default=float(read_field(reference, p.field))))
+              for p in parameters_of(reference)),
+            *(Slot(f"{effect.id}.{p.name}", effect.id, p) for effect in self.effects for p in parameters_of(effect)),
+            *(common.slot for common in self.commons))
+        self.index = {slot.name: k for k, slot in enumerate(self.slots)}
+        if len(self.index) != len(self.slots):
             raise InputError("two parameters of the model have the same name; give every effect an id of its own")
 
     def __len__(self) -> int:
@@ -109,9 +91,9 @@ class ParameterSpace:
     def coordinates(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Coordinates of all parameters, shape (parameters,): defaults, with `values` (fields) put in by name."""
         values = values or {}
-        unknown = [name for name in values if name not in self.index]
-        if unknown:
-            raise InputError(f"there is no parameter {unknown[0]!r} in this model; it has: {', '.join(self.index)}")
+        for name in values:
+            if name not in self.index:
+                raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(self.index)}")
         return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default))
                          for s in self.slots])
 
@@ -132,29 +114,20 @@ class ParameterSpace:
 
     def build(self, u: Array) -> Any:
         """The law at coordinates `u`, shape (parameters,): a `ContactLaw`, `FrictionLaw` or `StrikeLaw`."""
-        values = [s.parameter.transform.to_field(u[k]) for k, s in enumerate(self.slots)]
-        fields = [s.parameter.field for s in self.slots]
-        count = len(parameters_of(self.reference))
-        reference = eqx.tree_at(lambda r: [read_field(r, f) for f in fields[:count]], self.reference, values[:count])
-        effects = []
-        for effect in self.effects:
-            size = len(parameters_of(effect))
-            own: dict[str, Any] = dict(zip(fields[count:count + size], values[count:count + size], strict=True))
-            effects.append(effect(**own))
-            count += size
-        return reference.extend(tuple(effects))
+        values = {(s.owner, s.parameter.field): s.parameter.transform.to_field(u[k]) for k, s in enumerate(self.slots)}
+        own = [p.field for p in parameters_of(self.reference)]
+        reference = eqx.tree_at(lambda r: [read_field(r, field) for field in own], self.reference,
+                                [values[None, field] for field in own])
+        return reference.extend(tuple(
+            effect(**{p.field: values[effect.id, p.field] for p in parameters_of(effect)}) for effect in self.effects))
 
-    def of(self, owners: Iterable[str | None], shapes: bool = True) -> list[str]:
+    def of(self, owners: Iterable[str | None]) -> list[str]:
         """Names of the free parameters of the given owners (None: the reference model)."""
         owners = tuple(owners)
-        return [s.name for s in self.slots
-                if s.owner in owners and s.parameter.free and (shapes or s.parameter.kind != "shape")]
+        return [s.name for s in self.slots if s.owner in owners and s.parameter.free]
 
     def unit(self, name: str, u: np.ndarray) -> str:
-        """Unit of a parameter at coordinates `u`, shape (parameters,): powers that are parameters too are put in.
-
-        A stiffness in N/m^q is one in N/m^1.4 where the power q of its effect is 1.4.
-        """
+        """Unit of a parameter at coordinates `u`, powers that are parameters put in: N/m^q is N/m^1.4 at q = 1.4."""
         slot = self.slots[self.index[name]]
         text = slot.parameter.unit
         for k, other in enumerate(self.slots):
@@ -164,12 +137,9 @@ class ParameterSpace:
         return text
 
     def public(self, name: str, u: np.ndarray, sd: float, spread: float = 1.959964) -> dict[str, Any]:
-        """Estimate, standard deviation and 95 % interval of a parameter in its public unit.
+        """Estimate, standard deviation and 95 % interval (`spread` deviations) of a parameter in its public unit.
 
-        Args:
-            name: of the parameter.
-            u: coordinates of all, shape (parameters,).
-            sd: of the coordinate; spread: of the interval, in those.
+        `u` has the coordinates of all, shape (parameters,), and `sd` is the deviation of its own.
         """
         transform, at = self.parameter(name).transform, float(u[self.index[name]])
         value = transform.from_unconstrained(at)

@@ -30,18 +30,7 @@ MIDWAY, COPIES = 8, 4  # times the memory of these that is taken on the way; and
 
 
 class Evaluation(eqx.Module):
-    """Model and Jacobian at one point.
-
-    Attributes:
-        residual: whitened, shape (records, rows).
-        shared: its derivative by the free parameters in units of their scales, shape (records, rows, slots).
-        own: by the nuisances in units of their deviations, shape (records, rows, nuisances).
-        channels: model, shape (records, channels, samples), SI.
-        state, state_rate: what a misfit is located in, shape (records, samples): depression and its rate [m, m/s] of
-            impacts, slip since the stroke began and its signed speed of slip records.
-        end: of the contact, or of the record, in the independent variable, shape (records,).
-        failed: shape (records,).
-    """
+    """Model and Jacobian at one point, of all rows and slots of a stack; as in `Solution`, with `failed` (records,)."""
 
     residual: Array
     shared: Array
@@ -51,17 +40,6 @@ class Evaluation(eqx.Module):
     state_rate: Array
     end: Array
     failed: Array
-
-
-def _whitened(weights: Array, taps: Array, x: Array) -> Array:
-    """Whitening filter along axis 2 of `x`, shape (records, channels, samples, columns)."""
-    count, size = taps.shape[-1], x.shape[2]
-    # Padded once, and for good: slices of it cost half of what a padding a tap would.
-    late = jax.lax.optimization_barrier(jnp.pad(x, ((0, 0), (0, 0), (count, 0), (0, 0))))
-    y = x
-    for k in range(count):
-        y = y - taps[..., k, None] * late[:, :, count - k - 1: count - k - 1 + size]
-    return y * weights[..., None]
 
 
 def observe_record(space, names, channels, theta, z, row, base, directions, low, high):
@@ -74,32 +52,28 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
     outside = ~(jnp.all(jnp.isfinite(u)) & jnp.all(jnp.isfinite(z)))
     u = jnp.where(outside, base, jnp.clip(u, low, high))
     z = jnp.where(outside, 0.0, z)
-    law = space.build(u)
-    conditions = dict(row.conditions)
-    time, zeros = row.time, []
-    shifts = {}
+    law, conditions, time, zeros, shifts = space.build(u), dict(row.conditions), row.time, [], {}
     for common, per_unit in zip(space.commons, row.inputs.get("common", ()), strict=False):
-        shifts[common.column] = u[space.index[common.slot.name]] * per_unit
+        shift = shifts[common.column] = u[space.index[common.slot.name]] * per_unit
         if common.column == "time":
-            time = time - shifts["time"]
+            time = time - shift
         elif common.column in conditions:
-            conditions[common.column] = conditions[common.column] + shifts[common.column]
-    for k, name in enumerate(names):
+            conditions[common.column] = conditions[common.column] + shift
+    for name, shift in zip(names, z * row.condition_sd, strict=True):
         if name == "time":
-            time = time - z[k] * row.condition_sd[k]
+            time = time - shift
         elif name.startswith((f"{ZERO}:", f"{DRIFT}:")):
-            zeros.append((name, z[k] * row.condition_sd[k]))
+            zeros.append((*name.split(":"), shift))
         else:
-            conditions[name] = conditions[name] + z[k] * row.condition_sd[k]
+            conditions[name] = conditions[name] + shift
     found = space.family.observe(law, conditions, time, row, channels)
     model = found.channels
     for common in space.commons:
         if common.column in channels and common.column in shifts:
             k = channels.index(common.column)
             model = model.at[k].add(shifts[common.column] * (model[k] if common.relative else 1.0))
-    for name, size in zeros:
-        kind, channel = name.split(":")
-        late = row.time - row.time[0]
+    late = row.time - row.time[0]
+    for kind, channel, size in zeros:
         shape = jnp.ones_like(late) if kind == ZERO else late / late[-1]
         model = model.at[channels.index(channel)].add(size * shape)
     return model, (found.state, found.state_rate, found.end, found.failed | outside)
@@ -115,34 +89,30 @@ def evaluate(space, names, channels, theta, z, stack: Stack, base, directions, l
     records, size = z.shape[0], stack.values[0].size * (count + own + 1)
     together = max((n for n in range(1, records + 1) if records % n == 0 and n * size <= BLOCK), default=1)
 
-    def one(z_row, row, base_row):
+    def one(own_row, row, start):
         def f(a, b):
-            return observe_record(space, names, channels, a, b, row, base_row, directions, low, high)
+            return observe_record(space, names, channels, a, b, dc.replace(row, rtol=stack.rtol), start, directions,
+                                  low, high)
 
-        unit = jnp.eye(count + own)
-        return jax.vmap(lambda e: jax.jvp(f, (theta, z_row), (e[:count], e[count:]), has_aux=True),
-                        out_axes=(None, -1, None))(unit)
+        return jax.vmap(lambda e: jax.jvp(f, (theta, own_row), (e[:count], e[count:]), has_aux=True),
+                        out_axes=(None, -1, None))(jnp.eye(count + own))
 
     def block(x):
         rows = x[1]
-        model, jacobian, (state, rate, end, failed) = jax.vmap(
-            lambda own, row, start: one(own, dc.replace(row, rtol=stack.rtol), start))(*x)
+        model, jacobian, (state, rate, end, failed) = jax.vmap(one)(*x)
         failed = failed | ~jnp.all(jnp.isfinite(model), axis=(1, 2))
-        columns = jnp.concatenate([(model - rows.values)[..., None], jacobian], axis=-1)
-        return model, _weigh(rows, failed, columns), state, rate, end, failed
+        columns = _weigh(rows, failed, jnp.concatenate([(model - rows.values)[..., None], jacobian], axis=-1))
+        failed = failed & (rows.present > 0)
+        residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
+        return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate, end,
+                          failed)
 
     everything = (z, dc.replace(stack, rtol=None), base)
     if together == records:
-        model, columns, state, rate, end, failed = block(everything)
-    else:
-        # More at once would fill the memory with what is only on the way.
-        blocks = jax.tree.map(lambda a: a.reshape(-1, together, *a.shape[1:]), everything)
-        model, columns, state, rate, end, failed = jax.tree.map(
-            lambda a: a.reshape(records, *a.shape[2:]), jax.lax.map(block, blocks))
-    failed = failed & (stack.present > 0)
-    residual = jnp.where(failed[:, None], FAILED, columns[..., 0])
-    return Evaluation(residual, columns[..., 1: count + 1], columns[..., count + 1:], model, state, rate,
-                      end, failed)
+        return block(everything)
+    # More at once would fill the memory with what is only on the way.
+    blocks = jax.tree.map(lambda a: a.reshape(-1, together, *a.shape[1:]), everything)
+    return jax.tree.map(lambda a: a.reshape(records, *a.shape[2:]), jax.lax.map(block, blocks))
 
 
 def _weigh(stack: Stack, failed: Array, columns: Array) -> Array:
@@ -150,16 +120,17 @@ def _weigh(stack: Stack, failed: Array, columns: Array) -> Array:
     keep = ((stack.present > 0) & ~failed)[:, None, None, None]
     # Without the barrier the compiler computes the whole model again for every tap of the filter.
     columns = jax.lax.optimization_barrier(columns)
-    columns = _whitened(stack.weights, stack.taps, jnp.where(keep & jnp.isfinite(columns), columns, 0.0))
-    return columns.reshape(columns.shape[0], -1, columns.shape[-1])
+    columns = jnp.where(keep & jnp.isfinite(columns), columns, 0.0)
+    count, size = stack.taps.shape[-1], columns.shape[2]
+    # Padded once, and for good: slices of it cost half of what a padding a tap would.
+    late = jax.lax.optimization_barrier(jnp.pad(columns, ((0, 0), (0, 0), (count, 0), (0, 0))))
+    for k in range(count):
+        columns = columns - stack.taps[..., k, None] * late[:, :, count - k - 1: count - k - 1 + size]
+    return (columns * stack.weights[..., None]).reshape(columns.shape[0], -1, columns.shape[-1])
 
 
 def simulate_records(space, names, channels, z, stack: Stack, base, low, high) -> tuple[Array, Array, Array]:
-    """The model alone, without derivatives.
-
-    Returns:
-        Whitened residual, shape (records, rows); which records failed; channels, shape (records, channels, samples).
-    """
+    """The model without derivatives: whitened residual, shape (records, rows); which records failed; channels."""
     axes = eqx.tree_at(lambda s: s.rtol, jax.tree.map(lambda _: 0, stack), None, is_leaf=lambda x: x is None)
     none, still = jnp.zeros(0), jnp.zeros((0, base.shape[1]))
     model, (*_, failed) = jax.vmap(
@@ -196,22 +167,16 @@ def _solve(space, names, channels, stack, base, directions, low, high, prior_mea
         theta_dot, z_dot = moving * theta_dot, moving * z_dot
         both = jnp.concatenate([z_dot, jnp.broadcast_to(theta_dot, (z_dot.shape[0], count))], axis=1)
         change = (jnp.einsum("grk,gk->gr", factor, both), z_dot * stack.present[:, None], theta_dot * prior_weight)
-        return (value, at), (change, jax.tree.map(_zero, at))
-
-    def fn(y, args):
-        return model(*y)
+        still = jax.tree.map(lambda x: jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating) else
+                             np.zeros(x.shape, dtype=jax.dtypes.float0), at)
+        return (value, at), (change, still)
 
     solver = BorderedLevenbergMarquardt(tolerance, max_steps)
     start = (jnp.zeros((count,)), jnp.zeros_like(z0))
-    found = optx.least_squares(fn, solver, start, has_aux=True, max_steps=None, throw=False)
+    found = optx.least_squares(lambda y, _: model(*y), solver, start, has_aux=True, max_steps=None, throw=False)
     theta, z = found.value
     converged = (found.result == optx.RESULTS.successful) & solver.has_converged(found.state)
     return moving * theta, z0 + moving * z, found.aux, converged, found.stats["num_steps"]
-
-
-def _zero(x):
-    return (jnp.zeros_like(x) if jnp.issubdtype(x.dtype, jnp.floating)
-            else np.zeros(x.shape, dtype=jax.dtypes.float0))
 
 
 @dc.dataclass(frozen=True)
@@ -223,11 +188,16 @@ class Solution:
         u: coordinates of all parameters, shape (parameters,).
         z: nuisances in units of their deviations, shape (records, nuisances).
         scales: of the free coordinates: columns of `shared` are derivatives by coordinate/scale.
-        residual, shared, own: as in `Evaluation`, only the records that are there and the columns that are free.
-        channels, state, state_rate, end: as in `Evaluation`.
+        residual: whitened, shape (records, rows).
+        shared: its derivative by the free parameters in units of their scales, shape (records, rows, free).
+        own: by the nuisances in units of their deviations, shape (records, rows, nuisances).
+        channels: model, shape (records, channels, samples), SI.
+        state, state_rate: what a misfit is located in, shape (records, samples): depression and its rate [m, m/s] of
+            impacts, slip since the stroke began and its signed speed of slip records.
+        end: of the contact, or of the record, in the independent variable, shape (records,).
         prior_residual, prior_weight: prior rows of the free parameters.
         chi2: sum of squares of all rows.
-        converged, steps, failed: state of the optimiser; keys of failed records are in `failed`.
+        converged, steps, failed: state of the optimiser; keys of failed records.
     """
 
     names: tuple[str, ...]
@@ -252,10 +222,8 @@ class Solution:
                   more: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Columns and right-hand side with each record's nuisances eliminated; rows are data, then nuisance priors.
 
-        Args:
-            shared: columns, shape (records, data rows, columns); those of the fit where not given.
-            right: shape (records, rows); residual and nuisances where not given.
-            more: columns to eliminate too, shape (records, rows, columns).
+        `shared`, shape (records, data rows, columns), and `right`, shape (records, rows), are those of the fit where
+        not given; `more`, shape (records, rows, columns), is eliminated too.
         """
         records, _, own = self.own.shape
         shared = self.shared if shared is None else shared
@@ -290,11 +258,8 @@ class Solution:
 class Problem:
     """Records and a space of parameters, ready to be fitted.
 
-    Args:
-        space: parameters of the model.
-        records: stacked records.
-        priors: Gaussian priors by parameter name, as (mean, sd) of the coordinate, beside those of the errors that all
-            records share.
+    `priors` are Gaussian, by parameter name, as (mean, sd) of the coordinate, beside those of the errors that all
+    records share.
     """
 
     def __init__(self, space: ParameterSpace, records: Records,
@@ -305,39 +270,23 @@ class Problem:
         self.scales = space.scales()
         self.limits = space.bounds()
 
-    def _padded(self, start: np.ndarray, z: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and nuisances of all rows of the stack."""
-        count, rows = self.records.count, self.records.stack.time.shape[0]
-        base = np.broadcast_to(start, (count, len(self.space)))
-        base = np.concatenate([base, np.broadcast_to(base[:1], (rows - count, len(self.space)))])
-        z0 = np.zeros((rows, len(self.records.nuisances)))
-        if z is not None:
-            z0[:count] = z
-        return base, z0
-
     def columns(self, wanted: Sequence[tuple[Sequence[str], np.ndarray]], z: np.ndarray, spare: int = 0) -> np.ndarray:
         """Whitened derivatives by coordinates, in units of their scales, without moving.
 
-        Args:
-            wanted: names and the point (coordinates of all parameters) at which to take their derivatives.
-            z: nuisances, shape (records, nuisances).
-            spare: rows of zeros behind those of the data.
-
-        Returns:
-            One array a name, in their order: shape (names of all together, records, rows + spare).
+        `wanted` are names and the point (coordinates of all parameters) for each; `z` the nuisances. Returns one array
+        a name, in their order: shape (names of all together, records, rows + spare), the spare rows zero.
         """
         few, rows = self.space.family.slots[0], self.records.stack.values[0].size
-        found = np.zeros((sum(len(names) for names, _ in wanted), self.records.count, rows + spare))
-        jobs, place = [], 0
-        for names, u in wanted:
-            jobs += [(place + first, names[first:first + few], u) for first in range(0, len(names), few)]
-            place += len(names)
+        jobs = [(names[first:first + few], u) for names, u in wanted for first in range(0, len(names), few)]
+        firsts = np.cumsum([0, *(len(names) for names, _ in jobs)])
+        found = np.zeros((firsts[-1], self.records.count, rows + spare))
 
-        def fill(job):
-            first, names, u = job
-            found[first: first + len(names), :, :rows] = np.moveaxis(self.solve(names, u, z, moving=False).shared, 2, 0)
+        def fill(k):
+            names, u = jobs[k]
+            shared = self.solve(names, u, z, moving=False).shared
+            found[firsts[k]: firsts[k + 1], :, :rows] = np.moveaxis(shared, 2, 0)
 
-        map_threads(fill, jobs)
+        map_threads(fill, range(len(jobs)))
         return found
 
     def solve(self, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None, *, moving: bool = True,
@@ -357,15 +306,18 @@ class Problem:
         numbers = stack.values.size * (slots + len(self.records.nuisances) + 1)
         need = 8.0 * (COPIES * numbers + MIDWAY * max(min(numbers, BLOCK), numbers // len(stack.present)))
         columns = [self.space.index[name] for name in free]
-        directions = np.zeros((slots, len(self.space)))
-        scales = self.scales[columns]
+        directions, scales = np.zeros((slots, len(self.space))), self.scales[columns]
         directions[np.arange(len(free)), columns] = scales
         # Who starts at a limit starts a little inside, or would never leave it.
         inside = np.minimum(1e-3 * self.scales, 0.25 * (self.limits[1] - self.limits[0]))[columns]
         start = np.array(start, dtype=float)
         start[..., columns] = np.clip(start[..., columns], self.limits[0][columns] + inside,
                                       self.limits[1][columns] - inside)
-        base, z0 = self._padded(start, z)
+        more = len(stack.present) - count
+        base = np.broadcast_to(start, (count, len(self.space)))
+        base = np.concatenate([base, np.broadcast_to(base[:1], (more, len(self.space)))])
+        z0 = np.zeros((count + more, len(self.records.nuisances)))
+        z0[:count] = 0.0 if z is None else z
         mean, weight = np.zeros(slots), np.where(np.arange(slots) < len(free), 0.0, 1.0)
         for k, name in enumerate(free):
             if name in self.priors:
@@ -387,16 +339,14 @@ class Problem:
                 raise
             raise ComputationError(f"the fit of {', '.join(free) or 'nothing'} broke down: the model could not be "
                                    "integrated on the way; start nearer, or bound the parameters") from error
-        theta = np.asarray(theta)[: len(free)]
+        theta, z_new = np.asarray(theta)[: len(free)], np.asarray(z_new)[:count]
+        found = jax.tree.map(lambda x: np.asarray(x)[:count], at)
         u = np.array(base[0])
         u[columns] = np.clip(u[columns] + scales * theta, self.limits[0][columns], self.limits[1][columns])
-        residual = np.asarray(at.residual)[:count]
-        z_new = np.asarray(z_new)[:count]
         prior = (theta - mean[: len(free)]) * weight[: len(free)]
-        failed = tuple(k for k, bad in zip(self.records.keys, np.asarray(at.failed), strict=False) if bad)
+        failed = tuple(k for k, bad in zip(self.records.keys, found.failed, strict=True) if bad)
+        chi2 = float(np.sum(found.residual**2) + np.sum(z_new**2) + np.sum(prior**2))
         return Solution(
-            tuple(free), u, z_new, scales, residual, np.asarray(at.shared)[:count, :, : len(free)],
-            np.asarray(at.own)[:count], np.asarray(at.channels)[:count], np.asarray(at.state)[:count],
-            np.asarray(at.state_rate)[:count], np.asarray(at.end)[:count], prior,
-            weight[: len(free)], float(np.sum(residual**2) + np.sum(z_new**2) + np.sum(prior**2)),
-            bool(converged) and not failed, int(steps), failed)
+            tuple(free), u, z_new, scales, found.residual, found.shared[:, :, : len(free)], found.own, found.channels,
+            found.state, found.state_rate, found.end, prior, weight[: len(free)], chi2, bool(converged) and not failed,
+            int(steps), failed)

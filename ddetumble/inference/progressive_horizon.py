@@ -8,7 +8,6 @@ next horizon, three times as far, in step.
 import dataclasses as dc
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -29,44 +28,31 @@ def is_lost(problem: Problem, solution: Solution) -> bool:
     return problem.space.family.free_running and (bool(solution.failed) or solution.chi2 > LOST * used)
 
 
-def cut_stack(stack: Stack, horizon: np.ndarray) -> Stack:
+def _cut(stack: Stack, horizon: np.ndarray) -> Stack:
     """Records up to a horizon, shape (records,) [s], and of those not more than `MOST` samples, evenly spread."""
     time, weights = np.asarray(stack.time), np.asarray(stack.weights)
-    size = time.shape[1]
     near = (time <= horizon[:, None]) & np.any(weights > 0, axis=1)
-    if size > MOST:
+    values, taps, mesh = stack.values, stack.taps, np.asarray(stack.inputs["mesh"])
+    if time.shape[1] > MOST:
         # Neighbours are left out, so that nothing is predicted from them: what is left counts as white.
-        chosen = np.stack([np.resize(_spread(np.flatnonzero(row)), MOST) for row in near])
-        count = np.array([_spread(np.flatnonzero(row)).size for row in near])
-        near = np.arange(MOST)[None, :] < count[:, None]
-        chosen = np.where(near, chosen, chosen[np.arange(len(chosen)), count - 1][:, None])
+        places = [np.flatnonzero(row) if row.any() else np.zeros(1, dtype=int) for row in near]
+        places = [at[np.unique(np.linspace(0, len(at) - 1, min(len(at), MOST)).astype(int))] for at in places]
+        near = np.arange(MOST)[None, :] < np.array([len(at) for at in places])[:, None]
+        chosen = np.stack([np.pad(at, (0, MOST - len(at)), mode="edge") for at in places])
         rows = np.arange(len(time))[:, None]
         time, weights = time[rows, chosen], np.moveaxis(weights[rows, :, chosen], 2, 1)
         values = np.moveaxis(np.asarray(stack.values)[rows, :, chosen], 2, 1)
         taps = np.zeros((*values.shape, stack.taps.shape[-1]))
-    else:
-        values, taps = stack.values, stack.taps
-    mesh = np.asarray(stack.inputs["mesh"])
-    arrays = (np.minimum(time, horizon[:, None]), weights * near[:, None, :], values, taps,
-              mesh * (horizon / mesh[:, -1])[:, None])
-    return eqx.tree_at(lambda s: (s.time, s.weights, s.values, s.taps, s.inputs["mesh"]), stack,
-                       tuple(jnp.asarray(x) for x in arrays))
-
-
-def _spread(places: np.ndarray) -> np.ndarray:
-    """At most `MOST` of some places, evenly spread; the first place where there is none."""
-    if not len(places):
-        return np.zeros(1, dtype=int)
-    return places[np.unique(np.linspace(0, len(places) - 1, min(len(places), MOST)).astype(int))]
+    return dc.replace(stack, time=jnp.asarray(np.minimum(time, horizon[:, None])), values=jnp.asarray(values),
+                      weights=jnp.asarray(weights * near[:, None, :]), taps=jnp.asarray(taps),
+                      inputs=stack.inputs | {"mesh": jnp.asarray(mesh * (horizon / mesh[:, -1])[:, None])})
 
 
 def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray, z: np.ndarray | None = None,
-                  **options) -> Solution:
-    """Fit as `Problem.solve` does, free-running records over a growing horizon first.
+                        **options) -> Solution:
+    """Fit as `Problem.solve` does, free-running records over a growing horizon first; options are of the last fit.
 
-    Args:
-        problem, free, start, z: as there; without `z` every record starts from its first samples.
-        options: of the last fit, over everything.
+    Without `z` every record starts from its first samples.
     """
     if not problem.space.family.free_running:
         return problem.solve(free, start, z, **options)
@@ -77,7 +63,7 @@ def solve_progressively(problem: Problem, free: Sequence[str], start: np.ndarray
     horizon = np.maximum(FIRST / np.maximum(speeds, 1e-300), times[:, min(FEWEST, lengths.min() - 1)])
     u, share = np.array(start, dtype=float), z
     while np.any(horizon < end):
-        part = Problem(problem.space, dc.replace(problem.records, stack=cut_stack(whole, np.minimum(horizon, end))),
+        part = Problem(problem.space, dc.replace(problem.records, stack=_cut(whole, np.minimum(horizon, end))),
                        problem.priors)
         found = part.solve(free, u, share, tolerance=1e-2)
         if not found.failed and np.isfinite(found.chi2):

@@ -36,11 +36,9 @@ class Sampler(_Strict):
     """How `ddetumble sample` draws from the posterior; a fit checks it and leaves it alone.
 
     Attributes:
-        name: `emcee` or `nuts`.
         walkers: of each ensemble, even; 0 for as many as the number of parameters asks for.
         ensembles: independent ones; chains of NUTS.
-        steps: after the burn-in at most.
-        burn: first steps, left out.
+        steps, burn: after the burn-in at most, and first ones, left out.
         effective: independent draws wanted of every parameter.
     """
 

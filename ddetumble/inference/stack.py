@@ -2,8 +2,10 @@
 
 import dataclasses as dc
 from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -21,8 +23,6 @@ THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
 GRAIN = 64  # trimmed records keep a multiple of so many samples
 SHARED = 60_000  # padded samples up to which records take a standard shape, so that small campaigns share programs
 ROWS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # of larger ones: a record may be left out in the same program
-
-
 ZERO, DRIFT = "zero", "drift"  # nuisances `zero:CHANNEL` and `drift:CHANNEL`: offset at the first sample, and what more
 
 
@@ -35,12 +35,11 @@ class Stack(eqx.Module):
         values: measured, shape (records, channels, samples), SI.
         weights, taps: whitening filter, shapes (records, channels, samples) and (records, channels, samples, TAPS).
         conditions: by name, each shape (records,), SI, as measured.
-        condition_sd: standard deviations of the nuisances, shape (records, nuisances): `nuisances` names them.
+        condition_sd: standard deviations of the nuisances, shape (records, nuisances).
         present: 1 for records that are there, shape (records,).
-        inputs: further arrays that the model reads, by name: `slip` since the stroke began [m] and `direction` of slip
-            records that are time series, each shape (records, samples); `mesh` of tumbling records, shape
-            (records, steps + 1) [s]; `common`, by how much a column moves per unit of an error that all records share,
-            shape (records, commons), absent where such errors play no part.
+        inputs: further arrays that the model reads, by name: path and direction of slip records that are time series,
+            shape (records, samples); `mesh` of tumbling records, shape (records, steps + 1) [s]; `common`, by how much
+            a column moves per unit of an error that all records share, shape (records, commons).
         rtol: tolerance of the integrator, shape ().
     """
 
@@ -61,13 +60,11 @@ class Records:
     """A stack with the names that belong to it.
 
     Attributes:
-        keys: of the records.
-        channels: that are measured.
+        keys, channels: of the records, and what is measured.
         nuisances: what tumbling records start from, conditions with a stated uncertainty, `time`, and zeros that move.
         lengths: samples of each record.
         complete: whether no sample is missing, shape (records, channels).
-        stack: the arrays.
-        family: of the campaign.
+        stack, family: the arrays, and the kind of test.
         strokes: number of the stroke of every sample, by record; empty for impacts.
         starts: nuisances without a prior: what tumbling records start from.
     """
@@ -88,25 +85,22 @@ class Records:
         return len(self.keys)
 
 
-def pad_size(wanted: int, sizes: tuple[int, ...]) -> int:
+def _pad_size(wanted: int, sizes: tuple[int, ...]) -> int:
     """Smallest of the sizes that holds `wanted`; beyond the last one a multiple of it."""
-    for size in sizes:
-        if wanted <= size:
-            return size
-    return int(-(-wanted // sizes[-1]) * sizes[-1])
+    return next((size for size in sizes if wanted <= size), int(-(-wanted // sizes[-1]) * sizes[-1]))
 
 
 def pad_shape(count: int, longest: int, family: Family) -> tuple[int, int]:
     """Records and samples to which a campaign is padded: a standard shape while that is small.
 
-    Padding costs memory and time in proportion, and a large campaign is worth a program of its own: it has at most half
-    as many rows more than records, and an eighth more samples than the longest of them.
+    A large campaign is worth a program of its own: it has at most half as many rows more than records, and an eighth
+    more samples than the longest of them.
     """
-    rows, size = pad_size(count, family.rows), pad_size(longest, family.sizes)
+    rows, size = _pad_size(count, family.rows), _pad_size(longest, family.sizes)
     if rows * size <= SHARED:
         return rows, size
     step = max(GRAIN, 2 ** (longest.bit_length() - 4))
-    return min(rows, pad_size(count, ROWS)), min(size, pad_size(longest, (step,)))
+    return min(rows, _pad_size(count, ROWS)), min(size, _pad_size(longest, (step,)))
 
 
 def list_nuisances(campaign: Campaign) -> tuple[str, ...]:
@@ -119,30 +113,23 @@ def list_nuisances(campaign: Campaign) -> tuple[str, ...]:
 
 def list_commons(campaign: Campaign) -> tuple[Common, ...]:
     """Errors that all records share, as the campaign states them: of the time origin, conditions and channels."""
-    columns = {} if campaign.independent is None else {"time": campaign.independent}
-    columns |= {name: column for name, column in campaign.conditions.items() if name != "sequence"}
     predicted = find_family(name_family(campaign)).channels
-    columns |= {name: column for name, column in campaign.channels.items() if name in predicted}
-    found = []
-    for name, column in columns.items():
-        if column.common is not None:
-            relative = column.common.relative is not None
-            sd = column.common.relative if relative else column.common.absolute
-            found.append(Common(name, float(sd or 0.0), relative, column.unit))
-    return tuple(found)
+    columns = {"time": campaign.independent} | {
+        name: column for name, column in campaign.conditions.items() if name != "sequence"} | {
+        name: column for name, column in campaign.channels.items() if name in predicted}
+    return tuple(Common(name, float(spread.absolute or 0.0 if spread.relative is None else spread.relative),
+                        spread.relative is not None, column.unit) for name, column in columns.items()
+                 if column is not None and (spread := column.common) is not None)
 
 
 def condition_deviations(campaign: Campaign, records, nuisances: tuple[str, ...]) -> np.ndarray:
     """Standard deviation of every nuisance of every record, shape (records, nuisances), SI; 0 where none is stated."""
     columns = []
     for name in nuisances:
-        if name == "time":
-            uncertainty = campaign.independent.uncertainty if campaign.independent is not None else None
-            columns.append(np.zeros(len(records)) if uncertainty is None else uncertainty.sd(np.ones(len(records))))
-        else:
-            uncertainty = campaign.conditions[name].uncertainty
-            values = records[name].to_numpy(dtype=float)
-            columns.append(np.zeros(len(values)) if uncertainty is None else uncertainty.sd(values))
+        column = campaign.independent if name == "time" else campaign.conditions[name]
+        values = np.ones(len(records)) if name == "time" else records[name].to_numpy(dtype=float)
+        uncertainty = None if column is None else column.uncertainty
+        columns.append(np.zeros(len(values)) if uncertainty is None else uncertainty.sd(values))
     return np.stack(columns, axis=1)
 
 
@@ -153,25 +140,23 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     Samples of the force within three deviations of the time origin are left out: it may jump at first touch, and
     whether such a sample lies before or after the jump is not known. Samples of the pressure after the last force
     above four deviations are left out too: what the gas does once the ball is free (supply line, check valve, warming)
-    is no part of the contact. Where a slip record turns round, the sign of the force is not known: the samples at
-    the turn are left out.
+    is no part of the contact; and the samples where a slip record turns round, as the sign of the force is not known.
 
     Args:
         campaign: with samples.
         noise: by channel; white at the stated deviation where not given.
         most: thin every record evenly to at most so many samples.
-        zeros: by channel whose zero moves the standard deviations of offset and drift over records, SI: they are
-            nuisances of every record.
+        zeros: standard deviations of offset and drift of a channel's zero, SI: they are nuisances of every record.
 
     Raises:
-        InputError: no samples, no channel that the model predicts, a condition missing without which nothing can be
-            computed.
+        InputError: A sample, channel or condition is missing without which nothing can be computed.
     """
     if campaign.samples is None:
         raise InputError(f"campaign {campaign.name!r} holds peaks only; this needs sampled records")
     family = find_family(name_family(campaign))
     channels = tuple(c for c in family.channels if c in campaign.channels)
-    main, abscissa = family.channels[0], campaign.independent.name if campaign.independent is not None else "time"
+    clock = campaign.independent
+    main, abscissa = family.channels[0], "time" if clock is None else clock.name
     for need in family.main:
         if need not in channels:
             raise InputError(f"campaign {campaign.name!r} has no channel {need!r}; it has: "
@@ -179,13 +164,13 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     for need in family.needs:
         if need not in campaign.records:
             raise InputError(f"campaign {campaign.name!r} has no condition {need!r} in its records")
-    keys = campaign.record_keys
-    groups = {str(k): g for k, g in campaign.samples.groupby("record", sort=False)}
+    keys = tuple(map(str, campaign.record_keys))
+    by_key = {str(k): g for k, g in campaign.samples.groupby("record", sort=False)}
+    groups = [by_key[k] for k in keys]
     if most is not None:
-        groups = {k: g.iloc[:: -(-len(g) // most)] for k, g in groups.items()}
-    lengths = np.array([len(groups[str(k)]) for k in keys])
-    uncertainty = None if campaign.independent is None else campaign.independent.uncertainty
-    blind = 3.0 * float(np.max(uncertainty.sd(np.ones(1)))) if uncertainty is not None else 0.0
+        groups = [g.iloc[:: -(-len(g) // most)] for g in groups]
+    lengths = np.array([len(g) for g in groups])
+    blind = 0.0 if clock is None or clock.uncertainty is None else 3.0 * float(np.max(clock.uncertainty.sd(np.ones(1))))
     complete = np.ones((len(keys), len(channels)), dtype=bool)
     rows, size = pad_shape(len(keys), int(lengths.max()), family)
     time = np.zeros((rows, size))
@@ -193,25 +178,24 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     weights, taps = np.zeros_like(values), np.zeros((*values.shape, TAPS))
     moving = family.follow is not None and abscissa != family.independent
     path, direction, strokes = np.zeros_like(time), np.ones_like(time), []
-    begun = family.begin(campaign, [groups[str(k)] for k in keys]) if family.begin is not None else None
     cache: dict = {}
-    for r, key in enumerate(keys):
-        group, n = groups[str(key)], lengths[r]
+    for r, (key, group, n) in enumerate(zip(keys, groups, lengths, strict=True)):
         t = group[abscissa].to_numpy(dtype=float)
-        time[r, :n] = t
-        time[r, n:] = t[-1]
+        time[r, :n], time[r, n:] = t, t[-1]
         turning = np.zeros(n, dtype=bool)
         if family.follow is not None:
             number = np.zeros(n, dtype=int)
             if moving:
-                path[r, :n], direction[r, :n], number = family.follow(campaign, str(key), group)
+                path[r, :n], direction[r, :n], number = family.follow(campaign, key, group)
                 path[r, n:], direction[r, n:] = path[r, n - 1], direction[r, n - 1]
                 turning[1:] = np.diff(number) > 0
                 turning[:-1] |= turning[1:]
             strokes.append(number)
-        last = float("inf")
-        if family.has_contact:
-            last = _last_contact(t, group[main].to_numpy(dtype=float), default_noise(campaign, main, t))
+        last = np.inf
+        if family.has_contact:  # the last force above four deviations, or the end where there is none
+            force = np.nan_to_num(group[main].to_numpy(dtype=float))
+            above = np.flatnonzero(force > 4.0 * default_noise(campaign, main, t).sd)
+            last = t[above[-1]] if len(above) else t[-1]
         attitude = [channel for channel in channels if channel.startswith("attitude_")]
         straight = straighten(group[attitude].to_numpy(dtype=float)) if attitude else None
         for c, channel in enumerate(channels):
@@ -224,51 +208,49 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
             valid = valid & ~turning
             if blind > 0 and channel == "normal_force":
                 valid = valid & (np.abs(t) > blind)
-            level = (noise or {}).get(channel) or default_noise(campaign, channel, t)
             if channel == "pressure":
                 valid = valid & (t < last)
+            level = (noise or {}).get(channel) or default_noise(campaign, channel, t)
+            code = (c, valid.tobytes(), np.round(np.diff(t), 8).tobytes())
             if level.correlation <= 0:
                 weights[r, c, :n] = np.where(valid, 1.0 / level.sd, 0.0)
                 continue
-            code = (c, valid.tobytes(), np.round(np.diff(t), 8).tobytes())
             if code not in cache:
                 cache[code] = whitening(level, t, valid)
             weights[r, c, :n], taps[r, c, :n] = cache[code]
     time[len(keys):] = time[0]
-    nuisances = list_nuisances(campaign)
-    starts = () if begun is None else tuple(begun.guesses)
+
+    def pad(x: np.ndarray) -> np.ndarray:
+        """Rows that are not there are like the first one."""
+        return np.concatenate([x, np.repeat(x[:1], rows - len(keys), axis=0)])
+
+    begun = family.begin(campaign, groups) if family.begin is not None else None
+    nuisances, starts = list_nuisances(campaign), () if begun is None else tuple(begun.guesses)
     moved = tuple(f"{kind}:{channel}" for channel in zeros or () for kind in (ZERO, DRIFT))
     deviations = np.zeros((rows, len(starts) + len(nuisances) + len(moved)))
     stated = slice(len(starts), len(starts) + len(nuisances))
     deviations[: len(keys), stated] = condition_deviations(campaign, campaign.records, nuisances)
     deviations[: len(keys), stated.stop:] = [sd for both in (zeros or {}).values() for sd in both]
-    conditions, inputs = {}, {}
-    for name in campaign.records.columns:
-        column = campaign.records[name].to_numpy(dtype=float)
-        conditions[str(name)] = np.concatenate([column, np.full(rows - len(keys), column[0])])
-    for name, value in family.defaults.items():
+    conditions = {str(name): pad(x.to_numpy(dtype=float)) for name, x in campaign.records.items()}
+    for name, value in {**family.defaults, "sequence": 1.0}.items():
         conditions.setdefault(name, np.full(rows, value))
-    conditions.setdefault("sequence", np.ones(rows))
+    inputs = {}
     if begun is not None:
         deviations[: len(keys), : len(starts)] = begun.deviations
-        more = rows - len(keys)
-        conditions |= {name: np.concatenate([x, np.full(more, x[0])]) for name, x in begun.guesses.items()}
-        inputs = {name: jnp.asarray(np.concatenate([x, np.repeat(x[:1], more, axis=0)]))
-                  for name, x in begun.inputs.items()}
+        conditions |= {name: pad(x) for name, x in begun.guesses.items()}
+        inputs = {name: pad(x) for name, x in begun.inputs.items()}
     if moving:
-        path[len(keys):], direction[len(keys):] = path[0], direction[0]
-        inputs = {family.state: jnp.asarray(path), family.rate: jnp.asarray(direction)}
+        inputs = {family.state: pad(path[: len(keys)]), family.rate: pad(direction[: len(keys)])}
     commons = list_commons(campaign)
     if commons:
-        inputs["common"] = jnp.asarray(np.stack([conditions[c.column] if c.relative and c.column in conditions
-                                                 else np.ones(rows) for c in commons], axis=1))
-    present = (np.arange(rows) < len(keys)).astype(float)
+        inputs["common"] = np.stack([conditions[c.column] if c.relative and c.column in conditions else np.ones(rows)
+                                     for c in commons], axis=1)
     span = time.max(axis=1) + 5e-3 * (time.max(axis=1) - np.maximum(time.min(axis=1), 0.0))
-    stack = Stack(jnp.asarray(time), jnp.asarray(span), jnp.asarray(values), jnp.asarray(weights), jnp.asarray(taps),
-                  {k: jnp.asarray(v) for k, v in conditions.items()}, jnp.asarray(deviations), jnp.asarray(present),
-                  inputs, jnp.asarray(RTOL if most is None else THIN_RTOL))
-    return Records(tuple(str(k) for k in keys), channels, (*starts, *nuisances, *moved), lengths, complete, stack,
-                   family.name, tuple(strokes), starts)
+    present = (np.arange(rows) < len(keys)).astype(float)
+    arrays: Any = jax.tree.map(jnp.asarray, (time, span, values, weights, taps, conditions, deviations, present,
+                                             inputs, RTOL if most is None else THIN_RTOL))
+    return Records(keys, channels, (*starts, *nuisances, *moved), lengths, complete, Stack(*arrays), family.name,
+                   tuple(strokes), starts)
 
 
 def trim_records(records: Records) -> Records:
@@ -289,12 +271,6 @@ def hold_conditions(records: Records) -> Records:
     still = jnp.where(free, records.stack.condition_sd, 0.0)
     inputs = {name: x for name, x in records.stack.inputs.items() if name != "common"}
     return dc.replace(records, stack=dc.replace(records.stack, condition_sd=still, inputs=inputs))
-
-
-def _last_contact(time: np.ndarray, force: np.ndarray, noise: Noise) -> float:
-    """Time of the last force above four deviations, or the end where there is none."""
-    above = np.flatnonzero(np.nan_to_num(force) > 4.0 * noise.sd)
-    return float(time[above[-1]]) if len(above) else float(time[-1])
 
 
 def default_noise(campaign: Campaign, channel: str, time: np.ndarray) -> Noise:
