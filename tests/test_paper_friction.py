@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar, nnls
 
+from ddetumble import InputError, find_data
+from ddetumble.contact.sliding import CoulombFriction
+from ddetumble.measurement.package import read_campaign
 from ddetumble.paper import judge_campaign, judge_friction
+from ddetumble.paper.contradictions import err_scaled, list_friction_points
 from ddetumble.paper.friction import RELEASED, SCALED
+from ddetumble.paper.friction_page import compare_band, find_band, find_scale
 
 
 LOAD = np.array([39.8, 41.3, 42.1, 44.8, 48.2, 50.3, 53.5, 57.9, 62.6, 66.2, 70.8])
@@ -33,24 +38,16 @@ def slip_term(s, load, e=None):
 
 @pytest.fixture(scope="module")
 def judged():
-    from ddetumble import find_data
-    from ddetumble.measurement.package import read_campaign
-
     return judge_campaign(read_campaign(find_data() / "paper" / "table-4"))
 
 
 @pytest.fixture(scope="module")
 def points():
-    from ddetumble.paper.contradictions import list_friction_points
-
     return {point.number: point for point in list_friction_points(TABLE)}
 
 
 def test_the_model_that_is_named_is_judged(judged):
     """A constant coefficient named as the model is the reference, and no slip term is spoken of."""
-    from ddetumble import InputError, find_data
-    from ddetumble.measurement.package import read_campaign
-
     campaign = read_campaign(find_data() / "paper" / "table-4")
     constant = judge_campaign(campaign, model="coulomb")
     assert constant.reference.heldout == pytest.approx(judged.constant.heldout, rel=1e-6)
@@ -204,8 +201,6 @@ def test_errors_of_table_4(points):
 
 
 def test_band(judged):
-    from ddetumble.paper.friction_page import compare_band, find_band
-
     inside = find_band(PRESSURE)
     assert list(inside) == [6, 7]
     row = find_row(judged, "constant coefficient")
@@ -221,9 +216,6 @@ def test_band(judged):
 
 
 def test_stated_error_of_equation_8(judged):
-    from ddetumble.paper.contradictions import err_scaled
-    from ddetumble.paper.friction_page import find_scale
-
     at = find_scale(judged)
     x = LOAD * (np.pi / 4 * at + HYSTERESIS) / MEASURED
     assert np.max(np.abs(x * x.sum() / np.sum(x**2) - 1)) == pytest.approx(0.226, abs=1e-6)
@@ -249,8 +241,6 @@ def test_forces_that_are_made(exponent):
 
 
 def test_judges_a_constant_as_reference():
-    from ddetumble.contact.sliding import CoulombFriction
-
     found = judge_friction({"normal_load": LOAD}, MEASURED, reference=CoulombFriction())
     assert found.separation == () and found.reference.held == pytest.approx(found.constant.held, rel=1e-6)
     few = judge_friction({"normal_load": LOAD[:3], "internal_pressure": PRESSURE[:3]}, MEASURED[:3])

@@ -92,7 +92,7 @@ def new_figure(height: float, width: float = WIDTH, gap: float = 0.05):
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05, rect=rect))
 
 
-def new_axes(height: float, width: float = WIDTH, grid: str = "y", columns: int = 1, **options):
+def new_axes(height: float, width: float = WIDTH, grid: str = "y", columns: int = 1, **options) -> tuple[Any, ...]:
     """A new figure of that size [inch] and its dressed axes, one or a row of them; options as of `subplots`."""
     figure = new_figure(height, width)
     axes = figure.subplots(1, columns, **options)

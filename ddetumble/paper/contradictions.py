@@ -114,7 +114,7 @@ def printed_restitution(asked: float) -> float:
 
 
 def reversed_restitution(kappa: float) -> float:
-    """Rebound over approach speed with the sign of Eq. 5 at face value [-]: such an impact, backwards."""
+    """Rebound over approach speed [-] with the sign of Eq. 5 at face value, at that damping number."""
     from scipy.optimize import brentq
 
     # Run backwards it is an impact at R v1 with the same c_n that rebounds with v1.
@@ -139,9 +139,10 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
     by_theory, by_measured = error / table["printed"], error / table["measured"]
     # Table 3 is interpolated linearly at Figure 8's pressures, its last value kept beyond its ends.
     rows, pressures = len(table["measured"]), figure["pressure"] / 1e6
-    misses = {(low, high): float(100 * np.max(np.abs(np.interp(
-        pressures, np.linspace(low, high, rows), table["measured"]) / figure["peak"] - 1.0))) for low, high in RANGES}
-    spans = [(f"{low:g} to {high:g}", miss) for (low, high), miss in misses.items()]
+    spans = []
+    for low, high in RANGES:
+        placed = np.interp(pressures, np.linspace(low, high, rows), table["measured"])
+        spans.append((f"{low:g} to {high:g}", float(100 * np.max(np.abs(placed / figure["peak"] - 1.0)))))
     kappa = float(damping_number(jnp.asarray(0.7)))
     pushed = (*times["quarter"], *times["area"])
     return [
@@ -366,7 +367,7 @@ def draw_ranges(misses: Mapping[str, float], measured: np.ndarray, pressures: np
 @eqx.filter_jit
 def _simulate_impacts(law: ContactLaw, conditions: Mapping[str, Any], times: np.ndarray) -> Impact:
     """Impacts at conditions of shape (records,), SI, each at the same times [s]: an `Impact` with a leading axis."""
-    return jax.vmap(lambda one: simulate_impact(law, one, times))(conditions)
+    return jax.vmap(lambda one: simulate_impact(law, one, jnp.asarray(times)))(conditions)
 
 
 @styled

@@ -95,9 +95,9 @@ def follow_impact(table: Momentum, before: float, after: float) -> Tumble:
     during = simulate_tumbling(inertia, attitude, spin, np.linspace(0.0, IMPACT_TIME, 9), moment)
     later = propagate_torque_free(inertia, during.attitude[-1], during.angular_velocity[-1],
                                   np.arange(STEP, after, STEP))
-    attitude, rates = (np.concatenate([getattr(part, name) for part in (earlier, during, later)])
+    attitude, rates = (jnp.concatenate([getattr(part, name) for part in (earlier, during, later)])
                        for name in ("attitude", "angular_velocity"))
-    time = np.concatenate([earlier.time, during.time, np.asarray(later.time) + IMPACT_TIME])
+    time = jnp.concatenate([earlier.time, during.time, later.time + IMPACT_TIME])
     return Tumble(time, attitude, rates, during.failed, during.steps)
 
 
@@ -170,7 +170,7 @@ def draw_demand(demands: Mapping[str, Mapping[str, Any]], printed: np.ndarray):
 
 @styled
 def draw_passages(passages: Mapping[str, Tumble], values: Callable[[Tumble], Mapping[str, Any]], height: float,
-                  label: str, limits: tuple[float | None, float | None], place: str, colours: Sequence[str]):
+                  label: str, limits: tuple[float | None, float | None], place: Any, colours: Sequence[str]):
     """Figures 18 to 22: values before and after the impacts of both tables.
 
     Args:

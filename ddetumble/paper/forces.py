@@ -148,7 +148,7 @@ class PairedDifference:
         first, second: their labels.
         difference: mean of |error of first| - |error of second| over the records [-], > 0 where the second is better.
         standard_error: of that mean, records taken as independent [-].
-        p_value: of the sign-flip test that the second is no better.
+        p_value: that the second is no better, by flipping signs.
     """
 
     first: str
@@ -169,28 +169,21 @@ class PairedDifference:
 
 
 def compare_rows(first: PeakRow, second: PeakRow) -> PairedDifference:
-    """Paired difference of two models' held-out errors, with the p-value of `flip_signs`; failures count as 1000 %."""
+    """Paired difference of two models' held-out errors; failures count as 1000 %.
+
+    The p-value is the place of the mean among those with the signs of the records flipped, in all ways up to 12
+    records, else in 4096.
+    """
     a, b = (np.nan_to_num(np.abs(row.out), nan=10.0, posinf=10.0) for row in (first, second))
     # Ties within a millionth are ties: differences of two numerical solutions are no evidence.
     gap = np.where(np.abs(a - b) < 1e-6, 0.0, a - b)
-    return PairedDifference(first.label, second.label, float(gap.mean()),
-                            float(gap.std(ddof=1) / np.sqrt(len(gap))), flip_signs(gap))
-
-
-def flip_signs(gap: np.ndarray) -> float:
-    """P-value of a mean above zero: its place among the means with the signs of the records flipped.
-
-    All ways of flipping up to 12 records, else 4096 of them.
-
-    Args:
-        gap: one difference a record, shape (records,).
-    """
     if len(gap) <= 12:
         flips = 1 - 2 * ((np.arange(2 ** len(gap))[:, None] >> np.arange(len(gap))) & 1)
     else:
         flips = np.random.default_rng(0).choice([-1, 1], size=(4096, len(gap)))
         flips[0] = 1
-    return float(np.mean(flips @ gap >= gap.sum() - 1e-12))
+    return PairedDifference(first.label, second.label, float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(len(gap))),
+                            float(np.mean(flips @ gap >= gap.sum() - 1e-12)))
 
 
 def judge_gain(before: PeakRow, after: PeakRow, tried: int) -> float:

@@ -39,8 +39,6 @@ from .peaks import choose_effects
 
 LEAST = 1e-6  # the smallest tan(delta) that is tried: K is a quotient by it
 SCALED, RELEASED = "Eq. 8 times one scale, K as the toolkit has it", "Eq. 8, weights of either sign"
-UNSEEN = {"presliding": "no slip is given", "frictional-heating": "no slip is given, hence no friction work"}
-SPEEDS = ("stribeck", "viscous-friction")
 SYMBOLS = {"loss_factor": "tan δ", "adhesion": "K tan δ"}
 
 
@@ -239,7 +237,7 @@ def judge_friction(
 
     reference = RubberFriction() if reference is None else reference
     forces = gather_forces(conditions, "normal_load", peaks, sd)
-    chosen, left_out = _choose_effects(SLIP, reference, forces.conditions)
+    chosen, left_out = choose_effects(SLIP, reference, forces.conditions)
     rivals = judge_rivals(forces, printed)
     if printed is not None:
         column = np.asarray(printed, float)
@@ -267,17 +265,6 @@ def judge_friction(
                  outside=int(np.sum(forces.x > DIVERGES_ABOVE)), diverges=DIVERGES_ABOVE,
                  released=released and released.estimates["loss_factor"], best=describe_best(judged))
     return dc.replace(judged, sentence=say("peaks.friction", j=judged), notes=tuple(notes))
-
-
-def _choose_effects(effects, reference, conditions):
-    """Effects that forces at these conditions can see, and the others with the reason."""
-    chosen, left_out = choose_effects(effects, reference, conditions)
-    for effect in chosen:
-        if effect.id in UNSEEN:
-            left_out[effect.id] = UNSEEN[effect.id]
-        elif effect.id in SPEEDS and len(np.unique(conditions["slip_speed"])) < 2:
-            left_out[effect.id] = "all strokes have one speed"
-    return tuple(effect for effect in chosen if effect.id not in left_out), left_out
 
 
 def describe_best(judged: FrictionJudgement) -> str:

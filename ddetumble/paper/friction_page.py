@@ -2,9 +2,10 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, cast
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._sentences import say
@@ -25,7 +26,7 @@ def find_band(pressures: np.ndarray) -> np.ndarray:
     return np.flatnonzero((pressures >= BAND[0] - 1.0) & (pressures <= BAND[1] + 1.0))
 
 
-def compare_band(row: PeakRow, inside: Sequence[int] | np.ndarray) -> dict[str, Any]:
+def compare_band(row: PeakRow, inside: np.ndarray) -> dict[str, Any]:
     """Exact permutation test: are the left-out errors of a model larger in the band than elsewhere?
 
     Args:
@@ -38,10 +39,10 @@ def compare_band(row: PeakRow, inside: Sequence[int] | np.ndarray) -> dict[str, 
         neighbouring rows, which is all that a band of pressures can be.
     """
     error, count = np.abs(row.out), len(inside)
-    mean = float(error[list(inside)].mean())
+    mean = float(error[inside].mean())
     every = [error[list(some)].mean() for some in itertools.combinations(range(len(error)), count)]
     runs = [error[k: k + count].mean() for k in range(len(error) - count + 1)]
-    return {"label": row.label, "inside": mean, "outside": float(np.delete(error, list(inside)).mean()),
+    return {"label": row.label, "inside": mean, "outside": float(np.delete(error, inside).mean()),
             "p_value": float(np.mean(np.array(every) >= mean - 1e-12)),
             "p_adjacent": float(np.mean(np.array(runs) >= mean - 1e-12))}
 
@@ -87,8 +88,8 @@ def draw_range(loads: np.ndarray):
                            title="normal load; dashed: beyond the range of Eq. 10", alignment="left")
     legend.get_title().set_fontsize(9.5)
     load = np.linspace(0.0, 75.0, 301)
-    a, b, _, d, _ = slip_coefficients(load)
-    for axes, value, text, at in ((lower[0], b + np.abs(d), "b + |d| [1/mm]: above 0 the curve diverges",
+    a, b, _, d, _ = map(np.asarray, slip_coefficients(jnp.asarray(load)))
+    for axes, value, text, at in ((lower[0], b + abs(d), "b + |d| [1/mm]: above 0 the curve diverges",
                                    DIVERGES_ABOVE), (lower[1], a, "a: below 0 friction pushes", CHANGES_SIGN_AT)):
         _shade_loads(axes, loads)
         good = load <= at
@@ -151,7 +152,7 @@ def draw_comparison(judged: FrictionJudgement, printed: np.ndarray):
 
 
 @styled
-def draw_band(judged: FrictionJudgement, inside: Sequence[int]):
+def draw_band(judged: FrictionJudgement, inside: np.ndarray):
     """Figure 12 from the printed numbers: friction over pressure, where it bends, and errors in the band."""
     figure = new_figure(3.6)
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.1, 1, 1.1))
@@ -240,15 +241,6 @@ def draw_scales(judged: FrictionJudgement, at: float):
     return figure
 
 
-def draw_friction_models(judged: FrictionJudgement):
-    """Friction over load with the models side by side, and their errors with each record left out."""
-    style = {"printed column as it stands": (GREY, "--^"), "constant coefficient": (AFTER, "-s"),
-             judged.polynomial.label: (KIN, "-D"), RELEASED: (BEFORE, "-v"), SCALED: (BEFORE, ":x")}
-    rows = {row.label: row for row in judged.rows}
-    return draw_values(judged, shown=[(rows[label], *look) for label, look in style.items() if label in rows],
-                       over_load=True)
-
-
 SHOWN = 2.05e6  # Pa, Figure 11
 
 
@@ -300,7 +292,7 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
     at, inside = find_scale(judged), find_band(table["pressure"])
     load, friction = (float(np.interp(SHOWN, table["pressure"], table[name])) for name in ("load", "measured"))
     rows = {row.label: row for row in judged.rows}
-    band = _examine_band(judged, inside)
+    band, column = _examine_band(judged, inside), judged.printed[0]
     # Ranges of pressures that miss Figure 8 by less than 7 %, with the rows that would lie in the band.
     placed = [find_band(1e6 * np.linspace(low, high, len(judged.peaks))) for low, high in RANGES
               if misses[f"{low:g}-{high:g}"] < 7.0]
@@ -309,8 +301,10 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
         [pair for pair in judged.pairs if pair is not far],
         "mean |error| of the first minus that of the constant [points]; > 0: the constant is better")
     best = describe_best(judged)
+    shown = [(column, GREY, "--^"), (judged.constant, AFTER, "-s"), (judged.polynomial, KIN, "-D"),
+             (rows[RELEASED], BEFORE, "-v"), (rows[SCALED], BEFORE, ":x")]
     figures = {
-        "table-4-models": draw_friction_models(judged), "table-4-ladder": draw_ladder(judged),
+        "table-4-models": draw_values(judged, shown=shown, over_load=True), "table-4-ladder": draw_ladder(judged),
         "table-4-differences": against, "table-4-pressure": draw_coefficient(judged),
         "table-4-scale": draw_scales(judged, at), "figure-14": draw_comparison(judged, table["printed"]),
         "figure-12": draw_band(judged, inside), "figure-11": draw_stroke(load, friction),
@@ -321,8 +315,8 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
                       notes=[note for note in judged.notes if note != best], mean=judged.ratio[0],
                       spread=judged.ratio[1], uncorrected=UNCORRECTED, corrected=CORRECTED, at=at,
                       scaled=rows[SCALED].worst_fit, constant=judged.constant.worst_fit,
-                      printed=judged.printed[0].worst_fit, scaled_name=SCALED, far=far,
-                      tangent=rows.get(RELEASED, judged.reference).estimates["loss_factor"]),
+                      printed=column.worst_fit, scaled_name=SCALED, far=far,
+                      tangent=rows[RELEASED].estimates["loss_factor"]),
         write_section("paper.figures_11_to_14", figures, band=band["sentence"],
                       same=sum(np.array_equal(inside, some) for some in placed), ranges=len(placed), rows=band["rows"],
                       shown=SHOWN / 1e6, load=load, friction=friction),

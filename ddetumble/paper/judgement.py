@@ -23,7 +23,7 @@ from .forces import (
     judge_rivals,
     tabulate,
 )
-from .peaks import Bench, PeakProgram, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
+from .peaks import Bench, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
 
 
 @dc.dataclass(frozen=True, kw_only=True)
@@ -203,7 +203,7 @@ def judge_peaks(
     forces = gather_forces(conditions, "initial_pressure", peaks, sd)
     chosen, left_out = choose_effects(IMPACT if effects is None else effects, reference, forces.conditions)
     rivals = judge_rivals(forces, printed)
-    bench = Bench(PeakProgram(reference, chosen), forces)
+    bench = Bench(reference, chosen, forces)
     bench.choose_free()
     base = bench.solve([Recipe("our model, from pressure alone", "reference", (), bench.free)])[0]
     gauge = "initial_pressure" in assumed or bool(np.any(forces.x == 0))

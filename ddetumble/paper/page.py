@@ -11,26 +11,13 @@ from .._sentences import say
 from .._settings import find_data
 from ..contact.law import Ball
 from ..effects import IMPACT
-from .contradictions import (
-    ELSEWHERE,
-    READINGS,
-    draw_core,
-    draw_duration,
-    draw_errors,
-    draw_pressure,
-    draw_ranges,
-    draw_readings,
-    draw_restitution,
-    draw_sign,
-    list_contradictions,
-    list_friction_points,
-)
+from . import contradictions
 from .detumbling import write_detumbling
 from .forces import PeakRow, compare_rows, describe_estimates, make_interval
 from .friction_page import draw_friction_errors, draw_range, draw_rest, read_friction, write_friction
 from .judgement import PeakJudgement, fit_exponent, judge_campaign
 from .peak_page import draw_corrections, draw_differences, draw_growth, draw_ladder, draw_values
-from .peaks import ATMOSPHERE, NONE, Bench, PeakProgram, Recipe, choose_effects
+from .peaks import ATMOSPHERE, NONE, Bench, Recipe, choose_effects
 from .section import read_errors, write_section
 from .tumbling import write_tumbling
 
@@ -61,12 +48,12 @@ def correct_printed(bench: Bench, mass: float, printed: np.ndarray) -> tuple[lis
     from scipy.interpolate import CubicSpline
     from scipy.optimize import minimize_scalar
 
-    forces, place, count = bench.forces, bench.program.space.coordinates, len(bench.forces)
+    forces, place, count = bench.forces, bench.space.coordinates, len(bench.forces)
     conditions = {**forces.conditions, "initial_pressure": forces.x + ATMOSPHERE}
 
     def compute(values: Mapping[str, float], **changed: np.ndarray) -> np.ndarray:
         x = place({"effective_mass": mass, **values})[None]
-        return bench.program.evaluate(x, NONE, {**conditions, **changed})[0][0]
+        return bench.evaluate(x, NONE, {**conditions, **changed})[0][0]
 
     rows, ratios = [], {}
     for name, (low, high), words in CHANGES:
@@ -122,18 +109,20 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     friction, masses = read_friction(slipped), vary_restitution(peaks)
     mass = masses[RESTITUTIONS.index(KEPT)]["mass"]
     times = {"ours": peaks.contact[0], **{name: time_impacts(name, peaks) for name in ("quarter", "area")}}
-    points = list_contradictions(
+    points = contradictions.list_contradictions(
         {"measured": forces.peaks, "printed": printed, "printed_error": stated},
-        {"pressure": peaks.forces.x, "peak": peaks.peaks}, times) + list_friction_points(friction)
+        {"pressure": peaks.forces.x, "peak": peaks.peaks}, times) + contradictions.list_friction_points(friction)
     points = {point.number: point for point in sorted(points, key=lambda point: point.number)}
     misses = points[8].values
     worst, exponent = 100 * peaks.reference.worst_fit, fit_exponent(peaks.forces)
     figures = {
-        "row-01-readings": draw_readings(), "row-02-core": draw_core(), "row-03-pressure": draw_pressure(),
-        "row-04-restitution": draw_restitution(), "row-05-rest": draw_rest(friction["load"]),
-        "row-06-range": draw_range(friction["load"]), "row-07-errors": draw_errors(forces.peaks, printed, stated),
-        "row-08-abscissae": draw_ranges(misses, forces.peaks, peaks.forces.x / 1e6, peaks.peaks),
-        "row-09-duration": draw_duration(peaks.forces.x, peaks.peaks, mass), "row-12-sign": draw_sign(mass),
+        "row-01-readings": contradictions.draw_readings(), "row-02-core": contradictions.draw_core(),
+        "row-03-pressure": contradictions.draw_pressure(), "row-04-restitution": contradictions.draw_restitution(),
+        "row-05-rest": draw_rest(friction["load"]), "row-06-range": draw_range(friction["load"]),
+        "row-07-errors": contradictions.draw_errors(forces.peaks, printed, stated),
+        "row-08-abscissae": contradictions.draw_ranges(misses, forces.peaks, peaks.forces.x / 1e6, peaks.peaks),
+        "row-09-duration": contradictions.draw_duration(peaks.forces.x, peaks.peaks, mass),
+        "row-12-sign": contradictions.draw_sign(mass),
         "row-13-errors": draw_friction_errors(friction["measured"], friction["printed"], friction["printed_error"]),
         "figure-8-growth": draw_growth(peaks, exponent), "figure-8-ladder": draw_ladder(peaks),
         "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
@@ -146,7 +135,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     detumbling, impacts = write_detumbling(peaks.peaks, forces.peaks, printed, mean)
     spans = [one["worst"] for one in masses]
     sections = [
-        write_section("paper.points", figures, points=points.values(), elsewhere=ELSEWHERE.items(),
+        write_section("paper.points", figures, points=points.values(), elsewhere=contradictions.ELSEWHERE.items(),
                       drawn=[(name, points[int(name[4:6])]) for name in figures if name.startswith("row-")]),
         write_section("paper.figure_8", figures, [peaks.table()], verdict=peaks.verdict, sentence=peaks.sentence,
                       notes=peaks.notes, worst=worst, masses=masses, least=min(spans), most=max(spans),
@@ -178,7 +167,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
 
 def set_up_bench(judged: PeakJudgement) -> Bench:
     """A bench for the peaks of a judgement with the whole catalogue, which shares the judgement's compiled program."""
-    return Bench(PeakProgram(Ball(), choose_effects(IMPACT, Ball(), judged.forces.conditions)[0]), judged.forces)
+    return Bench(Ball(), choose_effects(IMPACT, Ball(), judged.forces.conditions)[0], judged.forces)
 
 
 def vary_restitution(judged: PeakJudgement) -> list[dict[str, float]]:
@@ -202,12 +191,11 @@ def time_impacts(name: str, judged: PeakJudgement) -> np.ndarray:
 
     The doubled core, which moves these times by less than a per cent, is left out of `quarter`.
     """
-    bench = set_up_bench(judged)
-    start = {"effective_mass": 4.0}
     if name == "quarter":
-        start["contact_radius_coefficient"] = 0.25
+        bench, start = set_up_bench(judged), {"effective_mass": 4.0, "contact_radius_coefficient": 0.25}
     else:
-        bench.program = PeakProgram(Ball(**READINGS[name][0]), ())
+        bench = Bench(Ball(**contradictions.READINGS[name][0]), (), judged.forces)
+        start = {"effective_mass": 4.0}
     return bench.contact(bench.solve([Recipe(name, "reference", (), ("effective_mass",), (start,))])[0])[0]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import stop
-from ..contact.effect import AbstractEffect, parameters_of
+from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..contact.law import AbstractReference, ContactLaw
 from ..dynamics.impact import simulate_impact
 from ..inference.parameters import ParameterSpace
@@ -68,56 +68,6 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array,
                             jnp.max(impact.depression)])
 
 
-class PeakProgram:
-    """Peaks of impacts, and their derivatives, for any values of the parameters of a reference model and its effects.
-
-    Programs with equal parameter spaces share one compilation, whatever the number of records and models.
-
-    Args:
-        reference: template of the reference model.
-        effects: classes of the effects that may be switched on.
-    """
-
-    def __init__(self, reference: AbstractReference, effects: Sequence[type[AbstractEffect]]):
-        self.space = ParameterSpace(reference, effects)
-        self.scale = self.space.scales()
-        self.low, self.high = self.space.bounds()
-        for k, slot in enumerate(self.space.slots):
-            if slot.parameter.sign > 0:
-                self.low[k] = max(self.low[k], slot.parameter.default)
-            if slot.parameter.sign < 0:
-                self.high[k] = min(self.high[k], slot.parameter.default)
-
-    def number(self, names: Sequence[str]) -> list[int]:
-        """Numbers of free coordinates by name, filled up with -1."""
-        return [self.space.index[name] for name in names] + [-1] * (DIRECTIONS - len(names))
-
-    def evaluate(self, x: np.ndarray, free: np.ndarray, conditions: Mapping[str, np.ndarray]) \
-            -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Peaks and their derivatives by the free coordinates, for a batch of models on the same records.
-
-        Args:
-            x: coordinates, shape (batch, parameters).
-            free: numbers of the free coordinates, shape (batch, DIRECTIONS); -1 for none.
-            conditions: of the records, arrays of shape (records,), SI.
-
-        Returns:
-            Peaks, shape (batch, records) [N]; derivatives, shape (batch, records, DIRECTIONS) [N]; contact times [s],
-            ratios of rebound to approach speed [-] and largest depressions [m], shape (batch, records, 3).
-        """
-        batch, records = len(x), len(next(iter(conditions.values())))
-        owner, record = np.divmod(np.arange(batch * records), records)
-        parts = []
-        for first in range(0, batch * records, CHUNK):
-            # All calls are of one size: the last impact fills up the last of them.
-            take = np.minimum(np.arange(first, first + CHUNK), batch * records - 1)
-            row = {name: np.asarray(value, dtype=float)[record[take]] for name, value in conditions.items()}
-            parts.append(_evaluate(self.space, x[owner[take]], free[owner[take]], row))
-        peaks, slopes, contact = (np.concatenate(some)[: batch * records] for some in zip(*parts, strict=True))
-        return (peaks.reshape(batch, records), slopes.reshape(batch, records, DIRECTIONS),
-                contact.reshape(batch, records, 3))
-
-
 @partial(jax.jit, static_argnums=0)
 def _evaluate(space: ParameterSpace, x: Array, free: Array, conditions: Mapping[str, Array]):
     """Peaks, shape (impacts,), derivatives, shape (impacts, DIRECTIONS), and what `peak_force` gives beside."""
@@ -130,59 +80,6 @@ def _evaluate(space: ParameterSpace, x: Array, free: Array, conditions: Mapping[
         return jax.vmap(lambda d: jax.jvp(peak, (x,), (d,), has_aux=True), out_axes=(None, 0, None))(directions)
 
     return jax.vmap(one)(x, basis, conditions)
-
-
-def minimise_batch(program: PeakProgram, forces: Forces, weights: np.ndarray, x: np.ndarray, free: np.ndarray,
-                   most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    r"""Levenberg-Marquardt on a batch: minimise $\sum_i W_i^2 (F_i(x) - y_i)^2$ within each coordinate's limits.
-
-    Args:
-        program: peaks and derivatives.
-        forces: measured peaks.
-        weights: $W$, shape (batch, records) [1/N]; 0 leaves a record out.
-        x: starts, shape (batch, parameters).
-        free: numbers of the free coordinates, shape (batch, DIRECTIONS), -1 for none.
-        most: steps at most.
-
-    Returns:
-        Coordinates, peaks, derivatives, costs and whether each converged.
-    """
-    # A last column that nothing reads stands for the coordinates numbered -1.
-    x = np.column_stack([x, np.zeros(len(x))])
-    scale, low, high = (np.append(ends, last)[free] for ends, last in (
-        (program.scale, 1.0), (program.low, -np.inf), (program.high, np.inf)))
-    model, slopes, _ = program.evaluate(x[:, :-1], free, forces.conditions)
-    cost = _costs(model, forces.peaks, weights)
-    damping, done = np.full(len(x), 1e-3), np.zeros(len(x), dtype=bool)
-    for _ in range(most):
-        live = np.flatnonzero(~done)
-        if not live.size:
-            break
-        residual = np.where(weights[live] > 0, weights[live] * (np.nan_to_num(model[live]) - forces.peaks), 0.0)
-        jacobian = weights[live][:, :, None] * np.nan_to_num(slopes[live]) * scale[live][:, None, :]
-        here = np.take_along_axis(x[live], free[live], axis=1)
-        gradient = np.einsum("bnk,bn->bk", jacobian, residual)
-        # A coordinate at its limit that wants to go further stays there.
-        stuck = ((here <= low[live]) & (gradient > 0)) | ((here >= high[live]) & (gradient < 0))
-        jacobian = np.where(stuck[:, None, :], 0.0, jacobian)
-        gradient = np.einsum("bnk,bn->bk", jacobian, residual)
-        normal = np.einsum("bnk,bnl->bkl", jacobian, jacobian)
-        size = np.einsum("bkk->bk", normal)
-        ridge = damping[live][:, None] * np.maximum(size, 1e-9) + np.where(size > 0, 0.0, 1.0)
-        step = -np.linalg.solve(normal + ridge[:, :, None] * np.eye(DIRECTIONS), gradient[..., None])[..., 0]
-        step, trial = np.clip(step, -3.0, 3.0), x[live]
-        np.put_along_axis(trial, free[live], np.clip(here + scale[live] * step, low[live], high[live]), axis=1)
-        new_model, new_slopes, _ = program.evaluate(trial[:, :-1], free[live], forces.conditions)
-        new_cost = _costs(new_model, forces.peaks, weights[live])
-        better, old = new_cost < cost[live], cost[live]
-        take = live[better]
-        x[take], model[take], slopes[take], cost[take] = (
-            trial[better], new_model[better], new_slopes[better], new_cost[better])
-        with np.errstate(invalid="ignore"):
-            small = better & (old - new_cost < 1e-5 * old)
-        done[live] = small | (np.abs(step).max(axis=1) < 1e-6) | (damping[live] > 1e7)
-        damping[live] = np.where(better, np.maximum(damping[live] * 0.2, 1e-9), damping[live] * 8.0)
-    return x[:, :-1], model, slopes, cost, done & np.isfinite(cost)
 
 
 def _costs(model: np.ndarray, peaks: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -230,7 +127,14 @@ class PeakFit:
 
 
 class Bench:
-    """Peaks and the compiled program; makes rows of recipes.
+    """Peaks of impacts for any values of the parameters of a reference model and its effects; makes rows of recipes.
+
+    Benches with equal parameter spaces share one compiled program, whatever the number of records and models.
+
+    Args:
+        reference: template of the reference model.
+        effects: classes of the effects that may be switched on.
+        forces: measured peaks.
 
     Attributes:
         free: reference parameters that are fitted.
@@ -238,16 +142,103 @@ class Bench:
         fits: the fit behind each row, by label.
     """
 
-    def __init__(self, program: PeakProgram, forces: Forces):
-        self.program, self.forces = program, forces
+    def __init__(self, reference: AbstractReference, effects: Sequence[type[AbstractEffect]], forces: Forces):
+        self.forces, self.space = forces, ParameterSpace(reference, effects)
         self.free: tuple[str, ...] = ()
         self.fixed: dict[str, float] = {}
         self.fits: dict[str, PeakFit] = {}
+        self.scale = self.space.scales()
+        self.low, self.high = self.space.bounds()
+        for k, slot in enumerate(self.space.slots):
+            if slot.parameter.sign > 0:
+                self.low[k] = max(self.low[k], slot.parameter.default)
+            if slot.parameter.sign < 0:
+                self.high[k] = min(self.high[k], slot.parameter.default)
+
+    def number(self, names: Sequence[str]) -> list[int]:
+        """Numbers of free coordinates by name, filled up with -1."""
+        return [self.space.index[name] for name in names] + [-1] * (DIRECTIONS - len(names))
+
+    def evaluate(self, x: np.ndarray, free: np.ndarray, conditions: Mapping[str, np.ndarray]) \
+            -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Peaks and their derivatives by the free coordinates, for a batch of models on the same records.
+
+        Args:
+            x: coordinates, shape (batch, parameters).
+            free: numbers of the free coordinates, shape (batch, DIRECTIONS); -1 for none.
+            conditions: of the records, arrays of shape (records,), SI.
+
+        Returns:
+            Peaks, shape (batch, records) [N]; derivatives, shape (batch, records, DIRECTIONS) [N]; contact times [s],
+            ratios of rebound to approach speed [-] and largest depressions [m], shape (batch, records, 3).
+        """
+        batch, records = len(x), len(next(iter(conditions.values())))
+        owner, record = np.divmod(np.arange(batch * records), records)
+        parts = []
+        for first in range(0, batch * records, CHUNK):
+            # All calls are of one size: the last impact fills up the last of them.
+            take = np.minimum(np.arange(first, first + CHUNK), batch * records - 1)
+            row = {name: np.asarray(value, dtype=float)[record[take]] for name, value in conditions.items()}
+            parts.append(_evaluate(self.space, x[owner[take]], free[owner[take]], row))
+        peaks, slopes, contact = (np.concatenate(some)[: batch * records] for some in zip(*parts, strict=True))
+        return (peaks.reshape(batch, records), slopes.reshape(batch, records, DIRECTIONS),
+                contact.reshape(batch, records, 3))
+
+    def minimise(self, forces: Forces, weights: np.ndarray, x: np.ndarray, free: np.ndarray, most: int
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        r"""Levenberg-Marquardt on a batch: minimise $\sum_i W_i^2 (F_i(x) - y_i)^2$ within each coordinate's limits.
+
+        Args:
+            forces: measured peaks, whose conditions may be read in another way than the bench's.
+            weights: $W$, shape (batch, records) [1/N]; 0 leaves a record out.
+            x: starts, shape (batch, parameters).
+            free: numbers of the free coordinates, shape (batch, DIRECTIONS), -1 for none.
+            most: steps at most.
+
+        Returns:
+            Coordinates, peaks, derivatives, costs and whether each converged.
+        """
+        # A last column that nothing reads stands for the coordinates numbered -1.
+        x = np.column_stack([x, np.zeros(len(x))])
+        scale, low, high = (np.append(ends, last)[free] for ends, last in (
+            (self.scale, 1.0), (self.low, -np.inf), (self.high, np.inf)))
+        model, slopes, _ = self.evaluate(x[:, :-1], free, forces.conditions)
+        cost = _costs(model, forces.peaks, weights)
+        damping, done = np.full(len(x), 1e-3), np.zeros(len(x), dtype=bool)
+        for _ in range(most):
+            live = np.flatnonzero(~done)
+            if not live.size:
+                break
+            residual = np.where(weights[live] > 0, weights[live] * (np.nan_to_num(model[live]) - forces.peaks), 0.0)
+            jacobian = weights[live][:, :, None] * np.nan_to_num(slopes[live]) * scale[live][:, None, :]
+            here = np.take_along_axis(x[live], free[live], axis=1)
+            gradient = np.einsum("bnk,bn->bk", jacobian, residual)
+            # A coordinate at its limit that wants to go further stays there.
+            stuck = ((here <= low[live]) & (gradient > 0)) | ((here >= high[live]) & (gradient < 0))
+            jacobian = np.where(stuck[:, None, :], 0.0, jacobian)
+            gradient = np.einsum("bnk,bn->bk", jacobian, residual)
+            normal = np.einsum("bnk,bnl->bkl", jacobian, jacobian)
+            size = np.einsum("bkk->bk", normal)
+            ridge = damping[live][:, None] * np.maximum(size, 1e-9) + np.where(size > 0, 0.0, 1.0)
+            step = -np.linalg.solve(normal + ridge[:, :, None] * np.eye(DIRECTIONS), gradient[..., None])[..., 0]
+            step, trial = np.clip(step, -3.0, 3.0), x[live]
+            np.put_along_axis(trial, free[live], np.clip(here + scale[live] * step, low[live], high[live]), axis=1)
+            new_model, new_slopes, _ = self.evaluate(trial[:, :-1], free[live], forces.conditions)
+            new_cost = _costs(new_model, forces.peaks, weights[live])
+            better, old = new_cost < cost[live], cost[live]
+            take = live[better]
+            x[take], model[take], slopes[take], cost[take] = (
+                trial[better], new_model[better], new_slopes[better], new_cost[better])
+            with np.errstate(invalid="ignore"):
+                small = better & (old - new_cost < 1e-5 * old)
+            done[live] = small | (np.abs(step).max(axis=1) < 1e-6) | (damping[live] > 1e7)
+            damping[live] = np.where(better, np.maximum(damping[live] * 0.2, 1e-9), damping[live] * 8.0)
+        return x[:, :-1], model, slopes, cost, done & np.isfinite(cost)
 
     def choose_free(self) -> None:
         """Free the reference parameters that these peaks can tell apart, in the order of the model's own list."""
-        names = self.program.space.of([None])
-        columns = self.sensitivities(self.program.space.coordinates(), names)
+        names = self.space.of([None])
+        columns = self.sensitivities(self.space.coordinates(), names)
         basis = np.zeros((len(self.forces), 0))
         for k, name in enumerate(names):
             size = np.linalg.norm(columns[:, k])
@@ -257,16 +248,16 @@ class Bench:
                 basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
                 self.free += (name,)
             else:
-                self.fixed[name] = self.program.space.parameter(name).default
+                self.fixed[name] = self.space.parameter(name).default
 
     def sensitivities(self, x: np.ndarray, names: Sequence[str]) -> np.ndarray:
         """Derivatives of the weighted peaks by coordinates in typical sizes, shape (records, names)."""
         found = []
         for first in range(0, len(names), DIRECTIONS):
             some = names[first: first + DIRECTIONS]
-            free = self.program.number(some)
-            _, slopes, _ = self.program.evaluate(x[None], np.array([free]), self.forces.conditions)
-            found.append(np.nan_to_num(slopes[0])[:, : len(some)] * self.program.scale[free[: len(some)]])
+            free = self.number(some)
+            _, slopes, _ = self.evaluate(x[None], np.array([free]), self.forces.conditions)
+            found.append(np.nan_to_num(slopes[0])[:, : len(some)] * self.scale[free[: len(some)]])
         return np.concatenate(found, axis=1) * self.forces.weights[:, None]
 
     def solve(self, recipes: Sequence[Recipe], gauge: bool = False, most: int | None = None) -> list[PeakRow]:
@@ -279,30 +270,30 @@ class Bench:
         """
         if not recipes:
             return []
-        forces, program, records = self.forces, self.program, len(self.forces)
+        forces, records = self.forces, len(self.forces)
         if gauge:
             forces = dc.replace(forces, conditions={**forces.conditions, "initial_pressure": forces.x + ATMOSPHERE})
-        starts = np.array([program.space.coordinates(start) for recipe in recipes for start in recipe.starts])
-        free = np.array([program.number(recipe.free) for recipe in recipes for _ in recipe.starts])
+        starts = np.array([self.space.coordinates(start) for recipe in recipes for start in recipe.starts])
+        free = np.array([self.number(recipe.free) for recipe in recipes for _ in recipe.starts])
         owner = np.repeat(np.arange(len(recipes)), [len(recipe.starts) for recipe in recipes])
         # A few steps from every start, and then the best start of each model to the end.
-        x, _, _, cost, _ = minimise_batch(program, forces, np.tile(forces.weights, (len(starts), 1)), starts, free, 10)
+        x, _, _, cost, _ = self.minimise(forces, np.tile(forces.weights, (len(starts), 1)), starts, free, 10)
         best = [min(np.flatnonzero(owner == k), key=cost.__getitem__) for k in range(len(recipes))]
-        x, model, slopes, cost, done = minimise_batch(
-            program, forces, np.tile(forces.weights, (len(best), 1)), x[best], free[best], 50)
+        x, model, slopes, cost, done = self.minimise(
+            forces, np.tile(forces.weights, (len(best), 1)), x[best], free[best], 50)
         free, keep = free[best], np.arange(len(recipes))
         if most is not None:
             keep = np.argsort(cost, kind="stable")[:most]
-        _, _, contact = program.evaluate(x[keep], free[keep], forces.conditions)
+        _, _, contact = self.evaluate(x[keep], free[keep], forces.conditions)
         # Each record is left out and predicted by a fit to the others, from the full fit.
-        fold_x, held, _, fold_cost, _ = minimise_batch(
-            program, forces, np.tile(forces.weights * (1.0 - np.eye(records)), (len(keep), 1)),
+        fold_x, held, _, fold_cost, _ = self.minimise(
+            forces, np.tile(forces.weights * (1.0 - np.eye(records)), (len(keep), 1)),
             np.repeat(x[keep], records, axis=0), np.repeat(free[keep], records, axis=0), 20)
         held = np.where(np.isfinite(fold_cost)[:, None], held, np.nan).reshape(len(keep), records, records)
         fold_x, fold_cost = fold_x.reshape(len(keep), records, -1), fold_cost.reshape(len(keep), records)
-        reference: Any = program.space.reference
+        reference: Any = self.space.reference
         diameter, rows = float(reference.diameter()), []
-        for n, k in enumerate(keep):
+        for n, k in enumerate(keep.tolist()):
             recipe, squeeze = recipes[k], contact[n, :, 2].max()
             self.fits[recipe.label] = PeakFit(recipe.free, x[k], fold_x[n], fold_cost[n], contact[n])
             outside = self._outside(recipe.free, x[k])
@@ -317,7 +308,7 @@ class Bench:
     def _estimate(self, names: tuple[str, ...], x: np.ndarray, model: np.ndarray, slopes: np.ndarray
                   ) -> dict[str, dict]:
         """Estimates with standard errors: from the noise, or from the residuals where they are larger."""
-        peaks, numbers = self.forces.peaks, [self.program.space.index[name] for name in names]
+        peaks, numbers = self.forces.peaks, [self.space.index[name] for name in names]
         left = max(len(peaks) - len(names), 1)
         scale = np.nanmax([np.nanmean(self.forces.share), np.sqrt(np.sum((model / peaks - 1.0) ** 2) / left)])
         jacobian = np.nan_to_num(slopes[:, : len(names)]) / peaks[:, None]
@@ -325,10 +316,10 @@ class Bench:
         unit = jacobian / np.where(size > 0, size, 1.0)
         variance = scale**2 * np.diag(np.linalg.pinv(unit.T @ unit, rcond=1e-12))
         # Below a millionth of a percent a unit step does nothing: the number is not seen at all.
-        seen = size * self.program.scale[numbers] > 1e-8
+        seen = size * self.scale[numbers] > 1e-8
         sd = np.where(seen, np.sqrt(np.maximum(variance, 0.0)) / np.where(seen, size, 1.0), np.inf)
         with np.errstate(over="ignore"):  # of what the peaks do not fix, the interval is the whole range
-            return {name: self.program.space.public(name, x, float(error))
+            return {name: self.space.public(name, x, float(error))
                     for name, error in zip(names, sd, strict=True)}
 
     def starts_of(self, effect: type[AbstractEffect]) -> list[dict[str, float]]:
@@ -350,8 +341,8 @@ class Bench:
         effects, recipes = base.effects if base else (), []
         free = self.fits[base.label].names if base else self.free
         here = self._begin(base or reference, free)
-        for effect in self.program.space.effects:
-            names = tuple(self.program.space.of([effect.id]))
+        for effect in self.space.effects:
+            names = tuple(self.space.of([effect.id]))
             size = len(free) + len(names)
             if effect.id in effects or size > DIRECTIONS or size > len(self.forces) - 2:
                 continue
@@ -406,22 +397,22 @@ class Bench:
         Few numbers cannot overrule these: a model that needs more does not count.
         """
         for name in names:
-            value = float(self.program.space.public(name, x, 0.0)["estimate"])
-            slot = self.program.space.slots[self.program.space.index[name]]
+            value = float(self.space.public(name, x, 0.0)["estimate"])
+            slot = self.space.slots[self.space.index[name]]
             if slot.owner is not None and slot.parameter.excludes(value, value):
-                return f"{name} = {value:.3g} {self.program.space.unit(name, x)}".strip()
+                return f"{name} = {value:.3g} {self.space.unit(name, x)}".strip()
         return ""
 
     def _begin(self, row: PeakRow, names: Sequence[str]) -> dict[str, float]:
         """Fields of a row's estimates, to start from."""
-        return {name: self.program.space.parameter(name).transform.find_field(row.estimates[name]["estimate"])
+        return {name: self.space.parameter(name).transform.find_field(row.estimates[name]["estimate"])
                 for name in names}
 
     def read_as_gauge(self, best: PeakRow) -> list[PeakRow]:
         """The reference model with the pressures read as gauge, in vacuum and with the atmosphere pushing back, and the
         model of the best row in vacuum."""
         recipes = [Recipe("pressures read as gauge", "reading", (), self.free)]
-        if "ambient-pressure" in {effect.id for effect in self.program.space.effects}:
+        if "ambient-pressure" in {effect.id for effect in self.space.effects}:
             recipes.append(Recipe("pressures read as gauge, the atmosphere pushing back", "reading",
                                   ("ambient-pressure",), self.free, ({"ambient-pressure.p_a": ATMOSPHERE},)))
         if best.effects:
@@ -435,19 +426,28 @@ class Bench:
         return self.fits[row.label].contact[:, 0], self.fits[row.label].contact[:, 1]
 
 
-def choose_effects(effects: Sequence[type[AbstractEffect]], reference: AbstractReference,
+# What effects need to vary between records to be seen, and what is said where it does not.
+NEEDS = {
+    "speed-dependent-restitution": ("approach_speed", "all impacts have one speed"),
+    "stribeck": ("slip_speed", "all strokes have one speed"),
+    "viscous-friction": ("slip_speed", "all strokes have one speed"),
+    "presliding": ("slip", "no slip is given"),
+    "frictional-heating": ("slip", "no slip is given, hence no friction work"),
+}  # fmt: skip
+
+
+def choose_effects(effects: Sequence[type[AbstractEffect]], reference: AbstractModel,
                    conditions: Mapping[str, np.ndarray]) -> tuple[tuple[type[AbstractEffect], ...], dict[str, str]]:
-    """Effects that peaks at these conditions can see at all, and the others with the reason."""
-    chosen, left_out = [], {}
+    """Effects that single forces at these conditions can see at all, and the others with the reason."""
+    left_out = {}
     for effect in effects:
         lacking = [need for need in effect.requires if need not in reference.provides and need not in conditions]
+        condition, reason = NEEDS.get(effect.id, ("", ""))
         if lacking:
             left_out[effect.id] = f"there is no {lacking[0]} to read"
-        elif effect.id == "speed-dependent-restitution" and len(np.unique(conditions["approach_speed"])) < 2:
-            left_out[effect.id] = "all impacts have one speed"
-        else:
-            chosen.append(effect)
-    return tuple(chosen), left_out
+        elif condition and len(np.unique(conditions.get(condition, ()))) < 2:
+            left_out[effect.id] = reason
+    return tuple(effect for effect in effects if effect.id not in left_out), left_out
 
 
 def rank_candidates(bench: Bench, base: PeakRow, singles: Sequence[PeakRow]) -> list[dict[str, Any]]:
@@ -457,10 +457,10 @@ def rank_candidates(bench: Bench, base: PeakRow, singles: Sequence[PeakRow]) -> 
     found = []
     for row in sorted(singles, key=lambda r: r.heldout if np.isfinite(r.heldout) else np.inf):
         gain = max(base.cost - row.cost, 0.0)
-        amplitude = next(n for n in bench.program.space.of([row.effects[-1]]) if n in row.estimates)
+        amplitude = next(n for n in bench.space.of([row.effects[-1]]) if n in row.estimates)
         visible, per_unit = _signature(bench, base, amplitude)
         # What leaves three times the noise, unless it is beyond what physics allows.
-        p, size = bench.program.space.parameter(amplitude), 3.0 * sigma / per_unit if per_unit > 0 else np.inf
+        p, size = bench.space.parameter(amplitude), 3.0 * sigma / per_unit if per_unit > 0 else np.inf
         detectable = {}
         if size <= reach_limit(p):
             detectable[amplitude] = p.transform.from_unconstrained(p.default + (p.sign or 1) * size)
@@ -479,15 +479,15 @@ def _signature(bench: Bench, base: PeakRow, name: str) -> tuple[float, float]:
     """Share of an amplitude's signature that survives the reference parameters, and its size per public unit."""
     columns = bench.sensitivities(bench.fits[base.label].x, (*bench.free, name)) / (
         bench.forces.weights * bench.forces.peaks)[:, None]
-    scale = bench.program.scale[bench.program.space.index[name]]
+    scale = bench.scale[bench.space.index[name]]
     visible, length = measure_visible(columns[:, :-1], columns[:, -1])
     return visible, length / scale
 
 
 def could_show(bench: Bench, base: PeakRow, level: float) -> bool:
     """Whether any effect, with a signature of three times the noise, would have been noticed more often than not."""
-    return any(has_power(_signature(bench, base, bench.program.space.of([effect.id])[0])[0], base, level)
-               for effect in bench.program.space.effects)
+    return any(has_power(_signature(bench, base, bench.space.of([effect.id])[0])[0], base, level)
+               for effect in bench.space.effects)
 
 
 def locate_misfit(row: PeakRow) -> tuple[dict[str, Any], ...]:
