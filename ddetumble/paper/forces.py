@@ -1,12 +1,14 @@
 """Single forces and models of them side by side: noise, tests between models, and what any physics has to beat."""
 
+import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import stats
 
+from ..inference.files import make_plain
 from ..measurement.quantities import format_number, format_value
 
 
@@ -414,3 +416,74 @@ def make_interval(value: float, sd: float, unit: str = "") -> dict[str, Any]:
     """An estimate with its standard error and the 95 % interval of a normal distribution."""
     return {"estimate": float(value), "sd": float(sd), "q025": float(value - 1.96 * sd),
             "q975": float(value + 1.96 * sd), "unit": unit}
+
+
+@dc.dataclass(frozen=True, kw_only=True)
+class AbstractJudgement(abc.ABC):
+    """What forces without a curve say.
+
+    Attributes:
+        campaign, model: names.
+        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
+        forces: as judged, with the size of their errors.
+        rows: every model tried, side by side.
+        steps: rows of the reference model and, where effects help, of the models with them.
+        reference: row of the reference model; `polynomial`: of the low polynomial.
+        pairs: paired held-out differences.
+        left_out: ids of effects that these forces cannot see, with the reason.
+        level: of the tests.
+        sentence: plain words; `notes`: further sentences.
+    """
+
+    family: ClassVar[str]
+    campaign: str
+    model: str
+    verdict: str
+    forces: Forces
+    rows: tuple[PeakRow, ...]
+    steps: tuple[PeakRow, ...]
+    reference: PeakRow
+    polynomial: PeakRow
+    pairs: tuple[PairedDifference, ...]
+    left_out: Mapping[str, str]
+    level: float
+    sentence: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Ids of the effects in the final model."""
+        return self.steps[-1].effects
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Measured forces, shape (records,) [N]."""
+        return self.forces.peaks
+
+    @property
+    def printed(self) -> list[PeakRow]:
+        """Rows of the source's own column."""
+        return [row for row in self.rows if row.kind == "printed"]
+
+    @abc.abstractmethod
+    def table(self):
+        """All rows side by side, a pandas data frame."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of `result.json`."""
+        final, had, steps = self.steps[-1], (), []
+        for row in self.steps:
+            steps.append({"added": " + ".join(e for e in row.effects if e not in had) or None, "nrmse": row.nrmse,
+                          "chi2_reduced": row.chi2_reduced, "heldout_nrmse": row.heldout})
+            had = row.effects
+        return make_plain({
+            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
+            "effects": self.effects, "steps": steps, "noise_nrmse": np.sqrt(np.mean(self.forces.share**2)),
+            "parameters": final.estimates,
+            "lack_of_fit": {"statistic": final.chi2_reduced, "p_value": final.p_value, "level": self.level,
+                            "text": self.forces.text},
+            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": r.nrmse, "heldout_nrmse": r.heldout,
+                      "heldout_worst": r.worst, "physical": r.physical, "remark": r.remark} for r in self.rows],
+            "paired_differences": self.pairs, "cannot_be_seen": self.left_out, "notes": self.notes,
+            "sentence": self.sentence,
+        })  # fmt: skip

@@ -19,6 +19,7 @@ from ..inference.files import make_plain
 from ..inference.parameters import ParameterSpace
 from .forces import (
     LEVEL,
+    AbstractJudgement,
     Forces,
     PeakRow,
     compare_rows,
@@ -33,7 +34,6 @@ from .forces import (
     pick_helping,
     tabulate,
 )
-from .judgement import AbstractJudgement
 from .peaks import choose_effects
 
 

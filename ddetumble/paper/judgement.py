@@ -1,6 +1,5 @@
 """A verdict on a campaign that holds peaks only: what the model leaves, which effects help, what cannot be told."""
 
-import abc
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, final
@@ -14,8 +13,8 @@ from ..inference.files import make_plain
 from ..measurement.kinds import IMPACT
 from .forces import (
     LEVEL,
+    AbstractJudgement,
     Forces,
-    PairedDifference,
     PeakRow,
     compare_rows,
     decide_verdict,
@@ -23,78 +22,8 @@ from .forces import (
     judge_rivals,
     tabulate,
 )
+from .friction import judge_friction
 from .peaks import Bench, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
-
-
-@dc.dataclass(frozen=True, kw_only=True)
-class AbstractJudgement(abc.ABC):
-    """What forces without a curve say.
-
-    Attributes:
-        campaign, model: names.
-        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
-        forces: as judged, with the size of their errors.
-        rows: every model tried, side by side.
-        steps: rows of the reference model and, where effects help, of the models with them.
-        reference: row of the reference model; `polynomial`: of the low polynomial.
-        pairs: paired held-out differences.
-        left_out: ids of effects that these forces cannot see, with the reason.
-        level: of the tests.
-        sentence: plain words; `notes`: further sentences.
-    """
-
-    family: ClassVar[str]
-    campaign: str
-    model: str
-    verdict: str
-    forces: Forces
-    rows: tuple[PeakRow, ...]
-    steps: tuple[PeakRow, ...]
-    reference: PeakRow
-    polynomial: PeakRow
-    pairs: tuple[PairedDifference, ...]
-    left_out: Mapping[str, str]
-    level: float
-    sentence: str = ""
-    notes: tuple[str, ...] = ()
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Ids of the effects in the final model."""
-        return self.steps[-1].effects
-
-    @property
-    def peaks(self) -> np.ndarray:
-        """Measured forces, shape (records,) [N]."""
-        return self.forces.peaks
-
-    @property
-    def printed(self) -> list[PeakRow]:
-        """Rows of the source's own column."""
-        return [row for row in self.rows if row.kind == "printed"]
-
-    @abc.abstractmethod
-    def table(self):
-        """All rows side by side, a pandas data frame."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """The fields of `result.json`."""
-        final, had, steps = self.steps[-1], (), []
-        for row in self.steps:
-            steps.append({"added": " + ".join(e for e in row.effects if e not in had) or None, "nrmse": row.nrmse,
-                          "chi2_reduced": row.chi2_reduced, "heldout_nrmse": row.heldout})
-            had = row.effects
-        return make_plain({
-            "campaign": self.campaign, "family": self.family, "model": self.model, "verdict": self.verdict,
-            "effects": self.effects, "steps": steps, "noise_nrmse": np.sqrt(np.mean(self.forces.share**2)),
-            "parameters": final.estimates,
-            "lack_of_fit": {"statistic": final.chi2_reduced, "p_value": final.p_value, "level": self.level,
-                            "text": self.forces.text},
-            "rows": [{"model": r.label, "kind": r.kind, "free": r.free, "nrmse": r.nrmse, "heldout_nrmse": r.heldout,
-                      "heldout_worst": r.worst, "physical": r.physical, "remark": r.remark} for r in self.rows],
-            "paired_differences": self.pairs, "cannot_be_seen": self.left_out, "notes": self.notes,
-            "sentence": self.sentence,
-        })  # fmt: skip
 
 
 @final
@@ -145,7 +74,6 @@ def judge_campaign(campaign, model: str = "paper") -> AbstractJudgement:
     from .._errors import InputError
     from ..families import find_family
     from ..inference.archive import resolve_model
-    from .friction import judge_friction
 
     resolved = resolve_model(model, campaign.family)
     find_family(campaign.family).require_model(resolved.reference, campaign.name)

@@ -22,9 +22,9 @@ from ..figures.style import (
     styled,
     wrap_text,
 )
-from .forces import PairedDifference, PeakRow
+from .forces import AbstractJudgement, PairedDifference, PeakRow
 from .friction import FrictionJudgement
-from .judgement import AbstractJudgement, PeakJudgement
+from .judgement import PeakJudgement
 from .section import write_section
 
 
