@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar, nnls
 
+from ddetumble import InputError, find_data
+from ddetumble.contact.sliding import CoulombFriction
+from ddetumble.measurement.package import read_campaign
 from ddetumble.paper import judge_campaign, judge_friction
+from ddetumble.paper.contradictions import err_scaled, list_friction_points
 from ddetumble.paper.friction import RELEASED, SCALED
+from ddetumble.paper.friction_page import compare_band, find_band, find_scale
 
 
 LOAD = np.array([39.8, 41.3, 42.1, 44.8, 48.2, 50.3, 53.5, 57.9, 62.6, 66.2, 70.8])
@@ -33,24 +38,16 @@ def slip_term(s, load, e=None):
 
 @pytest.fixture(scope="module")
 def judged():
-    from ddetumble import find_data
-    from ddetumble.measurement.package import read_campaign
-
     return judge_campaign(read_campaign(find_data() / "paper" / "table-4"))
 
 
 @pytest.fixture(scope="module")
 def points():
-    from ddetumble.paper.contradictions import list_friction_points
-
     return {point.number: point for point in list_friction_points(TABLE)}
 
 
 def test_the_model_that_is_named_is_judged(judged):
     """A constant coefficient named as the model is the reference, and no slip term is spoken of."""
-    from ddetumble import InputError, find_data
-    from ddetumble.measurement.package import read_campaign
-
     campaign = read_campaign(find_data() / "paper" / "table-4")
     constant = judge_campaign(campaign, model="coulomb")
     assert constant.reference.heldout == pytest.approx(judged.constant.heldout, rel=1e-6)
@@ -79,7 +76,7 @@ def test_friction_over_load(judged):
     ratio = MEASURED / LOAD
     assert judged.ratio == pytest.approx((ratio.mean(), ratio.std(ddof=1)), rel=1e-12)
     assert judged.ratio[0] == pytest.approx(0.218, abs=5e-4) and judged.ratio[1] == pytest.approx(0.006, abs=5e-4)
-    np.testing.assert_array_equal(judged.loads, LOAD)
+    np.testing.assert_array_equal(judged.forces.x, LOAD)
 
 
 def test_constant_left_out_in_closed_form(judged):
@@ -123,7 +120,7 @@ def test_separation_of_the_two_constants(judged):
     covariance = np.linalg.inv(columns.T @ columns)
     expected = (*np.linalg.svd(columns)[1], covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))
     np.testing.assert_allclose(judged.separation, expected, rtol=1e-8)
-    same = judge_friction(LOAD, MEASURED, pressures=np.full(11, 1e6))
+    same = judge_friction({"normal_load": LOAD, "internal_pressure": np.full(11, 1e6)}, MEASURED)
     assert same.separation[1] < 1e-10 * same.separation[0]
     assert any("only their product" in note for note in same.notes)
 
@@ -204,13 +201,11 @@ def test_errors_of_table_4(points):
 
 
 def test_band(judged):
-    from ddetumble.paper.friction_page import compare_band, find_band
-
     inside = find_band(PRESSURE)
     assert list(inside) == [6, 7]
     row = find_row(judged, "constant coefficient")
     error = np.abs(row.held / MEASURED - 1)
-    found = compare_band(row, MEASURED, inside)
+    found = compare_band(row, inside)
     pairs = [error[list(pair)].sum() for pair in itertools.combinations(range(11), 2)]
     assert len(pairs) == 55
     assert found["p_value"] == pytest.approx(np.mean(np.array(pairs) >= error[6] + error[7] - 1e-12))
@@ -221,9 +216,6 @@ def test_band(judged):
 
 
 def test_stated_error_of_equation_8(judged):
-    from ddetumble.paper.contradictions import err_scaled
-    from ddetumble.paper.friction_page import find_scale
-
     at = find_scale(judged)
     x = LOAD * (np.pi / 4 * at + HYSTERESIS) / MEASURED
     assert np.max(np.abs(x * x.sum() / np.sum(x**2) - 1)) == pytest.approx(0.226, abs=1e-6)
@@ -238,7 +230,8 @@ def test_forces_that_are_made(exponent):
     load = np.linspace(5.0, 30.0, 12)
     noise = np.array([0.3, -1.1, 0.6, 0.2, 1.2, -0.7, -0.9, 0.2, 0.5, -0.4, 0.8, -0.6])
     truth = 0.25 * load * (load / 10) ** -exponent
-    found = judge_friction(load, truth * (1 + 0.01 * noise), pressures=np.full(12, 1e6), sd=0.01 * truth)
+    conditions = {"normal_load": load, "internal_pressure": np.full(12, 1e6)}
+    found = judge_friction(conditions, truth * (1 + 0.01 * noise), sd=0.01 * truth)
     if exponent:
         assert found.verdict == "explained" and found.effects == ("load-exponent",)
         assert found.steps[-1].estimates["load-exponent.m"]["estimate"] == pytest.approx(1 / 3, abs=0.02)
@@ -248,9 +241,7 @@ def test_forces_that_are_made(exponent):
 
 
 def test_judges_a_constant_as_reference():
-    from ddetumble.contact.sliding import CoulombFriction
-
-    found = judge_friction(LOAD, MEASURED, reference=CoulombFriction())
+    found = judge_friction({"normal_load": LOAD}, MEASURED, reference=CoulombFriction())
     assert found.separation == () and found.reference.held == pytest.approx(found.constant.held, rel=1e-6)
-    few = judge_friction(LOAD[:3], MEASURED[:3], pressures=PRESSURE[:3])
+    few = judge_friction({"normal_load": LOAD[:3], "internal_pressure": PRESSURE[:3]}, MEASURED[:3])
     assert few.verdict == "undecided"

@@ -75,6 +75,18 @@ def new_figure(height: float, width: float = WIDTH, gap: float = 0.05) -> Any:
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(h_pad=gap, w_pad=0.05, rect=rect))
 
 
+def new_axes(height: float, width: float = WIDTH, grid: str = "y", columns: int = 1, **options) -> tuple[Any, ...]:
+    """A new figure of that size [inch] and its dressed axes, one or a row of them; options as of `subplots`."""
+    figure = new_figure(height, width)
+    axes = figure.subplots(1, columns, **options)
+    return (figure, dress(axes, grid)) if columns == 1 else (figure, *(dress(one, grid) for one in axes))
+
+
+def point_at(axes, text: str, place: tuple[float, float], shift: tuple[float, float], **options):
+    """Write beside a place of the axes, shifted by so many points."""
+    axes.annotate(text, place, shift, textcoords="offset points", **options)
+
+
 def dress(axes, grid: str = "y", **settings):
     """Give axes the house's ticks and a faint grid along `grid` (`x`, `y`, `both` or nothing); returns the axes.
 

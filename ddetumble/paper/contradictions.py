@@ -25,7 +25,21 @@ from ..contact.geometry import membrane_area_radius, racetrack_volume, sphere_vo
 from ..contact.law import Ball, ContactLaw
 from ..contact.sliding import RubberFriction
 from ..dynamics.impact import Impact, simulate_impact
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, PLACE, dress, new_figure, styled
+from ..figures.style import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    GREY,
+    INK,
+    KIN,
+    PALE,
+    PLACE,
+    dress,
+    new_axes,
+    new_figure,
+    point_at,
+    styled,
+)
 
 
 DIAMETER = 0.060  # m, Table 2
@@ -100,7 +114,7 @@ def printed_restitution(asked: float) -> float:
 
 
 def reversed_restitution(kappa: float) -> float:
-    """Rebound over approach speed with the sign of Eq. 5 at face value [-]: such an impact, backwards."""
+    """Rebound over approach speed [-] with the sign of Eq. 5 at face value, at that damping number."""
     from scipy.optimize import brentq
 
     # Run backwards it is an impact at R v1 with the same c_n that rebounds with v1.
@@ -109,13 +123,13 @@ def reversed_restitution(kappa: float) -> float:
 
 
 def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np.ndarray],
-                        times: Mapping[str, tuple[float, float]]) -> list[Contradiction]:
+                        times: Mapping[str, np.ndarray]) -> list[Contradiction]:
     """All points that concern Eqs. 1 to 7, Figures 8 and 9 and Table 3.
 
     Args:
         table: Table 3: `measured`, `printed` [N] and `printed_error` [%], each shape (11,).
         figure: Figure 8: `pressure` [Pa] and `peak` [N], each shape (4,).
-        times: shortest and longest computed contact time [s] of an impact whose mass fits the four peaks, by reading.
+        times: computed contact times [s] of impacts whose mass fits the four peaks, by reading, shape (4,).
     """
     force = {name: float(_read_force(name, np.array([5e-3]))[0]) for name in ("area", "quarter", "printed", "ours")}
     step = 1e-6  # of depression over diameter: small enough for the first order, large enough for its digits
@@ -125,11 +139,12 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
     by_theory, by_measured = error / table["printed"], error / table["measured"]
     # Table 3 is interpolated linearly at Figure 8's pressures, its last value kept beyond its ends.
     rows, pressures = len(table["measured"]), figure["pressure"] / 1e6
-    misses = {(low, high): float(100 * np.max(np.abs(np.interp(
-        pressures, np.linspace(low, high, rows), table["measured"]) / figure["peak"] - 1.0))) for low, high in RANGES}
-    spans = [(f"{low:g} to {high:g}", miss) for (low, high), miss in misses.items()]
+    spans = []
+    for low, high in RANGES:
+        placed = np.interp(pressures, np.linspace(low, high, rows), table["measured"])
+        spans.append((f"{low:g} to {high:g}", float(100 * np.max(np.abs(placed / figure["peak"] - 1.0)))))
     kappa = float(damping_number(jnp.asarray(0.7)))
-    (shortest, longest), pushed = times["ours"], (*times["quarter"], *times["area"])
+    pushed = (*times["quarter"], *times["area"])
     return [
         _make_point(1, force),
         _make_point(2, {"share_percent": 100 * (1 - force["printed"] / force["ours"])}, force=force),
@@ -140,8 +155,9 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
                     stated=STATED_ERROR, eighth=table["printed_error"][7], rows=rows),
         _make_point(8, {span.replace(" to ", "-"): miss for span, miss in spans},
                     closest=sorted(spans, key=lambda one: one[1])),
-        _make_point(9, {"stated": STATED_TIME, "shortest": shortest, "longest": longest,
-                        "quarter_shortest": min(pushed), "quarter_longest": max(pushed)}),
+        _make_point(9, {"stated": STATED_TIME, "shortest": float(min(times["ours"])),
+                        "longest": float(max(times["ours"])), "quarter_shortest": float(min(pushed)),
+                        "quarter_longest": float(max(pushed))}),
         _make_point(12, {"kappa": kappa, "rebound_ratio": reversed_restitution(kappa)}),
     ]  # fmt: skip
 
@@ -260,15 +276,14 @@ def draw_readings():
 @styled
 def draw_core():
     """Force with Eq. 2 as printed over the force with the core counted once, against depression."""
-    figure = new_figure(3.0, 7.0)
-    axes = dress(figure.subplots())
+    figure, axes = new_axes(3.0, 7.0)
     depth = np.linspace(1e-4, 12e-3, 33)
     deviation = 100 * (_read_force("printed", depth) / _read_force("ours", depth) - 1)
     axes.plot(1e3 * depth, deviation, color=BEFORE, lw=1.8)
     axes.axhline(0, color=FLOOR, lw=0.8)
     at = float(np.interp(5e-3, depth, deviation))
     axes.plot([5], [at], "o", color=BEFORE)
-    axes.annotate(f"−{abs(at):.1f} %", (5, at), (8, 4), textcoords="offset points", color=BEFORE)
+    point_at(axes, f"−{abs(at):.1f} %", (5, at), (8, 4), color=BEFORE)
     axes.set(xlabel="depression [mm]", ylabel="force with the core twice,\ndeviation [%]")
     return figure
 
@@ -276,8 +291,7 @@ def draw_core():
 @styled
 def draw_pressure():
     """P'/P0 against depression over diameter under three laws of the contact radius."""
-    figure = new_figure(3.4, 7.5)
-    axes = dress(figure.subplots())
+    figure, axes = new_axes(3.4, 7.5)
     share = np.linspace(0.0, 0.2, 41)
     for law, label, colour, line in (
             ("quarter", "b = δ/4 (perimeter shrinks)", BEFORE, "-"), ("area", "constant membrane area", GREY, "--"),
@@ -285,7 +299,7 @@ def draw_pressure():
         axes.plot(share, pressure_ratio(share, law), line, color=colour, lw=1.8, label=label)
         at = float(pressure_ratio(np.array([0.1]), law)[0])
         axes.plot([0.1], [at], "o", color=colour)
-        axes.annotate(f"{at:.2f}", (0.1, at), (0, 7), textcoords="offset points", color=colour, ha="center")
+        point_at(axes, f"{at:.2f}", (0.1, at), (0, 7), color=colour, ha="center")
     axes.axhline(1, color=FLOOR, lw=0.8)
     axes.set(xlabel="depression / diameter", ylabel="P′ / P0", ylim=(0.85, 1.55))
     axes.legend(loc="upper left")
@@ -295,15 +309,14 @@ def draw_pressure():
 @styled
 def draw_restitution():
     """Restitution that Eq. 6 delivers against the one asked for."""
-    figure = new_figure(3.6, 6.0)
-    axes = dress(figure.subplots(), "both")
+    figure, axes = new_axes(3.6, 6.0, grid="both")
     asked = np.linspace(0.02, 1.0, 50)
     axes.plot(asked, asked, color=AFTER, lw=1.8, label="exact coefficient")
     axes.plot(asked, [printed_restitution(e) for e in asked], color=BEFORE, lw=1.8, label="Eq. 6")
     for e in (0.5, 0.8):
         given = printed_restitution(e)
         axes.plot([e], [given], "o", color=BEFORE)
-        axes.annotate(f"{e} → {given:.3f}", (e, given), (-6, 7), textcoords="offset points", ha="right", color=BEFORE)
+        point_at(axes, f"{e} → {given:.3f}", (e, given), (-6, 7), ha="right", color=BEFORE)
     axes.set(xlabel="restitution asked for", ylabel="restitution delivered", xlim=(0, 1), ylim=(0, 1.02))
     axes.legend(loc="lower right")
     return figure
@@ -312,20 +325,18 @@ def draw_restitution():
 @styled
 def draw_errors(measured: np.ndarray, printed: np.ndarray, printed_error: np.ndarray):
     """Table 3's errors as printed, recomputed, and relative to the measured value; arrays of shape (11,) [N, N, %]."""
-    figure = new_figure(3.2)
-    axes = dress(figure.subplots())
+    figure, axes = new_axes(3.2)
     row = np.arange(1, len(measured) + 1)
     gap = 100 * (printed - measured)
     axes.bar(row - 0.27, printed_error, 0.25, color=KIN, label="as printed")
     axes.bar(row, gap / printed, 0.25, color=GREY, label="relative to the theory, recomputed")
     axes.bar(row + 0.27, gap / measured, 0.25, color=BEFORE, label="relative to the measurement")
     axes.axhline(STATED_ERROR, color=INK, lw=0.8, ls=":")
-    axes.annotate(f"stated limit, {STATED_ERROR} %", (0.5, STATED_ERROR), (0, 3), textcoords="offset points", color=INK,
-                  fontsize=8.5)
+    point_at(axes, f"stated limit, {STATED_ERROR} %", (0.5, STATED_ERROR), (0, 3), color=INK, fontsize=8.5)
     top = (gap / measured).max()
-    axes.annotate(f"{top:.1f} %", (row[-1] + 0.27, top), (0, 3), textcoords="offset points", ha="center", color=BEFORE)
-    axes.annotate(f"{printed_error[7]:.1f} printed,\n{gap[7] / printed[7]:.1f} recomputed", (8, printed_error[7]),
-                  (0, 9), textcoords="offset points", ha="center", fontsize=8.5)
+    point_at(axes, f"{top:.1f} %", (row[-1] + 0.27, top), (0, 3), ha="center", color=BEFORE)
+    point_at(axes, f"{printed_error[7]:.1f} printed,\n{gap[7] / printed[7]:.1f} recomputed", (8, printed_error[7]),
+             (0, 9), ha="center", fontsize=8.5)
     axes.set(xticks=row, xlim=(0.4, len(row) + 0.7), ylim=(0, 9.6), xlabel="row of Table 3", ylabel="error [%]")
     axes.legend(loc="upper left", ncols=3)
     return figure
@@ -333,13 +344,7 @@ def draw_errors(measured: np.ndarray, printed: np.ndarray, printed_error: np.nda
 
 @styled
 def draw_ranges(misses: Mapping[str, float], measured: np.ndarray, pressures: np.ndarray, peaks: np.ndarray):
-    """Table 3 at candidate ranges of pressure against Figure 8's peaks, and how far each range misses them.
-
-    Args:
-        misses: of row 8 [%].
-        measured: Table 3 [N].
-        pressures, peaks: Figure 8 [MPa, N].
-    """
+    """Table 3 [N] at candidate ranges of pressure, Figure 8's peaks [MPa, N], and by how much each misses them [%]."""
     figure = new_figure(3.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1))
     dress(left, "both")
@@ -354,7 +359,7 @@ def draw_ranges(misses: Mapping[str, float], measured: np.ndarray, pressures: np
     right.barh([name.replace("-", " to ") for name in names], values,
                color=[AFTER if value == min(values) else PALE for value in values])
     for i, value in enumerate(values):
-        right.annotate(f"{value:.1f} %", (value, i), (4, 0), textcoords="offset points", va="center", fontsize=8.5)
+        point_at(right, f"{value:.1f} %", (value, i), (4, 0), va="center", fontsize=8.5)
     right.set(xlim=(0, 1.2 * max(values)), xlabel="largest deviation from Figure 8 [%]", ylabel="range [MPa]")
     return figure
 
@@ -362,22 +367,15 @@ def draw_ranges(misses: Mapping[str, float], measured: np.ndarray, pressures: np
 @eqx.filter_jit
 def _simulate_impacts(law: ContactLaw, conditions: Mapping[str, Any], times: np.ndarray) -> Impact:
     """Impacts at conditions of shape (records,), SI, each at the same times [s]: an `Impact` with a leading axis."""
-    return jax.vmap(lambda one: simulate_impact(law, one, times))(conditions)
+    return jax.vmap(lambda one: simulate_impact(law, one, jnp.asarray(times)))(conditions)
 
 
 @styled
 def draw_duration(pressures: np.ndarray, peaks: np.ndarray, mass: float):
-    """Simulated free impacts beside the stated impact time.
-
-    Args:
-        pressures, peaks: of Figure 8, shape (records,) [Pa, N].
-        mass: the effective mass that fits them [kg].
-    """
-    figure = new_figure(3.2)
-    axes = dress(figure.subplots())
+    """Free impacts of the effective mass [kg] that fits Figure 8's peaks [Pa, N] beside the stated impact time."""
+    figure, axes = new_axes(3.2)
     axes.axvspan(0, 1e3 * STATED_TIME, color=PLACE, lw=0)
-    axes.annotate(f"stated impact time, {1e3 * STATED_TIME:.0f} ms", (1e3 * STATED_TIME, 60), (-6, 0),
-                  textcoords="offset points", ha="right")
+    point_at(axes, f"stated impact time, {1e3 * STATED_TIME:.0f} ms", (1e3 * STATED_TIME, 60), (-6, 0), ha="right")
     times = np.linspace(0.0, 0.3, 900)
     conditions = {"initial_pressure": pressures, "approach_speed": np.full(len(peaks), SPEED)}
     impacts = _simulate_impacts(ContactLaw(Ball(effective_mass=scalar(mass))), conditions, times)
@@ -392,8 +390,7 @@ def draw_duration(pressures: np.ndarray, peaks: np.ndarray, mass: float):
 @styled
 def draw_sign(mass: float):
     """Force over time and over depression with both signs of Eq. 5, of an effective mass [kg]."""
-    figure = new_figure(3.4)
-    left, right = (dress(axes) for axes in figure.subplots(1, 2))
+    figure, left, right = new_axes(3.4, columns=2)
     times = np.linspace(0.0, 0.05, 400)
     conditions = {"initial_pressure": np.array([1e6]), "approach_speed": np.array([SPEED])}
     for name, sign, colour in (("as printed", -1.0, BEFORE), ("Hunt and Crossley", 1.0, AFTER)):

@@ -5,14 +5,13 @@ simulation applies the force as a step (Section 4 says so of the test's loading)
 arm $\ell$ takes $F \ell t$ of momentum along one transverse axis of the stage.
 """
 
-import dataclasses as dc
-from collections.abc import Mapping
-from typing import Any, final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
 from jaxtyping import Array
 
 from .._numerics import scalar
@@ -25,10 +24,10 @@ from ..dynamics.angles import measure_nutation
 from ..dynamics.bodies import Cylinder
 from ..dynamics.collision import simulate_collision
 from ..dynamics.free_motion import propagate_torque_free
-from ..dynamics.rigid import measure_momentum, trace_point
+from ..dynamics.rigid import Tumble, measure_momentum, trace_point
 from ..dynamics.surfaces import make_debris
 from ..dynamics.tumbling import simulate_tumbling
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, dress, new_figure, styled
+from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, dress, new_axes, new_figure, styled
 from .section import write_section
 from .tumbling import DURATION, STEP, UNTURNED, Momentum, measure_angle, read_momentum
 
@@ -73,33 +72,6 @@ def find_demand(table: Momentum, printed: np.ndarray, friction: float) -> dict[s
     }  # fmt: skip
 
 
-@final
-class _Step(eqx.Module):
-    """A moment fixed in the stage, shape (3,) [N m]."""
-
-    moment: Array
-
-    def __call__(self, time: Array, attitude: Array, rates: Array) -> Array:
-        return self.moment
-
-
-@dc.dataclass(frozen=True)
-class Passage:
-    """Motion of the stage through one impact, a step of moment along the momentum from t = 0 on.
-
-    Attributes:
-        time: shape (times,) [s].
-        attitude: shape (times, 4) [-].
-        rates: body components, shape (times, 3) [rad/s].
-        momentum: base frame, at the end, shape (3,) [N m s].
-    """
-
-    time: np.ndarray
-    attitude: np.ndarray
-    rates: np.ndarray
-    momentum: np.ndarray
-
-
 def place_stage(momentum: np.ndarray) -> np.ndarray:
     """An attitude whose body x lies along the momentum, and body z, the axis, across it and across Z."""
     x = momentum / np.linalg.norm(momentum)
@@ -108,27 +80,30 @@ def place_stage(momentum: np.ndarray) -> np.ndarray:
     return np.asarray(from_matrix(jnp.asarray(np.stack([x, np.cross(z, x), z], axis=-1))))
 
 
-def follow_impact(table: Momentum, before: float, after: float) -> Passage:
-    """Free motion, the step of moment at a place of the stage, free motion again.
+def follow_impact(table: Momentum, before: float, after: float) -> Tumble:
+    """Free motion, a step of moment along the momentum from t = 0 on, free motion again.
 
     Args:
         table: momentum before and after.
         before, after: how long is shown on either side [s].
     """
-    inertia = Cylinder().inertia()
-    attitude = place_stage(table.before)
+    inertia, attitude = Cylinder().inertia(), place_stage(table.before)
     size, left = (float(np.linalg.norm(x)) for x in (table.before, table.after))
     spin = jnp.array([size / float(inertia[0, 0]), 0.0, 0.0])
+    moment = Partial(_hold, jnp.array([-(size - left) / IMPACT_TIME, 0.0, 0.0]))
     earlier = propagate_torque_free(inertia, attitude, spin, np.arange(-before, 0.0, STEP))
-    moment = jnp.array([-(size - left) / IMPACT_TIME, 0.0, 0.0])
-    during = simulate_tumbling(inertia, attitude, spin, np.linspace(0.0, IMPACT_TIME, 9), _Step(moment))
-    start = during.attitude[-1], during.angular_velocity[-1]
-    later = propagate_torque_free(inertia, *start, np.arange(STEP, after, STEP))
-    parts = (earlier, during, later)
-    time = np.concatenate([earlier.time, during.time, np.asarray(later.time) + IMPACT_TIME])
-    attitudes = np.concatenate([np.asarray(part.attitude) for part in parts])
-    rates = np.concatenate([np.asarray(part.angular_velocity) for part in parts])
-    return Passage(time, attitudes, rates, np.asarray(measure_momentum(inertia, *start)))
+    during = simulate_tumbling(inertia, attitude, spin, np.linspace(0.0, IMPACT_TIME, 9), moment)
+    later = propagate_torque_free(inertia, during.attitude[-1], during.angular_velocity[-1],
+                                  np.arange(STEP, after, STEP))
+    attitude, rates = (jnp.concatenate([getattr(part, name) for part in (earlier, during, later)])
+                       for name in ("attitude", "angular_velocity"))
+    time = jnp.concatenate([earlier.time, during.time, later.time + IMPACT_TIME])
+    return Tumble(time, attitude, rates, during.failed, during.steps)
+
+
+def _hold(moment: Array, *state: Array) -> Array:
+    """A moment fixed in the stage, shape (3,) [N m], whatever the state."""
+    return moment
 
 
 def sample_steps(step: float = STEP) -> float:
@@ -178,8 +153,7 @@ def find_mass(rows: list[dict[str, float]], share: float) -> tuple[float, float]
 @styled
 def draw_demand(demands: Mapping[str, Mapping[str, Any]], printed: np.ndarray):
     """Mean force over lever arm of both tables, with the forces that the paper prints and the arms that there are."""
-    figure = new_figure(3.6)
-    axes = dress(figure.add_subplot(), "both")
+    figure, axes = new_axes(3.6, grid="both")
     arms = np.linspace(0.4, 2.4, 200)
     for (name, one), colour in zip(demands.items(), (BEFORE, AFTER), strict=True):
         axes.plot(arms, one["moment"] / arms, color=colour, lw=2.0, label=name)
@@ -194,55 +168,47 @@ def draw_demand(demands: Mapping[str, Mapping[str, Any]], printed: np.ndarray):
     return figure
 
 
-def _divide(passages: Mapping[str, Passage], height: float, label: str):
-    """A figure with a panel over time for each passage."""
+@styled
+def draw_passages(passages: Mapping[str, Tumble], values: Callable[[Tumble], Mapping[str, Any]], height: float,
+                  label: str, limits: tuple[float | None, float | None], place: Any, colours: Sequence[str]):
+    """Figures 18 to 22: values before and after the impacts of both tables.
+
+    Args:
+        passages: by table.
+        values: of a passage by name, shape (times,) [rad or rad/s].
+        height: of the figure [inch].
+        label, limits: of their axis [° or °/s]; place: of the legend.
+        colours: of the values.
+    """
     figure = new_figure(height)
-    panels = [dress(figure.add_subplot(1, 2, column)) for column in (1, 2)]
-    for axes, (name, passage) in zip(panels, passages.items(), strict=True):
+    for column, (name, passage) in enumerate(passages.items()):
+        axes = dress(figure.add_subplot(1, 2, column + 1))
         axes.axvline(0.0, color=INK, lw=0.8, ls=":")
-        axes.set(title=name, xlim=(float(passage.time[0]), float(passage.time[-1])), xlabel="time since the impact [s]")
-    panels[0].set_ylabel(label)
-    return figure, panels
-
-
-@styled
-def draw_precession(passages: Mapping[str, Passage]):
-    """Figures 18 and 19: precession rate, |L|/I_t."""
-    figure, panels = _divide(passages, 2.6, "precession rate [°/s]")
-    for axes, passage in zip(panels, passages.values(), strict=True):
-        axes.plot(passage.time, np.degrees(np.linalg.norm(passage.rates[:, :2], axis=1)), color=AFTER, lw=1.8)
-        axes.set_ylim(0, None)
+        for (what, value), colour in zip(values(passage).items(), colours, strict=True):
+            axes.plot(passage.time, np.degrees(value), color=colour, lw=1.8, label=what)
+        axes.set(title=name, xlim=(float(passage.time[0]), float(passage.time[-1])), xlabel="time since the impact [s]",
+                 ylim=limits)
+    figure.axes[0].set_ylabel(label)
+    if len(colours) > 1:
+        figure.axes[0].legend(loc=place, ncols=len(colours))
     return figure
 
 
-@styled
-def draw_nutation(passages: Mapping[str, Passage]):
-    """Figures 20 and 21: angle between axis and momentum, and between axis and the base frame's Z."""
-    figure, panels = _divide(passages, 2.9, "angle of the axis [°]")
-    for axes, passage in zip(panels, passages.values(), strict=True):
-        height = np.asarray(rotate(jnp.asarray(passage.attitude), jnp.array([0.0, 0.0, 1.0])))[:, 2]
-        angle = measure_nutation(Cylinder().inertia(), jnp.asarray(passage.rates))
-        axes.plot(passage.time, np.degrees(angle), color=AFTER, lw=2.0, label="to the momentum")
-        axes.plot(passage.time, np.degrees(np.arccos(np.clip(height, -1, 1))), color=BEFORE, lw=1.4, label="to Z")
-        axes.set_ylim(0, 180)
-    panels[0].legend(loc="lower left", ncols=2)
-    return figure
+def measure_angles(passage: Tumble) -> dict[str, np.ndarray]:
+    """Angles of the stage's axis to its momentum and to the base frame's Z, shape (times,) [rad]."""
+    axis = np.asarray(rotate(jnp.asarray(passage.attitude), jnp.array([0.0, 0.0, 1.0])))
+    return {"to the momentum": np.asarray(measure_nutation(Cylinder().inertia(), passage.angular_velocity)),
+            "to Z": np.arccos(np.clip(axis[:, 2], -1, 1))}
+
+
+def measure_rates(passage: Tumble) -> dict[str, np.ndarray]:
+    """Angular velocity in the base frame, shape (times,) [rad/s]."""
+    rates = np.asarray(rotate(jnp.asarray(passage.attitude), jnp.asarray(passage.angular_velocity)))
+    return dict(zip("XYZ", rates.T, strict=True))
 
 
 @styled
-def draw_rates(passages: Mapping[str, Passage]):
-    """Figure 22: angular velocity in the base frame before and after."""
-    figure, panels = _divide(passages, 2.9, "angular velocity [°/s]")
-    for axes, passage in zip(panels, passages.values(), strict=True):
-        rates = np.degrees(np.asarray(rotate(jnp.asarray(passage.attitude), jnp.asarray(passage.rates))))
-        for column, (name, colour) in enumerate(zip("XYZ", (BEFORE, AFTER, GREY), strict=True)):
-            axes.plot(passage.time, rates[:, column], color=colour, lw=1.8, label=name)
-    panels[0].legend(loc="lower right", ncols=3)
-    return figure
-
-
-@styled
-def draw_stages(passage: Passage, duration: float = 40.0, count: int = 5):
+def draw_stages(passage: Tumble, duration: float = 40.0, count: int = 5):
     """Figure 23: the axis of the stage over equal times before and after the impact of Table 6."""
     figure = new_figure(3.8)
     for column, (name, start) in enumerate((("before", -duration), ("after", 1.0))):
@@ -259,7 +225,7 @@ def draw_stages(passage: Passage, duration: float = 40.0, count: int = 5):
 
 
 @styled
-def draw_displacement(passage: Passage, velocity: np.ndarray):
+def draw_displacement(passage: Tumble, velocity: np.ndarray):
     """Figure 24: X and Y of the end-face centre A, without and with the motion that the impulse gives the stage."""
     figure = new_figure(3.4)
     path = np.asarray(trace_point(jnp.asarray(passage.attitude), Cylinder().end_face()))
@@ -291,7 +257,8 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
     passages = {name: follow_impact(table, SHOWN, SHOWN) for name, table in tables.items()}
     demands = {name: find_demand(table, printed, friction) for name, table in tables.items()}
     for (name, one), arm in zip(demands.items(), LEVERS.values(), strict=True):
-        one |= {"left": float(np.linalg.norm(passages[name].momentum)), "impulse": one["moment"] * IMPACT_TIME / arm}
+        left = measure_momentum(Cylinder().inertia(), passages[name].attitude[-1], passages[name].angular_velocity[-1])
+        one |= {"left": float(np.linalg.norm(left)), "impulse": one["moment"] * IMPACT_TIME / arm}
     five, six = demands.values()
     start, (side, end), largest = tables["Table 5"].before, LEVERS, float(printed[-1])
     nutation = measure_angle(start, np.array([0.0, 0.0, 1.0]))
@@ -307,9 +274,14 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
     speed = six["impulse"] / float(Cylinder().mass)
     drift = np.asarray(rotate(jnp.asarray(place_stage(tables["Table 6"].before)), jnp.array([0.0, 0.0, -speed])))
     figures = {
-        "tables-5-6-force": draw_demand(demands, printed), "figure-18-19": draw_precession(passages),
-        "figure-20-21": draw_nutation(passages), "figure-22": draw_rates(passages),
+        "tables-5-6-force": draw_demand(demands, printed),
+        "figure-18-19": draw_passages(passages, lambda one: {"": np.linalg.norm(one.angular_velocity[:, :2], axis=1)},
+                                      2.6, "precession rate [°/s]", (0, None), "", (AFTER,)),
+        "figure-20-21": draw_passages(passages, measure_angles, 2.9, "angle of the axis [°]", (0, 180), "lower left",
+                                      (AFTER, BEFORE)),
+        "figure-22": draw_passages(passages, measure_rates, 2.9, "angular velocity [°/s]", (None, None), "lower right",
+                                   (BEFORE, AFTER, GREY)),
         "figure-23": draw_stages(passages["Table 6"]), "figure-24": draw_displacement(passages["Table 6"], drift),
     }  # fmt: skip
-    return write_section("impacts", figures, found=found, half_sine=0.5 * np.pi, five=five, six=six, side=side, end=end,
-                         time=IMPACT_TIME, step=STEP, duration=DURATION, touch=TOUCH, fastest=FASTEST), found
+    return write_section("paper.impacts", figures, found=found, half_sine=0.5 * np.pi, five=five, six=six, side=side,
+                         end=end, time=IMPACT_TIME, step=STEP, duration=DURATION, touch=TOUCH, fastest=FASTEST), found

@@ -2,18 +2,19 @@
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, cast
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._sentences import say
 from ..contact.friction import CHANGES_SIGN_AT, DIVERGES_ABOVE, slip_coefficients
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PLACE, dress, new_figure, styled
+from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PLACE, dress, new_axes, new_figure, point_at, styled
 from .contradictions import CORRECTED, RANGES, UNCORRECTED, err_scaled, find_rest, hysteresis_share, slip_term
+from .forces import PeakRow
 from .friction import RELEASED, SCALED, FrictionJudgement, describe_best
 from .peak_page import draw_differences, draw_ladder, draw_values
-from .rows import PeakRow
 from .section import read_errors, write_section
 
 
@@ -25,12 +26,11 @@ def find_band(pressures: np.ndarray) -> np.ndarray:
     return np.flatnonzero((pressures >= BAND[0] - 1.0) & (pressures <= BAND[1] + 1.0))
 
 
-def compare_band(row: PeakRow, peaks: np.ndarray, inside: Sequence[int] | np.ndarray) -> dict[str, Any]:
+def compare_band(row: PeakRow, inside: np.ndarray) -> dict[str, Any]:
     """Exact permutation test: are the left-out errors of a model larger in the band than elsewhere?
 
     Args:
         row: the model.
-        peaks: measured, shape (rows,) [N].
         inside: numbers of the rows in the band; neighbours.
 
     Returns:
@@ -38,11 +38,11 @@ def compare_band(row: PeakRow, peaks: np.ndarray, inside: Sequence[int] | np.nda
         ways to call as many rows the band that have a mean at least as large; `p_adjacent`, the same among runs of
         neighbouring rows, which is all that a band of pressures can be.
     """
-    error, count = np.abs(row.held / peaks - 1.0), len(inside)
-    mean = float(error[list(inside)].mean())
+    error, count = np.abs(row.out), len(inside)
+    mean = float(error[inside].mean())
     every = [error[list(some)].mean() for some in itertools.combinations(range(len(error)), count)]
     runs = [error[k: k + count].mean() for k in range(len(error) - count + 1)]
-    return {"label": row.label, "inside": mean, "outside": float(np.delete(error, list(inside)).mean()),
+    return {"label": row.label, "inside": mean, "outside": float(np.delete(error, inside).mean()),
             "p_value": float(np.mean(np.array(every) >= mean - 1e-12)),
             "p_adjacent": float(np.mean(np.array(runs) >= mean - 1e-12))}
 
@@ -54,18 +54,16 @@ BEYOND = ((40.0, "#fdae6b"), (50.0, "#f16913"), (60.0, "#d94801"), (70.0, "#7f27
 @styled
 def draw_rest(loads: np.ndarray):
     """Slip coefficient without any slip, a(1 - e), over load with the printed e and with e = 1; `loads` of Table 3."""
-    figure = new_figure(3.2, 7.5)
-    axes = dress(figure.subplots())
+    figure, axes = new_axes(3.2, 7.5)
     load = np.linspace(0.0, 75.0, 301)
     _shade_loads(axes, loads)
     axes.plot(load, slip_term(np.zeros_like(load), load, True), color=BEFORE, lw=1.8, label="e(Fₙ) as printed")
     axes.axhline(0, color=AFTER, lw=1.8, label="e = 1")
     for at, shift in ((find_rest(), -4), (CHANGES_SIGN_AT, 4)):
         axes.plot([at], [0], "o", color=BEFORE, ms=5)
-        axes.annotate(f"{at:.1f} N", (at, 0), (shift, 6), textcoords="offset points",
-                      ha="right" if shift < 0 else "left", color=BEFORE)
+        point_at(axes, f"{at:.1f} N", (at, 0), (shift, 6), ha="right" if shift < 0 else "left", color=BEFORE)
     still = float(slip_term(0.0, 0.0, True))
-    axes.annotate(f"{still:.2f}".replace("-", "−"), (0, still), (6, -2), textcoords="offset points", color=BEFORE)
+    point_at(axes, f"{still:.2f}".replace("-", "−"), (0, still), (6, -2), color=BEFORE)
     axes.set(xlim=(0, 75), ylim=(-1.4, 0.45), xlabel="normal load [N]", ylabel="friction over load\nwithout slip")
     axes.legend(loc="lower left", bbox_to_anchor=(0.2, 0.02))
     return figure
@@ -90,8 +88,8 @@ def draw_range(loads: np.ndarray):
                            title="normal load; dashed: beyond the range of Eq. 10", alignment="left")
     legend.get_title().set_fontsize(9.5)
     load = np.linspace(0.0, 75.0, 301)
-    a, b, _, d, _ = slip_coefficients(load)
-    for axes, value, text, at in ((lower[0], b + np.abs(d), "b + |d| [1/mm]: above 0 the curve diverges",
+    a, b, _, d, _ = map(np.asarray, slip_coefficients(jnp.asarray(load)))
+    for axes, value, text, at in ((lower[0], b + abs(d), "b + |d| [1/mm]: above 0 the curve diverges",
                                    DIVERGES_ABOVE), (lower[1], a, "a: below 0 friction pushes", CHANGES_SIGN_AT)):
         _shade_loads(axes, loads)
         good = load <= at
@@ -99,8 +97,8 @@ def draw_range(loads: np.ndarray):
         axes.plot(load[~good], value[~good], color=BEFORE, lw=1.8, ls="--")
         axes.axhline(0, color=FLOOR, lw=0.8)
         axes.plot([at], [0], "o", color=BEFORE, ms=5)
-        axes.annotate(f"{at:.2f} N" if at < 40 else f"{at:.1f} N", (at, 0), (0, 8) if at < 40 else (5, 5),
-                      textcoords="offset points", ha="right" if at < 40 else "left", color=BEFORE)
+        point_at(axes, f"{at:.2f} N" if at < 40 else f"{at:.1f} N", (at, 0), (0, 8) if at < 40 else (5, 5),
+                 ha="right" if at < 40 else "left", color=BEFORE)
         dress(axes).set(title=text, xlim=(0, 75), xlabel="normal load [N]")
     lower[0].set_ylim(-0.6, 4.6)
     return figure
@@ -115,18 +113,18 @@ def _shade_loads(axes, loads: np.ndarray):
 @styled
 def draw_friction_errors(measured: np.ndarray, printed: np.ndarray, printed_error: np.ndarray):
     """Table 4's errors as printed and from its own numbers; arrays of shape (11,) [N, N, %]."""
-    figure = new_figure(3.0)
-    axes = dress(figure.subplots())
+    figure, axes = new_axes(3.0)
     row = np.arange(1, len(measured) + 1)
     gap = 100 * np.abs(measured - printed) / measured
     axes.bar(row - 0.2, printed_error, 0.36, color=KIN, label="as printed")
     axes.bar(row + 0.2, gap, 0.36, color=GREY, label="from the table's own numbers")
     for k in (3, 10):
         axes.bar(row[k] + 0.2, gap[k], 0.36, color=BEFORE)
-        axes.annotate(f"{printed_error[k]:.1f} printed,\n{gap[k]:.1f} recomputed", (row[k], max(gap[k],
-                      printed_error[k])), (0, 5), textcoords="offset points", ha="center", color=BEFORE, fontsize=8.5)
+        top = max(gap[k], printed_error[k])
+        point_at(axes, f"{printed_error[k]:.1f} printed,\n{gap[k]:.1f} recomputed", (row[k], top), (0, 5), ha="center",
+                 color=BEFORE, fontsize=8.5)
     axes.axhline(CORRECTED, color=INK, lw=0.8, ls=":")
-    axes.annotate(f"stated limit, {CORRECTED} %", (0.5, CORRECTED), (0, 3), textcoords="offset points", fontsize=8.5)
+    point_at(axes, f"stated limit, {CORRECTED} %", (0.5, CORRECTED), (0, 3), fontsize=8.5)
     axes.set(xticks=row, xlim=(0.4, len(row) + 0.8), ylim=(0, 8.8), xlabel="row of Table 4", ylabel="error [%]")
     axes.legend(loc="upper right", ncols=2)
     return figure
@@ -137,7 +135,7 @@ def draw_comparison(judged: FrictionJudgement, printed: np.ndarray):
     """Figure 14 from the printed numbers: measured and corrected friction, with a constant coefficient beside them."""
     figure = new_figure(4.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
-    x, y = judged.pressures / 1e6, judged.peaks
+    x, y = _read_pressures(judged) / 1e6, judged.peaks
     for values, colour, style, label in (
             (printed, BEFORE, "-^", "corrected value, Eq. 11, as printed"),
             (judged.constant.fitted, AFTER, "-s", "one number: constant coefficient times the measured load")):
@@ -154,23 +152,23 @@ def draw_comparison(judged: FrictionJudgement, printed: np.ndarray):
 
 
 @styled
-def draw_band(judged: FrictionJudgement, inside: Sequence[int]):
+def draw_band(judged: FrictionJudgement, inside: np.ndarray):
     """Figure 12 from the printed numbers: friction over pressure, where it bends, and errors in the band."""
     figure = new_figure(3.6)
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.1, 1, 1.1))
-    x, y = judged.pressures / 1e6, judged.peaks
+    x, y = _read_pressures(judged) / 1e6, judged.peaks
     for axes in (left, middle, right):
         axes.axvspan(BAND[0] / 1e6, BAND[1] / 1e6, color=PLACE, lw=0)
         dress(axes).set(xlabel="pressure [MPa], assumed", xlim=(-0.12, 2.62))
     left.plot(x, y, "-o", color=INK, ms=5, lw=1.2)
     left.set_ylabel("friction force, measured [N]")
-    left.annotate("band to avoid,\nsays the paper", (BAND[0] / 1e6, y.max()), (-5, -8), textcoords="offset points",
-                  ha="right", color=GREY, fontsize=8.5)
+    point_at(left, "band to avoid,\nsays the paper", (BAND[0] / 1e6, y.max()), (-5, -8), ha="right", color=GREY,
+             fontsize=8.5)
     middle.bar(x[1:-1], np.diff(y, 2), 0.16, color=[BEFORE if k in inside else GREY for k in range(1, len(y) - 1)])
     middle.axhline(0, color=FLOOR, lw=0.8)
     middle.set_ylabel("bend: second difference [N]")
     for row, colour, style in ((judged.constant, AFTER, "-s"), (judged.polynomial, GREY, "-D")):
-        right.plot(x, 100 * (row.held / y - 1), style, color=colour, lw=1.2, ms=4, label=row.label)
+        right.plot(x, 100 * row.out, style, color=colour, lw=1.2, ms=4, label=row.label)
     right.axhline(0, color=FLOOR, lw=0.8)
     right.set(ylim=(-12, 9), ylabel="left out, deviation [%]")
     right.legend(loc="lower left", fontsize=8.5)
@@ -179,13 +177,8 @@ def draw_band(judged: FrictionJudgement, inside: Sequence[int]):
 
 @styled
 def draw_stroke(load: float, friction: float):
-    """Figure 11's pressure, 2.05 MPa: what the printed equations give over slip at its load, beside Table 4.
-
-    Args:
-        load, friction: of Tables 3 and 4, interpolated at that pressure [N].
-    """
-    figure = new_figure(3.3, 8.5)
-    axes = dress(figure.subplots())
+    """Figure 11's pressure, 2.05 MPa: the printed equations over slip at its load, beside Table 4's friction [N]."""
+    figure, axes = new_axes(3.3, 8.5)
     slip = np.linspace(0.0, 0.8, 300)
     axes.plot(slip, np.full_like(slip, friction), color=INK, lw=1.4, ls=":",
               label=f"Table 4, interpolated: {friction:.1f} N")
@@ -205,7 +198,7 @@ def draw_coefficient(judged: FrictionJudgement):
     """Friction over load against pressure with Eq. 8 at several tan(delta), and how each of them fits."""
     figure = new_figure(3.6)
     left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
-    x, ratio = judged.pressures, judged.peaks / judged.loads
+    x, ratio = _read_pressures(judged), judged.peaks / judged.forces.x
     fine = x.max() * np.linspace(0.0, 1.0, 80) ** 2
 
     def fit(tangent, at):
@@ -233,31 +226,19 @@ def draw_coefficient(judged: FrictionJudgement):
 @styled
 def draw_scales(judged: FrictionJudgement, at: float):
     """Largest error of Eq. 8 times one fitted scale over K sigma_0/p_r; at `at` the stated error would come out."""
-    figure = new_figure(3.0, 7.5)
-    axes = dress(figure.subplots(), "both")
+    figure, axes = new_axes(3.0, 7.5, grid="both")
     adhesion = np.geomspace(0.02, 50.0, 120)
-    worst = [100 * err_scaled(judged.loads, judged.pressures, judged.peaks, one) for one in adhesion]
+    worst = [100 * err_scaled(judged.forces.x, _read_pressures(judged), judged.peaks, one) for one in adhesion]
     axes.semilogx(adhesion, worst, color=AFTER, lw=1.8)
     axes.axhline(UNCORRECTED, color=BEFORE, lw=1.0, ls="--")
-    axes.annotate(f"stated error of Eq. 8, {UNCORRECTED:g} %", (50, UNCORRECTED), (-4, 4), textcoords="offset points",
-                  ha="right", color=BEFORE)
+    point_at(axes, f"stated error of Eq. 8, {UNCORRECTED:g} %", (50, UNCORRECTED), (-4, 4), ha="right", color=BEFORE)
     axes.plot([at], [UNCORRECTED], "o", color=BEFORE)
     axes.axhline(CORRECTED, color=GREY, lw=1.0, ls=":")
-    axes.annotate(f"stated error of the corrected law, {CORRECTED} %", (0.02, CORRECTED), (4, 4),
-                  textcoords="offset points", color=GREY)
+    point_at(axes, f"stated error of the corrected law, {CORRECTED} %", (0.02, CORRECTED), (4, 4), color=GREY)
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set(ylim=(0, 105), xlim=(0.02, 50), xlabel="K σ₀/pᵣ of Eq. 8, not printed",
              ylabel="largest error with\none scale fitted [%]")
     return figure
-
-
-def draw_friction_models(judged: FrictionJudgement):
-    """Friction over load with the models side by side, and their errors with each record left out."""
-    style = {"printed column as it stands": (GREY, "--^"), "constant coefficient": (AFTER, "-s"),
-             judged.polynomial.label: (KIN, "-D"), RELEASED: (BEFORE, "-v"), SCALED: (BEFORE, ":x")}
-    rows = {row.label: row for row in judged.rows}
-    return draw_values(judged, shown=[(rows[label], *look) for label, look in style.items() if label in rows],
-                       over_load=True)
 
 
 SHOWN = 2.05e6  # Pa, Figure 11
@@ -268,9 +249,12 @@ def read_friction(judged: FrictionJudgement) -> dict[str, np.ndarray]:
 
     Arrays of shape (11,) [N, Pa, N, N, %]; the loads are Table 3's measured forces at the same index.
     """
-    printed = next(row for row in judged.rows if row.kind == "printed")
-    return {"load": judged.loads, "pressure": judged.pressures, "measured": judged.peaks, "printed": printed.fitted,
-            "printed_error": read_errors("table-4")}
+    return {"load": judged.forces.x, "pressure": _read_pressures(judged), "measured": judged.peaks,
+            "printed": judged.printed[0].fitted, "printed_error": read_errors("table-4")}
+
+
+def _read_pressures(judged: FrictionJudgement) -> np.ndarray:
+    return judged.forces.conditions["internal_pressure"]
 
 
 def find_scale(judged: FrictionJudgement) -> float:
@@ -278,20 +262,20 @@ def find_scale(judged: FrictionJudgement) -> float:
     from scipy.optimize import brentq
 
     def gap(logarithm):
-        return 100 * err_scaled(judged.loads, judged.pressures, judged.peaks, np.exp(logarithm)) - UNCORRECTED
+        return 100 * err_scaled(judged.forces.x, _read_pressures(judged), judged.peaks, np.exp(logarithm)) - UNCORRECTED
 
     return math.exp(cast(float, brentq(gap, math.log(0.02), math.log(50.0))))
 
 
 def _examine_band(judged: FrictionJudgement, inside: np.ndarray) -> dict[str, Any]:
     """What the band of 1.5 to 1.9 MPa shows, as `paper.json` has it."""
-    plain, curve = (compare_band(row, judged.peaks, inside) for row in (judged.constant, judged.polynomial))
+    plain, curve = (compare_band(row, inside) for row in (judged.constant, judged.polynomial))
     bends = np.diff(judged.peaks, 2)
     largest = np.sort(np.argsort(-np.abs(bends))[:2])
     shown = [f"{bend:+.2f}".replace("-", "−") for bend in bends]
     sentence = say("paper.band", low=BAND[0] / 1e6, high=BAND[1] / 1e6, rows=len(inside),
                    others=len(judged.peaks) - len(inside), plain=plain, curve=curve,
-                   places=[f"{judged.pressures[k + 1] / 1e6:g}" for k in largest],
+                   places=[f"{_read_pressures(judged)[k + 1] / 1e6:g}" for k in largest],
                    largest=[shown[k] for k in largest], inside=[shown[k - 1] for k in inside])
     return {"sentence": sentence, "rows": [int(k) + 1 for k in inside], "second_differences": bends.tolist(),
             "constant": plain, "polynomial": curve}
@@ -305,13 +289,10 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
         table: from `read_friction`.
         misses: of each assumed range of pressures against Figure 8, by name [%] (row 8).
     """
-    at, inside = find_scale(judged), find_band(judged.pressures)
+    at, inside = find_scale(judged), find_band(table["pressure"])
     load, friction = (float(np.interp(SHOWN, table["pressure"], table[name])) for name in ("load", "measured"))
     rows = {row.label: row for row in judged.rows}
-    printed = next(row for row in judged.rows if row.kind == "printed")
-    scaled, constant, column = (float(np.max(np.abs(row.fitted / judged.peaks - 1.0)))
-                                for row in (rows[SCALED], judged.constant, printed))
-    band = _examine_band(judged, inside)
+    band, column = _examine_band(judged, inside), judged.printed[0]
     # Ranges of pressures that miss Figure 8 by less than 7 %, with the rows that would lie in the band.
     placed = [find_band(1e6 * np.linspace(low, high, len(judged.peaks))) for low, high in RANGES
               if misses[f"{low:g}-{high:g}"] < 7.0]
@@ -320,19 +301,23 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
         [pair for pair in judged.pairs if pair is not far],
         "mean |error| of the first minus that of the constant [points]; > 0: the constant is better")
     best = describe_best(judged)
+    shown = [(column, GREY, "--^"), (judged.constant, AFTER, "-s"), (judged.polynomial, KIN, "-D"),
+             (rows[RELEASED], BEFORE, "-v"), (rows[SCALED], BEFORE, ":x")]
     figures = {
-        "table-4-models": draw_friction_models(judged), "table-4-ladder": draw_ladder(judged),
+        "table-4-models": draw_values(judged, shown=shown, over_load=True), "table-4-ladder": draw_ladder(judged),
         "table-4-differences": against, "table-4-pressure": draw_coefficient(judged),
         "table-4-scale": draw_scales(judged, at), "figure-14": draw_comparison(judged, table["printed"]),
         "figure-12": draw_band(judged, inside), "figure-11": draw_stroke(load, friction),
     }  # fmt: skip
     sections = [
-        write_section("table_4", figures, [judged.table()], verdict=judged.verdict, sentence=judged.sentence, best=best,
+        write_section("paper.table_4", figures, [judged.table()], verdict=judged.verdict,
+                      sentence=judged.sentence, best=best,
                       notes=[note for note in judged.notes if note != best], mean=judged.ratio[0],
-                      spread=judged.ratio[1], uncorrected=UNCORRECTED, corrected=CORRECTED, scaled=scaled, at=at,
-                      constant=constant, printed=column, scaled_name=SCALED, far=far,
-                      tangent=rows.get(RELEASED, judged.reference).estimates["loss_factor"]),
-        write_section("figures_11_to_14", figures, band=band["sentence"],
+                      spread=judged.ratio[1], uncorrected=UNCORRECTED, corrected=CORRECTED, at=at,
+                      scaled=rows[SCALED].worst_fit, constant=judged.constant.worst_fit,
+                      printed=column.worst_fit, scaled_name=SCALED, far=far,
+                      tangent=rows[RELEASED].estimates["loss_factor"]),
+        write_section("paper.figures_11_to_14", figures, band=band["sentence"],
                       same=sum(np.array_equal(inside, some) for some in placed), ranges=len(placed), rows=band["rows"],
                       shown=SHOWN / 1e6, load=load, friction=friction),
     ]

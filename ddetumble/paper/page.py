@@ -1,7 +1,7 @@
 """`ddetumble paper`: the paper beside the toolkit, computed and written as one page."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,27 +10,14 @@ import numpy as np
 from .._sentences import say
 from .._settings import find_data
 from ..contact.law import Ball
-from .contradictions import (
-    ELSEWHERE,
-    READINGS,
-    SPEED,
-    draw_core,
-    draw_duration,
-    draw_errors,
-    draw_pressure,
-    draw_ranges,
-    draw_readings,
-    draw_restitution,
-    draw_sign,
-    list_contradictions,
-    list_friction_points,
-)
+from ..effects import IMPACT
+from . import contradictions
 from .detumbling import write_detumbling
+from .forces import PeakRow, compare_rows, describe_estimates, make_interval
 from .friction_page import draw_friction_errors, draw_range, draw_rest, read_friction, write_friction
-from .judgement import PeakJudgement, judge_campaign
+from .judgement import PeakJudgement, fit_exponent, judge_campaign
 from .peak_page import draw_corrections, draw_differences, draw_growth, draw_ladder, draw_values
-from .peaks import ATMOSPHERE, Bench, PeakData, PeakProgram, Recipe, choose_effects
-from .rows import Noise, PairedDifference, PeakRow, compare_rows, describe_estimates, make_interval, make_row
+from .peaks import ATMOSPHERE, NONE, Bench, Recipe, choose_effects
 from .section import read_errors, write_section
 from .tumbling import write_tumbling
 
@@ -45,18 +32,15 @@ CHANGES = (
 )
 
 
-def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, speeds: np.ndarray, printed: np.ndarray,
-                    peaks: np.ndarray, noise: Noise) -> tuple[list[PeakRow], dict]:
+def correct_printed(bench: Bench, mass: float, printed: np.ndarray) -> tuple[list[PeakRow], dict[str, np.ndarray]]:
     r"""Multiply the printed column by what one physical change does to our model, $F_{printed} F(\theta)/F(\theta_0)$.
 
     Pressures are read as gauge here (the atmosphere is added), so that every row has gas for a change to act on.
 
     Args:
-        program: peaks of our model with the effects.
+        bench: the measured peaks, and our model with the effects.
         mass: effective mass of our model [kg].
-        pressures, speeds: of the records, shape (records,) [Pa, m/s].
-        printed, peaks: the printed theory and what was measured, shape (records,) [N].
-        noise: of single peaks.
+        printed: the printed theory, shape (records,) [N].
 
     Returns:
         One row a change, and the fitted ratio of each, shape (records,), by label.
@@ -64,37 +48,35 @@ def correct_printed(program: PeakProgram, mass: float, pressures: np.ndarray, sp
     from scipy.interpolate import CubicSpline
     from scipy.optimize import minimize_scalar
 
-    conditions = {"initial_pressure": pressures + ATMOSPHERE, "approach_speed": speeds}
+    forces, place, count = bench.forces, bench.space.coordinates, len(bench.forces)
+    conditions = {**forces.conditions, "initial_pressure": forces.x + ATMOSPHERE}
+
+    def compute(values: Mapping[str, float], **changed: np.ndarray) -> np.ndarray:
+        x = place({"effective_mass": mass, **values})[None]
+        return bench.evaluate(x, NONE, {**conditions, **changed})[0][0]
+
     rows, ratios = [], {}
-    none = np.full((13, 4), -1)
-    start, _ = program.evaluate(program.place({"effective_mass": mass})[None], none[:1], conditions)
     for name, (low, high), words in CHANGES:
         grid = np.linspace(low, high, 13)
-        scale = mass if name == "effective_mass" else 1.0
         if name == "initial_pressure":
-            x = program.place({"effective_mass": mass})[None]
-            values = np.array([program.evaluate(x, none[:1], {**conditions, name: value * conditions[name]})[0][0]
-                               for value in grid])
+            values = [compute({}, initial_pressure=share * conditions[name]) for share in grid]
         else:
-            x = np.array([program.place({"effective_mass": mass, name: scale * value}) for value in grid])
-            values, _ = program.evaluate(x, none, conditions)
-        curve = CubicSpline(grid, np.log(values / start[0]), axis=0)
+            values = [compute({name: share * (mass if name == "effective_mass" else 1.0)}) for share in grid]
+        curve = CubicSpline(grid, np.log(np.array(values) / compute({})), axis=0)
 
         def fit(keep, curve=curve, low=low, high=high):
             found: Any = minimize_scalar(
-                lambda t: np.sum((printed * np.exp(curve(t)) / peaks - 1.0)[keep] ** 2), bounds=(low, high),
+                lambda t: np.sum((printed * np.exp(curve(t)) / forces.peaks - 1.0)[keep] ** 2), bounds=(low, high),
                 method="bounded", options={"xatol": 1e-7})
             return float(found.x)
 
-        every = np.arange(len(peaks))
-        best = fit(every)
-        left = [fit(every != k) for k in every]
-        held = np.array([printed[k] * np.exp(curve(left[k])[k]) for k in every])
-        spread = float(np.sqrt((len(peaks) - 1) / len(peaks) * np.sum((np.array(left) - np.mean(left)) ** 2)))
+        best, left = fit(slice(None)), np.array([fit(np.arange(count) != k) for k in range(count)])
+        held = printed * np.exp(np.diagonal(curve(left)))
+        spread = float(np.sqrt((count - 1) / count * np.sum((left - left.mean()) ** 2)))  # jackknife
         ratios[words] = np.exp(curve(best))
         value = make_interval(best, spread, "1/s" if name == "gas-leak.lambda" else "")
-        rows.append(make_row(words, "correction", (), 1, printed * ratios[words], held, peaks, pressures, noise,
-                             {name: value}, remark="at its limit" if min(best - low, high - best) < 1e-4 else ""))
+        rows.append(PeakRow(forces, words, "correction", (), 1, printed * ratios[words], held, {name: value},
+                            remark="at its limit" if min(best - low, high - best) < 1e-4 else ""))
     return rows, ratios
 
 
@@ -119,26 +101,30 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
 
     table, figure, slip = (read_campaign(find_data() / "paper" / name) for name in ("table-3", "figure-8", "table-4"))
     peaks: Any
+    forces: Any
+    slipped: Any
     peaks, forces, slipped = (judge_campaign(campaign) for campaign in (figure, table, slip))
     assert table.peaks is not None
     printed, stated = table.peaks["printed_peak_normal_force"].to_numpy(float), read_errors("table-3")
     friction, masses = read_friction(slipped), vary_restitution(peaks)
     mass = masses[RESTITUTIONS.index(KEPT)]["mass"]
-    times = {"ours": _span(peaks.contact[0]), **{name: time_impacts(name, peaks) for name in ("quarter", "area")}}
-    points = list_contradictions(
+    times = {"ours": peaks.contact[0], **{name: time_impacts(name, peaks) for name in ("quarter", "area")}}
+    points = contradictions.list_contradictions(
         {"measured": forces.peaks, "printed": printed, "printed_error": stated},
-        {"pressure": peaks.pressures, "peak": peaks.peaks}, times) + list_friction_points(friction)
+        {"pressure": peaks.forces.x, "peak": peaks.peaks}, times) + contradictions.list_friction_points(friction)
     points = {point.number: point for point in sorted(points, key=lambda point: point.number)}
     misses = points[8].values
-    worst = float(100 * np.max(np.abs(peaks.reference.fitted / peaks.peaks - 1.0)))
+    worst, exponent = 100 * peaks.reference.worst_fit, fit_exponent(peaks.forces)
     figures = {
-        "row-01-readings": draw_readings(), "row-02-core": draw_core(), "row-03-pressure": draw_pressure(),
-        "row-04-restitution": draw_restitution(), "row-05-rest": draw_rest(friction["load"]),
-        "row-06-range": draw_range(friction["load"]), "row-07-errors": draw_errors(forces.peaks, printed, stated),
-        "row-08-abscissae": draw_ranges(misses, forces.peaks, peaks.pressures / 1e6, peaks.peaks),
-        "row-09-duration": draw_duration(peaks.pressures, peaks.peaks, mass), "row-12-sign": draw_sign(mass),
+        "row-01-readings": contradictions.draw_readings(), "row-02-core": contradictions.draw_core(),
+        "row-03-pressure": contradictions.draw_pressure(), "row-04-restitution": contradictions.draw_restitution(),
+        "row-05-rest": draw_rest(friction["load"]), "row-06-range": draw_range(friction["load"]),
+        "row-07-errors": contradictions.draw_errors(forces.peaks, printed, stated),
+        "row-08-abscissae": contradictions.draw_ranges(misses, forces.peaks, peaks.forces.x / 1e6, peaks.peaks),
+        "row-09-duration": contradictions.draw_duration(peaks.forces.x, peaks.peaks, mass),
+        "row-12-sign": contradictions.draw_sign(mass),
         "row-13-errors": draw_friction_errors(friction["measured"], friction["printed"], friction["printed_error"]),
-        "figure-8-growth": draw_growth(peaks), "figure-8-ladder": draw_ladder(peaks),
+        "figure-8-growth": draw_growth(peaks, exponent), "figure-8-ladder": draw_ladder(peaks),
         "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
         "table-3-differences": draw_differences(
             forces.pairs, "mean |error| of the first minus that of the second [points]"),
@@ -149,12 +135,12 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     detumbling, impacts = write_detumbling(peaks.peaks, forces.peaks, printed, mean)
     spans = [one["worst"] for one in masses]
     sections = [
-        write_section("points", figures, points=points.values(), elsewhere=ELSEWHERE.items(),
+        write_section("paper.points", figures, points=points.values(), elsewhere=contradictions.ELSEWHERE.items(),
                       drawn=[(name, points[int(name[4:6])]) for name in figures if name.startswith("row-")]),
-        write_section("figure_8", figures, [peaks.table()], verdict=peaks.verdict, sentence=peaks.sentence,
+        write_section("paper.figure_8", figures, [peaks.table()], verdict=peaks.verdict, sentence=peaks.sentence,
                       notes=peaks.notes, worst=worst, masses=masses, least=min(spans), most=max(spans),
-                      exponent=peaks.exponent[0], error=peaks.exponent[1]),
-        write_section("table_3", figures, [forces.table()], verdict=forces.verdict, sentence=forces.sentence,
+                      exponent=exponent[0], error=exponent[1]),
+        write_section("paper.table_3", figures, [forces.table()], verdict=forces.verdict, sentence=forces.sentence,
                       notes=forces.notes),
         _write_corrections(forces, printed), *pages, tumbling, detumbling]
     sentence = say("paper.summary", points=len(points), worst=worst, verdict=forces.verdict,
@@ -181,11 +167,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
 
 def set_up_bench(judged: PeakJudgement) -> Bench:
     """A bench for the peaks of a judgement with the whole catalogue, which shares the judgement's compiled program."""
-    from ..effects import IMPACT
-
-    conditions = {"initial_pressure": judged.pressures, "approach_speed": np.full(len(judged.peaks), SPEED)}
-    program = PeakProgram(Ball(), choose_effects(IMPACT, Ball(), conditions)[0])
-    return Bench(program, PeakData(conditions, judged.peaks, 1.0 / judged.peaks), judged.noise)
+    return Bench(Ball(), choose_effects(IMPACT, Ball(), judged.forces.conditions)[0], judged.forces)
 
 
 def vary_restitution(judged: PeakJudgement) -> list[dict[str, float]]:
@@ -199,49 +181,35 @@ def vary_restitution(judged: PeakJudgement) -> list[dict[str, float]]:
     found = []
     for e, row in zip(RESTITUTIONS, bench.solve(recipes), strict=True):
         lasting = bench.contact(row)[0]
-        found.append({"restitution": e, "mass": row.estimates["effective_mass"]["estimate"],
-                      "worst": float(np.max(np.abs(row.fitted / judged.peaks - 1))), "first": float(lasting.max()),
-                      "last": float(lasting.min())})
+        found.append({"restitution": e, "mass": row.estimates["effective_mass"]["estimate"], "worst": row.worst_fit,
+                      "first": float(lasting.max()), "last": float(lasting.min())})
     return found
 
 
-def time_impacts(name: str, judged: PeakJudgement) -> tuple[float, float]:
-    """Shortest and longest contact time [s] under the reading `quarter` or `area`, its mass fitted to the same peaks.
+def time_impacts(name: str, judged: PeakJudgement) -> np.ndarray:
+    """Contact times [s] under the reading `quarter` or `area`, its mass fitted to the same peaks.
 
     The doubled core, which moves these times by less than a per cent, is left out of `quarter`.
     """
-    bench = set_up_bench(judged)
-    start = {"effective_mass": 4.0}
     if name == "quarter":
-        start["contact_radius_coefficient"] = 0.25
+        bench, start = set_up_bench(judged), {"effective_mass": 4.0, "contact_radius_coefficient": 0.25}
     else:
-        bench.program = PeakProgram(Ball(**READINGS[name][0]), ())
-    row = bench.solve([Recipe(name, "reference", (), ("effective_mass",), (start,))])[0]
-    return _span(bench.contact(row)[0])
-
-
-def _span(times: np.ndarray) -> tuple[float, float]:
-    return float(np.min(times)), float(np.max(times))
+        bench = Bench(Ball(**contradictions.READINGS[name][0]), (), judged.forces)
+        start = {"effective_mass": 4.0}
+    return bench.contact(bench.solve([Recipe(name, "reference", (), ("effective_mass",), (start,))])[0])[0]
 
 
 def _write_corrections(judged: PeakJudgement, printed: np.ndarray):
     """What could make the printed theory too high by one factor."""
-    bench = set_up_bench(judged)
-    mass = judged.reference.estimates["effective_mass"]["estimate"]
-    rows, ratios = correct_printed(bench.program, mass, judged.pressures, bench.data.conditions["approach_speed"],
-                                   printed, judged.peaks, judged.noise)
-    factor = next(row for row in judged.rows if row.kind == "printed")
+    mass, factor = judged.reference.estimates["effective_mass"]["estimate"], judged.printed[0]
+    rows, ratios = correct_printed(set_up_bench(judged), mass, printed)
     value = factor.estimates["factor"]
-    gaps = {row.label: compare_rows(row, factor, judged.peaks) for row in rows}
-    alike = [row for row in rows if _cannot_tell(gaps[row.label])]
-    pairs = [compare_rows(a, b, judged.peaks) for a, b in itertools.combinations(alike, 2)]
-    drawn = draw_corrections(judged.pressures, printed, judged.peaks, ratios, rows, value["estimate"])
+    gaps = {row.label: compare_rows(row, factor) for row in rows}
+    alike = [row for row in rows if not gaps[row.label].told]
+    pairs = [compare_rows(a, b) for a, b in itertools.combinations(alike, 2)]
+    drawn = draw_corrections(printed, ratios, rows, value["estimate"])
     return write_section(
-        "corrections", {"table-3-corrections": drawn}, factor=value["estimate"], sd=value["sd"], rms=factor.heldout,
-        worst=factor.worst, alike=[row.label for row in alike], other=[row.label for row in rows if row not in alike],
-        close=sum(map(_cannot_tell, pairs)), pairs=len(pairs),
+        "paper.corrections", {"table-3-corrections": drawn}, factor=value["estimate"], sd=value["sd"],
+        rms=factor.heldout, worst=factor.worst, alike=[row.label for row in alike], pairs=len(pairs),
+        other=[row.label for row in rows if gaps[row.label].told], close=sum(not pair.told for pair in pairs),
         rows=[(row, describe_estimates(row.estimates), gaps[row.label]) for row in rows])
-
-
-def _cannot_tell(pair: PairedDifference) -> bool:
-    return abs(pair.difference) <= 2 * pair.standard_error

@@ -19,7 +19,7 @@ from ..dynamics.elliptic import quarter_period
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import Tumble, trace_point
 from ..dynamics.tumbling import simulate_tumbling
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, dress, new_figure, styled
+from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, dress, new_axes, new_figure, point_at, styled
 from .section import write_section
 
 
@@ -147,11 +147,9 @@ def time_nutation(momentum: np.ndarray, moments: np.ndarray) -> float:
 
 @styled
 def draw_stage(courses: Mapping[str, Course], momentum: np.ndarray):
-    """Figure 16: the stage with its frames at t = 0, and its angles about the momentum.
+    """Figure 16: the stage with its frames at t = 0, and its angles about the momentum, shape (3,) [N m s].
 
-    Args:
-        courses: of the printed cylinder and, second, of unequal transverse moments, by label.
-        momentum: in the base frame, shape (3,) [N m s].
+    By label the courses of the printed cylinder and, second, of unequal transverse moments.
     """
     figure, space, panels = _divide((1.0, 1.25), ("nutation [°]", "angles [turns]", "precession\nrate [°/s]"))
     _draw_frames(space, momentum)
@@ -165,18 +163,13 @@ def draw_stage(courses: Mapping[str, Course], momentum: np.ndarray):
     panels[0].set(ylim=(30, 60), title="about the angular momentum")
     panels[0].legend(loc="upper left", ncols=2)
     for name, angle, place in (("precession", precession, (-90, -8)), ("spin", spin, (-14, -20))):
-        panels[1].annotate(name, (SHOWN, angle[-1] / (2.0 * np.pi)), place, textcoords="offset points", ha="right")
+        point_at(panels[1], name, (SHOWN, angle[-1] / (2.0 * np.pi)), place, ha="right")
     return figure
 
 
 @styled
 def draw_path(courses: Mapping[str, Course], momentum: np.ndarray):
-    """Figure 17: the path of the end-face centre A in the base frame, and its components over time.
-
-    Args:
-        courses: of the printed cylinder and, second, of unequal transverse moments, by label.
-        momentum: in the base frame, shape (3,) [N m s].
-    """
+    """Figure 17: the path of the end-face centre A in the base frame; courses and momentum as in Figure 16."""
     figure, space, panels = _divide((1.15, 1.0), ("X of A [m]", "Y of A [m]", "Z of A [m]"))
     (plain, round_one), (uneven, other) = courses.items()
     space.plot(*other.path.T, color=BEFORE, lw=0.5, alpha=0.6, label=uneven)
@@ -195,14 +188,8 @@ def draw_path(courses: Mapping[str, Course], momentum: np.ndarray):
 
 @styled
 def draw_changes(round_ones: Mapping[str, Course], uneven: Mapping[str, Course]):
-    """Two readings of a changing nutation angle, before and after the impacts of Tables 5 and 6.
-
-    Args:
-        round_ones: of the printed cylinder, by label.
-        uneven: of unequal transverse moments, by the same labels.
-    """
-    figure = new_figure(3.4)
-    left, right = (dress(axes) for axes in figure.subplots(1, 2))
+    """Two readings of a changing nutation angle, before and after the impacts: the printed cylinder, and another."""
+    figure, left, right = new_axes(3.4, columns=2)
     for axes, courses in ((left, round_ones), (right, uneven)):
         for (label, course), colour in zip(courses.items(), (GREY, AFTER, BEFORE), strict=True):
             time, part = _begin(course)
@@ -319,5 +306,5 @@ def write_tumbling():
     figures = {"figure-16": draw_stage(both, start), "figure-17": draw_path(both, start),
                "figure-20-nutation": draw_changes(plain, other)}
     periods = [row["period"] for row in numbers["asymmetry"] if row["period"]]
-    return write_section("free_rotation", figures, found=found, duration=DURATION, step=STEP, drawn=DRAWN,
+    return write_section("paper.free_rotation", figures, found=found, duration=DURATION, step=STEP, drawn=DRAWN,
                          periods=periods), found
