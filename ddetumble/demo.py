@@ -65,8 +65,7 @@ def plan_one(folder: Path, number: int) -> list[str]:
     """
     from .planning.measured import list_extrapolations, warn_of_extrapolation
     from .planning.plan import plan_scenario
-    from .planning.scenario import read_scenario
-    from .planning.tables import BallTable, UncertaintyTable
+    from .planning.scenario import BallTable, UncertaintyTable, read_scenario
     from .reports.plan import write_plan
 
     place = (folder / "discovery").resolve()

@@ -1,7 +1,7 @@
 """Write `docs/scenario.md`, every key of `SCENARIO.toml` and of `plan.json`: `python -m docs.scenario_page`.
 
-The keys, defaults and their meaning are read off `ddetumble.planning.tables`, so that the page cannot differ from what
-is checked.
+The keys, defaults and their meaning are read off `ddetumble.planning.scenario`, so that the page cannot differ from
+what is checked.
 """
 
 import inspect
@@ -12,13 +12,14 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from ddetumble.planning import tables
+from ddetumble.planning import scenario
 
 
 PAGE = Path(__file__).resolve().parent / "scenario.md"
-TABLES = (("", tables.Scenario), ("debris", tables.DebrisTable), ("ball", tables.BallTable), ("arm", tables.ArmTable),
-          ("limits", tables.LimitTable), ("goal", tables.GoalTable), ("uncertainty", tables.UncertaintyTable),
-          ("uncertainty.parameters.NAME", tables.SpreadTable))
+TABLES = (("", scenario.Scenario), ("debris", scenario.DebrisTable), ("ball", scenario.BallTable),
+          ("arm", scenario.ArmTable), ("limits", scenario.LimitTable), ("goal", scenario.GoalTable),
+          ("uncertainty", scenario.UncertaintyTable),
+          ("uncertainty.parameters.NAME", scenario.SpreadTable))
 INTRODUCTION = """\
 # What `ddetumble plan` reads and writes
 

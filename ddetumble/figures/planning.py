@@ -4,9 +4,8 @@ import numpy as np
 
 from ..families import find_family
 from ..measurement.quantities import clean, describe_quantity
-from ..planning.proposals import Design
-from ..planning.visibility import Visibility
-from ..planning.wording import describe_test
+from ..planning.detectability import Visibility
+from ..planning.next_test import Design, describe_test
 from .style import AFTER, BEFORE, GREY, INK, KIN, OTHER, WIDTH, dress, head_figure, new_figure, styled, wrap_text
 
 

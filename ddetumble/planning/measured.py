@@ -14,9 +14,9 @@ from ..dynamics.impact import simulate_impact
 from ..inference.archive import FittedModel
 from ..measurement.quantities import describe_quantity, join_words
 from .draws import find_models
-from .strike_plan import StrikePlan
-from .tables import Scenario
-from .wording import say_value
+from .next_test import say_value
+from .scenario import Scenario
+from .single import StrikePlan
 
 
 SLACK = 0.02  # of a limit, by which a planned value may lie beyond it; as in predictions
@@ -43,13 +43,7 @@ class MeasuredRange:
 
 @dc.dataclass(frozen=True)
 class Extrapolation:
-    """A planned value outside of what was measured.
-
-    Attributes:
-        impact: its number, from 1 on.
-        value: what is planned, SI.
-        measured: what was measured.
-    """
+    """A planned value outside of what was measured: number of the impact, from 1 on, and the value, SI."""
 
     impact: int
     value: float
@@ -62,10 +56,6 @@ def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange,
     Of an impact the depression and force that the fitted model reaches at the campaign's fastest approach count where
     the campaign has no such channel. Of slip records the largest load, pressure and slip speed bound those of an
     impact, which itself passes through all smaller loads and speeds.
-
-    Args:
-        scenario: what was read, and could be posed.
-        here: the file's folder.
     """
     fit = "" if scenario.uncertainty is None else scenario.uncertainty.fit.removesuffix("/result.json")
     found: dict[tuple[str, str], MeasuredRange] = {}
@@ -125,12 +115,7 @@ def _reach(saved: FittedModel) -> tuple[float, float]:
 
 def list_extrapolations(ranges: Sequence[MeasuredRange], impacts: Sequence[StrikePlan], conditions=None
                         ) -> tuple[Extrapolation, ...]:
-    """Every planned value outside of what was measured, by impact.
-
-    Args:
-        ranges: of `find_measured_ranges`.
-        impacts: as planned, in order.
-        conditions: what else the contact law is given, by name.
+    """Every planned value outside of what was measured, by impact; `conditions` are what else the contact law is given.
     """
     found = []
     for number, plan in enumerate(impacts, 1):

@@ -11,17 +11,14 @@ from .._errors import InputError
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
-from .ambiguity import Assessment, assess_plan
-from .chain import plan_together
 from .draws import Laws, draw_laws
 from .measured import MeasuredRange, find_measured_ranges, list_extrapolations, list_ranges, warn_of_extrapolation
-from .prospect import Prospect, assess_sequence
-from .risk import plan_robust_strike
-from .scenario import pose_laws, pose_problem, read_scenario
-from .sequence import Joint, Sequence, plan_sequence
-from .strike_plan import LEAST_GAIN, STARTS, StrikePlan
-from .strike_problem import StrikeProblem
-from .tables import Scenario
+from .problem import StrikeProblem
+from .robust import plan_robust_strike
+from .scenario import Scenario, pose_laws, pose_problem, read_scenario
+from .sequence import Joint, Sequence, plan_sequence, plan_together
+from .single import LEAST_GAIN, STARTS, StrikePlan
+from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")

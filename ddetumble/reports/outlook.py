@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..figures.plan import draw_outlook, draw_prospect
-from ..planning.ambiguity import Assessment, Outlook, Spread
-from ..planning.prospect import Prospect
+from ..planning.uncertainty import Assessment, Outlook, Prospect, Spread
 from .page import Section, Table, draw_picture
 
 

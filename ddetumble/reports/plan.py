@@ -23,9 +23,9 @@ from ..planning.measured import (
     list_extrapolations,
 )
 from ..planning.plan import Plan, find_end
+from ..planning.problem import StrikeProblem
 from ..planning.sequence import Sequence, measure_share
-from ..planning.strike_plan import StrikePlan
-from ..planning.strike_problem import StrikeProblem
+from ..planning.single import StrikePlan
 from .outlook import list_outlook, show_outlook
 from .page import Section, Table, draw_picture, write_page, write_whole
 
