@@ -332,8 +332,7 @@ class Distances:
 
     Attributes:
         pairs: (true, refitted) by number.
-        squares: in noise variances, shape (pairs, tests).
-        slopes: by the fractions of the free limits, shape (pairs, tests, free).
+        squares: in noise variances, shape (pairs, tests); `slopes` by the fractions of the free limits.
         at: the rivals as they stand, `models` by `tests` items.
         rows: which rows count, shape (tests, rows).
         failed: tests at which a rival could not be computed, shape (tests,).

@@ -40,9 +40,8 @@ class Limit:
 
 @dc.dataclass(frozen=True)
 class Extra:
-    """A channel that could be added: its name, the channels it stands for, standard deviation and unit, SI.
-
-    `assumed` says that the noise is ours, not the user's.
+    """A channel that could be added: its name, the channels it stands for, standard deviation and unit, SI; `assumed`
+    says that the noise is ours, not the user's.
     """
 
     name: str
@@ -53,11 +52,8 @@ class Extra:
 
 
 def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | None = None) -> tuple[Limit, ...]:
-    """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say.
-
-    Args:
-        saved: a fitted model, with the range of every condition in its campaign.
-        entries: `NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still.
+    """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say
+    (`NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still).
 
     Raises:
         InputError: no such condition, a wrong unit, limits that are none.

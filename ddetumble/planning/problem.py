@@ -250,12 +250,11 @@ def read_design(problem: StrikeProblem, face: Array, x: Array) -> Design:
                   rates, rotate(attitude, normal))
 
 
-def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractAdjoint | None = None, rtol=RTOL,
-                  atol=ATOL, max_steps: int = MAX_STEPS) -> Collision:
+def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractAdjoint | None = None) -> Collision:
     """The impact of a design, integrated."""
     conditions = {**problem.conditions, "initial_pressure": design.pressure}
     return simulate_collision(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point,
-                              design.velocity, conditions, adjoint=adjoint, rtol=rtol, atol=atol, max_steps=max_steps)
+                              design.velocity, conditions, adjoint=adjoint, rtol=RTOL, atol=ATOL, max_steps=MAX_STEPS)
 
 
 def score(problem: StrikeProblem, rates: Array) -> Array:

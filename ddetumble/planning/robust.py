@@ -136,5 +136,4 @@ def plan_robust_strike(problem: StrikeProblem, laws: Laws, plan: StrikePlan, *, 
     x = min([descend(values, slopes, first, bounds, STEPS), np.asarray(first)], key=order)
     value = values(x)
     left, error, (binding,) = weigh_constraints(lambda z: robust.wanted(face, z), value, slopes(x), bounds, x)
-    proof = Certificate(left, error, binding, float(value[1:].min()), plan.certificate.margin)
-    return make_plan(problem, face, x, value, proof, robust.tally, bool(value[1:].min() >= -KEPT))
+    return make_plan(problem, face, x, Certificate(left, error, binding, np.nan), robust.tally, value, KEPT)

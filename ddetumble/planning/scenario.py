@@ -48,31 +48,21 @@ class _Strict(pydantic.BaseModel):
 
 
 class DebrisTable(_Strict):
-    """`[debris]`: shape and how it moves at time 0.
+    """`[debris]`: shape and how it moves at time 0."""
 
-    Attributes:
-        shape: `cylinder` (`radius`, `length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`,
-            `scale`).
-        mass: [kg].
-        radius, length: of a cylinder; the radius of a sphere, too [m].
-        lengths: along body x, y, z [m].
-        file: of a closed convex mesh, from the scenario's own folder on.
-        scale: metres per unit of the mesh.
-        attitude: quaternion, scalar first, body to inertial.
-        angular_velocity: body components [rad/s].
-        angular_momentum: inertial components [N m s], in place of `angular_velocity`.
-    """
-
-    shape: Literal["cylinder", "box", "sphere", "mesh"] = "cylinder"
-    mass: Positive = 1000.0
-    radius: Positive = 1.0
-    length: Positive = 3.0
-    lengths: tuple[Positive, Positive, Positive] | None = None
-    file: StrictStr = ""
-    scale: Positive = 1.0
-    attitude: tuple[Number, Number, Number, Number] = (1.0, 0.0, 0.0, 0.0)
-    angular_velocity: Vector | None = None
-    angular_momentum: Vector | None = None
+    shape: Literal["cylinder", "box", "sphere", "mesh"] = Field("cylinder", description="`cylinder` (`radius`, "
+        "`length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).")
+    mass: Positive = Field(1000.0, description="[kg].")
+    radius: Positive = Field(1.0, description="of a cylinder; the radius of a sphere, too [m].")
+    length: Positive = Field(3.0, description="of a cylinder; the radius of a sphere, too [m].")
+    lengths: tuple[Positive, Positive, Positive] | None = Field(None, description="along body x, y, z [m].")
+    file: StrictStr = Field("", description="of a closed convex mesh, from the scenario's own folder on.")
+    scale: Positive = Field(1.0, description="metres per unit of the mesh.")
+    attitude: tuple[Number, Number, Number, Number] = Field((1.0, 0.0, 0.0, 0.0), description=
+        "quaternion, scalar first, body to inertial.")
+    angular_velocity: Vector | None = Field(None, description="body components [rad/s].")
+    angular_momentum: Vector | None = Field(None, description="inertial components [N m s], in place of "
+        "`angular_velocity`.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -94,66 +84,45 @@ class DebrisTable(_Strict):
 
 
 class BallTable(_Strict):
-    """`[ball]`: the contact model.
+    """`[ball]`: the contact model."""
 
-    Attributes:
-        model: folder of a fit to impacts, or to oblique impacts (with its friction); '' for the paper's ball.
-        friction_model: folder of a fit to slip records, by `--model eq8` or `coulomb` (Eq. 10 grows without limit at
-            the loads of an impact).
-        restitution: of the paper's ball.
-        friction: constant coefficient where no friction model is named.
-        conditions: what else the model's effects read, by name, SI: `sequence`, the number of the impact on this ball.
-    """
-
-    model: StrictStr = ""
-    friction_model: StrictStr = ""
-    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = 0.7
-    friction: NotNegative = 0.218
-    conditions: dict[StrictStr, Number] = {}
+    model: StrictStr = Field("", description="folder of a fit to impacts, or to oblique impacts (with its friction); "
+        "'' for the paper's ball.")
+    friction_model: StrictStr = Field("", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
+        "(Eq. 10 grows without limit at the loads of an impact).")
+    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(0.7, description="of the paper's ball.")
+    friction: NotNegative = Field(0.218, description="constant coefficient where no friction model is named.")
+    conditions: dict[StrictStr, Number] = Field({}, description="what else the model's effects read, by name, SI: "
+        "`sequence`, the number of the impact on this ball.")
 
 
 class ArmTable(_Strict):
-    """`[arm]`: what the ball is mounted on.
+    """`[arm]`: what the ball is mounted on."""
 
-    Attributes:
-        mass: apparent at the tip along the normal [kg]; that of the fitted model where it is not given.
-        tangential_mass: apparent across it [kg]; where it is not given, that of an oblique fit, if `mass` is not given
-            either, else as along the normal.
-        clamped: whether the mount keeps the ball from turning; where not, it turns with the rolling mass of an oblique
-            fit, or 0.5 kg.
-        speed: largest [m/s].
-        chaser: direction from the debris to the chaser, inertial.
-        cone_degrees: largest angle between that and the outward normal at the place that is struck.
-        clearance_time: before and after the contact, in which nothing else may be touched [s].
-    """
-
-    mass: Positive | None = None
-    tangential_mass: Positive | None = None
-    clamped: StrictBool = True
-    speed: Positive = 2.0
-    chaser: Vector = (1.0, 0.0, 0.0)
-    cone_degrees: Annotated[Real, Field(gt=0, le=180)] = 180.0
-    clearance_time: Positive = 0.5
+    mass: Positive | None = Field(None, description="apparent at the tip along the normal [kg]; that of the fitted "
+        "model where it is not given.")
+    tangential_mass: Positive | None = Field(None, description="apparent across it [kg]; where it is not given, that "
+        "of an oblique fit, if `mass` is not given either, else as along the normal.")
+    clamped: StrictBool = Field(True, description="whether the mount keeps the ball from turning; where not, it turns "
+        "with the rolling mass of an oblique fit, or 0.5 kg.")
+    speed: Positive = Field(2.0, description="largest [m/s].")
+    chaser: Vector = Field((1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
+    cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(180.0, description="largest angle between that and the "
+        "outward normal at the place that is struck.")
+    clearance_time: Positive = Field(0.5, description="before and after the contact, in which nothing else may be "
+        "touched [s].")
 
 
 class LimitTable(_Strict):
-    """`[limits]`: what ball and debris can take.
+    """`[limits]`: what ball and debris can take."""
 
-    Attributes:
-        pressure: lowest and highest, absolute [Pa].
-        force: peak normal force [N].
-        depression: of the ball [m].
-        edge: least distance of the contact disc from an edge [m].
-        window: earliest and latest instant of first touch [s]; in a sequence the least and longest wait.
-        approach: least speed along the normal [m/s].
-    """
-
-    pressure: tuple[Positive, Positive] = (1.0e6, 2.5e6)
-    force: Positive = 500.0
-    depression: Positive = 0.02
-    edge: NotNegative = 0.02
-    window: tuple[NotNegative, Positive] = (0.0, 60.0)
-    approach: Positive = 0.05
+    pressure: tuple[Positive, Positive] = Field((1.0e6, 2.5e6), description="lowest and highest, absolute [Pa].")
+    force: Positive = Field(500.0, description="peak normal force [N].")
+    depression: Positive = Field(0.02, description="of the ball [m].")
+    edge: NotNegative = Field(0.02, description="least distance of the contact disc from an edge [m].")
+    window: tuple[NotNegative, Positive] = Field((0.0, 60.0), description="earliest and latest instant of first touch "
+        "[s]; in a sequence the least and longest wait.")
+    approach: Positive = Field(0.05, description="least speed along the normal [m/s].")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -164,21 +133,19 @@ class LimitTable(_Strict):
 
 
 class GoalTable(_Strict):
-    """`[goal]`: what is wanted.
+    """`[goal]`: what is wanted."""
 
-    Attributes:
-        momentum, energy, nutation: weights of |L| and of the energy left, and of the nutation angle over 90°.
-        impacts: at most so many.
-        share: of the angular momentum at which a sequence ends; what the report measures a plan by.
-        least: what of a sequence is to be small: the number of impacts, the sum of all impulses, or the time it takes.
-    """
-
-    momentum: NotNegative = 1.0
-    energy: NotNegative = 0.0
-    nutation: NotNegative = 0.0
-    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = 1
-    share: Annotated[Real, Field(ge=0, lt=1)] = 0.01
-    least: Literal["impacts", "impulse", "time"] = "impacts"
+    momentum: NotNegative = Field(1.0, description="weights of |L| and of the energy left, and of the nutation angle "
+        "over 90°.")
+    energy: NotNegative = Field(0.0, description="weights of |L| and of the energy left, and of the nutation angle "
+        "over 90°.")
+    nutation: NotNegative = Field(0.0, description="weights of |L| and of the energy left, and of the nutation angle "
+        "over 90°.")
+    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(1, description="at most so many.")
+    share: Annotated[Real, Field(ge=0, lt=1)] = Field(0.01, description="of the angular momentum at which a sequence "
+        "ends; what the report measures a plan by.")
+    least: Literal["impacts", "impulse", "time"] = Field("impacts", description="what of a sequence is to be small: "
+        "the number of impacts, the sum of all impulses, or the time it takes.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -188,36 +155,27 @@ class GoalTable(_Strict):
 
 
 class SpreadTable(_Strict):
-    """A parameter of `[uncertainty.parameters]`, in its public unit.
+    """A parameter of `[uncertainty.parameters]`, in its public unit."""
 
-    Attributes:
-        mean: that of the contact model where it is not given.
-        sd: one standard deviation.
-    """
-
-    mean: Number | None = None
-    sd: NotNegative
+    mean: Number | None = Field(None, description="that of the contact model where it is not given.")
+    sd: NotNegative = Field(..., description="one standard deviation.")
 
 
 class UncertaintyTable(_Strict):
-    """`[uncertainty]`: how well the contact is known, and what the plan makes of that.
+    """`[uncertainty]`: how well the contact is known, and what the plan makes of that."""
 
-    Attributes:
-        fit: folder that `fit`, `sample`, `discover` or `average` wrote (or its `result.json`), from the scenario's own
-            folder on; it takes the place of the ball's model. That one where neither this nor `parameters` is given.
-        parameters: of the contact model by name, each with `sd` and, where it is not the model's own, `mean`.
-        correlation: rows of two of these names and their correlation.
-        draws: of each model.
-        tail: share of the draws that counts as the bad tail.
-        plan_for: the best estimate, the mean over all draws, or that over their worst share.
-    """
-
-    fit: StrictStr = ""
-    parameters: dict[StrictStr, SpreadTable] = {}
-    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = ()
-    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = 32
-    tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = 0.1
-    plan_for: Literal["best", "mean", "tail"] = "best"
+    fit: StrictStr = Field("", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
+        "`result.json`), from the scenario's own folder on; it takes the place of the ball's model. That one where "
+        "neither this nor `parameters` is given.")
+    parameters: dict[StrictStr, SpreadTable] = Field({}, description="of the contact model by name, each with `sd` "
+        "and, where it is not the model's own, `mean`.")
+    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field((), description=
+        "rows of two of these names and their correlation.")
+    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(32, description="of each model.")
+    tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(0.1, description="share of the draws that counts as the "
+        "bad tail.")
+    plan_for: Literal["best", "mean", "tail"] = Field("best", description="the best estimate, the mean over all draws, "
+        "or that over their worst share.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -230,25 +188,21 @@ class UncertaintyTable(_Strict):
 
 
 class Scenario(_Strict):
-    """Content of `SCENARIO.toml`; its tables are `[debris]`, `[ball]`, `[arm]`, `[limits]`, `[goal]`, `[uncertainty]`.
+    """Content of `SCENARIO.toml`."""
 
-    Attributes:
-        schema_: version of this format, `"ddetumble.plan/1"`.
-        title: of the report.
-        seed: of the places where the search starts, and of the draws.
-        starts: promising designs that are refined on the integrated impact; more find a better optimum now and then.
-    """
-
-    schema_: Literal["ddetumble.plan/1"] = Field(alias="schema")
-    title: StrictStr = ""
+    schema_: Literal["ddetumble.plan/1"] = Field(..., alias="schema", description=
+        f'version of this format, `"{SCHEMA}"`.')
+    title: StrictStr = Field("", description="of the report.")
     debris: DebrisTable
     ball: BallTable = BallTable()
     arm: ArmTable = ArmTable()
     limits: LimitTable = LimitTable()
     goal: GoalTable = GoalTable()
     uncertainty: UncertaintyTable | None = None
-    seed: Annotated[StrictInt, Field(ge=0)] = 0
-    starts: Annotated[StrictInt, Field(ge=1, le=64)] = 6
+    seed: Annotated[StrictInt, Field(ge=0)] = Field(0, description="of the places where the search starts, and of the "
+        "draws.")
+    starts: Annotated[StrictInt, Field(ge=1, le=64)] = Field(6, description="promising designs that are refined on the "
+        "integrated impact; more find a better optimum now and then.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):

@@ -19,7 +19,7 @@ from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate_impact
 from .multistart import find_bounds
-from .problem import MISSED, StrikeProblem, judge, reach_speed, read_design, score, strike_debris, with_slopes
+from .problem import MISSED, StrikeProblem, judge, reach_speed, read_design, strike_debris, with_slopes
 from .relaxation import Relaxation, find_relaxations
 from .single import (
     ALLOWED,
@@ -47,6 +47,7 @@ SLACK = 1e-3  # of the wanted share, by which it may be missed
 WINDOWS = (0.3, 0.1)  # of the window, to which further sequences are planned that are to be quick
 
 Aim = Literal["impacts", "impulse", "time"]
+Revise = Callable[[StrikeProblem, StrikePlan], StrikePlan]  # from the problem of one impact and its plan
 
 
 @dc.dataclass(frozen=True)
@@ -56,8 +57,8 @@ class Joint:
     Attributes:
         aim: what was brought down: `impacts` (their number), `share` (of the momentum left), `impulse` or `time`.
         taken: whether the sequence is the one that was optimised jointly; where not, that misses what is wanted.
-        impacts, share, impulse, duration: of the sequence optimised jointly: number, share of the angular momentum left
-            [-], sizes of all contact impulses added up [N s], from time 0 to the last separation [s].
+        impacts, share, impulse, duration: of that: number, share of the angular momentum left [-], sizes of all contact
+            impulses added up [N s], from time 0 to the last separation [s].
         alone: the same four of the one that was planned one after the other.
     """
 
@@ -167,11 +168,8 @@ def bound_impacts(problem: StrikeProblem, share: float) -> int:
     $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$
     the largest lever arm of a normal force, $\mu$ the largest friction over load (over pressures, depressions and
     speeds), $R$ the body's reach. The body never turns faster than its momentum at the start about its least axis:
-    bodies that impacts spin up on the way are left out.
-
-    Returns:
-        0 where none can be given: the arm drives the ball, so that an impact has no largest impulse, or no impact has
-        a moment at all.
+    bodies that impacts spin up on the way are left out. 0 where none can be given: the arm drives the ball, so that an
+    impact has no largest impulse, or no impact has a moment at all.
     """
     if any(isinstance(effect, AbstractDriveEffect) for effect in problem.law.effects):
         return 0
@@ -219,17 +217,15 @@ def move_on(problem: StrikeProblem, plan: StrikePlan) -> StrikeProblem:
 
 
 def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
-                  revise: Callable[[StrikeProblem, StrikePlan], StrikePlan] | None = None,
-                  progress: Progress | None = None) -> Sequence:
+                  revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
 
     Args:
         problem: of the first impact; `limits.window` is the shortest and longest wait.
         share: of the angular momentum at which it ends [-].
         most: impacts at most.
-        starts, seed: as of `plan_strike`.
+        starts, seed, progress: as of `plan_strike`.
         revise: changes each plan, for what is uncertain; the motion goes on as the best estimate has it.
-        progress: called with a sentence and nan: how much is done is not known.
 
     Raises:
         ComputationError: where not even a first impact could be planned.
@@ -295,7 +291,7 @@ def _begin(problem: StrikeProblem) -> tuple[Array, Array]:
 
 def total(rows: np.ndarray) -> np.ndarray:
     """Impacts added up: sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints,
-    shape (3 + impacts * constraints, ...), from rows of shape (impacts, 3 + constraints, ...).
+    shape (3 + impacts * constraints, ...), of rows of shape (impacts, 3 + constraints, ...).
     """
     return np.concatenate([rows[:, :SHARE].sum(axis=0), rows[-1, SHARE: SHARE + 1],
                            rows[:, SHARE + 1:].reshape(-1, *rows.shape[2:])])
@@ -321,10 +317,8 @@ def follow_impacts(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> 
 
 
 def follow_slopes(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The `total` of all impacts, with derivatives by all variables of all of them, shape (values, impacts, 7).
-
-    By the chain rule over the state between two impacts: an impact is differentiated by fourteen numbers, however many
-    there are, by one compiled program.
+    """The `total` of all impacts, with derivatives by all variables of all of them, shape (values, impacts, 7): by the
+    chain rule over the state between two impacts, so that one compiled program differentiates any number of them.
     """
     start, state = _begin(problem)
     before = np.zeros((STATE, *x.shape))  # of the state, by all variables
@@ -342,18 +336,12 @@ def follow_slopes(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> t
 
 def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, aim: str = "impulse", steps: int = STEPS
                     ) -> Sequence:
-    """Change all impacts of a sequence together for the least of something, no more than a share of |L| being left.
+    """Change all impacts of a sequence, planned one after the other, together for the least `impulse`, `time` or
+    `share` of the momentum left, no more than a share of |L| being left.
 
-    Args:
-        problem: of the first impact.
-        sequence: planned one impact after the other.
-        share: of the angular momentum [-].
-        aim: `impulse`, `time`, or `share` for the least momentum left.
-        steps: of sequential quadratic programming at most. Where they end outside what is allowed, the best that was
-            passed and is allowed is taken.
-
-    Returns:
-        The sequence, `joint` saying what came of it: whether it was taken, as all is allowed and the share is reached.
+    Where so many steps at most of sequential quadratic programming end outside what is allowed, the best that was
+    passed and is allowed is taken. `joint` says what came of it; `reached`, whether all is allowed and the share is
+    reached.
     """
     faces, first = np.array([plan.place[0] for plan in sequence.impacts]), np.stack([p.x for p in sequence.impacts])
     bounds = np.concatenate([find_bounds(problem, int(face)) for face in faces])
@@ -396,12 +384,7 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
         pose(value, 1.0), pose(slopes, 0.0), bounds, best, shared)
     now, plans, tally = problem, [], Tally(0, len(passed))
     for face, x, binding in zip(faces, best.reshape(first.shape), bindings, strict=True):
-        design = read_design(now, jnp.asarray(face), jnp.asarray(x))
-        collision = strike_debris(now, design)
-        values = np.array([score(now, collision.angular_velocity), *judge(now, design, collision)])
-        allowed = bool(values[1:].min() >= -ALLOWED and collision.separated and not collision.failed)
-        proof = Certificate(left, error, binding, float(values[1:].min()), math.nan)
-        plans.append(make_plan(now, int(face), x, values, proof, tally, allowed, estimate=float(values[0])))
+        plans.append(make_plan(now, int(face), x, Certificate(left, error, binding, math.nan), tally))
         now = move_on(now, plans[-1])
     found = add_up(problem, plans, share * (1 + SLACK))
     reached = found.reached and all(plan.allowed for plan in plans)
@@ -413,17 +396,14 @@ def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, ai
 
 
 def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim = "impacts", starts: int = STARTS,
-                  seed: int = 0, progress: Progress | None = None) -> Sequence:
-    """Plan impacts one after the other, and change them all together.
+                  seed: int = 0, revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
+    """Plan impacts one after the other, and change them all together, unless each is revised for itself; arguments as
+    of `plan_sequence`.
 
-    Args:
-        problem, share, most, starts, seed, progress: as of `plan_sequence`.
-        aim: `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
-            `time` the instant of the last separation, from sequences with long and with short waits.
-
-    Returns:
-        The best sequence; that of `plan_sequence` where nothing better was found. Where it does not reach the share in
-        `most` impacts, that many are changed together for the least momentum left.
+    The aim `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
+    `time` the instant of the last separation, from sequences with long and with short waits. Where the share is not
+    reached in `most` impacts, that many are changed together for the least momentum left. Where nothing better is
+    found, the sequence is that of `plan_sequence`.
     """
     tell = progress or (lambda text, done: None)
 
@@ -431,7 +411,9 @@ def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim =
         tell(f"{len(sequence.impacts)} impacts together", math.nan)
         return refine_sequence(problem, sequence, share, aim)
 
-    found = plan_sequence(problem, share, most, starts=starts, seed=seed, progress=progress)
+    found = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
+    if revise is not None:
+        return found
     alone = (len(found.impacts), found.shares[-1] if found.impacts else 1.0, found.impulse, found.duration)
     if not found.reached:
         if len(found.impacts) < max(most, 2) or len(found.impacts) < found.bound:

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize, nnls
 
-from .._display import Progress
 from .._errors import ComputationError
 from ..dynamics.outcome import Collision
 from .multistart import Place, estimate_score, find_bounds, find_starts
@@ -22,6 +21,7 @@ from .problem import (
     StrikeProblem,
     evaluate,
     evaluate_slopes,
+    judge,
     read_design,
     score,
     strike_debris,
@@ -56,16 +56,14 @@ class Certificate:
     Attributes:
         stationarity: what is left of the gradient after the binding constraints' share, over the gradient [-].
         gradient_error: largest difference of the gradient from central differences, over the gradient [-]; 1 where
-            no difference could be computed.
+            there is none.
         binding: names of the constraints and bounds that hold the plan, with their multipliers [-].
-        least: smallest of the scaled constraints [-].
         margin: from the contact disc to the nearest edge [m].
     """
 
     stationarity: float
     gradient_error: float
     binding: dict[str, float]
-    least: float
     margin: float
 
 
@@ -138,8 +136,8 @@ def descend(values: Callable[[np.ndarray], np.ndarray], slopes: Callable[[np.nda
     `values` gives what is to be small, then all that must not be negative, shape (1 + constraints,); `slopes` their
     derivatives, shape (1 + constraints, variables).
     """
-    found = minimize(
-        lambda z: values(z)[0], x, jac=lambda z: slopes(z)[0], method="SLSQP", bounds=bounds,
+    found = minimize(  # SLSQP reads a gradient as if it were contiguous, whether it is or not
+        lambda z: values(z)[0], x, jac=lambda z: np.ascontiguousarray(slopes(z)[0]), method="SLSQP", bounds=bounds,
         options={"maxiter": steps, "ftol": ftol},
         constraints={"type": "ineq", "fun": lambda z: values(z)[1:], "jac": lambda z: slopes(z)[1:]})
     return np.clip(found.x, *bounds.T)
@@ -186,8 +184,8 @@ def refine(problem: StrikeProblem, face: int, x: np.ndarray, tally: Tally) -> tu
     return best, values(best)
 
 
-def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, near: Sequence[Place] = (),
-                progress: Progress | None = None) -> StrikePlan:
+def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, near: Sequence[Place] = ()
+                ) -> StrikePlan:
     """Plan one impact.
 
     Where nothing worth its while is found, or closed forms see a much better design than the one that is, it is
@@ -198,7 +196,6 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         starts: how many of the designs that closed forms find promising are refined on the integrated impact.
         seed: of their places.
         near: faces and variables that they look at as well, such as those of the impact before.
-        progress: called with a sentence and nan: how much is done is not known.
 
     Raises:
         ComputationError: where no start leads to an impact that can be integrated.
@@ -210,9 +207,7 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         count = starts if turn == 0 else MORE * starts
         places, least = find_starts(problem, count, seed=seed + TURN * turn, near=near)
         estimate = min(estimate, least)
-        for number, (face, x) in enumerate(places, 1):
-            if progress is not None:
-                progress(f"start {number} of {count}, {names[face]}", math.nan)
+        for face, x in places:
             x, values = refine(problem, face, x, tally)
             if values[0] < LOST:
                 ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
@@ -224,24 +219,26 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
             break
     if not ends:
         raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
-    allowed, _, face, x, values = ends[0]
-    return make_plan(problem, face, x, values, certify(problem, face, x), tally, allowed, estimate=estimate,
+    _, _, face, x, values = ends[0]
+    return make_plan(problem, face, x, certify(problem, face, x), tally, values, estimate=estimate,
                      scores=tuple((names[end[2]], end[1], end[0]) for end in ends))
 
 
-def make_plan(problem: StrikeProblem, face: int, x: np.ndarray, values: np.ndarray, certificate: Certificate,
-              tally: Tally, allowed: bool, *, estimate: float | None = None,
+def make_plan(problem: StrikeProblem, face: int, x: np.ndarray, certificate: Certificate, tally: Tally,
+              values: np.ndarray | None = None, slack: float = ALLOWED, *, estimate: float | None = None,
               scores: tuple[tuple[str, float, bool], ...] = ()) -> StrikePlan:
-    """The plan of variables whose score and constraints are known, shape (1 + constraints,); where closed forms say
-    nothing of it, the estimate is that nothing is gained.
+    """The plan of variables, and of score and constraints, shape (1 + constraints,), where these are not those of the
+    impact itself. Where closed forms say nothing of it, the estimate is that nothing is gained.
     """
     design = read_design(problem, jnp.asarray(face), jnp.asarray(x))
     collision = strike_debris(problem, design)
-    name, worth, untouched = problem.debris.surface.face_names()[face], float(values[0]), float(
-        score(problem, problem.angular_velocity))
+    if values is None:
+        values = np.array([score(problem, collision.angular_velocity), *judge(problem, design, collision)])
+    worth, kept = float(values[0]), dict(zip(CONSTRAINTS, map(float, values[1:]), strict=True))
+    allowed = bool(min(kept.values()) >= -slack and collision.separated and not collision.failed)
+    name, untouched = problem.debris.surface.face_names()[face], float(score(problem, problem.angular_velocity))
     return StrikePlan(
-        name, x, worth, untouched, untouched if estimate is None else estimate,
-        dict(zip(CONSTRAINTS, map(float, values[1:]), strict=True)), design, collision, allowed,
+        name, x, worth, untouched, untouched if estimate is None else estimate, kept, design, collision, allowed,
         dc.replace(certificate, margin=float(collision.margin)), tally, scores or ((name, worth, allowed),))
 
 
@@ -252,7 +249,7 @@ def certify(problem: StrikeProblem, face: int, x: np.ndarray) -> Certificate:
 
     value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
     left, error, (binding,) = weigh_constraints(wanted, value, slopes, find_bounds(problem, face), x)
-    return Certificate(left, error, binding, float(value[1:].min()), math.nan)
+    return Certificate(left, error, binding, math.nan)
 
 
 def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, slopes: np.ndarray, bounds: np.ndarray,

@@ -30,12 +30,7 @@ UNITS = {CONSTRAINTS.edge: (100.0, "mm"), CONSTRAINTS.next_edge: (100.0, "mm"), 
 
 @dc.dataclass(frozen=True)
 class Spread:
-    """A quantity over the draws.
-
-    Attributes:
-        mean, sd, q05, q50, q95: in its unit.
-        tail: mean of its largest share.
-    """
+    """A quantity over the draws, in its unit; `tail` is the mean of its largest share."""
 
     mean: float
     sd: float
@@ -47,12 +42,8 @@ class Spread:
 
 @dc.dataclass(frozen=True)
 class Regret:
-    """What it costs at most to have planned with another model than the true one, on the same face.
-
-    Attributes:
-        loss: of what is wanted small, in its unit; not negative.
-        beyond: by how much a limit is passed, scaled.
-        limit: which one; '' where none is.
+    """What it costs at most to have planned with another model than the true one, on the same face: in what is wanted
+    small, in its unit, and by how much which limit is passed, scaled; '' where none is.
     """
 
     loss: float = 0.0
@@ -173,9 +164,8 @@ def _look(problem: StrikeProblem, values: np.ndarray, weights: np.ndarray, tail:
 
 
 def find_regrets(problem: StrikeProblem, plan: StrikePlan, laws: Laws) -> list[Regret]:
-    """What a plan for another model costs where a model is true, one regret a model.
-
-    The plan is changed for the best estimate of every model, and each of these plans is tried on all models.
+    """What a plan for another model costs where a model is true, one regret a model: the plan is changed for the best
+    estimate of every model, and each of these plans is tried on all models.
     """
     (face, x), owns = plan.place, pose_draws(problem, laws.best)
     # One row a plan, one column a model: shape (models, models, 1 + constraints).
@@ -195,13 +185,8 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     """What a plan leaves under every drawn law, model by model, and whether it matters which model is true.
 
     It matters where two models' means differ, a plan for the wrong model costs, or such a plan passes a limit, by more
-    than the parameters' own uncertainty (and by more than `RESOLUTION` or `BEYOND`).
-
-    Args:
-        problem: what is given, allowed and wanted.
-        plan: one impact.
-        laws: that may be true.
-        tail: share of the draws that counts as the bad tail.
+    than the parameters' own uncertainty (and by more than `RESOLUTION` or `BEYOND`). `tail` is the share of the draws
+    that counts as the bad tail.
 
     Raises:
         ComputationError: the impact could be integrated under no draw of a model.
