@@ -28,11 +28,11 @@ from .measurement.laboratory import import_tests as import_tests
 from .measurement.package import read_campaign as read_campaign
 from .measurement.package import write_campaign as write_campaign
 from .measurement.plausibility import check_plausibility as check_plausibility
-from .planning.nexttest import design as design
+from .planning.detectability import map_effects as map_effects
+from .planning.next_test import design as design
 from .planning.plan import Plan as Plan
 from .planning.plan import plan as plan
-from .planning.strike_problem import StrikeProblem as StrikeProblem
-from .planning.visibility import map_effects as map_effects
+from .planning.problem import StrikeProblem as StrikeProblem
 from .posterior.result import Posterior as Posterior
 from .posterior.sampling import sample as sample
 from .posterior.stacking import average as average

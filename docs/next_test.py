@@ -32,7 +32,7 @@ from ddetumble.exam.simulators.campaigns import write_package  # noqa: E402
 from ddetumble.exam.simulators.impact_campaigns import make_campaign  # noqa: E402
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign  # noqa: E402
 from ddetumble.planning.limits import Limit  # noqa: E402
-from ddetumble.planning.nexttest import design  # noqa: E402
+from ddetumble.planning.next_test import design  # noqa: E402
 from ddetumble.selection.discover import discover  # noqa: E402
 
 

@@ -20,10 +20,8 @@ import numpy as np
 
 from ddetumble import find_data
 from ddetumble.inference.files import list_versions, write_json
-from ddetumble.planning.chain import plan_together
-from ddetumble.planning.scenario import pose_problem, read_scenario
-from ddetumble.planning.sequence import Sequence
-from ddetumble.planning.tables import SCHEMA, Scenario
+from ddetumble.planning.scenario import SCHEMA, Scenario, pose_problem, read_scenario
+from ddetumble.planning.sequence import Sequence, plan_together
 
 
 WORSE = 1e-3  # share of the momentum at the start, by which a plan has to be better to count

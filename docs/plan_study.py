@@ -24,9 +24,9 @@ from ddetumble import Ball, CoulombFriction
 from ddetumble.contact import Striker
 from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
-from ddetumble.planning.guesses import find_bounds, find_starts
-from ddetumble.planning.strike_plan import StrikePlan, plan_strike
-from ddetumble.planning.strike_problem import Goal, Limits, StrikeProblem, evaluate, evaluate_slopes
+from ddetumble.planning.multistart import find_bounds, find_starts
+from ddetumble.planning.problem import Goal, Limits, StrikeProblem, evaluate, evaluate_slopes
+from ddetumble.planning.single import StrikePlan, plan_strike
 
 
 PENALTY = 3.0
@@ -102,7 +102,7 @@ def search_from_plan(problem: StrikeProblem, plan: StrikePlan) -> float:
 
 def measure_costs(problem: StrikeProblem) -> dict[str, float]:
     """Time of a gradient and of the closed forms over that of an impact [-], each the least of several."""
-    face, x = (jnp.asarray(one) for one in find_starts(problem, 1).places[0])
+    face, x = (jnp.asarray(one) for one in find_starts(problem, 1)[0][0])
     actions = {"impact": lambda: np.asarray(evaluate(problem, face, x)),
                "gradient": lambda: np.asarray(evaluate_slopes(problem, face, x)[0]),
                "starts": lambda: find_starts(problem, 3)}

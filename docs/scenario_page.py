@@ -1,24 +1,23 @@
 """Write `docs/scenario.md`, every key of `SCENARIO.toml` and of `plan.json`: `python -m docs.scenario_page`.
 
-The keys, defaults and their meaning are read off `ddetumble.planning.tables`, so that the page cannot differ from what
-is checked.
+The keys, defaults and their meaning are read off `ddetumble.planning.scenario`, so that the page cannot differ from
+what is checked.
 """
 
-import inspect
-import re
 import sys
 from pathlib import Path
 
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from ddetumble.planning import tables
+from ddetumble.planning import scenario
 
 
 PAGE = Path(__file__).resolve().parent / "scenario.md"
-TABLES = (("", tables.Scenario), ("debris", tables.DebrisTable), ("ball", tables.BallTable), ("arm", tables.ArmTable),
-          ("limits", tables.LimitTable), ("goal", tables.GoalTable), ("uncertainty", tables.UncertaintyTable),
-          ("uncertainty.parameters.NAME", tables.SpreadTable))
+TABLES = (("", scenario.Scenario), ("debris", scenario.DebrisTable), ("ball", scenario.BallTable),
+          ("arm", scenario.ArmTable), ("limits", scenario.LimitTable), ("goal", scenario.GoalTable),
+          ("uncertainty", scenario.UncertaintyTable),
+          ("uncertainty.parameters.NAME", scenario.SpreadTable))
 INTRODUCTION = """\
 # What `ddetumble plan` reads and writes
 
@@ -69,17 +68,6 @@ which such an impact was integrated, the tightest that was found.
 """
 
 
-def read_attributes(table: type) -> dict[str, str]:
-    """Meaning of every key, off the docstring."""
-    text = re.sub(r"\n\s{8,}", " ", inspect.cleandoc(table.__doc__ or "").partition("Attributes:\n")[2])
-    found = {}
-    for line in text.splitlines():
-        names, colon, meaning = line.strip().partition(": ")
-        if colon:
-            found |= {name.strip(): meaning for name in names.split(",")}
-    return found
-
-
 def show_default(field: FieldInfo) -> str:
     """The default as TOML has it; empty where the key is required."""
     value = field.default
@@ -98,14 +86,14 @@ def write_page() -> str:
     """The page."""
     lines = [INTRODUCTION]
     for name, table in TABLES:
-        meanings = read_attributes(table)
         title = f"## `[{name}]`" if name else "## At the top"
         lines += [title, "", "| key | default | meaning |", "| --- | --- | --- |"]
         for key, field in table.model_fields.items():
             if name == "" and key in dict(TABLES):
                 continue
             shown = field.alias or key
-            lines.append(f"| `{shown}` | {show_default(field)} | {meanings[key].replace('|', chr(92) + '|')} |")
+            meaning = (field.description or "").replace("|", chr(92) + "|")
+            lines.append(f"| `{shown}` | {show_default(field)} | {meaning} |")
         lines.append("")
     return "\n".join([*lines, RESULT])
 

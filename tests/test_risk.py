@@ -20,22 +20,8 @@ from ddetumble.contact import Striker
 from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load
-from ddetumble.planning.ambiguity import assess_plan, summarise_draws
 from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_laws, vary_law
-from ddetumble.planning.prospect import assess_sequence
-from ddetumble.planning.risk import (
-    KEPT,
-    RobustSearch,
-    evaluate_draws,
-    find_tail,
-    plan_robust_strike,
-    pose_draws,
-    smooth_tail,
-)
-from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
-from ddetumble.planning.sequence import Sequence
-from ddetumble.planning.strike_plan import ALLOWED, plan_strike
-from ddetumble.planning.strike_problem import (
+from ddetumble.planning.problem import (
     CONSTRAINTS,
     Goal,
     Limits,
@@ -44,6 +30,18 @@ from ddetumble.planning.strike_problem import (
     judge,
     read_design,
     strike_debris,
+)
+from ddetumble.planning.robust import KEPT, RobustProblem, plan_robust_strike, smooth_tail
+from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
+from ddetumble.planning.sequence import Sequence
+from ddetumble.planning.single import ALLOWED, plan_strike
+from ddetumble.planning.uncertainty import (
+    assess_plan,
+    assess_sequence,
+    evaluate_draws,
+    find_tail,
+    pose_draws,
+    summarise_draws,
 )
 
 
@@ -218,11 +216,11 @@ def test_without_uncertainty_the_plan_stays(planned):
 def test_slopes_of_the_tail_are_those_of_differences(planned):
     """What is planned for and the tail means of all constraints, through every draw."""
     problem, plan = planned
-    search = RobustSearch(problem, vary_law(LAW, STATED, draws=5), 0, "tail", 0.4)
+    search = RobustProblem(problem, vary_law(LAW, STATED, draws=5), "tail", 0.4)
     x = plan.x + np.array([0.02, -0.03, 0.05, 0.04, -0.02, 0.1, 0.01])
-    slopes = search.slopes(x)
+    slopes = search.slopes(0, x)
     for k, step in enumerate(1e-4 * np.eye(7)):
-        ahead, behind = (search.values(x + sign * step) for sign in (1, -1))
+        ahead, behind = (search.values(0, x + sign * step) for sign in (1, -1))
         np.testing.assert_allclose(slopes[:, k], (ahead - behind) / 2e-4, atol=3e-3 * np.abs(slopes).max())
 
 
@@ -234,13 +232,13 @@ def test_order_of_best_mean_and_tail(planned):
     laws = vary_law(LAW, STATED, draws=8)
     face = STAGE.surface.face_names().index(plan.face)
     weights = laws.shares()
-    plain = evaluate_draws(pose_draws(problem, laws), face, plan.x)
+    plain = evaluate_draws(pose_draws(problem, laws.draws), face, plan.x)
     robust = {aim: plan_robust_strike(problem, laws, plan, aim=aim, tail=0.25) for aim in ("mean", "tail")}
-    for values in (plain, *(evaluate_draws(pose_draws(problem, laws), face, one.x) for one in robust.values())):
+    for values in (plain, *(evaluate_draws(pose_draws(problem, laws.draws), face, one.x) for one in robust.values())):
         assert find_tail(values[:, 0], weights, 0.25) >= weights @ values[:, 0] >= values[:, 0].min()
     assert plain[:, 3].min() < -KEPT
     for one in robust.values():
-        values = evaluate_draws(pose_draws(problem, laws), face, one.x)
+        values = evaluate_draws(pose_draws(problem, laws.draws), face, one.x)
         assert one.allowed and -find_tail(-values[:, 3], weights, 0.25) >= -KEPT
         assert one.certificate.stationarity < 0.02 and one.certificate.gradient_error < 1e-2
         assert weights @ values[:, 0] > plan.score  # safety costs

@@ -29,7 +29,7 @@ def design_test(
     that takes. Where nothing is confounded: the test that narrows the parameters most.
     """
     with open_optional(output, "design", overwrite) as out:
-        from ..planning.nexttest import design
+        from ..planning.next_test import design
 
         with show_progress(f"designing the next test for {folder}") as report:
             found = design(locate_fit(folder), limits=limit, channels=channel, length=length, progress=report)
@@ -72,7 +72,7 @@ def map_campaign(
                          "--interval go with a table of planned tests", file=path)
     with open_optional(output, "map", overwrite) as out:
         from ..inference.models import list_effects
-        from ..planning.visibility import map_effects
+        from ..planning.detectability import map_effects
 
         own = list_effects(effects_from) if effects_from is not None else ()
         with show_progress(f"mapping {path.stem}") as report:

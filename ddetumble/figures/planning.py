@@ -9,9 +9,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullForm
 
 from ..families import find_family
 from ..measurement.quantities import clean, describe_quantity
-from ..planning.proposals import Design
-from ..planning.visibility import Visibility
-from ..planning.wording import describe_test
+from ..planning.detectability import Visibility
+from ..planning.next_test import Design, describe_test
 from .palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER, SHADES
 from .style import NARROW, WIDTH, dress, head_figure, key_line, new_figure, strip, styled, wrap_text
 

@@ -4,7 +4,7 @@ All laws have one structure: the effects of all models, each at its null in a mo
 batched tree, and one compiled program computes any of them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, final
 
@@ -76,21 +76,11 @@ def draw_normals(count: int, size: int, seed: int) -> np.ndarray:
 
 
 def draw_coordinates(space: ParameterSpace, u: np.ndarray, spread: np.ndarray, count: int, seed: int) -> np.ndarray:
-    """Draws of all coordinates from a Gaussian, within the hard limits of the parameters.
-
-    Coordinates are those in which a fit moves (a logarithm, a logit), so that what is positive stays so.
-
-    Args:
-        space: of the parameters.
-        u: centre, shape (parameters,).
-        spread: rows whose squares add up to the covariance, shape (directions, parameters).
-        count, seed: of the draws.
-
-    Returns:
-        Shape (count, parameters).
+    """Draws of all coordinates (a logarithm, a logit: what is positive stays so) from a Gaussian about `u`, within the
+    hard limits of the parameters, shape (count, parameters); the squares of the rows of `spread` add up to the
+    covariance.
     """
-    found = u + draw_normals(count, len(spread), seed) @ spread
-    return np.clip(found, *space.bounds())
+    return np.clip(u + draw_normals(count, len(spread), seed) @ spread, *space.bounds())
 
 
 def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
@@ -123,10 +113,8 @@ def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
 
 
 def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str]:
-    """Name, model and weight of every model in a folder that `fit`, `sample`, `discover`, `average` wrote, and a note.
-
-    Args:
-        folder: or a file in it, such as its `result.json`.
+    """Name, model and weight of every model in a folder that `fit`, `sample`, `discover`, `average` wrote, or of a file
+    in it, and a note on the weights.
 
     Raises:
         InputError: the folder holds no fit, or a damaged one.
@@ -143,10 +131,6 @@ def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str
     note = ("" if len(models) == 1 else
             "No model has been weighed against the others (average does that): each counts the same.")
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
-
-
-def _has_posterior(saved: FittedModel) -> bool:
-    return saved.folder is not None and (saved.folder / POSTERIOR).is_file()
 
 
 def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedModel, float]],
@@ -166,44 +150,44 @@ def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedMo
     Raises:
         InputError: the folder holds no fit, or models that extend different references.
     """
-    folder = str(source) if isinstance(source, (str, Path)) else ""
-    if isinstance(source, AbstractFitted):
+    folder = ""
+    if isinstance(source, (str, Path)):
+        folder, (named, note) = str(source), find_models(Path(source))
+    elif isinstance(source, AbstractFitted):
         held = [take_fitted(one) for one in (source, *getattr(source, "rivals", ()))]
-        models = [(name_rival(one.effects), one, 1.0 / len(held)) for one in held]
+        named = [(name_rival(one.effects), one, 1.0 / len(held)) for one in held]
     else:
-        models, note = find_models(Path(source)) if isinstance(source, (str, Path)) else (list(source), note)
-    first = models[0][1].space
-    if any(one.space.key[:2] != first.key[:2] for _, one, _ in models):
+        named = list(source)
+    names, models, weights = zip(*named, strict=True)
+    first = models[0].space
+    if any(one.space.key[:2] != first.key[:2] for one in models):
         raise InputError("the models extend different reference models; plan with one at a time", file=folder or None)
-    effects = dict.fromkeys(e for _, one, _ in models for e in one.space.effects)
-    space = ParameterSpace(first.reference, tuple(effects), first.commons)
-
-    def place(saved: FittedModel, own: np.ndarray) -> np.ndarray:
-        whole = np.tile(space.coordinates(), (len(own), 1))
-        whole[:, [space.index[name] for name in saved.space.index]] = own
-        return whole
-
-    drawn = [place(one, draw_posterior(one, draws, seed) if _has_posterior(one)
-                   else draw_coordinates(one.space, one.u, one.spread(), draws, seed)) for _, one, _ in models]
-    best = [place(one, one.u[None]) for _, one, _ in models]
-    sampled = [name for name, one, _ in models if _has_posterior(one)]
-    origin = (f"{draws} draws{' of each model' if len(models) > 1 else ''} from the "
-              f"{'posterior' if len(sampled) == len(models) else 'covariance'} of the fit.")
+    space = ParameterSpace(first.reference, tuple(dict.fromkeys(e for one in models for e in one.space.effects)),
+                           first.commons)
+    sampled = [one.folder is not None and (one.folder / POSTERIOR).is_file() for one in models]
     build = jax.vmap(lambda u: make(space.build(u)))
-    return Laws(build(jnp.asarray(np.concatenate(drawn))), build(jnp.asarray(np.concatenate(best))),
-                tuple(name for name, *_ in models), tuple(float(weight) for *_, weight in models),
-                " ".join(filter(None, [origin, note])), folder)
+
+    def place(own: Iterable[np.ndarray]) -> StrikeLaw:
+        """The laws of coordinates of every model, shape (laws, parameters) each."""
+        rows = []
+        for saved, u in zip(models, own, strict=True):
+            rows.append(np.tile(space.coordinates(), (len(u), 1)))
+            rows[-1][:, [space.index[name] for name in saved.space.index]] = u
+        return build(jnp.asarray(np.concatenate(rows)))
+
+    drawn = [draw_posterior(one, draws, seed) if known
+             else draw_coordinates(one.space, one.u, one.spread(), draws, seed)
+             for one, known in zip(models, sampled, strict=True)]
+    origin = (f"{draws} draws{' of each model' if len(models) > 1 else ''} from the "
+              f"{'posterior' if all(sampled) else 'covariance'} of the fit.")
+    return Laws(place(drawn), place(one.u[None] for one in models), names, tuple(map(float, weights)),
+                f"{origin} {note}".rstrip(), folder)
 
 
 def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
              correlations: Sequence[tuple[str, str, float]] = (), *, draws: int = 32, seed: int = 0) -> Laws:
-    """Draw contact laws about a law from stated means and standard deviations.
-
-    Args:
-        law: what is known of all other parameters.
-        stated: mean (None: that of the law) and standard deviation by name of the parameter, in its public unit.
-        correlations: two names and their correlation.
-        draws, seed: as of `draw_laws`.
+    """Draw contact laws about a law from stated means (None: that of the law) and standard deviations by name of the
+    parameter, in its public unit, and rows of two names and their correlation.
 
     Raises:
         InputError: there is no such parameter, a mean that it cannot have, or correlations that contradict each other.

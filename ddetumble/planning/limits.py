@@ -20,10 +20,7 @@ STILL = 1.2  # ratio of highest to lowest below which a condition counts as held
 
 @dc.dataclass(frozen=True)
 class Limit:
-    """Range of one condition of the next test, SI; `low` equals `high` where it is held still.
-
-    `logarithmic` says in which measure it is searched and drawn.
-    """
+    """Range of one condition of the next test, SI; `low` equals `high` where it is held still."""
 
     name: str
     unit: str
@@ -32,7 +29,7 @@ class Limit:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether the condition is positive, so that ratios count."""
+        """Whether the condition is positive, so that it is searched and drawn by ratios."""
         return self.low > 0
 
     @property
@@ -43,9 +40,8 @@ class Limit:
 
 @dc.dataclass(frozen=True)
 class Extra:
-    """A channel that could be added: its name, the channels it stands for, standard deviation and unit, SI.
-
-    `assumed` says that the noise is ours, not the user's.
+    """A channel that could be added: its name, the channels it stands for, standard deviation and unit, SI; `assumed`
+    says that the noise is ours, not the user's.
     """
 
     name: str
@@ -56,21 +52,16 @@ class Extra:
 
 
 def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | None = None) -> tuple[Limit, ...]:
-    """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say.
-
-    Args:
-        saved: a fitted model, with the range of every condition in its campaign.
-        entries: `NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still.
+    """Limits of all conditions of the next test: the campaign's own range, extended, and what the options say
+    (`NAME=LOW..HIGH UNIT`, or `NAME=VALUE UNIT` for a condition that is held still).
 
     Raises:
         InputError: no such condition, a wrong unit, limits that are none.
     """
-    family = find_family(saved.family)
-    known, chosen = dict(saved.ranges), family.plan.chosen
+    family, known = find_family(saved.family), dict(saved.ranges)
     if family.free_running:
-        sampling = saved.sampling
-        assert sampling is not None
-        fastest = max(x for name, x in sampling.largest.items() if name in family.main)
+        assert saved.sampling is not None
+        fastest = max(x for name, x in saved.sampling.largest.items() if name in family.main)
         known |= dict.fromkeys(family.starts, (-fastest, fastest))
     given = {expand_role(k, family.kind): v for k, v in read_pairs("limit", entries).items()}
     strange = [name for name in given if name not in known]
@@ -79,28 +70,24 @@ def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | 
                          + (", ".join(known) or "none"))
     found = []
     for name, (low, high) in known.items():
-        unit = saved.units.get(name) or si_unit(name)
         if name in given:
             low, high = _read_range(name, given[name])
         elif name == "sequence":
             low = high = high + 1.0
-        elif name in chosen:
-            low, high = (low, high) if name in family.starts else _extend(saved, name, low, high)
-        else:
+        elif name in family.starts:
+            pass
+        elif name not in family.plan.chosen:
             low = high = math.sqrt(low * high) if low > 0 else 0.5 * (low + high)
-        found.append(Limit(name, unit, low, high))
+        elif low <= 0:
+            low, high = max(low, 0.0), WIDE * high
+        else:
+            factor = NARROW if high < STILL * low else WIDE
+            # Not beyond where the model's equations hold, unless the campaign lies there as a whole.
+            first, last = read_validity(saved.space.reference).get(name, (0.0, math.inf))
+            wider = max(low / factor, first), min(high * factor, last)
+            low, high = wider if wider[0] < wider[1] else (low, high)
+        found.append(Limit(name, saved.units.get(name) or si_unit(name), low, high))
     return tuple(found)
-
-
-def _extend(saved: FittedModel, name: str, low: float, high: float) -> tuple[float, float]:
-    """A campaign's range with what a next test can reach beyond it."""
-    if low <= 0:
-        return max(low, 0.0), WIDE * high
-    factor = NARROW if high < STILL * low else WIDE
-    low, high = low / factor, high * factor
-    # Not beyond where the model's equations hold, unless the campaign lies there as a whole.
-    first, last = read_validity(saved.space.reference).get(name, (low, high))
-    return (max(low, first), min(high, last)) if max(low, first) < min(high, last) else saved.ranges[name]
 
 
 def _read_range(name: str, text: str) -> tuple[float, float]:
@@ -128,29 +115,26 @@ def list_extras(saved: FittedModel, entries: Sequence[str] | Mapping[str, str] |
     Raises:
         InputError: the family has no such channel, the campaign measures it already, its noise makes no sense.
     """
-    measured = saved.channels
     offered = find_family(saved.family).plan.added
     if entries is None:
-        return tuple(_make_extra(saved, name, noise, True) for name, noise in offered.items()
-                     if not any(channel.startswith(name) for channel in measured))
-    texts = entries if isinstance(entries, Mapping) else [re.sub(r"^(\s*\w+\s*):", r"\1=", e) for e in entries]
+        wanted = {name: noise for name, noise in offered.items() if not _is_measured(saved, name)}
+    else:
+        wanted = read_pairs("channel", entries if isinstance(entries, Mapping)
+                            else [entry.replace(":", "=", 1) for entry in entries])
     found = []
-    for name, noise in read_pairs("channel", texts).items():
+    for name, noise in wanted.items():
         if name not in offered:
             there = f"it may be {', '.join(offered)}" if offered else "records of this family have no further one"
             raise InputError(f"--channel: {name!r} is no channel that could be added; {there}")
-        if any(channel.startswith(name) for channel in measured):
+        if _is_measured(saved, name):
             raise InputError(f"--channel: the campaign measures {name!r} already")
-        found.append(_make_extra(saved, name, noise, False))
+        unit = check_unit(si_unit(name), name)
+        sd = parse_uncertainty(noise, unit, name).absolute
+        if sd is None:
+            raise InputError(f"--channel {name}: the noise has to be absolute, such as {offered[name]!r}")
+        found.append(Extra(name, ATTITUDES[:4] if name == "attitude" else (name,), sd, unit.si, entries is None))
     return tuple(found)
 
 
-def _make_extra(saved: FittedModel, name: str, noise: str, assumed: bool) -> Extra:
-    """One channel with its noise."""
-    usual = find_family(saved.family).plan.added[name]
-    unit = check_unit(si_unit(name), name)
-    uncertainty = parse_uncertainty(noise, unit, name)
-    if uncertainty.absolute is None:
-        raise InputError(f"--channel {name}: the noise has to be absolute, such as {usual!r}")
-    channels = ATTITUDES[:4] if name == "attitude" else (name,)
-    return Extra(name, channels, uncertainty.absolute, unit.si, assumed)
+def _is_measured(saved: FittedModel, name: str) -> bool:
+    return any(channel.startswith(name) for channel in saved.channels)

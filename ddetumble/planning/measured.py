@@ -14,13 +14,16 @@ from ..dynamics.impact import simulate_impact
 from ..inference.archive import FittedModel
 from ..measurement.quantities import describe_quantity, join_words
 from .draws import find_models
-from .strike_plan import StrikePlan
-from .tables import Scenario
-from .wording import say_value
+from .next_test import say_value
+from .scenario import Scenario
+from .single import StrikePlan
 
 
 SLACK = 0.02  # of a limit, by which a planned value may lie beyond it; as in predictions
 SPAN = 1.0  # s, after which no impact of a campaign lasts
+# What conditions of slip records are of an impact.
+OF_SLIP = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
+           "slip_speed": "tangential_speed"}
 
 
 @dc.dataclass(frozen=True)
@@ -43,13 +46,7 @@ class MeasuredRange:
 
 @dc.dataclass(frozen=True)
 class Extrapolation:
-    """A planned value outside of what was measured.
-
-    Attributes:
-        impact: its number, from 1 on.
-        value: what is planned, SI.
-        measured: what was measured.
-    """
+    """A planned value outside of what was measured: number of the impact, from 1 on, and the value, SI."""
 
     impact: int
     value: float
@@ -62,10 +59,6 @@ def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange,
     Of an impact the depression and force that the fitted model reaches at the campaign's fastest approach count where
     the campaign has no such channel. Of slip records the largest load, pressure and slip speed bound those of an
     impact, which itself passes through all smaller loads and speeds.
-
-    Args:
-        scenario: what was read, and could be posed.
-        here: the file's folder.
     """
     fit = "" if scenario.uncertainty is None else scenario.uncertainty.fit.removesuffix("/result.json")
     found: dict[tuple[str, str], MeasuredRange] = {}
@@ -78,28 +71,21 @@ def find_measured_ranges(scenario: Scenario, here: Path) -> tuple[MeasuredRange,
 
 def list_ranges(saved: FittedModel, name: str) -> list[MeasuredRange]:
     """What the campaign of one fitted model covered; `name` is what the plan calls it."""
-    return _list_impacts(saved, name) if saved.space.family.has_contact else _list_slips(saved, name)
-
-
-def _list_impacts(saved: FittedModel, name: str) -> list[MeasuredRange]:
-    # An impact passes through all smaller slip speeds than its first.
-    found = [MeasuredRange(n, 0.0 if n == "tangential_speed" else low, high, saved.units[n], name)
-             for n, (low, high) in saved.ranges.items() if n != "sequence"]
-    depression, force = _reach(saved)
-    largest = {} if saved.sampling is None else saved.sampling.largest
-    for quantity, channel, value, unit in (("peak_depression", "depression", depression, "m"),
-                                           ("peak_normal_force", "normal_force", force, "N")):
-        high = largest.get(channel, value)
-        if np.isfinite(high):
-            found.append(MeasuredRange(quantity, 0.0, high, unit, name))
+    impacts = saved.space.family.has_contact
+    found = []
+    for condition, (low, high) in saved.ranges.items():
+        quantity = condition if impacts else OF_SLIP.get(condition, condition)
+        if condition != "sequence":
+            # An impact passes through all smaller loads and slip speeds than its largest.
+            from_zero = quantity in ("tangential_speed", "peak_normal_force")
+            found.append(MeasuredRange(quantity, 0.0 if from_zero else low, high, saved.units[condition], name))
+    if impacts:
+        largest = {} if saved.sampling is None else saved.sampling.largest
+        for channel, value, unit in zip(("depression", "normal_force"), _reach(saved), ("m", "N"), strict=True):
+            high = largest.get(channel, value)
+            if np.isfinite(high):
+                found.append(MeasuredRange(f"peak_{channel}", 0.0, high, unit, name))
     return found
-
-
-def _list_slips(saved: FittedModel, name: str) -> list[MeasuredRange]:
-    among = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
-             "slip_speed": "tangential_speed"}
-    return [MeasuredRange(among.get(n, n), low if n == "internal_pressure" or n not in among else 0.0, high,
-                          saved.units[n], name) for n, (low, high) in saved.ranges.items() if n != "sequence"]
 
 
 def _reach(saved: FittedModel) -> tuple[float, float]:
@@ -125,12 +111,7 @@ def _reach(saved: FittedModel) -> tuple[float, float]:
 
 def list_extrapolations(ranges: Sequence[MeasuredRange], impacts: Sequence[StrikePlan], conditions=None
                         ) -> tuple[Extrapolation, ...]:
-    """Every planned value outside of what was measured, by impact.
-
-    Args:
-        ranges: of `find_measured_ranges`.
-        impacts: as planned, in order.
-        conditions: what else the contact law is given, by name.
+    """Every planned value outside of what was measured, by impact; `conditions` are what else the contact law is given.
     """
     found = []
     for number, plan in enumerate(impacts, 1):

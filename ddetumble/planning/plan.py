@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,20 +10,19 @@ from .._errors import InputError
 from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
-from .ambiguity import Assessment, assess_plan
-from .chain import plan_together
 from .draws import Laws, draw_laws
 from .measured import MeasuredRange, find_measured_ranges, list_extrapolations, list_ranges, warn_of_extrapolation
-from .prospect import Prospect, assess_sequence
-from .risk import plan_robust_strike
-from .scenario import pose_laws, pose_problem, read_scenario
-from .sequence import Joint, Sequence, plan_sequence
-from .strike_plan import LEAST_GAIN, STARTS, StrikePlan
-from .strike_problem import StrikeProblem
-from .tables import Scenario
+from .problem import StrikeProblem
+from .robust import plan_robust_strike
+from .scenario import Scenario, pose_laws, pose_problem, read_scenario
+from .sequence import Joint, Sequence, plan_together
+from .single import LEAST_GAIN, STARTS, StrikePlan
+from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+WORTH = f"{100 * LEAST_GAIN:.0f} %"
+AXIAL = 1e-3  # share of the momentum that no normal force can take, from which it is told
 AFTERWARDS = 30.0  # s, of free motion drawn at either end
 
 
@@ -90,7 +88,40 @@ class Plan(AbstractPrinted):
     @property
     def sentence(self) -> str:
         """What was found, in a few sentences."""
-        return describe_plan(self.problem, self.sequence, self.settings.share, self.ranges)
+        found, count = self.sequence, len(self.impacts)
+        said = []
+        if not count:
+            missed = found.refused is not None and found.refused.missed
+            said.append(f"{'No impact was found' if missed else 'This cannot be done'}: {_say_why(found)}.")
+            parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g} {one.unit} in place of "
+                     f"{one.given:g} {one.unit}" for one in found.relaxations]
+            if parts:
+                said.append(f"An impact worth {WORTH} of what is wanted would be allowed with {', or '.join(parts)}, "
+                            "the other limits as they are.")
+        else:
+            left = 100 * found.shares[-1]
+            shown = f"{left:.2f} %" if left >= 0.005 else "less than 0.01 %"
+            missed = "" if found.reached else f", not the wanted {100 * self.settings.share:g} %"
+            last = format_time(found.instants[-1], find_end(found))
+            leave, comes, all_ = ("One impact leaves", "It comes", "") if count == 1 else (
+                f"{count} impacts leave", "The last of them comes", " in all")
+            said += [f"{leave} {shown} of the angular momentum{missed}.",
+                     f"{comes} at {last}, and the contact force has an impulse of {found.impulse:.1f} N s{all_}."]
+            if not found.reached and found.refused is not None:
+                why = _say_why(found)
+                said.append(f"{why[:1].upper()}{why[1:]}.")
+            if found.joint is not None:
+                said.append(_say_joint(found.joint, self.settings.share))
+            if found.bound > 1:
+                said.append(f"No plan does with fewer than {found.bound}.")
+        if found.floor > AXIAL and len(self.problem.debris.surface.find_pivots()) == 3:
+            said.append("A normal force has no moment about a sphere's centre: all of this momentum goes by friction "
+                        "alone.")
+        elif found.floor > AXIAL:
+            said.append("A normal force has no moment about the axis of a body of revolution: "
+                        f"{100 * found.floor:.1f} % of this momentum lies along it and goes by friction alone.")
+        beyond = list_extrapolations(self.ranges, self.impacts, self.problem.conditions)
+        return " ".join([*said, warn_of_extrapolation(beyond)]).rstrip()
 
     def __str__(self) -> str:
         """What was found, and how sure that is."""
@@ -132,7 +163,15 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
         if not saved.space.family.has_contact:
             raise InputError(f"the model is one of {saved.family} records; a strike needs one of impacts")
         source = [(saved.model, saved, 1.0)] if isinstance(model, FittedModel) else model
-        laws = draw_laws(source, _mount_on(problem.law), draws=settings.draws, seed=settings.seed)
+
+        def mount(fitted):
+            """In place of the problem's own normal force; a law of oblique impacts replaces it all."""
+            if isinstance(fitted, StrikeLaw):
+                return fitted
+            striker = dc.replace(problem.law.reference, ball=fitted.reference)
+            return striker.extend((*problem.law.friction.effects, *fitted.effects))
+
+        laws = draw_laws(source, mount, draws=settings.draws, seed=settings.seed)
         problem = dc.replace(problem, law=laws.main)
         ranges = tuple(list_ranges(saved, saved.campaign))
     return _plan(problem, settings, laws, ranges, progress=progress)
@@ -140,14 +179,8 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
 
 def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, progress: Progress | None = None,
                   **changes: Any) -> Plan:
-    """As `plan`, of a scenario that is read already.
-
-    Args:
-        scenario: what was read.
-        here: folder from which it names others.
-        path: its file, for messages; None where there is none.
-        progress: as of `plan`.
-        **changes: settings in place of the scenario's own.
+    """As `plan`, of a scenario that is read already and names others from the folder `here` on; its file is for
+    messages, and further arguments are settings in place of its own.
     """
     try:
         laws = pose_laws(scenario, here)
@@ -167,69 +200,22 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
 
 def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ranges: tuple[MeasuredRange, ...], *,
           progress: Progress | None) -> Plan:
-    tell = progress or (lambda text, share: None)
-    if laws is not None and settings.plan_for != "best":
-        aim = settings.plan_for
-
+    tell, how = progress or (lambda text, share: None), settings
+    revise, aim = None, how.plan_for
+    if laws is not None and aim != "best":
         def revise(now: StrikeProblem, one: StrikePlan) -> StrikePlan:
-            return plan_robust_strike(now, laws, one, aim=aim, tail=settings.tail)
+            return plan_robust_strike(now, laws, one, aim=aim, tail=how.tail)
 
-        found = plan_sequence(problem, settings.share, settings.impacts, starts=settings.starts, seed=settings.seed,
-                              revise=revise, progress=progress)
-    else:
-        found = plan_together(problem, settings.share, settings.impacts, aim=settings.least, starts=settings.starts,
-                              seed=settings.seed, progress=progress)
+    found = plan_together(problem, how.share, how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
+                          revise=revise, progress=progress)
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)
-        assessment = assess_plan(problem, found.impacts[0], laws, tail=settings.tail)
+        assessment = assess_plan(problem, found.impacts[0], laws, tail=how.tail)
         if len(found.impacts) > 1:
             tell("trying all impacts on all draws", math.nan)
-            prospect = assess_sequence(problem, found, laws, settings.share, tail=settings.tail)
-    return Plan(problem, settings, found, laws, assessment, prospect, ranges)
-
-
-def _mount_on(law: StrikeLaw) -> Callable[[Any], StrikeLaw]:
-    """Puts a fitted law in the place of a problem's own normal force; one of oblique impacts replaces it all."""
-    def mount(fitted):
-        if isinstance(fitted, StrikeLaw):
-            return fitted
-        striker = dc.replace(law.reference, ball=fitted.reference)
-        return striker.extend((*law.friction.effects, *fitted.effects))
-
-    return mount
-
-
-def describe_plan(problem: StrikeProblem, sequence: Sequence, share: float,
-                  ranges: tuple[MeasuredRange, ...] = ()) -> str:
-    """What was found, in a few sentences; `ranges` are those of `find_measured_ranges`."""
-    floor, count = sequence.floor, len(sequence.impacts)
-    frictionless = ""
-    if floor > 1e-3:
-        frictionless = (
-            " A normal force has no moment about a sphere's centre: all of this momentum goes by friction alone."
-            if len(problem.debris.surface.find_pivots()) == 3 else
-            " A normal force has no moment about the axis of a body of revolution: "
-            f"{100 * floor:.1f} % of this momentum lies along it and goes by friction alone.")
-    if not count:
-        missed = sequence.refused is not None and sequence.refused.missed
-        cannot = "No impact was found" if missed else "This cannot be done"
-        return f"{cannot}: {_say_why(sequence)}.{_format_relaxations(sequence)}{frictionless}"
-    left = 100 * sequence.shares[-1]
-    shown = f"{left:.2f} %" if left >= 0.005 else "less than 0.01 %"
-    start = f"{'One impact leaves' if count == 1 else f'{count} impacts leave'} {shown} of the angular momentum"
-    start += "" if sequence.reached else f", not the wanted {100 * share:g} %"
-    last = format_time(sequence.instants[-1], find_end(sequence))
-    aim = (f" {'It comes' if count == 1 else 'The last of them comes'} at {last}, and the contact force has an impulse "
-           f"of {sequence.impulse:.1f} N s{'' if count == 1 else ' in all'}.")
-    bound = f" No plan does with fewer than {sequence.bound}." if sequence.bound > 1 else ""
-    ended = ""
-    if not sequence.reached and sequence.refused is not None:
-        why = _say_why(sequence)
-        ended = f" {why[:1].upper()}{why[1:]}."
-    together = "" if sequence.joint is None else f" {_format_joint(sequence.joint, share)}"
-    beyond = warn_of_extrapolation(list_extrapolations(ranges, sequence.impacts, problem.conditions))
-    return f"{start}.{aim}{ended}{together}{bound}{frictionless} {beyond}".rstrip()
+            prospect = assess_sequence(problem, found, laws, how.share, tail=how.tail)
+    return Plan(problem, how, found, laws, assessment, prospect, ranges)
 
 
 def find_end(sequence: Sequence) -> float:
@@ -237,35 +223,26 @@ def find_end(sequence: Sequence) -> float:
     return (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS
 
 
-def _format_joint(joint: Joint, share: float) -> str:
+def _say_joint(joint: Joint, share: float) -> str:
     """What optimising jointly made of the plan, or would leave with one impact less."""
-    count, (before, left, impulse, duration) = _format_count(joint.impacts), joint.alone
+    count, (before, left, impulse, duration) = _count_impacts(joint.impacts), joint.alone
+    one = joint.impacts == 1
     if not joint.taken:
         missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but not within the limits"
-        leave = "leaves" if joint.impacts == 1 else "leave"
-        return f"Optimised jointly, {count} {leave} {100 * joint.share:.2f} % of the angular momentum, {missed}."
+        return (f"Optimised jointly, {count} {'leaves' if one else 'leave'} {100 * joint.share:.2f} % of the angular "
+                f"momentum, {missed}.")
     if joint.aim == "impacts":
-        do = "does" if joint.impacts == 1 else "do"
-        return f"Optimised jointly, {count} {do} what takes {_format_count(before)} when planned one after the other."
+        return (f"Optimised jointly, {count} {'does' if one else 'do'} what takes {_count_impacts(before)} when "
+                "planned one after the other.")
     what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remain, against {100 * left:.2f} %",
             "impulse": f"impulse: {joint.impulse:.1f} N s, against {impulse:.1f} N s",
             "time": f"time: {joint.duration:.1f} s, against {duration:.1f} s"}[joint.aim]
     return f"The impacts were optimised jointly for the least {what} when planned one after the other."
 
 
-def _format_count(impacts: int) -> str:
+def _count_impacts(impacts: int) -> str:
     number = NUMBERS[impacts] if impacts < len(NUMBERS) else f"{impacts}"
     return f"{number} impact{'s' * (impacts != 1)}"
-
-
-def _format_relaxations(sequence: Sequence) -> str:
-    """Which limit would have to be looser, and how much."""
-    if not sequence.relaxations:
-        return ""
-    parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g} {one.unit} in place of {one.given:g} "
-             f"{one.unit}" for one in sequence.relaxations]
-    return (f" An impact worth {100 * LEAST_GAIN:.0f} % of what is wanted would be allowed with {', or '.join(parts)}, "
-            "the other limits as they are.")
 
 
 def _round_loosely(value: float, up: bool) -> float:
@@ -284,11 +261,11 @@ def _say_why(sequence: Sequence) -> str:
         return "no impact is allowed"
     if best.missed:
         return (f"the search found no {'further ' * bool(sequence.impacts)}impact that keeps the limits and is worth "
-                f"{100 * LEAST_GAIN:.0f} % of what is wanted, though closed forms see one worth "
+                f"{WORTH} of what is wanted, though closed forms see one worth "
                 f"{100 * (1.0 - best.estimate / best.untouched):.1f} %; another seed or more starts may find it")
     if best.allowed:
         gain = max(0.0, 1.0 - best.score / best.untouched)
         return (f"{further} impact changes what is wanted by {100 * gain:.2f} %, "
-                f"less than {100 * LEAST_GAIN:.0f} %")
+                f"less than {WORTH}")
     name = min(best.values, key=lambda one: best.values[one])
     return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"

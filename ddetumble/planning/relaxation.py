@@ -5,16 +5,15 @@ Closed forms say from where on; a design there is refined on the integrated impa
 
 import dataclasses as dc
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import minimize
 
-from .guesses import DRAWS, evolve_designs, find_bounds, pick_apart
-from .strike_plan import ALLOWED, LOST, DesignSearch, Tally
-from .strike_problem import CONSTRAINTS, StrikeProblem, allow_speed, score
+from .multistart import Place, evolve_designs, find_bounds
+from .problem import CONSTRAINTS, StrikeProblem, allow_speed, score
+from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, descend
 
 
 STARTS, STEPS = 2, 80  # designs that are refined on the integrated impact, and steps of that at most
@@ -44,30 +43,20 @@ class Relaxation:
 
 @dc.dataclass(frozen=True)
 class _Limit:
-    """How one limit is loosened.
-
-    Attributes:
-        key, unit: as of `Relaxation`.
-        field: of `Limits`.
-        columns: of the constraints that it sets.
-        loosen: a value that hardly limits anything, from the problem.
-        read: the limit that a design just keeps, from the loosened limit and the least of its scaled constraints.
-        upper: whether the quantity has to stay below the limit.
-        scale: of the scenario's unit, in that of the field.
+    """How one limit is loosened: its key and unit in the scenario, which is `scale` in that of the `field` of `Limits`;
+    the constraints that it sets, the one that holds a design first; a value that hardly limits anything; the limit that
+    a design just keeps, from the loosened limit and the least of its scaled constraints; `sign` -1 where the quantity
+    has to stay above.
     """
 
     key: str
     unit: str
     field: str
-    columns: tuple[str, ...]
+    constraints: tuple[str, ...]
     loosen: Callable[[StrikeProblem], float]
     read: Callable[[float, np.ndarray], np.ndarray]
-    upper: bool = True
+    sign: float = 1.0
     scale: float = 1.0
-
-    def is_looser(self, value: float, than: float) -> bool:
-        """Whether one value of the limit allows more than another."""
-        return value > than if self.upper else value < than
 
 
 def _halve_ball(problem: StrikeProblem) -> float:
@@ -77,112 +66,90 @@ def _halve_ball(problem: StrikeProblem) -> float:
 
 
 LIMITS = (
-    _Limit("limits.force", "N", "force", ("peak force",), lambda problem: 1e6, lambda limit, c: limit * (1.0 - c)),
-    _Limit("limits.depression", "m", "depression", ("depression",), _halve_ball, lambda limit, c: limit * (1.0 - c)),
-    _Limit("arm.speed", "m/s", "speed", ("arm's speed",), lambda problem: 100.0,
+    _Limit("limits.force", "N", "force", (CONSTRAINTS.force,), lambda problem: 1e6,
+           lambda limit, c: limit * (1.0 - c)),
+    _Limit("limits.depression", "m", "depression", (CONSTRAINTS.depression,), _halve_ball,
+           lambda limit, c: limit * (1.0 - c)),
+    _Limit("arm.speed", "m/s", "speed", (CONSTRAINTS.speed,), lambda problem: 100.0,
            lambda limit, c: limit * np.sqrt(np.maximum(1.0 - c, 0.0))),
-    _Limit("limits.approach", "m/s", "approach", ("approach",),
-           lambda problem: 1e-3 * float(problem.limits.approach), lambda limit, c: limit * (1.0 + c), upper=False),
-    _Limit("limits.edge", "m", "edge", ("edge", "next edge"), lambda problem: 0.0,
-           lambda limit, c: limit + 0.1 * c, upper=False),
-    _Limit("arm.cone_degrees", "°", "cone", ("reachable side",), lambda problem: math.pi,
+    _Limit("limits.approach", "m/s", "approach", (CONSTRAINTS.approach,),
+           lambda problem: 1e-3 * float(problem.limits.approach), lambda limit, c: limit * (1.0 + c), sign=-1.0),
+    _Limit("limits.edge", "m", "edge", (CONSTRAINTS.edge, CONSTRAINTS.next_edge), lambda problem: 0.0,
+           lambda limit, c: limit + 0.1 * c, sign=-1.0),
+    _Limit("arm.cone_degrees", "°", "cone", (CONSTRAINTS.side,), lambda problem: math.pi,
            lambda limit, c: np.arccos(np.clip(c + math.cos(limit), -1.0, 1.0)), scale=math.radians(1.0)),
 )
 
 
-def find_relaxations(problem: StrikeProblem, constraints: Sequence[str], gain: float, *, draws: int = DRAWS,
-                     seed: int = 0) -> tuple[Relaxation, ...]:
-    """Limits each of which would have to be looser, alone, for an impact that is worth its while.
-
-    Args:
-        problem: in which no impact is allowed, or none is worth its while.
-        constraints: names of those that may stand in the way.
-        gain: share of what is wanted small that an impact has to bring it down by [-].
-        draws: designs of a generation; a power of 2.
-        seed: of their places.
-
-    Returns:
-        In the order of `LIMITS`; none where no single limit among those named is enough.
+def find_relaxations(problem: StrikeProblem, refused: StrikePlan, *, seed: int = 0) -> tuple[Relaxation, ...]:
+    """Limits each of which would have to be looser, alone, for an impact that is worth its while, in the order of
+    `LIMITS`: those that hold the refused impact, or that it misses or just keeps. None where no single one of these is
+    enough.
     """
+    binding = refused.certificate.binding
+    obstacles = [name for name in CONSTRAINTS if name in binding and (binding[name] > 0.0 or not refused.allowed)]
     found = []
     for limit in LIMITS:
-        if not set(limit.columns) & set(constraints):
-            continue
+        own = [name for name in limit.constraints if name in obstacles]
         given, loosest = float(getattr(problem.limits, limit.field)), limit.loosen(problem)
-        if not limit.is_looser(loosest, given):
-            continue
-        needed = _find_tightest(problem, limit, loosest, gain, draws, seed)
-        if needed is not None and limit.is_looser(needed, given):
-            found.append(Relaxation(next(name for name in limit.columns if name in constraints), limit.key, limit.unit,
-                                    given / limit.scale, needed / limit.scale))
+        if own and limit.sign * loosest > limit.sign * given:
+            needed = _find_tightest(problem, limit, loosest, seed)
+            if needed is not None and limit.sign * needed > limit.sign * given:
+                found.append(Relaxation(own[0], limit.key, limit.unit, given / limit.scale, needed / limit.scale))
     return tuple(found)
 
 
-def _loosen(problem: StrikeProblem, limit: _Limit, value: float) -> StrikeProblem:
-    """The problem with another value of one limit, its velocities in the unit that belongs to that."""
-    loose = eqx.tree_at(lambda p: getattr(p.limits, limit.field), problem, jnp.asarray(value))
-    return eqx.tree_at(lambda p: p.unit, loose, allow_speed(loose))
-
-
-def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, gain: float, draws: int, seed: int
-                   ) -> float | None:
+def _find_tightest(problem: StrikeProblem, limit: _Limit, loosest: float, seed: int) -> float | None:
     """The tightest value of a limit at which everything else is kept; None where there is none."""
     untouched = float(score(problem, problem.angular_velocity))
-    own = np.array([name in limit.columns for name in CONSTRAINTS])
-    sign = 1.0 if limit.upper else -1.0
+    own = np.array([name in limit.constraints for name in CONSTRAINTS])
+
+    def loosen(value: float) -> StrikeProblem:
+        """The problem with another value of the limit, its velocities in the unit that belongs to that."""
+        loose = eqx.tree_at(lambda p: getattr(p.limits, limit.field), problem, jnp.asarray(value))
+        return eqx.tree_at(lambda p: p.unit, loose, allow_speed(loose))
 
     def rank(loosened: float):
         def judge(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             scores, values = found[:, 0], found[:, 1:]
             over = np.sum(np.maximum(-values[:, ~own], 0.0), axis=1)
-            over = over + np.maximum(gain - (untouched - scores) / untouched, 0.0) / gain
+            over = over + np.maximum(LEAST_GAIN - (untouched - scores) / untouched, 0.0) / LEAST_GAIN
             over = over + np.maximum(-np.min(values[:, own], axis=1), 0.0)
-            needed = sign * limit.read(loosened, np.min(values[:, own], axis=1))
+            needed = limit.sign * limit.read(loosened, np.min(values[:, own], axis=1))
             worth = np.where(over > ROUND, VIOLATED * (1.0 + over), needed / max(abs(loosened), 1.0))
             return np.where(np.isfinite(worth), worth, np.inf), np.where(over > ROUND, np.inf, needed)
 
         return judge
 
-    first = sign * evolve_designs(_loosen(problem, limit, loosest), draws, seed, rank=rank(loosest)).least
+    first = limit.sign * evolve_designs(loosen(loosest), seed=seed, rank=rank(loosest)).least
     if not math.isfinite(first):
         return None
     # Again under a limit of its own size, in which scaled constraints and velocities are of order one.
-    near = LOOSER * first if limit.upper else first / LOOSER
-    near = near if limit.is_looser(loosest, near) else loosest
-    loose = _loosen(problem, limit, near)
-    last = evolve_designs(loose, draws, seed, rank=rank(near))
-    places = pick_apart(last.faces, last.x, last.worth, STARTS)
-    proved = [_refine(loose, limit, near, gain, untouched, int(last.faces[k]), last.x[k]) for k in places]
-    found = [value for value in proved if value is not None]
-    return sign * min(sign * value for value in found) if found else None
+    near = limit.sign * min(limit.sign * loosest, limit.sign * first * LOOSER**limit.sign)
+    loose = loosen(near)
+    places = evolve_designs(loose, seed=seed, rank=rank(near)).pick(STARTS)
+    found = [value for place in places if (value := _refine(loose, limit, near, untouched, place)) is not None]
+    return limit.sign * min(limit.sign * value for value in found) if found else None
 
 
-def _refine(loose: StrikeProblem, limit: _Limit, loosened: float, gain: float, untouched: float, face: int,
-            x: np.ndarray) -> float | None:
-    """The tightest limit that a design keeps and is allowed under, on a descent (SLSQP) of the integrated impact; None
-    where no design on the way is allowed.
-    """
-    search, bounds = DesignSearch(loose, face, Tally()), find_bounds(loose, face)
-    # The next edge is farther off than the nearest: the first of the columns alone is what the limit holds.
-    own = 1 + CONSTRAINTS.index(limit.columns[0])
-    least = untouched * (1.0 - gain)
-
-    def keep(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([[(least - values[0]) / (untouched * gain)], values[1:]])
-
-    def keep_slopes(slopes: np.ndarray) -> np.ndarray:
-        return np.concatenate([-slopes[:1] / (untouched * gain), slopes[1:]])
-
+def _refine(loose: StrikeProblem, limit: _Limit, loosened: float, untouched: float, place: Place) -> float | None:
+    """The tightest limit that a design keeps and is allowed under, on a descent of the integrated impact, or None."""
+    values, slopes = ask_scipy(loose, place[0], Tally())
+    bounds = find_bounds(loose, place[0])
+    # The next edge is farther off than the nearest: the first of the constraints alone is what the limit holds.
+    own = 1 + CONSTRAINTS.index(limit.constraints[0])
     passed = []
 
-    def look(z: np.ndarray) -> np.ndarray:
-        values = search.values(z)
-        if values[0] < LOST and keep(values).min() >= -ALLOWED:
-            passed.append(float(values[own]))
-        return values
+    def pose(found: np.ndarray, least: float) -> np.ndarray:
+        """What is to be small is the limit that is needed; that the impact is worth its while is a constraint."""
+        gain = (least - found[:1]) / (untouched * LEAST_GAIN)
+        return np.concatenate([-found[own: own + 1], gain, found[1:]])
 
-    minimize(
-        lambda z: -look(z)[own], np.clip(x, *bounds.T), jac=lambda z: -search.slopes(z)[own], method="SLSQP",
-        bounds=bounds, options={"maxiter": STEPS, "ftol": 1e-6},
-        constraints={"type": "ineq", "fun": lambda z: keep(look(z)), "jac": lambda z: keep_slopes(search.slopes(z))})
+    def look(z: np.ndarray) -> np.ndarray:
+        posed = pose(values(z), untouched * (1.0 - LEAST_GAIN))
+        if values(z)[0] < LOST and posed[1:].min() >= -ALLOWED:
+            passed.append(-float(posed[0]))
+        return posed
+
+    descend(look, lambda z: pose(slopes(z), 0.0), np.clip(place[1], *bounds.T), bounds, STEPS, 1e-6)
     return float(limit.read(loosened, np.asarray(max(passed)))) if passed else None

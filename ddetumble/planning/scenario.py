@@ -1,17 +1,18 @@
 """`SCENARIO.toml` of `ddetumble plan`: what is struck, how it moves, what arm and ball can do, what is wanted.
 
-`planning.tables.Scenario` has every key.
+All numbers are SI, angles in degrees where the key says so; `Scenario` has every key.
 """
 
 import dataclasses as dc
 import tomllib
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pydantic
+from pydantic import ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from .._errors import InputError
 from .._numerics import scalar
@@ -23,17 +24,192 @@ from ..contact.gripping import StrikeLaw, Striker
 from ..contact.law import Ball, ContactLaw
 from ..contact.sliding import AbstractFriction, CoulombFriction, FrictionLaw, RubberFriction
 from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
-from ..dynamics.surfaces import Debris, make_debris
+from ..dynamics.surfaces import make_debris
 from ..inference.archive import load
 from ..inference.models import is_fitted
 from .draws import Laws, draw_laws, find_models, vary_law
-from .strike_problem import Goal, Limits, StrikeProblem
-from .tables import SCHEMA, DebrisTable, Scenario
+from .problem import Goal, Limits, StrikeProblem
 
 
+SCHEMA = "ddetumble.plan/1"
 CLAMPED = 1e9  # kg, rolling mass of a ball that its mount keeps from turning
 # What effects may require that the impact itself provides.
 GIVEN = ("initial_pressure", "approach_speed", "tangential_speed", "tangential", "slip_speed", "internal_pressure")
+
+Real = StrictFloat | StrictInt
+Number = Annotated[Real, Field(allow_inf_nan=False)]
+Positive = Annotated[Real, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[Real, Field(ge=0, allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+
+
+class _Strict(pydantic.BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DebrisTable(_Strict):
+    """`[debris]`: shape and how it moves at time 0."""
+
+    shape: Literal["cylinder", "box", "sphere", "mesh"] = Field("cylinder", description="`cylinder` (`radius`, "
+        "`length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).")
+    mass: Positive = Field(1000.0, description="[kg].")
+    radius: Positive = Field(1.0, description="of a cylinder; the radius of a sphere, too [m].")
+    length: Positive = Field(3.0, description="of a cylinder; the radius of a sphere, too [m].")
+    lengths: tuple[Positive, Positive, Positive] | None = Field(None, description="along body x, y, z [m].")
+    file: StrictStr = Field("", description="of a closed convex mesh, from the scenario's own folder on.")
+    scale: Positive = Field(1.0, description="metres per unit of the mesh.")
+    attitude: tuple[Number, Number, Number, Number] = Field((1.0, 0.0, 0.0, 0.0), description=
+        "quaternion, scalar first, body to inertial.")
+    angular_velocity: Vector | None = Field(None, description="body components [rad/s].")
+    angular_momentum: Vector | None = Field(None, description="inertial components [N m s], in place of "
+        "`angular_velocity`.")
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        if (self.angular_velocity is None) == (self.angular_momentum is None):
+            raise ValueError("give one of angular_velocity and angular_momentum")
+        if not any(self.angular_velocity or self.angular_momentum or ()):
+            raise ValueError("debris that does not turn needs no plan: angular_velocity is zero")
+        if not any(self.attitude):
+            raise ValueError("attitude must be a quaternion that is not zero")
+        if self.shape == "box" and self.lengths is None:
+            raise ValueError("a box needs lengths")
+        if self.shape == "mesh" and not self.file:
+            raise ValueError("a mesh needs file")
+        own = {"cylinder": {"radius", "length"}, "box": {"lengths"}, "sphere": {"radius"}, "mesh": {"file", "scale"}}
+        idle = sorted(self.model_fields_set & (set().union(*own.values()) - own[self.shape]))
+        if idle:
+            raise ValueError(f"a {self.shape} has no {', '.join(idle)}; it has {', '.join(sorted(own[self.shape]))}")
+        return self
+
+
+class BallTable(_Strict):
+    """`[ball]`: the contact model."""
+
+    model: StrictStr = Field("", description="folder of a fit to impacts, or to oblique impacts (with its friction); "
+        "'' for the paper's ball.")
+    friction_model: StrictStr = Field("", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
+        "(Eq. 10 grows without limit at the loads of an impact).")
+    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(0.7, description="of the paper's ball.")
+    friction: NotNegative = Field(0.218, description="constant coefficient where no friction model is named.")
+    conditions: dict[StrictStr, Number] = Field({}, description="what else the model's effects read, by name, SI: "
+        "`sequence`, the number of the impact on this ball.")
+
+
+class ArmTable(_Strict):
+    """`[arm]`: what the ball is mounted on."""
+
+    mass: Positive | None = Field(None, description="apparent at the tip along the normal [kg]; that of the fitted "
+        "model where it is not given.")
+    tangential_mass: Positive | None = Field(None, description="apparent across it [kg]; where it is not given, that "
+        "of an oblique fit, if `mass` is not given either, else as along the normal.")
+    clamped: StrictBool = Field(True, description="whether the mount keeps the ball from turning; where not, it turns "
+        "with the rolling mass of an oblique fit, or 0.5 kg.")
+    speed: Positive = Field(2.0, description="largest [m/s].")
+    chaser: Vector = Field((1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
+    cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(180.0, description="largest angle between that and the "
+        "outward normal at the place that is struck.")
+    clearance_time: Positive = Field(0.5, description="before and after the contact, in which nothing else may be "
+        "touched [s].")
+
+
+class LimitTable(_Strict):
+    """`[limits]`: what ball and debris can take."""
+
+    pressure: tuple[Positive, Positive] = Field((1.0e6, 2.5e6), description="lowest and highest, absolute [Pa].")
+    force: Positive = Field(500.0, description="peak normal force [N].")
+    depression: Positive = Field(0.02, description="of the ball [m].")
+    edge: NotNegative = Field(0.02, description="least distance of the contact disc from an edge [m].")
+    window: tuple[NotNegative, Positive] = Field((0.0, 60.0), description="earliest and latest instant of first touch "
+        "[s]; in a sequence the least and longest wait.")
+    approach: Positive = Field(0.05, description="least speed along the normal [m/s].")
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        for name, (low, high) in (("pressure", self.pressure), ("window", self.window)):
+            if not low < high:
+                raise ValueError(f"{name} has to rise from its lowest to its highest value")
+        return self
+
+
+class GoalTable(_Strict):
+    """`[goal]`: what is wanted."""
+
+    momentum: NotNegative = Field(1.0, description="weights of |L| and of the energy left, and of the nutation angle "
+        "over 90°.")
+    energy: NotNegative = Field(0.0, description="weights of |L| and of the energy left, and of the nutation angle "
+        "over 90°.")
+    nutation: NotNegative = Field(0.0, description="weights of |L| and of the energy left, and of the nutation angle "
+        "over 90°.")
+    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(1, description="at most so many.")
+    share: Annotated[Real, Field(ge=0, lt=1)] = Field(0.01, description="of the angular momentum at which a sequence "
+        "ends; what the report measures a plan by.")
+    least: Literal["impacts", "impulse", "time"] = Field("impacts", description="what of a sequence is to be small: "
+        "the number of impacts, the sum of all impulses, or the time it takes.")
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        if not self.momentum + self.energy + self.nutation > 0:
+            raise ValueError("one of momentum, energy and nutation needs a weight above zero")
+        return self
+
+
+class SpreadTable(_Strict):
+    """A parameter of `[uncertainty.parameters]`, in its public unit."""
+
+    mean: Number | None = Field(None, description="that of the contact model where it is not given.")
+    sd: NotNegative = Field(..., description="one standard deviation.")
+
+
+class UncertaintyTable(_Strict):
+    """`[uncertainty]`: how well the contact is known, and what the plan makes of that."""
+
+    fit: StrictStr = Field("", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
+        "`result.json`), from the scenario's own folder on; it takes the place of the ball's model. That one where "
+        "neither this nor `parameters` is given.")
+    parameters: dict[StrictStr, SpreadTable] = Field({}, description="of the contact model by name, each with `sd` "
+        "and, where it is not the model's own, `mean`.")
+    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field((), description=
+        "rows of two of these names and their correlation.")
+    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(32, description="of each model.")
+    tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(0.1, description="share of the draws that counts as the "
+        "bad tail.")
+    plan_for: Literal["best", "mean", "tail"] = Field("best", description="the best estimate, the mean over all draws, "
+        "or that over their worst share.")
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        if self.fit and self.parameters:
+            raise ValueError("give either fit or parameters, not both")
+        for first, second, _ in self.correlation:
+            if first == second or not {first, second} <= set(self.parameters):
+                raise ValueError(f"correlation of {first} and {second}: both have to stand under parameters")
+        return self
+
+
+class Scenario(_Strict):
+    """Content of `SCENARIO.toml`."""
+
+    schema_: Literal["ddetumble.plan/1"] = Field(..., alias="schema", description=
+        f'version of this format, `"{SCHEMA}"`.')
+    title: StrictStr = Field("", description="of the report.")
+    debris: DebrisTable
+    ball: BallTable = BallTable()
+    arm: ArmTable = ArmTable()
+    limits: LimitTable = LimitTable()
+    goal: GoalTable = GoalTable()
+    uncertainty: UncertaintyTable | None = None
+    seed: Annotated[StrictInt, Field(ge=0)] = Field(0, description="of the places where the search starts, and of the "
+        "draws.")
+    starts: Annotated[StrictInt, Field(ge=1, le=64)] = Field(6, description="promising designs that are refined on the "
+        "integrated impact; more find a better optimum now and then.")
+
+    @pydantic.model_validator(mode="after")
+    def _check(self):
+        if self.uncertainty is not None and self.uncertainty.plan_for != "best" and self.goal.least != "impacts":
+            raise ValueError("goal.least has to be 'impacts' where uncertainty.plan_for is the mean or the tail: such "
+                             "plans are made one impact after the other")
+        return self
 
 
 def read_scenario(path) -> Scenario:
@@ -79,46 +255,40 @@ def _list_keys(place: tuple) -> list[str]:
 
 
 def make_body(table: DebrisTable, here: Path) -> AbstractBody:
-    """The body of a scenario."""
-    if table.shape == "box":
-        return Box(table.mass, np.asarray(table.lengths, dtype=float))
-    if table.shape == "sphere":
-        return Sphere(table.mass, table.radius)
+    """The body of a scenario; a mesh is read from the scenario's folder on."""
     if table.shape == "mesh":
         return read_mesh(here / table.file, table.mass, table.scale)
-    return Cylinder(table.mass, table.radius, table.length)
+    if table.shape == "box":
+        return Box(table.mass, np.asarray(table.lengths, dtype=float))
+    return Sphere(table.mass, table.radius) if table.shape == "sphere" else Cylinder(
+        table.mass, table.radius, table.length)
 
 
-def _load_law(name: str, here: Path, key: str) -> Any:
-    folder = here / name
-    if not is_fitted(str(folder)):
+def _load_law(name: str, here: Path, key: str, kinds: tuple[type, ...], what: str) -> Any:
+    """The law of a folder that a scenario names; None where it names none."""
+    if not name:
+        return None
+    if not is_fitted(str(here / name)):
         raise InputError(f"{name} is no folder that fit or discover wrote", key=key)
-    return load(folder).law()
+    law = load(here / name).law()
+    if not isinstance(law, kinds):
+        raise InputError(f"the model has to be one of {what}", key=key)
+    return law
 
 
-def make_law(scenario: Scenario, here: Path) -> StrikeLaw:
-    """The contact law of a scenario: fitted models with their effects, or the paper's ball with constant friction.
+def load_laws(ball: BallTable, here: Path) -> tuple[ContactLaw | StrikeLaw | None, FrictionLaw | None]:
+    """The fitted contact and the fitted friction that a scenario's ball names.
 
     Raises:
         InputError: A folder holds no fit, or one of another family.
     """
-    ball = scenario.ball
-    fitted = _load_law(ball.model, here, "ball.model") if ball.model else None
-    if fitted is not None and not isinstance(fitted, (ContactLaw, StrikeLaw)):
-        raise InputError("the model has to be one of impacts or of oblique impacts", key="ball.model")
-    rubbed = _load_law(ball.friction_model, here, "ball.friction_model") if ball.friction_model else None
-    if rubbed is not None and not isinstance(rubbed, FrictionLaw):
-        raise InputError("the model has to be one of slip records", key="ball.friction_model")
-    return mount_law(scenario, fitted, rubbed)
+    return (_load_law(ball.model, here, "ball.model", (ContactLaw, StrikeLaw), "impacts or of oblique impacts"),
+            _load_law(ball.friction_model, here, "ball.friction_model", (FrictionLaw,), "slip records"))
 
 
 def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed: FrictionLaw | None) -> StrikeLaw:
-    """The law of a scenario's ball on its arm; may be traced.
-
-    Args:
-        scenario: what was read.
-        fitted: of impacts; the paper's ball where there is none.
-        rubbed: of friction, in place of `fitted`'s own; constant friction where neither has one.
+    """The law of a scenario's ball on its arm, may be traced: of a fitted contact, the paper's ball where there is
+    none, and a fitted friction in place of the contact's own, constant friction where neither has one.
 
     Raises:
         InputError: The contact model has no mass that the arm could set, or an effect reads what is not given.
@@ -149,15 +319,12 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
                          f"{DIVERGES_ABOVE:.1f} N); fit the slip records with --model eq8 or coulomb",
                          key="ball.friction_model")
     given = {*reference.provides, *friction.reference.provides, *GIVEN, *ball.conditions}
-    condition = getattr(reference, "condition", "")
-    if condition and condition not in given:
-        raise InputError(f"the fitted power law reads {condition!r}: give its value there, such as "
-                         f"conditions = {{ {condition} = 1 }}", key="ball.conditions")
-    for effect in own:
-        for name in effect.requires:
-            if name not in given:
-                raise InputError(f"the effect {effect.id} reads {name!r}: give its value there, such as "
-                                 f"conditions = {{ {name} = 1 }}", key="ball.conditions")
+    power = getattr(reference, "condition", "")
+    read = [("the fitted power law", power)] if power else []
+    for what, name in [*read, *((f"the effect {effect.id}", name) for effect in own for name in effect.requires)]:
+        if name not in given:
+            raise InputError(f"{what} reads {name!r}: give its value there, such as conditions = {{ {name} = 1 }}",
+                             key="ball.conditions")
     rolling = CLAMPED if arm.clamped else striker.rolling_mass if striker else 0.5
     creep = {} if striker is None else {"creep_speed": striker.creep_speed}
     return Striker(reference, friction.reference, tangential_mass=scalar(across), rolling_mass=scalar(rolling),
@@ -170,13 +337,13 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     A mass that the arm sets is the same in all draws.
 
     Raises:
-        InputError: As of `make_law` and `draw_laws`; nothing says how uncertain the contact is.
+        InputError: As of `load_laws` and `draw_laws`; nothing says how uncertain the contact is.
     """
     table, ball = scenario.uncertainty, scenario.ball
     if table is None:
         return None
     if table.parameters:
-        law = make_law(scenario, here)
+        law = mount_law(scenario, *load_laws(scenario.ball, here))
         if scenario.arm.mass is not None and "effective_mass" in table.parameters:
             raise InputError("the arm's mass is given as known; leave one of the two out",
                              key="uncertainty.parameters.effective_mass")
@@ -195,45 +362,36 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     family = models[0][1].space.family
     if not (family.has_contact or family.has_strokes):
         raise InputError("the fit has to be one of impacts or of slip records", key="uncertainty.fit")
-    slips = family.has_strokes
-    taken = ball.friction_model if slips else ball.model
+    own = "friction_model" if family.has_strokes else "model"
+    taken = getattr(ball, own)
     if taken and (here / taken).resolve() != folder.resolve():
         raise InputError(f"the ball's model is {taken} and the fit {name}; name one of them", key="uncertainty.fit")
-    other = ball.model if slips else ball.friction_model
-    beside = _load_law(other, here, "ball.model" if slips else "ball.friction_model") if other else None
+    fitted, rubbed = load_laws(ball.model_copy(update={own: ""}), here)
 
     def make(law):
-        return mount_law(scenario, *((beside, law) if slips else (law, beside)))
+        return mount_law(scenario, fitted, law) if family.has_strokes else mount_law(scenario, law, rubbed)
 
     laws = draw_laws(models, make, draws=table.draws, seed=scenario.seed, note=note)
     return dc.replace(laws, folder=name_folder(folder))
 
 
 def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> StrikeProblem:
-    """The problem of a scenario's first impact.
-
-    Args:
-        scenario: what was read.
-        here: the file's folder.
-        laws: of `pose_laws`, whose best estimate is then the contact law.
+    """The problem of a scenario's first impact, in the folder `here`; the best estimate of `laws` is the contact law
+    where they are given.
     """
-    debris: Debris = make_debris(make_body(scenario.debris, here))
-    attitude = np.asarray(scenario.debris.attitude, dtype=float)
+    table, arm, goal = scenario.debris, scenario.arm, scenario.goal
+    debris, attitude = make_debris(make_body(table, here)), np.asarray(table.attitude, dtype=float)
     attitude = attitude / np.linalg.norm(attitude)
-    if scenario.debris.angular_velocity is not None:
-        rates = np.asarray(scenario.debris.angular_velocity, dtype=float)
+    if table.angular_velocity is not None:
+        rates = np.asarray(table.angular_velocity, dtype=float)
     else:
-        momentum = jnp.asarray(scenario.debris.angular_momentum, dtype=float)
-        rates = np.linalg.solve(np.asarray(debris.inertia), np.asarray(rotate_back(jnp.asarray(attitude), momentum)))
-    arm, limits, goal = scenario.arm, scenario.limits, scenario.goal
+        momentum = rotate_back(jnp.asarray(attitude), jnp.asarray(table.angular_momentum, dtype=float))
+        rates = np.linalg.solve(np.asarray(debris.inertia), np.asarray(momentum))
     chaser = np.asarray(arm.chaser, dtype=float)
     if not np.any(chaser):
         raise InputError("the direction to the chaser must not be zero", key="arm.chaser")
-    allowed = Limits(
-        speed=arm.speed, approach=limits.approach, force=limits.force, depression=limits.depression, edge=limits.edge,
-        pressure=np.asarray(limits.pressure), window=np.asarray(limits.window),
-        chaser=chaser / np.linalg.norm(chaser), cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
-    law = make_law(scenario, here) if laws is None else laws.main
-    conditions = {name: scalar(value) for name, value in scenario.ball.conditions.items()}
-    return StrikeProblem(law, debris, attitude, rates, allowed, Goal(goal.momentum, goal.energy, goal.nutation),
-                        conditions)
+    limits = Limits(**dict(scenario.limits), speed=arm.speed, chaser=chaser / np.linalg.norm(chaser),
+                    cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
+    law = mount_law(scenario, *load_laws(scenario.ball, here)) if laws is None else laws.main
+    return StrikeProblem(law, debris, attitude, rates, limits, Goal(goal.momentum, goal.energy, goal.nutation),
+                         {name: scalar(value) for name, value in scenario.ball.conditions.items()})

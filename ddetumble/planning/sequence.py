@@ -1,9 +1,11 @@
-"""Several impacts with free motion between them: each planned by gradient, until little enough momentum is left."""
+"""Several impacts with free motion between them: one after the other, and then all of them and all waits together."""
 
 import dataclasses as dc
 import math
 from collections.abc import Callable, Mapping
+from typing import Literal
 
+import diffrax as dfx
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,14 +18,36 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate_impact
+from .multistart import find_bounds
+from .problem import MISSED, StrikeProblem, judge, reach_speed, read_design, strike_debris, with_slopes
 from .relaxation import Relaxation, find_relaxations
-from .strike_plan import LEAST_GAIN, STARTS, StrikePlan, plan_strike
-from .strike_problem import StrikeProblem, reach_speed
+from .single import (
+    ALLOWED,
+    STARTS,
+    Certificate,
+    StrikePlan,
+    Tally,
+    descend,
+    make_plan,
+    plan_strike,
+    remember,
+    weigh_constraints,
+)
 
 
 SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
-PRESSURES = np.linspace(0.0, 1.0, 5)
+PRESSURES = np.linspace(0.0, 1.0, 5)  # over their range, for that
 RUBBED = np.array([0.03, 0.1, 0.3, 1.0])  # of the depression and of the speed, at which friction is looked at
+PLACES = 4096  # of a face, among which the largest lever arm is looked for
+STATE = 7  # attitude and rates, which one impact hands on to the next
+TOTALS = ("impulse", "time", "share")  # what `follow_impacts` returns before the constraints
+IMPULSE, DURATION, SHARE = range(3)
+STEPS = 80  # of a descent of all impacts together, at most
+SLACK = 1e-3  # of the wanted share, by which it may be missed
+WINDOWS = (0.3, 0.1)  # of the window, to which further sequences are planned that are to be quick
+
+Aim = Literal["impacts", "impulse", "time"]
+Revise = Callable[[StrikeProblem, StrikePlan], StrikePlan]  # from the problem of one impact and its plan
 
 
 @dc.dataclass(frozen=True)
@@ -33,8 +57,8 @@ class Joint:
     Attributes:
         aim: what was brought down: `impacts` (their number), `share` (of the momentum left), `impulse` or `time`.
         taken: whether the sequence is the one that was optimised jointly; where not, that misses what is wanted.
-        impacts, share, impulse, duration: of the sequence optimised jointly: number, share of the angular momentum left
-            [-], sizes of all contact impulses added up [N s], from time 0 to the last separation [s].
+        impacts, share, impulse, duration: of that: number, share of the angular momentum left [-], sizes of all contact
+            impulses added up [N s], from time 0 to the last separation [s].
         alone: the same four of the one that was planned one after the other.
     """
 
@@ -80,6 +104,17 @@ class Sequence:
     def duration(self) -> float:
         """From time 0 to the last separation [s]."""
         return self.instants[-1] + float(self.impacts[-1].collision.separation) if self.impacts else 0.0
+
+
+def add_up(problem: StrikeProblem, plans: list[StrikePlan], share: float) -> Sequence:
+    """The sequence of planned impacts, its bounds left out."""
+    instants, time = [], 0.0
+    for plan in plans:
+        instants.append(time + float(plan.design.instant))
+        time = instants[-1] + float(plan.collision.separation)
+    shares = [measure_share(problem, np.asarray(plan.collision.angular_velocity)) for plan in plans]
+    impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in plans)
+    return Sequence(tuple(plans), tuple(instants), tuple(shares), impulse, bool(plans) and shares[-1] <= share, 0, 0.0)
 
 
 def measure_share(problem: StrikeProblem, rates: np.ndarray) -> float:
@@ -133,11 +168,8 @@ def bound_impacts(problem: StrikeProblem, share: float) -> int:
     $J$ is the largest impulse that arm and limits allow on a body that does not give way (at five pressures), $\ell$
     the largest lever arm of a normal force, $\mu$ the largest friction over load (over pressures, depressions and
     speeds), $R$ the body's reach. The body never turns faster than its momentum at the start about its least axis:
-    bodies that impacts spin up on the way are left out.
-
-    Returns:
-        0 where none can be given: the arm drives the ball, so that an impact has no largest impulse, or no impact has
-        a moment at all.
+    bodies that impacts spin up on the way are left out. 0 where none can be given: the arm drives the ball, so that an
+    impact has no largest impulse, or no impact has a moment at all.
     """
     if any(isinstance(effect, AbstractDriveEffect) for effect in problem.law.effects):
         return 0
@@ -161,11 +193,11 @@ def bound_impacts(problem: StrikeProblem, share: float) -> int:
     return max(1, math.ceil(size * (1.0 - share) / most - 1e-9))
 
 
-def find_lever(problem: StrikeProblem, draws: int = 4096) -> float:
+def find_lever(problem: StrikeProblem) -> float:
     """Largest lever arm of a normal force on the surface, over many of its places and its corners [m]."""
     surface = problem.debris.surface
     count = len(surface.face_names())
-    places = jnp.asarray(2.0 * qmc.Sobol(2, rng=np.random.default_rng(0)).random(draws) - 1.0)
+    places = jnp.asarray(2.0 * qmc.Sobol(2, rng=np.random.default_rng(0)).random(PLACES) - 1.0)
     corners = jnp.asarray([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
     # Just inside, where the normal is still the face's own: there the largest arm of a flat face or a cylinder is.
     places = jnp.concatenate([places, (1.0 - 1e-9) * corners])
@@ -185,30 +217,25 @@ def move_on(problem: StrikeProblem, plan: StrikePlan) -> StrikeProblem:
 
 
 def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: int = STARTS, seed: int = 0,
-                  revise: Callable[[StrikeProblem, StrikePlan], StrikePlan] | None = None,
-                  progress: Progress | None = None) -> Sequence:
+                  revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
     """Plan impacts one after the other, each the best from what the one before left, its wait chosen too.
 
     Args:
         problem: of the first impact; `limits.window` is the shortest and longest wait.
         share: of the angular momentum at which it ends [-].
         most: impacts at most.
-        starts, seed: as of `plan_strike`.
+        starts, seed, progress: as of `plan_strike`.
         revise: changes each plan, for what is uncertain; the motion goes on as the best estimate has it.
-        progress: called with a sentence and nan: how much is done is not known.
 
     Raises:
         ComputationError: where not even a first impact could be planned.
     """
-    names, now, time, left = problem.debris.surface.face_names(), problem, 0.0, 1.0
+    tell, now, left = progress or (lambda text, done: None), problem, 1.0
     impacts: list[StrikePlan] = []
-    instants: list[float] = []
-    shares: list[float] = []
     refused = None
     while left > share and len(impacts) < most:
         try:
-            near = [(names.index(one.face), one.x) for one in impacts[-1:]]
-            plan = plan_strike(now, starts=starts, seed=seed + len(impacts), near=near)
+            plan = plan_strike(now, starts=starts, seed=seed + len(impacts), near=[one.place for one in impacts[-1:]])
         except ComputationError:
             if not impacts:
                 raise
@@ -219,26 +246,213 @@ def plan_sequence(problem: StrikeProblem, share: float, most: int, *, starts: in
             refused = plan
             break
         impacts.append(plan)
-        instants.append(time + float(plan.design.instant))
-        time = instants[-1] + float(plan.collision.separation)
         left = measure_share(problem, np.asarray(plan.collision.angular_velocity))
-        shares.append(left)
-        if progress is not None:
-            progress(f"impact {len(impacts)}: {100 * left:.2f} % left", math.nan)
+        tell(f"impact {len(impacts)}: {100 * left:.2f} % left", math.nan)
         now = move_on(now, plan)
-    impulse = sum(float(jnp.linalg.norm(plan.collision.impulse)) for plan in impacts)
     relaxations = ()
     if refused is not None and not impacts and not refused.missed:
-        if progress is not None:
-            progress("looking for the limit that stands in the way", math.nan)
-        relaxations = find_relaxations(problem, list_obstacles(refused), LEAST_GAIN, seed=seed)
-    return Sequence(tuple(impacts), tuple(instants), tuple(shares), impulse, left <= share,
-                    bound_impacts(problem, share), find_floor(problem), refused, None, relaxations)
+        tell("looking for the limit that stands in the way", math.nan)
+        relaxations = find_relaxations(problem, refused, seed=seed)
+    return dc.replace(add_up(problem, impacts, share), bound=bound_impacts(problem, share), floor=find_floor(problem),
+                      refused=refused, relaxations=relaxations)
 
 
-def list_obstacles(plan: StrikePlan) -> list[str]:
-    """Constraints that stand in the way of a better plan: those that hold it; where it is not allowed, those that it
-    misses or just keeps.
+def _strike(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array,
+            adjoint: dfx.AbstractAdjoint | None) -> Array:
+    """Attitude and rates after one impact from those before it, and the impact's row, shape (7 + 3 + constraints,)."""
+    now = eqx.tree_at(lambda p: (p.attitude, p.angular_velocity), problem, (state[:4], state[4:]))
+    design = read_design(now, face, x)
+    collision = strike_debris(now, design, adjoint)
+    left = jnp.sum((problem.debris.inertia @ collision.angular_velocity) ** 2) / start
+    row = jnp.concatenate([jnp.stack([jnp.linalg.norm(collision.impulse), design.instant + collision.separation, left]),
+                           jnp.stack(judge(now, design, collision))])
+    # A ball that does not approach strikes nothing, which its approach says; anything else has to end.
+    ended = ~collision.failed & (collision.separated | (collision.approach_speed <= MISSED * now.limits.approach))
+    return jnp.concatenate([collision.attitude, collision.angular_velocity, jnp.where(ended, row, jnp.nan)])
+
+
+@eqx.filter_jit
+def _follow(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> Array:
+    return _strike(problem, start, state, face, x, None)
+
+
+@eqx.filter_jit
+def _follow_slopes(problem: StrikeProblem, start: Array, state: Array, face: Array, x: Array) -> tuple[Array, Array]:
+    """One impact, and its derivatives by the state before and by its variables, the second shape (values, 7 + 7)."""
+    return with_slopes(lambda z: _strike(problem, start, z[:STATE], face, z[STATE:], dfx.ForwardMode()),
+                       jnp.concatenate([state, x]))
+
+
+def _begin(problem: StrikeProblem) -> tuple[Array, Array]:
+    """Square of the momentum, and state, at the start."""
+    return (jnp.sum((problem.debris.inertia @ problem.angular_velocity) ** 2),
+            jnp.concatenate([problem.attitude, problem.angular_velocity]))
+
+
+def total(rows: np.ndarray) -> np.ndarray:
+    """Impacts added up: sum of the impulses [N s], duration [s], square of the share of |L| left, and all constraints,
+    shape (3 + impacts * constraints, ...), of rows of shape (impacts, 3 + constraints, ...).
     """
-    binding = plan.certificate.binding
-    return [name for name in plan.values if name in binding and (binding[name] > 0.0 or not plan.allowed)]
+    return np.concatenate([rows[:, :SHARE].sum(axis=0), rows[-1, SHARE: SHARE + 1],
+                           rows[:, SHARE + 1:].reshape(-1, *rows.shape[2:])])
+
+
+def follow_impacts(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Every impact of a sequence, each from the motion that the one before left, of faces, shape (impacts,), and
+    variables, shape (impacts, 7).
+
+    Returns:
+        Shape (impacts, 3 + constraints): impulse [N s], time from the last separation to its own [s], square of the
+            share of |L| left after it, its constraints; NaN from the first on that could not be integrated to its end.
+    """
+    start, state = _begin(problem)
+    rows = []
+    for face, own in zip(jnp.asarray(faces), jnp.asarray(x), strict=True):
+        found = _follow(problem, start, state, face, own)
+        state = found[:STATE]
+        rows.append(np.asarray(found[STATE:]))
+        if np.isnan(rows[-1]).any():
+            break
+    return np.stack(rows + [np.full_like(rows[-1], np.nan)] * (len(x) - len(rows)))
+
+
+def follow_slopes(problem: StrikeProblem, faces: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The `total` of all impacts, with derivatives by all variables of all of them, shape (values, impacts, 7): by the
+    chain rule over the state between two impacts, so that one compiled program differentiates any number of them.
+    """
+    start, state = _begin(problem)
+    before = np.zeros((STATE, *x.shape))  # of the state, by all variables
+    rows, slopes = [], []
+    for k, (face, own) in enumerate(zip(jnp.asarray(faces), jnp.asarray(x), strict=True)):
+        value, slope = _follow_slopes(problem, start, state, face, own)
+        state, slope = value[:STATE], np.asarray(slope)
+        every = np.tensordot(slope[:, :STATE], before, axes=1)
+        every[:, k] += slope[:, STATE:]
+        before = every[:STATE]
+        rows.append(np.asarray(value[STATE:]))
+        slopes.append(every[STATE:])
+    return total(np.stack(rows)), total(np.stack(slopes))
+
+
+def refine_sequence(problem: StrikeProblem, sequence: Sequence, share: float, aim: str = "impulse", steps: int = STEPS
+                    ) -> Sequence:
+    """Change all impacts of a sequence, planned one after the other, together for the least `impulse`, `time` or
+    `share` of the momentum left, no more than a share of |L| being left.
+
+    Where so many steps at most of sequential quadratic programming end outside what is allowed, the best that was
+    passed and is allowed is taken. `joint` says what came of it; `reached`, whether all is allowed and the share is
+    reached.
+    """
+    faces, first = np.array([plan.place[0] for plan in sequence.impacts]), np.stack([p.x for p in sequence.impacts])
+    bounds = np.concatenate([find_bounds(problem, int(face)) for face in faces])
+    place = TOTALS.index(aim)
+    unit = {"impulse": max(sequence.impulse, 1e-300), "time": max(sequence.duration, 1e-300),
+            "share": max(sequence.shares[-1], 1e-6) ** 2}[aim]
+    # Where the momentum left is what is wanted small, it is no constraint as well.
+    shared = [] if aim == "share" else ["share left"]
+    passed: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def compute(z):
+        value, slopes = follow_slopes(problem, faces, z.reshape(first.shape))
+        if not np.isfinite(value).all():  # far worse than where it began, and not allowed
+            worst = 10.0 * passed[0][1][:3] if passed else np.full(3, 1e6)
+            value = np.concatenate([worst, np.full(value.size - 3, -1.0)])
+        passed.append((z.copy(), value))
+        return value, np.nan_to_num(slopes).reshape(-1, z.size)
+
+    def pose(found, one: float):
+        held = (one - found[SHARE: SHARE + 1] / max(share, 1e-6) ** 2)[: len(shared)]
+        return np.concatenate([found[place: place + 1] / unit, held, found[3:]])
+
+    def is_allowed(value):
+        return bool(value[3:].min() >= -ALLOWED and np.sqrt(max(value[SHARE], 0.0)) <= share * (1 + SLACK))
+
+    look = remember(compute)
+    best = descend(lambda z: pose(look(z)[0], 1.0), lambda z: pose(look(z)[1], 0.0), first.ravel(), bounds, steps, 1e-6)
+    if not is_allowed(look(best)[0]):
+        others = [(value[place], k, z) for k, (z, value) in enumerate(passed) if is_allowed(value)]
+        best = min(others)[2] if others else best
+    value, slopes = look(best)
+    impulse, duration, square = map(float, value[:3])
+    alone = (len(sequence.impacts), sequence.shares[-1], sequence.impulse, sequence.duration)
+    joint = Joint(aim, False, len(faces), float(np.sqrt(max(square, 0.0))), impulse, duration, alone)
+    if not is_allowed(value):
+        return dc.replace(sequence, reached=False, joint=joint)
+
+    left, error, bindings = weigh_constraints(
+        lambda z: float(total(follow_impacts(problem, faces, z.reshape(first.shape)))[place]) / unit,
+        pose(value, 1.0), pose(slopes, 0.0), bounds, best, shared)
+    now, plans, tally = problem, [], Tally(0, len(passed))
+    for face, x, binding in zip(faces, best.reshape(first.shape), bindings, strict=True):
+        plans.append(make_plan(now, int(face), x, Certificate(left, error, binding, math.nan), tally))
+        now = move_on(now, plans[-1])
+    found = add_up(problem, plans, share * (1 + SLACK))
+    reached = found.reached and all(plan.allowed for plan in plans)
+    joint = dc.replace(joint, taken=reached)
+    if reached:
+        joint = dc.replace(joint, share=found.shares[-1], impulse=found.impulse, duration=found.duration)
+    return dc.replace(found, reached=reached, bound=sequence.bound, floor=sequence.floor, refused=sequence.refused,
+                      joint=joint)
+
+
+def plan_together(problem: StrikeProblem, share: float, most: int, *, aim: Aim = "impacts", starts: int = STARTS,
+                  seed: int = 0, revise: Revise | None = None, progress: Progress | None = None) -> Sequence:
+    """Plan impacts one after the other, and change them all together, unless each is revised for itself; arguments as
+    of `plan_sequence`.
+
+    The aim `impacts` tries to do with one impact less, again and again; `impulse` brings the sum of all impulses down;
+    `time` the instant of the last separation, from sequences with long and with short waits. Where the share is not
+    reached in `most` impacts, that many are changed together for the least momentum left. Where nothing better is
+    found, the sequence is that of `plan_sequence`.
+    """
+    tell = progress or (lambda text, done: None)
+
+    def change(sequence: Sequence, aim: str) -> Sequence:
+        tell(f"{len(sequence.impacts)} impacts together", math.nan)
+        return refine_sequence(problem, sequence, share, aim)
+
+    found = plan_sequence(problem, share, most, starts=starts, seed=seed, revise=revise, progress=progress)
+    if revise is not None:
+        return found
+    alone = (len(found.impacts), found.shares[-1] if found.impacts else 1.0, found.impulse, found.duration)
+    if not found.reached:
+        if len(found.impacts) < max(most, 2) or len(found.impacts) < found.bound:
+            return found
+        again = change(found, "share")
+        return again if again.reached else dc.replace(found, joint=again.joint)
+
+    best = found
+    if aim == "impacts":
+        while len(best.impacts) > max(best.bound, 1):
+            # Without the last, the momentum that it took is brought down by the others, as long as that works.
+            again = change(dc.replace(best, impacts=best.impacts[:-1], instants=best.instants[:-1],
+                                      shares=best.shares[:-1]), "share")
+            again = _tell_joint(again, aim, alone)
+            if not again.reached:
+                return dc.replace(found, joint=again.joint) if best is found else best
+            best = again
+        return best
+
+    begun = [found]
+    low, high = np.asarray(problem.limits.window)
+    for part in WINDOWS if aim == "time" else ():
+        late = low + part * (high - low)
+        tell(f"waits of at most {late:.0f} s", math.nan)
+        hasty = eqx.tree_at(lambda p: p.limits.window, problem, jnp.asarray([low, late]))
+        other = plan_sequence(hasty, share, most, starts=starts, seed=seed, progress=progress)
+        if other.reached:
+            # In the variables of the whole window.
+            widened = [dc.replace(plan, x=np.append(plan.x[:-1], part * (plan.x[-1] + 1.0) - 1.0))
+                       for plan in other.impacts]
+            begun.append(dc.replace(other, impacts=tuple(widened)))
+    for one in begun:
+        again = change(one, aim)
+        better = again.impulse < best.impulse if aim == "impulse" else again.duration < best.duration
+        best = _tell_joint(again, aim, alone) if again.reached and better else best
+    return best
+
+
+def _tell_joint(sequence: Sequence, aim: str, alone: tuple[int, float, float, float]) -> Sequence:
+    """What was aimed at, and what the impacts came to that were first planned one after the other."""
+    assert sequence.joint is not None
+    return dc.replace(sequence, joint=dc.replace(sequence.joint, aim=aim, alone=alone))

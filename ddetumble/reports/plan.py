@@ -18,13 +18,12 @@ from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
 from ..figures.planning import draw_contacts, draw_motion, draw_outlook, draw_prospect
 from ..inference.files import write_json
 from ..measurement.units import choose_time_unit
-from ..planning.ambiguity import Assessment, Outlook
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import Plan, find_end
-from ..planning.prospect import Prospect
+from ..planning.problem import StrikeProblem
 from ..planning.sequence import Sequence, measure_share
-from ..planning.strike_plan import StrikePlan
-from ..planning.strike_problem import StrikeProblem
+from ..planning.single import StrikePlan
+from ..planning.uncertainty import Assessment, Outlook, Prospect
 from .page import Section, Table, draw_picture, read_text, write_page
 
 

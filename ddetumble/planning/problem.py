@@ -3,12 +3,12 @@ r"""One impact as a problem of optimisation: what can be chosen, what is wanted,
 Seven variables: two coordinates of the point on a face, the velocity of the arm relative to the surface there, against
 the normal and along two tangents, the pressure in the ball, and the instant within a window. Velocities are in units of
 the approach speed that force and depression allow (`allow_speed`), all others over -1 to 1. Wanted is a weighted sum of
-the shares of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must not
-happen is told by `CONSTRAINTS`, each at least zero where the plan is allowed.
+the fractions of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must
+not happen is told by `Constraints`.
 """
 
 from collections.abc import Callable, Mapping
-from typing import final
+from typing import Any, NamedTuple, final
 
 import diffrax as dfx
 import equinox as eqx
@@ -30,12 +30,37 @@ from ..dynamics.surfaces import Debris
 VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first tangential speed",
              "second tangential speed", "pressure", "instant")
 SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
-CONSTRAINTS = ("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
-               "nothing else hit")
-RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384
-MISSED = 1e-3  # share of the least approach speed, below which a ball strikes nothing
-TINY = 1e-7  # share of the momentum below which its size is rounded off
-PATH = np.linspace(0.1, 1.0, 6)  # shares of the clearance time at which the ball's path is looked at
+RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384  # of an impact, for gradients that agree with differences to 1e-4
+MISSED = 1e-3  # fraction of the least approach speed, below which a ball strikes nothing
+TINY = 1e-7  # fraction of the momentum below which its size is rounded off
+PATH = np.linspace(0.1, 1.0, 6)  # fractions of the clearance time at which the ball's path is looked at
+
+
+class Constraints(NamedTuple):
+    """All that has to hold, each scaled and at least zero where the plan is allowed: numbers, or an array of each.
+
+    Attributes:
+        speed: of the arm, squared.
+        approach, force, depression: of the impact.
+        edge, next_edge: distance of the contact disc from the nearest edge and the next, over 0.1 m. The next holds
+            nothing that the nearest does not: in a corner, where the lever arm is largest and the nearest edge changes,
+            it tells a search of the other one, so that both hold it there.
+        side: the chaser's.
+        clear: distance of the ball from the body before and after the impact, over 0.01 m.
+    """
+
+    speed: Any
+    approach: Any
+    force: Any
+    depression: Any
+    edge: Any
+    next_edge: Any
+    side: Any
+    clear: Any
+
+
+CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
+                          "nothing else hit")
 
 
 @final
@@ -84,7 +109,7 @@ class Goal(eqx.Module):
 
 @final
 class StrikeProblem(eqx.Module):
-    """Everything that is given.
+    """Everything that is given; symmetry and unit are taken from the rest where they are not given.
 
     Attributes:
         law: of the oblique contact.
@@ -94,8 +119,7 @@ class StrikeProblem(eqx.Module):
         goal: what is wanted.
         conditions: what else the law reads, by name, SI.
         symmetric: whether body z is an axis of revolution, whose free motion is trigonometric.
-        unit: of the velocities among the variables [m/s]; the same under another law and later in a sequence, so that
-            variables mean the same there.
+        unit: of the velocities among the variables [m/s]; the same under another law and later in a sequence.
     """
 
     law: StrikeLaw
@@ -111,7 +135,6 @@ class StrikeProblem(eqx.Module):
     def __init__(self, law: StrikeLaw | Striker, debris: Debris, attitude, angular_velocity, limits: Limits,
                  goal: Goal | None = None, conditions: Mapping[str, Array] | None = None,
                  symmetric: bool | None = None, unit: Array | None = None):
-        """Symmetry and unit are taken from the rest where they are not given."""
         self.law = law if isinstance(law, StrikeLaw) else law.extend(())
         self.debris, self.limits, self.goal = debris, limits, Goal() if goal is None else goal
         self.attitude, self.angular_velocity = scalar(attitude), scalar(angular_velocity)
@@ -226,12 +249,11 @@ def read_design(problem: StrikeProblem, face: Array, x: Array) -> Design:
                   rates, rotate(attitude, normal))
 
 
-def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractAdjoint | None = None, rtol=RTOL,
-                  atol=ATOL, max_steps: int = MAX_STEPS) -> Collision:
+def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractAdjoint | None = None) -> Collision:
     """The impact of a design, integrated."""
     conditions = {**problem.conditions, "initial_pressure": design.pressure}
     return simulate_collision(problem.law, problem.debris, design.attitude, design.angular_velocity, design.point,
-                              design.velocity, conditions, adjoint=adjoint, rtol=rtol, atol=atol, max_steps=max_steps)
+                              design.velocity, conditions, adjoint=adjoint, rtol=RTOL, atol=ATOL, max_steps=MAX_STEPS)
 
 
 def score(problem: StrikeProblem, rates: Array) -> Array:
@@ -279,28 +301,25 @@ def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collisio
     return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
 
 
-def judge_margins(limits: Limits, margins: Array) -> Array:
-    """Nearest and next nearest edge, scaled, shape (2,)."""
+def constrain(problem: StrikeProblem, design: Design, after: Parting | Collision, margins: Array, approach: Array,
+              force: Array, depression: Array) -> Constraints:
+    """The constraints of an impact from its least distances to all edges [m] and its peaks, all SI."""
+    limits = problem.limits
     nearest = jnp.argmin(margins)
     others = jnp.where(jnp.arange(margins.size) == nearest, jnp.inf, margins)
     # No more than from a metre off: where there is no other edge, there is nothing to be told.
-    return jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
+    edges = jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
+    radius = find_height(problem.law.reference.ball.diameter(), jnp.zeros(()))
+    return Constraints(
+        1.0 - jnp.sum(design.velocity**2) / limits.speed**2, approach / limits.approach - 1.0,
+        1.0 - force / limits.force, 1.0 - depression / limits.depression, edges[0], edges[1],
+        jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01)
 
 
-def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Array:
-    """All of `CONSTRAINTS`, scaled, at least zero where the plan is allowed, shape (constraints,).
-
-    The next edge holds nothing that the edge does not: in a corner, where the lever arm is largest and the nearest edge
-    changes, it tells a search of the other one, so that both hold it there.
-    """
-    limits = problem.limits
-    diameter = problem.law.reference.ball.diameter()
-    radius = find_height(diameter, jnp.zeros(()))
-    side = jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone)
-    return jnp.stack([
-        1.0 - jnp.sum(design.velocity**2) / limits.speed**2, collision.approach_speed / limits.approach - 1.0,
-        1.0 - collision.peak_force / limits.force, 1.0 - collision.peak_depression / limits.depression,
-        *judge_margins(limits, collision.margins), side, keep_clear(problem, design, collision, radius) / 0.01])
+def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Constraints:
+    """The constraints of an impact that was integrated."""
+    return constrain(problem, design, collision, collision.margins, collision.approach_speed, collision.peak_force,
+                     collision.peak_depression)
 
 
 @eqx.filter_jit
@@ -317,21 +336,18 @@ def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array) -> tuple[Arra
 
 def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
     """A function's value and its derivatives in forward mode, in one sweep."""
-    def both(x):
-        value = function(x)
-        return value, value
-
-    slopes, value = jax.jacfwd(both, has_aux=True)(x)
+    slopes, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
     return value, slopes
 
 
 def _evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint) -> Array:
     design = read_design(problem, face, x)
     collision = strike_debris(problem, design, adjoint)
-    values = jnp.concatenate([score(problem, collision.angular_velocity)[None], judge(problem, design, collision)])
+    kept = judge(problem, design, collision)
+    values = jnp.stack([score(problem, collision.angular_velocity), *kept])
     # A ball that does not approach strikes nothing: only its approach is told.
     missed = collision.approach_speed <= MISSED * problem.limits.approach
-    blank = jnp.zeros_like(values).at[0].set(score(problem, problem.angular_velocity)).at[2].set(
-        collision.approach_speed / problem.limits.approach - 1.0)
+    nothing = Constraints(*jnp.zeros(len(kept)))._replace(approach=kept.approach)
+    blank = jnp.stack([score(problem, problem.angular_velocity), *nothing])
     bad = (collision.failed | ~collision.separated) & ~missed
     return jnp.where(missed, blank, jnp.where(bad, jnp.nan, values))

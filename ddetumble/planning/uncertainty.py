@@ -1,33 +1,36 @@
-"""How sure a planned impact is: what it leaves under every drawn law, and whether rival effects matter for it."""
+"""How sure a planned impact is, and a sequence: what is left under every drawn law, and whether rival effects matter.
+
+Every impact of a sequence is struck as planned: at its place on the body, with its velocity relative to that, its
+pressure, and its wait after the impact before. So the arm follows the body as it sees it, and nothing is planned again;
+what an impact leaves otherwise than planned, the next ones meet.
+"""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import numpy as np
 
 from .._errors import ComputationError
+from ..contact.gripping import StrikeLaw
 from ..posterior.stacking import name_rival
 from .draws import Laws, split_laws
-from .risk import evaluate_draws, find_tail, pose_draws
-from .strike_plan import ALLOWED, LOST, StrikePlan, Tally, refine
-from .strike_problem import CONSTRAINTS, Goal, StrikeProblem
+from .problem import CONSTRAINTS, MISSED, Constraints, Goal, StrikeProblem
+from .sequence import SHARE, SLACK, follow_impacts
+from .sequence import Sequence as Impacts
+from .single import ALLOWED, LOST, StrikePlan, Tally, compute_impact, refine
 
 
 REFERENCE = name_rival(())
 RESOLUTION = 1e-3  # share of the momentum at the start, below which no difference between models counts
 BEYOND = 1e-2  # scaled constraint by which a limit may be passed before it counts
-UNITS = {"edge": (100.0, "mm"), "next edge": (100.0, "mm"), "nothing else hit": (10.0, "mm")}  # of all others per cent
+# Unit of a scaled constraint; of all others per cent.
+UNITS = {CONSTRAINTS.edge: (100.0, "mm"), CONSTRAINTS.next_edge: (100.0, "mm"), CONSTRAINTS.clear: (10.0, "mm")}
 
 
 @dc.dataclass(frozen=True)
 class Spread:
-    """A quantity over the draws.
-
-    Attributes:
-        mean, sd, q05, q50, q95: in its unit.
-        tail: mean of its largest share.
-    """
+    """A quantity over the draws, in its unit; `tail` is the mean of its largest share."""
 
     mean: float
     sd: float
@@ -39,12 +42,8 @@ class Spread:
 
 @dc.dataclass(frozen=True)
 class Regret:
-    """What it costs at most to have planned with another model than the true one, on the same face.
-
-    Attributes:
-        loss: of what is wanted small, in its unit; not negative.
-        beyond: by how much a limit is passed, scaled.
-        limit: which one; '' where none is.
+    """What it costs at most to have planned with another model than the true one, on the same face: in what is wanted
+    small, in its unit, and by how much which limit is passed, scaled; '' where none is.
     """
 
     loss: float = 0.0
@@ -102,6 +101,35 @@ class Assessment:
     note: str
 
 
+@dc.dataclass(frozen=True, eq=False)
+class Prospect:
+    """What a sequence does under the draws of all models.
+
+    Attributes:
+        after: share of the angular momentum left after each impact.
+        best: the same under the best estimate, shape (impacts,) [-].
+        reached: probability that no more than the wanted share is left at the end.
+        violated: probability that a constraint of an impact does not hold, by the impact's number and its name; only
+            those that are not nought.
+        lost: probability that the sequence cannot be struck to its end, as an impact misses or cannot be integrated.
+        sentence: all of that in words.
+    """
+
+    after: tuple[Spread, ...]
+    best: np.ndarray
+    reached: float
+    violated: dict[str, float]
+    lost: float
+    sentence: str
+
+
+def find_tail(values: np.ndarray, weights: np.ndarray, tail: float) -> float:
+    """Mean of the largest values that together have a share of the weight; exact, `values` shape (draws,)."""
+    order = np.argsort(-values)
+    taken = np.clip(tail - (np.cumsum(weights[order]) - weights[order]), 0.0, weights[order])
+    return float(taken @ values[order] / taken.sum())
+
+
 def summarise_draws(values: np.ndarray, weights: np.ndarray, tail: float) -> Spread:
     """Weighted mean, deviation, quantiles and tail mean; quantiles between the middles of the draws' weights."""
     shares = weights / weights.sum()
@@ -113,38 +141,43 @@ def summarise_draws(values: np.ndarray, weights: np.ndarray, tail: float) -> Spr
                   find_tail(values, shares, tail))
 
 
+def pose_draws(problem: StrikeProblem, laws: StrikeLaw) -> list[StrikeProblem]:
+    """The problem with every law of a batch."""
+    return [eqx.tree_at(lambda p: p.law, problem, law) for law in split_laws(laws)]
+
+
+def evaluate_draws(problems: Sequence[StrikeProblem], face: int, x: np.ndarray) -> np.ndarray:
+    """What is wanted small and all constraints under every law, shape (draws, 1 + constraints)."""
+    return np.stack([compute_impact(one, face, x) for one in problems])
+
+
 def _look(problem: StrikeProblem, values: np.ndarray, weights: np.ndarray, tail: float, weight: float, nominal: float,
           regret: Regret) -> Outlook:
     """Values: momentum left and all constraints, shape (draws, 1 + constraints)."""
-    shares = weights / weights.sum()
-    scaled = dict(zip(CONSTRAINTS, values[:, 1:].T, strict=True))
+    scaled, limits = Constraints(*values[:, 1:].T), problem.limits
     return Outlook(
-        weight, summarise_draws(values[:, 0], shares, tail),
-        summarise_draws(float(problem.limits.force) * (1.0 - scaled["peak force"]), shares, tail),
-        summarise_draws(float(problem.limits.depression) * (1.0 - scaled["depression"]), shares, tail),
-        {name: float(shares @ (column < -ALLOWED)) for name, column in scaled.items()}, values[:, 0], nominal, regret)
+        weight, summarise_draws(values[:, 0], weights, tail),
+        summarise_draws(float(limits.force) * (1.0 - scaled.force), weights, tail),
+        summarise_draws(float(limits.depression) * (1.0 - scaled.depression), weights, tail),
+        {name: float(weights @ (column < -ALLOWED) / weights.sum())
+         for name, column in zip(CONSTRAINTS, scaled, strict=True)}, values[:, 0], nominal, regret)
 
 
 def find_regrets(problem: StrikeProblem, plan: StrikePlan, laws: Laws) -> list[Regret]:
-    """What a plan for another model costs where a model is true, one regret a model.
-
-    The plan is changed for the best estimate of every model, and each of these plans is tried on all models.
+    """What a plan for another model costs where a model is true, one regret a model: the plan is changed for the best
+    estimate of every model, and each of these plans is tried on all models.
     """
-    face = problem.debris.surface.face_names().index(plan.face)
-    owns = [eqx.tree_at(lambda p: p.law, problem, law) for law in split_laws(laws.best)]
-    ends = [refine(own, face, plan.x, Tally())[0] for own in owns]
+    (face, x), owns = plan.place, pose_draws(problem, laws.best)
     # One row a plan, one column a model: shape (models, models, 1 + constraints).
-    tried = np.stack([evaluate_draws(owns, face, x) for x in ends])
+    tried = np.stack([evaluate_draws(owns, face, refine(own, face, x, Tally())[0]) for own in owns])
     tried = np.where(tried[..., :1] < LOST, tried, np.nan)
     found = []
     for k in range(len(owns)):
-        loss = float(np.nan_to_num(tried[:, k, 0] - tried[k, k, 0]).max())
+        loss = max(float(np.nan_to_num(tried[:, k, 0] - tried[k, k, 0]).max()), 0.0)
         worst = -np.nan_to_num(tried[:, k, 1:]).min(axis=0)
         limit = int(np.argmax(worst))
-        if worst[limit] > ALLOWED:
-            found.append(Regret(max(loss, 0.0), float(worst[limit]), CONSTRAINTS[limit]))
-        else:
-            found.append(Regret(max(loss, 0.0)))
+        passed = worst[limit] > ALLOWED
+        found.append(Regret(loss, float(worst[limit]), CONSTRAINTS[limit]) if passed else Regret(loss))
     return found
 
 
@@ -152,21 +185,16 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     """What a plan leaves under every drawn law, model by model, and whether it matters which model is true.
 
     It matters where two models' means differ, a plan for the wrong model costs, or such a plan passes a limit, by more
-    than the parameters' own uncertainty (and by more than `RESOLUTION` or `BEYOND`).
-
-    Args:
-        problem: what is given, allowed and wanted.
-        plan: one impact.
-        laws: that may be true.
-        tail: share of the draws that counts as the bad tail.
+    than the parameters' own uncertainty (and by more than `RESOLUTION` or `BEYOND`). `tail` is the share of the draws
+    that counts as the bad tail.
 
     Raises:
         ComputationError: the impact could be integrated under no draw of a model.
     """
-    face = problem.debris.surface.face_names().index(plan.face)
+    face, x = plan.place
     plain = eqx.tree_at(lambda p: p.goal, problem, Goal())  # what is wanted small is then the momentum left
-    values = evaluate_draws(pose_draws(plain, laws), face, plan.x)
-    best = evaluate_draws([eqx.tree_at(lambda p: p.law, plain, law) for law in split_laws(laws.best)], face, plan.x)
+    values = evaluate_draws(pose_draws(plain, laws.draws), face, x)
+    best = evaluate_draws(pose_draws(plain, laws.best), face, x)
     weights, owners, note = laws.shares(), laws.owners(), laws.note
     lost = values[:, 0] >= LOST
     if lost.any():
@@ -197,6 +225,30 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     return Assessment(tail, whole, models, difference, within, matters, tuple(sentences), note)
 
 
+def assess_sequence(problem: StrikeProblem, sequence: Impacts, laws: Laws, share: float, *, tail: float = 0.1
+                    ) -> Prospect | None:
+    """Strike a planned sequence under every drawn law; arguments as of `assess_plan`. None where no draw could be
+    followed to the end.
+    """
+    faces, x = np.array([plan.place[0] for plan in sequence.impacts]), np.stack([plan.x for plan in sequence.impacts])
+    best = follow_impacts(eqx.tree_at(lambda p: p.law, problem, laws.main), faces, x)
+    rows = np.stack([follow_impacts(one, faces, x) for one in pose_draws(problem, laws.draws)])
+    weights = laws.shares()
+    kept = Constraints(*np.moveaxis(rows[:, :, SHARE + 1:], -1, 0))
+    whole = np.isfinite(rows).all(axis=(1, 2)) & ~(kept.approach <= MISSED - 1.0).any(axis=1)
+    if not whole.any():
+        return None
+    lost = float(weights[~whole].sum())
+    rows, weights = rows[whole], weights[whole] / weights[whole].sum()
+    left = np.sqrt(np.maximum(rows[:, :, SHARE], 0.0))
+    after = tuple(summarise_draws(column, weights, tail) for column in left.T)
+    broken = np.einsum("d,dkc->kc", weights, rows[:, :, SHARE + 1:] < -ALLOWED)
+    violated = {f"{k + 1}: {CONSTRAINTS[c]}": float(broken[k, c]) for k, c in zip(*np.nonzero(broken), strict=True)}
+    reached = float(weights @ (left[:, -1] <= share * (1.0 + SLACK))) * (1.0 - lost)
+    return Prospect(after, np.sqrt(np.maximum(best[:, SHARE], 0.0)), reached, violated, lost,
+                    _describe_sequence(after, reached, violated, lost, share, tail))
+
+
 def _describe_spread(whole: Outlook, tail: float) -> str:
     """How much is left, and how often a limit is passed."""
     one = whole.momentum
@@ -224,3 +276,22 @@ def _describe_rivals(names: list[str], difference: float, within: float, worst: 
     if not costs:
         return f"{told}: it matters for what to expect, though not for how to strike.{after}"
     return f"{told}: it matters for this plan.{after}"
+
+
+def _describe_sequence(after: tuple[Spread, ...], reached: float, violated: dict[str, float], lost: float, share: float,
+              tail: float) -> str:
+    end = after[-1]
+    told = (f"Under the uncertainty of the contact the {len(after)} impacts together, nothing being planned again "
+            f"between them, leave {100 * end.mean:.2f} ± {100 * end.sd:.2f} % of the angular momentum, in the worst "
+            f"{100 * tail:.0f} % of the draws {100 * end.tail:.2f} % on average; the {100 * share:g} % wanted are "
+            f"reached in {100 * reached:.0f} % of the draws.")
+    if violated:
+        worst = max(violated, key=lambda name: violated[name])
+        number, name = worst.split(": ")
+        told += (f" Limits that not every draw keeps: {len(violated)}, most often the {name} of impact {number} "
+                 f"({100 * violated[worst]:.0f} %).")
+    if lost > 0:
+        told += f" In {100 * lost:.0f} % of the draws the sequence could not be struck to its end."
+    if reached < 0.5:
+        told += " Measure the motion after each impact, and plan the next ones again."
+    return told

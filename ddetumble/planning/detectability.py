@@ -1,0 +1,418 @@
+"""What a campaign could see before any test of it: how small an effect, and which pairs would look alike.
+
+Every effect is taken at the size that `selection.detectability` finds; two of them look alike where the cosine
+between what can be seen of them is near one. A campaign that nobody has measured yet is a table of planned tests, read
+strictly, with samples as the reference model has them.
+"""
+
+import dataclasses as dc
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from .._display import AbstractPrinted, Progress
+from .._errors import ComputationError, InputError
+from .._numerics import map_threads
+from ..contact.effect import AbstractEffect, parameters_of, read_field
+from ..dynamics.impact import RTOL
+from ..dynamics.spinning import ATTITUDES, RATES
+from ..families import Family, list_families, name_family
+from ..inference.archive import Model, resolve_model
+from ..inference.assembly import adapt_reference, default_starts, guess_start
+from ..inference.files import list_versions, make_plain, write_json
+from ..inference.models import ResolvedModel
+from ..measurement.campaign import Campaign, Column, Uncertainty
+from ..measurement.checks import check_known, check_values
+from ..measurement.headings import expand_role, read_pairs
+from ..measurement.kinds import list_kinds
+from ..measurement.layout import split_heading
+from ..measurement.package import read_campaign
+from ..measurement.tables import Table, convert_column, read_table
+from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
+from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
+from ..selection.problem import SelectionProblem, pose_selection
+from ..selection.settings import DEFAULT
+
+
+FILE = "map.json"
+SAME = 0.9995  # |cos| from which no size tells two effects apart
+BEFORE = 2e-3  # s, that an impact record begins before first touch
+AFTER = 1.45  # contact times that it lasts
+
+
+@dc.dataclass(frozen=True)
+class Visible:
+    """One effect of the catalogue.
+
+    Attributes:
+        effect: id; `parameter` its amplitude, `unit` that of `size`.
+        size: public value of the amplitude that would be found with 95 % power, at the shape that shows most, or None.
+        shapes: values of its shape parameters there, public.
+        visible: fraction of its own signature (squared length) that refits leave.
+        closest: effect whose signature is most like it, `cosine` of the two.
+        told: multiple of the departure of `size` from the null from which it is told from `closest`, or None.
+        sizes: of each component of a vector, by public name.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    size: float | None
+    shapes: dict[str, float]
+    visible: float
+    closest: str | None
+    cosine: float
+    told: float | None
+    sizes: dict[str, float]
+
+
+@dc.dataclass(frozen=True)
+class Visibility(AbstractPrinted):
+    """The map; `to_dict()` is `map.json`.
+
+    Attributes:
+        campaign, family, model: names.
+        records, samples: of the campaign.
+        effects: of the catalogue, in its order.
+        names: rows and columns of `cosines`: effects that can be seen.
+        cosines: |cos| between what can be seen of two effects, the largest over their shapes, shape (names, names).
+        length: of a signature that is found with 95 % power [standard deviations of the noise].
+        alike: pairs that cannot be told apart.
+        sentence, notes: in plain words.
+    """
+
+    campaign: str
+    family: str
+    model: str
+    records: int
+    samples: int
+    effects: tuple[Visible, ...]
+    names: tuple[str, ...]
+    cosines: np.ndarray
+    length: float
+    alike: tuple[tuple[str, str], ...]
+    sentence: str
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """The map for a terminal."""
+        width = max(len(e.effect) for e in self.effects)
+        rows = [f"{'effect':<{width}}  {'found from':<28}  most like"]
+        for e in self.effects:
+            size = f"{e.parameter} = {e.size:.3g} {e.unit}".rstrip().removesuffix(" 1") if e.size is not None else (
+                "cannot be seen")
+            near = "" if e.closest is None else f"{e.closest} ({e.cosine:.2f}), " + (
+                "never told from it" if e.told is None else f"told from it at {e.told:.2g} times that")
+            rows.append(f"{e.effect:<{width}}  {size:<28}  {near}")
+        return "\n".join([self.sentence, "", *rows, "", *(f"- {note}" for note in self.notes)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        return make_plain({**{f.name: getattr(self, f.name) for f in dc.fields(self)}, "versions": list_versions()})
+
+    def save(self, folder: Path | str) -> Path:
+        """Write `map.json` into a folder (made if it is not there); returns its path."""
+        path = Path(folder) / FILE
+        write_json(path, self.to_dict())
+        return path
+
+
+def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects: Sequence[type[AbstractEffect]] = (),
+                channels: Sequence[str] | None = None, uncertainties: Sequence[str] | None = None,
+                values: Sequence[str] | None = None, length: str | None = None, interval: str | None = None,
+                progress: Progress | None = None) -> Visibility:
+    """Say what a campaign could see, and what it could not tell apart, before any test of it.
+
+    Args:
+        plan: a campaign or its folder, of which conditions, times, noise and uncertainties count; or a table of planned
+            tests (`read_plan`, which says what the other arguments are).
+        model: reference model, see `ddetumble.inference.models`; a fitted folder brings its values.
+        effects: of one's own, mapped beside the catalogue.
+        channels, uncertainties, values, length, interval: of a table.
+        progress: called with a sentence and the share done.
+
+    Raises:
+        InputError: plan or option make no sense.
+        ComputationError: the reference model cannot be computed there.
+    """
+    report = progress or (lambda text, share: None)
+    planned = not isinstance(plan, Campaign) and Path(plan).is_file()
+    if planned:
+        campaign, resolved = read_plan(plan, model, channels=channels, uncertainties=uncertainties, values=values,
+                                       length=length, interval=interval)
+    else:
+        campaign = plan if isinstance(plan, Campaign) else read_campaign(plan)
+        resolved = resolve_model(model, name_family(campaign))
+    report("computing the reference model", 0.05)
+    bench = pose_selection(campaign, resolved.reference, tuple(effects), resolved.effects)
+    # At the values given, or at those guessed from samples that are there.
+    u = bench.start if planned else guess_start(campaign, bench.space, bench.start, bench.base)
+    solution = bench.problem.solve(bench.base, u, moving=False)
+    if solution.failed:
+        raise ComputationError(f"the reference model could not be integrated for record {solution.failed[0]!r}; check "
+                               "its conditions and units")
+    goal = detectable_length(len(bench.list_directions((), depth=float(solution.state.max()))))
+    jobs = [(effect, f"{effect.id}.{p.name}", start) for effect in bench.catalogue for p in parameters_of(effect)
+            if p.kind != "shape" for start in default_starts(effect)]
+    done: list[int] = []
+
+    def find(job) -> _Seen | None:
+        """The size of one amplitude at which its signature has the wanted length."""
+        effect, name, start = job
+        origin, shapes = solution.u.copy(), {}
+        for n, value in start.items():
+            k = bench.space.index[n]
+            other = bench.space.slots[k].parameter
+            if n == name:
+                continue
+            if n.split(".", 1)[0] == effect.id:
+                origin[k] = value if other.kind == "shape" else other.default
+            if other.kind == "shape":
+                shapes[n] = float(origin[k])
+        found = find_size(bench.problem, solution, origin, name, goal)
+        done.append(1)
+        report(f"looking for {effect.id}", 0.1 + 0.85 * len(done) / len(jobs))
+        return None if found is None or not np.isfinite(found.size) else _Seen(effect.id, shapes, found)
+
+    seen = [one for one in map_threads(find, jobs) if one is not None]
+    return _describe(bench, resolved.name, {e.id: [s for s in seen if s.effect == e.id] for e in bench.catalogue}, goal)
+
+
+@dc.dataclass(frozen=True)
+class _Seen:
+    """What can be seen of one amplitude of an effect at one shape."""
+
+    effect: str
+    shapes: dict[str, float]
+    signature: Signature
+
+    def deviate(self, bench: SelectionProblem) -> float:
+        """Size in typical changes of its parameter."""
+        p = bench.space.slots[bench.space.index[self.signature.name]].parameter
+        return abs(self.signature.size - p.default) / p.typical
+
+
+def _imitate(one: _Seen, others: Sequence[_Seen]) -> float:
+    """Largest part (as a cosine) of a signature that another effect can take over, at any one of its shapes."""
+    best = 0.0
+    for shapes in {tuple(sorted(o.shapes.items())) for o in others}:
+        columns = [o.signature.column for o in others if tuple(sorted(o.shapes.items())) == shapes]
+        q, _ = np.linalg.qr(np.stack(columns, axis=1))
+        best = max(best, float(np.linalg.norm(q.T @ one.signature.column)))
+    return min(best, 1.0)
+
+
+def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence[_Seen]], goal: float) -> Visibility:
+    names = tuple(e for e, own in groups.items() if own)
+    cosines = np.eye(len(names))
+    for i, a in enumerate(names):
+        for j, b in enumerate(names[:i]):
+            cosines[i, j] = cosines[j, i] = max([_imitate(s, groups[b]) for s in groups[a]]
+                                                + [_imitate(s, groups[a]) for s in groups[b]])
+
+    def publish(fields: dict[str, float]) -> dict[str, float]:
+        return {n: bench.space.parameter(n).transform.from_unconstrained(v) for n, v in fields.items()}
+
+    effects = []
+    for effect in bench.catalogue:
+        own = sorted(groups[effect.id], key=lambda s: s.deviate(bench))
+        if not own:
+            first = next(p for p in parameters_of(effect) if p.kind != "shape")
+            unit = bench.space.unit(f"{effect.id}.{first.name}", bench.start)
+            effects.append(Visible(effect.id, first.name, unit, None, {}, 0.0, None, 0.0, None, {}))
+            continue
+        best, name = own[0], own[0].signature.name
+        sizes: dict[str, float] = {}
+        for s in own:
+            sizes.setdefault(s.signature.name, s.signature.size)
+        k, p = names.index(effect.id), bench.space.slots[bench.space.index[name]].parameter
+        row = np.where(np.arange(len(names)) == k, -1.0, cosines[k])
+        near = int(np.argmax(row)) if len(names) > 1 else None
+        cosine = 0.0 if near is None else float(row[near])
+        told = max(float(np.sqrt(DEFAULT.decisive / (1.0 - cosine**2)) / goal), 1.0) if cosine < SAME else None
+        if told is not None and told * abs(best.signature.size - p.default) > reach_limit(p):
+            told = None
+        effects.append(Visible(
+            effect.id, p.name, bench.space.unit(name, bench.start), p.transform.from_unconstrained(best.signature.size),
+            publish(best.shapes), best.signature.visible, None if near is None else names[near], cosine, told,
+            publish(sizes)))
+    alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
+                  if cosines[i, j] >= DEFAULT.collinear)
+
+    unseen = [e.effect for e in effects if e.size is None]
+    shown = f"{len(effects) - len(unseen)} of {len(effects)}"
+    sentence = f"These {bench.records.count} records would show {shown} effects of the catalogue"
+    sentence += f"; they cannot see {', '.join(unseen)}" if unseen else ""
+    sentence += (f". They could not tell apart: {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
+                 if alike else ". No two of these would look alike.")
+    values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
+                       for v in [bench.space.public(n, bench.start, 0.0)])
+    notes = (
+        f"Found with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}); noise white and "
+        "as stated, nuisances as stated.",
+        f"Two effects look alike from |cos| {DEFAULT.collinear:g} on; told apart from {DEFAULT.decisive:.0f} noise "
+        "variances on.",
+        *([f"The reference model stands at {values}, or where samples that are there put it."] if values else []),
+        *bench.warnings)
+    return Visibility(bench.campaign.name, bench.family.name, model, bench.records.count,
+                      int(bench.records.lengths.sum()), tuple(effects), names, cosines, goal, alike, sentence, notes)
+
+
+def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[str] | None = None,
+              uncertainties: Sequence[str] | None = None, values: Sequence[str] | None = None,
+              length: str | None = None, interval: str | None = None) -> tuple[Campaign, ResolvedModel]:
+    """Read a table of planned tests, and compute what the reference model says of them.
+
+    Args:
+        path: CSV file, one row a test: conditions with their units in the headings (`approach_speed [m/s]`; of
+            tumbling bodies the rates at t = 0, `angular_velocity_x0 [rad/s]`), optionally `record` and `repeats`.
+        model: reference model.
+        channels: `NAME: NOISE UNIT` of what is measured; the main channel at its usual noise where not given.
+        uncertainties: `NAME=VALUE` of conditions and of `time`; the usual ones where not given.
+        values: `NAME=VALUE UNIT` of the reference model's parameters; its defaults where not given.
+        length, interval: of a record, with their unit.
+
+    Returns:
+        A campaign whose samples are the model's, and the resolved model.
+
+    Raises:
+        InputError: the table or an option makes no sense.
+        ComputationError: the model cannot be computed there.
+    """
+    table = read_table(path)
+    names = {heading: split_heading(heading) for heading in table.columns}
+    there = {name for name, _ in names.values()}
+    fitting = [f for f in list_families() if set(f.needs or f.starts[:1]) <= there]
+    if not fitting:
+        needs = "; ".join(f"{f.name}: {', '.join(f.needs or f.starts)}" for f in list_families())
+        raise InputError("the columns name no kind of test, and each needs some of its own (of the family "
+                         f"{needs}); the file has {', '.join(name for name, _ in names.values())}", file=table.file)
+    family = max(fitting, key=lambda one: len(one.needs))
+    columns, repeats = {}, np.ones(len(table), dtype=int)
+    for heading, (name, unit) in names.items():
+        if name == "record":
+            continue
+        numbers = convert_column(table, heading)
+        if unit is None and si_unit(name) != "1":
+            raise InputError(f"the heading has no unit; write it like '{name} [{si_unit(name)}]'", file=table.file,
+                             column=heading)
+        found = check_unit(unit or "1", name).convert(numbers)
+        check_values(name, found, Table(table.file, {name: table.columns[heading]}, table.lines), "records", None)
+        if name == "repeats":
+            repeats = found.astype(int)
+        else:
+            columns[name] = found
+    need = [n for n in (*family.needs, *family.starts) if n not in columns]
+    if need:
+        raise InputError(f"there is no column {need[0]!r}; the file has {', '.join(names)}", file=table.file)
+    columns = {name: np.repeat(found, repeats) for name, found in columns.items()}
+
+    known = {}
+    for name, text in read_pairs("value", values).items():
+        try:
+            known[name] = parse_quantity(text, name)
+            check_known(name, known[name])
+        except InputError as error:
+            raise InputError(error.problem, option=f"--value {name}") from None
+    given = {**family.plan.uncertainties,
+             **{expand_role(k, family.kind): v for k, v in read_pairs("uncertainty", uncertainties).items()}}
+    strange = [n for n in given if n not in columns and n != "time" and n not in family.plan.uncertainties]
+    if strange:
+        raise InputError(f"--uncertainty: the plan has no condition {strange[0]!r}; it has {', '.join(columns)}")
+    stated = {n: parse_uncertainty(v, check_unit(si_unit(n), n), n) for n, v in given.items()}
+    noise = _read_channels(channels, family)
+    abscissa, length = family.independent, length or family.plan.length
+    step = parse_quantity(interval or family.plan.interval, abscissa)
+    last = None if length is None else parse_quantity(length, abscissa)
+    if not step > 0 or (last is not None and not last > 3 * step):
+        raise InputError("the interval has to be positive and the length longer than a few of them")
+
+    records = pd.DataFrame({n: v for n, v in columns.items() if n not in family.starts},
+                           index=pd.Index([f"r{k + 1:02d}" for k in range(repeats.sum())], name="record"))
+    # A fit of the planned campaign would not free geometry and material that are given.
+    unknown = {n for kind in list_kinds().values() for n in kind.unknown}
+    plan = Campaign(
+        Path(path).stem, "planned", family.kind.name, None,
+        {**dict.fromkeys(family.kind.unknown), **{n: v for n, v in known.items() if n not in unknown}}, records,
+        {n: Column(n, si_unit(n), stated.get(n)) for n in records.columns},
+        Column(abscissa, si_unit(abscissa), stated.get("time")),
+        {c: Column(c, si_unit(c), Uncertainty(sd)) for c, sd in noise.items()})
+    resolved = resolve_model(model, family.name)
+    law = _set_values(adapt_reference(plan, resolved.reference), known).extend(resolved.effects)
+    samples = _simulate(plan, law, family, columns, step, last)
+    return (dc.replace(plan, samples=samples),
+            dc.replace(resolved, reference=_set_values(resolved.reference, known)))
+
+
+def _read_channels(channels: Sequence[str] | None, family: Family) -> dict[str, float]:
+    """Standard deviation of the noise of what is measured, SI."""
+    usual = family.plan.noise
+    pairs = read_pairs("channel", [c.replace(":", "=", 1) for c in channels] if channels else usual)
+    for name, parts in (("attitude", ATTITUDES[:4]), ("angular_velocity", RATES)):
+        if name in pairs:
+            pairs |= dict.fromkeys(parts, pairs.pop(name))
+    found = {}
+    for name in (*family.main, *pairs):
+        if name not in family.channels:
+            raise InputError(f"--channel: {name!r} is no channel of these tests; they are "
+                             + ", ".join(family.channels))
+        noise = parse_uncertainty(pairs.get(name) or usual.get(name, ""), check_unit(si_unit(name), name), name)
+        if noise.absolute is None:
+            raise InputError(f"--channel {name}: the noise has to be absolute, with a unit")
+        found[name] = noise.absolute
+    return found
+
+
+def _set_values(reference, known: Mapping[str, float]):
+    fields = {p.name: p.field for p in parameters_of(reference)}
+    strange = [n for n in known if n not in fields]
+    if strange:
+        raise InputError(f"--value: the model has no parameter {strange[0]!r}; it has {', '.join(fields)}")
+    for name, value in known.items():
+        reference = eqx.tree_at(lambda r, f=fields[name]: read_field(r, f), reference, jnp.asarray(value))
+    return reference
+
+
+def _simulate(plan: Campaign, law, family: Family, columns: Mapping[str, np.ndarray], step: float, last: float | None
+              ) -> pd.DataFrame:
+    """Samples of all planned tests as the law has them."""
+    count, channels = len(plan.records), tuple(plan.channels)
+    conditions = {**{n: jnp.full(count, value, dtype=float) for n, value in family.defaults.items()},
+                  "sequence": jnp.arange(1.0, count + 1.0), **{n: jnp.asarray(v) for n, v in columns.items()}}
+
+    @eqx.filter_jit
+    def observe(time, span, inputs):
+        def one(c, t, s, i):
+            return family.observe(law, c, t, SimpleNamespace(span=s, rtol=jnp.asarray(RTOL), inputs=i), channels)
+
+        return jax.vmap(one)(conditions, time, span, inputs)
+
+    if last is not None:
+        times = np.arange(-BEFORE if family.has_contact else 0.0, last + 0.5 * step, step)
+        span = np.full(count, 1.005 * last)
+    else:
+        # A contact lasts a few times the static time scale: guessed long, then as long as it was.
+        span = np.full(count, 0.5)
+        for _ in range(3):
+            ends = np.asarray(observe(jnp.zeros((count, 2)), jnp.asarray(span), {}).end)
+            span = np.where(np.isfinite(ends) & (ends > 0), np.minimum(1.5 * ends, span), span)
+        times = np.arange(-BEFORE, AFTER * float(span.max()) / 1.5 + 0.5 * step, step)
+        span = np.minimum(span, times.max())
+    times = np.tile(times, (count, 1))
+    inputs = {name: jnp.asarray(x) for name, x in family.lay_inputs(list(times), columns).items()}
+    found = observe(jnp.asarray(times), jnp.asarray(span), inputs)
+    failed = np.asarray(found.failed)
+    if failed.any():
+        raise ComputationError(f"the model could not be integrated for the planned record "
+                               f"{plan.record_keys[int(np.argmax(failed))]!r}; check its conditions and units")
+    assert plan.independent is not None
+    frame = {"record": np.repeat(plan.record_keys, times.shape[1]), plan.independent.name: times.ravel()}
+    frame |= {c: np.asarray(found.channels)[:, k].ravel() for k, c in enumerate(channels)}
+    return pd.DataFrame(frame)

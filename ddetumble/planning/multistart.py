@@ -1,0 +1,252 @@
+r"""Where searches of an impact start: thousands of designs by closed forms, bettered by differential evolution."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from scipy.stats import qmc
+
+from .._rotation import rotate, rotate_back
+from ..contact.damping import damped_work
+from ..contact.gripping import Patch, find_height
+from .problem import (
+    SLIPS,
+    SPEED,
+    VARIABLES,
+    Parting,
+    StrikeProblem,
+    constrain,
+    reach_speed,
+    read_design,
+    score,
+    span_plane,
+)
+
+
+DRAWS = 2048  # designs of a generation, on all faces together; a power of 2, as a Sobol sample is even there
+EACH = 128  # on one face at least: of more faces than that leaves room for, the most promising after a short look
+GENERATIONS, LOOKS = 120, 20  # after which the best of one seed is that of another to a thousandth; those of that look
+LEADERS = 0.1  # fraction of a face's designs, towards one of which each is moved
+STRETCH, CROSSED = (0.4, 0.9), 0.9  # of steps, and fraction of variables that they change (Zhang and Sanderson 2009)
+APART = 0.3  # distance of two starts on one face, in variables
+WRAPS = ("side", "sphere")  # faces whose first coordinate goes round
+PENALTY = 3.0  # of a scaled violation, in units of the score
+FAST = 2.0  # of the speed that limits allow by the closed form, up to which it may be wrong
+SETTLED = 0.999  # of the arm's speed, to which designs that are looked at are brought: just inside
+SOLVED = 6  # times that the restitution is put into its own equation, for three digits from 0.4 on
+PROBE = 5e-3  # m, depression at which the contact is read off
+RATES = np.linspace(0.0, 1.0, 9)  # over the approach speed, at which the largest force is looked for
+
+Place = tuple[int, np.ndarray]  # face and variables
+# Of what `screen` finds, shape (designs, 1 + constraints): what is to be brought down, infinite where it cannot be
+# computed, and of each design what counts towards the least, infinite where it does not; shapes (designs,).
+Rank = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def find_bounds(problem: StrikeProblem, face: int) -> np.ndarray:
+    """Lowest and highest value of the seven variables, shape (7, 2).
+
+    An angle may go beyond half a turn. Half of the least approach speed is the slowest, so that every design strikes:
+    a search that came to one which does not would find no slope there.
+    """
+    bounds = np.tile([-1.0, 1.0], (len(VARIABLES), 1))
+    if problem.debris.surface.face_names()[face] in WRAPS:
+        bounds[0] = [-2.0, 2.0]
+    fastest = float(reach_speed(problem) / problem.unit)
+    bounds[SPEED] = [min(0.5 * float(problem.limits.approach / problem.unit), fastest), fastest]
+    bounds[SLIPS] = [-fastest, fastest]
+    return bounds
+
+
+@eqx.filter_jit
+def screen(problem: StrikeProblem, faces: Array, designs: Array) -> tuple[Array, Array]:
+    r"""What is wanted small and all constraints of many designs, by closed forms.
+
+    Normal impulse $m (1 + e) v_1$, $1/m = n^T M^{-1} (n - \mu t)$ with $M^{-1}$ what an impulse at the point moves ball
+    and surface by; friction that slides throughout or stops the slip; peaks of $k \delta^2 (1 + c_n w)$.
+
+    Returns:
+        The designs, their velocities changed where the arm is too slow for them, shape (designs, 7); the columns, shape
+        (designs, 1 + constraints).
+    """
+    def one(face, x):
+        x = _settle(problem, face, x)
+        return x, _estimate(problem, face, x)
+
+    return jax.vmap(one)(faces, designs)
+
+
+def _settle(problem: StrikeProblem, face: Array, x: Array) -> Array:
+    """A design whose arm is no faster than it can: its velocity cut along the normal first, then across."""
+    design, most = read_design(problem, face, x), SETTLED * problem.limits.speed
+    local, normal = rotate_back(design.attitude, design.velocity), rotate_back(design.attitude, design.normal)
+    first, second = span_plane(normal)
+    along, across = normal @ local, jnp.stack([first @ local, second @ local])
+    kept = jnp.clip(along, -most, most)
+    # Where the surface recedes faster than the arm can follow, nothing is kept of the approach: that stays a violation.
+    approach = jnp.maximum(x[SPEED] + (along - kept) / problem.unit, jnp.minimum(x[SPEED], 0.0))
+    size = jnp.sqrt(jnp.sum(across**2) + 1e-300)
+    cut = jnp.minimum(1.0, jnp.sqrt(most**2 - kept**2) / size) - 1.0
+    return x.at[SPEED].set(approach).at[SLIPS].add(cut * across / problem.unit)
+
+
+def _estimate(problem: StrikeProblem, face: Array, x: Array) -> Array:
+    debris, reference, law = problem.debris, problem.law.reference, problem.law.normal
+    design = read_design(problem, face, x)
+    foot = debris.surface.find_foot(design.point)
+    normal = foot.normal
+    relative = rotate_back(design.attitude, design.velocity) - jnp.cross(design.angular_velocity, design.point)
+    speed = -(normal @ relative)
+    approach = jnp.maximum(speed, 1e-3 * problem.limits.approach)
+    conditions = {**problem.conditions, "initial_pressure": design.pressure, "approach_speed": approach}
+    diameter, damping = law.start(conditions)
+    contact = law.contact(conditions, diameter, jnp.zeros(()), jnp.asarray(PROBE), jnp.zeros(()),
+                          jnp.zeros((len(law.stateful()),)))
+    kappa = jnp.maximum(damping * approach, 0.0)
+    restitution = 1.0 / (1.0 + 0.7 * kappa)
+    for _ in range(SOLVED):
+        again = jnp.sqrt(damped_work(kappa) / damped_work(-jnp.minimum(kappa * restitution, 0.999)))
+        restitution = 0.6 * restitution + 0.4 * again
+
+    across = relative + speed * normal
+    slip = jnp.sqrt(jnp.sum(across**2) + 1e-12)
+    patch = Patch(jnp.zeros(()), jnp.asarray(PROBE), contact.contact_radius, find_height(diameter, jnp.zeros(())),
+                  contact.pressure, contact.elastic_force, conditions)
+    friction = problem.law.limit(patch, slip, jnp.zeros(()), jnp.zeros(())) / contact.elastic_force
+    # What a tangential impulse changes the slip by: of ball, arm and body. It stops the slip at most.
+    inverse = jnp.linalg.inv(debris.inertia)  # the same for all designs, where to solve would be done for each
+    lever, turned = jnp.cross(design.point, normal), jnp.cross(design.point, across / slip)
+    give = (1.0 / reference.tangential_mass + 1.0 / reference.rolling_mass + 1.0 / debris.mass
+            + turned @ inverse @ turned)
+    mass = 1.0 / (1.0 / reference.ball.inertia() + 1.0 / debris.mass + lever @ inverse @ lever)
+    friction = jnp.minimum(friction, slip / (give * mass * (1.0 + restitution) * approach))
+    # Friction turns the body towards the ball or away from it, and so changes the mass that is felt along the normal.
+    mass = 1.0 / jnp.maximum(1.0 / mass - friction * (lever @ inverse @ turned), 0.1 / mass)
+    impulse = mass * (1.0 + restitution) * approach
+    push = impulse * (friction * across / slip - normal)
+    after = design.angular_velocity + inverse @ jnp.cross(design.point, push)
+
+    # F = k depth^2 (1 + kappa s), s the rate over the approach: k depth^3 / 3 is the work of the spring down to s.
+    stiff, rates = contact.elastic_force / PROBE**2, jnp.asarray(RATES)
+    work = mass * approach**2 * (damped_work(kappa) - rates**2 * damped_work(kappa * rates))
+    depths = jnp.cbrt(3.0 * work / stiff)
+    force, depth = jnp.max(stiff * depths**2 * (1.0 + kappa * rates)), depths[0]
+
+    # The disc slides on while the contact lasts, which is 1.4 depths over the speed on the way in and out.
+    slide = 1.4 * depth / approach * (1.0 + 1.0 / restitution) * (1.0 - 0.5 * friction * impulse * give / slip) * across
+    slid = jax.jvp(lambda point: debris.surface.find_foot(point).margins, (design.point,), (slide,))[1]
+    margins = foot.margins + jnp.minimum(slid, 0.0) - contact.contact_radius * depth / PROBE
+    back = normal * (normal @ push) / reference.ball.inertia()
+    slowed = (push - normal * (normal @ push)) / reference.tangential_mass
+    parting = Parting(design.attitude, after, jnp.zeros(3), rotate(design.attitude, push) / debris.mass,
+                      design.velocity - rotate(design.attitude, back + slowed))
+    return jnp.stack([score(problem, after), *constrain(problem, design, parting, margins, speed, force, depth)])
+
+
+def estimate_score(problem: StrikeProblem, face: int, x: np.ndarray) -> float:
+    """Score of one design by closed forms [-]."""
+    # As many of it as designs in a round, so that the same compiled program serves.
+    return float(screen(problem, jnp.full(DRAWS, face), jnp.tile(jnp.asarray(x), (DRAWS, 1)))[1][0, 0])
+
+
+class Generation(NamedTuple):
+    """The last designs that closed forms judged: faces and variables, shapes (designs,) and (designs, 7), what was
+    brought down, shape (designs,), and the smallest of what counts in all generations, infinite where none does.
+    """
+
+    faces: np.ndarray
+    x: np.ndarray
+    worth: np.ndarray
+    least: float
+
+    def pick(self, count: int) -> list[Place]:
+        """The best designs that are on other faces or far enough from each other, the best first."""
+        chosen: list[Place] = []
+        for k in np.argsort(self.worth, kind="stable"):
+            face, x = int(self.faces[k]), self.x[k]
+            if len(chosen) < count and all(face != other or np.linalg.norm(x - y) > APART for other, y in chosen):
+                chosen.append((face, x))
+        return chosen
+
+
+def rank_scores(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scores with violations as a penalty; of designs without a violation the score counts."""
+    over = np.sum(np.maximum(-found[:, 1:], 0.0), axis=1)
+    worth = found[:, 0] + PENALTY * over
+    worth = np.where(np.isfinite(worth), worth, np.inf)
+    return worth, np.where(over == 0.0, worth, np.inf)
+
+
+def find_starts(problem: StrikeProblem, starts: int, draws: int = DRAWS, seed: int = 0, near: Sequence[Place] = ()
+                ) -> tuple[list[Place], float]:
+    """So many of the most promising designs, apart from each other, the best first, and the least score of all that
+    closed forms see allowed (that without an impact where none is); arguments as of `evolve_designs`.
+    """
+    last = evolve_designs(problem, draws, seed, near)
+    return last.pick(starts), min(last.least, float(score(problem, problem.angular_velocity)))
+
+
+def evolve_designs(problem: StrikeProblem, draws: int = DRAWS, seed: int = 0, near: Sequence[Place] = (),
+                   rank: Rank = rank_scores) -> Generation:
+    """Designs evolved towards what closed forms find best.
+
+    A Sobol sample over all faces, then differential evolution on each of them, towards one of its best and along the
+    difference of two; each generation is one call of `screen`, all designs under `vmap`. Without a gradient, so that
+    nothing has to be compiled for it. Of many faces a short evolution on all of them chooses those of the long one.
+
+    Args:
+        problem: what is given, allowed and wanted.
+        draws: designs of a generation; a power of 2.
+        seed: of their places.
+        near: further designs of the first, such as the impact before.
+        rank: what is best.
+    """
+    count, most = len(problem.debris.surface.face_names()), max(draws // EACH, 1)
+    chosen = np.arange(count)
+    if count > most:
+        # Those near are always kept; of more faces than designs, each seed leaves out others.
+        kept, order = [face for face, _ in near], np.random.default_rng(seed).permutation(count)
+        chosen = np.array(list(dict.fromkeys([*kept, *order.tolist()]))[:draws])
+        look = _evolve(problem, chosen, draws, seed, near, LOOKS, rank)
+        best = [np.min(look.worth[look.faces == face]) for face in chosen]
+        ordered = chosen[np.argsort(best, kind="stable")].tolist()
+        chosen = np.array(list(dict.fromkeys([*kept, *ordered]))[: max(most, len(near))])
+    return _evolve(problem, chosen, draws, seed, near, GENERATIONS, rank)
+
+
+def _evolve(problem: StrikeProblem, chosen: np.ndarray, draws: int, seed: int, near: Sequence[Place], generations: int,
+            rank: Rank) -> Generation:
+    """On the chosen faces alike."""
+    def judge(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        settled, found = (np.array(one) for one in screen(problem, jnp.asarray(faces), jnp.asarray(x)))
+        worth, counts = rank(found)
+        return settled, worth, float(np.min(counts, initial=np.inf))
+
+    group = np.arange(draws) % len(chosen)
+    faces, count = chosen[group], np.bincount(group)
+    x = 2.0 * qmc.Sobol(len(VARIABLES), rng=np.random.default_rng(seed)).random(draws) - 1.0
+    slowest, fastest = find_bounds(problem, 0)[SPEED]
+    x[:, SPEED] = slowest + 0.5 * (1.0 + x[:, SPEED]) * (min(FAST, fastest) - slowest)
+    # Half of the designs come along the moment that is wanted: others are rarely best. An eighth may rub as fast as the
+    # arm can.
+    x[::2, SLIPS] *= 0.1
+    x[1::8, SLIPS] *= fastest
+    for k, (face, place) in enumerate(near):
+        x[np.flatnonzero(faces == face)[k]] = place
+    x, worth, least = judge(x)
+    low, high = np.moveaxis(np.stack([find_bounds(problem, face) for face in chosen]), -1, 0)
+    first, draw = np.concatenate([[0], np.cumsum(count)[:-1]]), np.random.default_rng(seed)
+    for _ in range(generations):
+        ranked = np.lexsort((worth, group))
+        leader = ranked[first[group] + (draw.random(draws) * np.maximum(LEADERS * count, 1.0)[group]).astype(int)]
+        one, other = (group + len(chosen) * (draw.random(draws) * count[group]).astype(int) for _ in range(2))
+        step = draw.uniform(*STRETCH, (draws, 1))
+        moved = np.where(draw.random(x.shape) < CROSSED, x + step * (x[leader] - x + x[one] - x[other]), x)
+        moved, found, seen = judge(np.clip(moved, low[group], high[group]))
+        better = found < worth
+        x, worth, least = np.where(better[:, None], moved, x), np.where(better, found, worth), min(least, seen)
+    return Generation(faces, x, worth, least)

@@ -1,0 +1,428 @@
+"""The next test: conditions, or a channel to add, that best tell apart what a campaign could not."""
+
+import dataclasses as dc
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from .._display import AbstractPrinted, Progress
+from .._errors import ComputationError, InputError
+from ..families import find_family, list_families
+from ..inference.archive import FILE as MODEL
+from ..inference.archive import AbstractFitted, FittedModel, load, take_fitted
+from ..inference.files import list_versions, make_plain, write_json
+from ..measurement.quantities import describe_quantity, format_plain, join_words
+from ..selection.discovery import Discovery
+from ..selection.result import RESULT, RIVALS
+from ..selection.settings import DEFAULT
+from .distinguishability import (
+    Distances,
+    Preview,
+    contrast,
+    count_repeats,
+    part_rivals,
+    preview_test,
+    profile_nuisances,
+    separate,
+    value_information,
+    value_separation,
+)
+from .limits import Extra, Limit, list_extras, set_limits
+
+
+FILE = "design.json"
+MOST = 30  # repeats beyond which a test is no proposal
+STEPS = 15  # of the refit that checks a separation
+EDGE = 5e-3  # fraction of its range within which a condition stands at a limit
+STARTS, SCAN = 8, 32  # tests that climb together, and those looked at before the climb
+CLIMB = 20  # iterations
+ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient
+
+Fitted = AbstractFitted | FittedModel
+
+
+@dc.dataclass(frozen=True)
+class Pair:
+    """Two rivals at a proposed test.
+
+    Attributes:
+        first, second: their names.
+        distance: what one such test leaves between them after either is refitted, the smaller of both ways [standard
+            deviations of the noise].
+        repeats: of the test until they are told apart; None where no number that can be measured is enough.
+    """
+
+    first: str
+    second: str
+    distance: float
+    repeats: int | None
+
+
+@dc.dataclass(frozen=True)
+class Narrowing:
+    """How a proposed test narrows one parameter: standard deviation before and after it, in its public unit."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        return f"{self.name} from ± {self.before:.2g} to ± {self.after:.2g} {self.unit}".rstrip()
+
+
+@dc.dataclass(frozen=True)
+class Proposal:
+    """One test.
+
+    Attributes:
+        conditions: SI, by name.
+        extra: channel to add, or None.
+        pairs: of rivals, the worst first; empty where there is one model only.
+        repeats: after which every pair that can be told apart is; None where no pair can.
+        at_limit: conditions that stand at a limit.
+        narrowings: of the parameters, where there is one model only, the most narrowed first.
+        time: samples of the test [s or m], shape (samples,).
+        curves: predicted channels by rival, each shape (channels, samples), SI; `channels` names them.
+        noise: standard deviation of one sample by channel, SI.
+    """
+
+    conditions: Mapping[str, float]
+    extra: Extra | None
+    pairs: tuple[Pair, ...]
+    repeats: int | None
+    at_limit: tuple[str, ...]
+    narrowings: tuple[Narrowing, ...]
+    time: np.ndarray
+    channels: tuple[str, ...]
+    curves: Mapping[str, np.ndarray]
+    noise: Mapping[str, float]
+
+    @property
+    def split(self) -> int:
+        """How many pairs it tells apart."""
+        return sum(pair.repeats is not None for pair in self.pairs)
+
+
+@dc.dataclass(frozen=True)
+class Design(AbstractPrinted):
+    """What to measure next; `to_dict()` is `design.json`.
+
+    Attributes:
+        campaign, family, verdict: of the discovery or fit.
+        rivals: names of the models that cannot be told apart; one where nothing is confounded.
+        limits: within which the test was chosen.
+        proposals: the one to take first.
+        target: noise variances between two rivals from which they count as told apart.
+        sentence: what to do, in plain words.
+        notes: further sentences.
+    """
+
+    campaign: str
+    family: str
+    verdict: str
+    rivals: tuple[str, ...]
+    limits: tuple[Limit, ...]
+    proposals: tuple[Proposal, ...]
+    target: float
+    sentence: str
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """The outcome for a terminal."""
+        return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the curves, as JSON can hold it."""
+        skip = ("time", "channels", "curves")
+        proposals = [{f.name: getattr(p, f.name) for f in dc.fields(p) if f.name not in skip} for p in self.proposals]
+        plain = {f.name: getattr(self, f.name) for f in dc.fields(self)}
+        return make_plain({**plain, "proposals": proposals, "versions": list_versions()})
+
+    def save(self, folder: Path | str) -> Path:
+        """Write `design.json` into a folder (made if it is not there); returns its path."""
+        path = Path(folder) / FILE
+        write_json(path, self.to_dict())
+        return path
+
+
+def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, str] | Sequence[str] | None = None,
+           channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
+           progress: Progress | None = None) -> Design:
+    """Find the test that best tells apart what a discovery could not.
+
+    Of each pair of rivals it is asked how far their predictions of the test stay apart when either is refitted, with
+    the old campaign as prior and the test's own conditions and time origin free within their uncertainty. The mean of
+    ln(1 + squared distance) over the pairs is climbed by its gradient through both models. Two rivals count as told
+    apart from 50 noise variances on: then `discover` drops the worse one. Where nothing is confounded, the test
+    that narrows the parameters most is sought.
+
+    Args:
+        models: what `discover` or `fit` returned, several fits of one campaign, or a folder that they wrote.
+        limits: `NAME=LOW..HIGH UNIT` or `NAME=VALUE UNIT`, by condition; the campaign's range, extended, elsewhere.
+        channels: `NAME: NOISE UNIT` of channels that could be added; the usual ones where not given.
+        length: of the test's record in its independent variable [s or m]; as in the campaign where not given.
+        progress: called with a sentence and the share done.
+
+    Raises:
+        InputError: there is no fitted model, or an option makes no sense.
+        ComputationError: a rival could not be integrated anywhere within the limits.
+    """
+    rivals, verdict = list_confused(models)
+    if length is not None and not length > 0:
+        raise InputError(f"the length of a record has to be positive, not {length:g}")
+    chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
+    preview = preview_test(rivals, chosen, extras, length=length)
+    names = tuple(" + ".join(m.effects) or m.model for m in rivals)
+    proposals: list[Proposal] = []
+    for k, extra in enumerate((None, *extras)):
+        if extra is not None and channels is None and proposals[0].split == len(proposals[0].pairs) > 0:
+            break  # no further channel is needed, and none was asked for
+        if progress is not None:
+            what = "the test" if extra is None else f"a test with {extra.name}"
+            progress(f"looking for {what}", 0.1 + 0.85 * k / (1 + len(extras)))
+        mask = np.array([c in rivals[0].channels or (extra is not None and c in extra.channels)
+                         for c in preview.channels], dtype=float)
+        x, worth = search_conditions(preview, mask)
+        if worth <= 0.0 and part_rivals(preview, x[None], mask, 0).failed.any():
+            raise ComputationError("the models could not be integrated within these limits: check --limit")
+        proposals.append(_propose(preview, mask, x, extra, names, rivals[0]))
+    # The campaign's own channels first among those that tell as many pairs apart by as few repeats.
+    ranked = sorted(proposals, key=lambda one: (-one.split, one.repeats or 0, one.extra is not None))
+    found = Design(rivals[0].campaign, rivals[0].family, verdict, names, chosen, tuple(ranked), DEFAULT.decisive, "")
+    return dc.replace(found, sentence=_explain(found), notes=_list_notes(found, rivals[0]))
+
+
+def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[FittedModel], str]:
+    """The best model and its rivals, and the verdict (`fit` where no discovery gives one).
+
+    Raises:
+        InputError: there is no fitted model, the rivals were not written, or they are of several campaigns.
+    """
+    if isinstance(models, (str, Path)):
+        return _read_confused(Path(models))
+    if isinstance(models, Discovery):
+        return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
+    found = [take_fitted(one) for one in ([models] if isinstance(models, (FittedModel, AbstractFitted)) else models)]
+    if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
+        raise InputError("the models have to be fits of one campaign that extend one reference model")
+    return found, "fit" if len(found) == 1 else "undecided"
+
+
+def _read_confused(folder: Path) -> tuple[list[FittedModel], str]:
+    best, result = load(folder), folder / RESULT
+    if not result.is_file():
+        return [best], "fit"
+    try:
+        content = json.loads(result.read_text(encoding="utf-8"))
+        verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
+    except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
+        raise InputError("this is no result of discover, or a damaged one; run discover again", file=result) from None
+    rivals = [load(path.parent) for path in sorted((folder / RIVALS).glob(f"*/{MODEL}"))]
+    if len(rivals) < len(expected):
+        raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
+    for one in rivals:
+        if one.sha256 != best.sha256 or type(one.space.reference) is not type(best.space.reference):
+            raise InputError("the rivals belong to another campaign than the model; run discover again",
+                             file=one.folder)
+    return [best, *rivals], verdict
+
+
+def search_conditions(preview: Preview, mask: np.ndarray) -> tuple[np.ndarray, float]:
+    """The conditions that are worth most, as fractions of the free limits, and the worth there (0 where nothing could
+    be computed); `mask` is 1 for channels that count.
+
+    Of rivals: L-BFGS-B on the separation, from the best conditions of a scan. All starts climb together: their sum is
+    one objective whose gradient falls apart into theirs, so that one compiled program serves every step. Of one model:
+    the gain of information, whose gradient would need second derivatives, by a scan that closes in on its best.
+    """
+    free, alone = len(preview.free), preview.base.shape[0] == 1
+
+    def value(x: np.ndarray) -> np.ndarray:
+        return value_information(preview, x, mask) if alone else value_separation(part_rivals(preview, x, mask))[0]
+
+    if free == 0:
+        return np.zeros(0), float(value(np.zeros((1, 0)))[0])
+    corners = np.array(np.meshgrid(*[[0.0, 1.0]] * free)).reshape(free, -1).T
+    places = np.concatenate([corners, qmc.Sobol(free, scramble=False).random(SCAN)])[:SCAN]
+    values = value(places)
+    if alone:
+        return _close_in(value, places, values)
+    starts = places[np.argsort(-values, kind="stable")[:STARTS]]
+
+    def loss(flat):
+        worth, slope = value_separation(part_rivals(preview, flat.reshape(starts.shape), mask))
+        return -float(worth.sum()), -slope.ravel()
+
+    found = minimize(loss, np.clip(starts, 1e-3, 1.0 - 1e-3).ravel(), jac=True, method="L-BFGS-B",
+                     bounds=[(0.0, 1.0)] * starts.size, options={"maxiter": CLIMB})
+    ends = np.concatenate([found.x.reshape(starts.shape), starts])
+    worth = value(ends)
+    best = int(np.argmax(worth))
+    return ends[best], float(worth[best])
+
+
+def _close_in(value: Callable[[np.ndarray], np.ndarray], places: np.ndarray, values: np.ndarray
+              ) -> tuple[np.ndarray, float]:
+    """A scan repeated in ever smaller boxes about its best."""
+    pattern, best = qmc.Sobol(places.shape[1], scramble=False).random(2 * STARTS) - 0.5, int(np.argmax(values))
+    x, worth = places[best], float(values[best])
+    for turn in range(1, ROUNDS + 1):
+        near = np.clip(x + SHRINK**turn * pattern, 0.0, 1.0)
+        found = value(near)
+        if found.max() > worth:
+            x, worth = near[int(np.argmax(found))], float(found.max())
+    return x, worth
+
+
+def _propose(preview: Preview, mask: np.ndarray, x: np.ndarray, extra: Extra | None, names: tuple[str, ...],
+             saved: FittedModel) -> Proposal:
+    """One proposal at fractions `x` of the free limits, conditions rounded to what one would set."""
+    x = _round_fractions(preview, x)
+    values = np.asarray(preview.place(jnp.asarray(x)))
+    found = part_rivals(preview, x[None], mask, STEPS)
+    pairs = [_compare(found, i, j, names) for i in range(len(names)) for j in range(i)]
+    pairs.sort(key=lambda pair: pair.distance)
+    edge = tuple(preview.names[k] for k, one in zip(preview.free, x, strict=True) if one < EDGE or one > 1 - EDGE)
+    kept = [c for c, used in enumerate(mask) if used > 0]
+    channels = tuple(preview.channels[c] for c in kept)
+    noise = {} if extra is None else dict.fromkeys(extra.channels, extra.sd)
+    return Proposal(
+        {name: float(v) for name, v in zip(preview.names, values, strict=True)}, extra, tuple(pairs),
+        max((pair.repeats for pair in pairs if pair.repeats is not None), default=None), edge,
+        _narrow(saved, found) if len(names) == 1 else (), np.asarray(preview.time), channels,
+        {name: found.at.channels[k][kept] for k, name in enumerate(names)},
+        {c: noise[c] if c in noise else saved.noise[c].sd for c in channels})
+
+
+def _round_fractions(preview: Preview, x: np.ndarray) -> np.ndarray:
+    """Fractions of the limits at which conditions have three digits, within the limits."""
+    values, found = np.asarray(preview.place(jnp.asarray(x))), np.array(x, dtype=float)
+    for k, place in enumerate(preview.free):
+        low, high = float(preview.low[place]), float(preview.high[place])
+        value = float(np.clip(float(f"{values[place]:.3g}"), low, high))
+        if bool(preview.logarithmic[place]):
+            low, high, value = np.log(low), np.log(high), np.log(value)
+        found[k] = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return found
+
+
+def _compare(found: Distances, i: int, j: int, names: tuple[str, ...]) -> Pair:
+    """How far two rivals stay apart, and after how many repeats they are told apart, whichever is true."""
+    distances, repeats = [], []
+    keep = found.rows[0]
+    for true, fitted in ((i, j), (j, i)):
+        difference = (found.at.reading[true] - found.at.reading[fitted]) * keep
+        linear = contrast(difference, found.at.shared[fitted] * keep[:, None], found.at.own[fitted] * keep[:, None])
+        one, real = float(separate(linear)), float(found.squares[found.pairs.index((true, fitted)), 0])
+        # What a refit leaves that bends as the model really does, for any number of repeats.
+        left = min(max(real / one, 0.0), 1.0) if one > 0 else 1.0
+        distances.append(one * left)
+        repeats.append(count_repeats(linear, DEFAULT.decisive / left, MOST) if left > 0 else None)
+    known = [r for r in repeats if r is not None]
+    return Pair(names[j], names[i], float(np.sqrt(max(min(distances), 0.0))), max(known) if len(known) == 2 else None)
+
+
+def _narrow(saved: FittedModel, found: Distances) -> tuple[Narrowing, ...]:
+    """What one test makes of the standard deviations of a single model's parameters."""
+    keep, spread = found.rows[0][:, None], saved.spread()
+    moved = np.asarray(profile_nuisances(found.at.shared[0] * keep, found.at.own[0] * keep))[:, : len(spread)]
+    covariance = spread.T @ np.linalg.solve(np.eye(len(spread)) + moved.T @ moved, spread)
+    narrowed = []
+    for name in saved.free:
+        k = saved.space.index[name]
+        before, after = float(np.linalg.norm(spread[:, k])), float(np.sqrt(max(covariance[k, k], 0.0)))
+        if before > 0:
+            old, new = (saved.space.public(name, saved.u, sd) for sd in (before, after))
+            narrowed.append(Narrowing(name, str(old["unit"]), float(old["sd"]), float(new["sd"])))
+    return tuple(sorted(narrowed, key=lambda n: n.after / max(n.before, 1e-300)))
+
+
+def _explain(found: Design) -> str:
+    best, rivals = found.proposals[0], join_words(found.rivals)
+    test = describe_test(best, found.limits)
+    if len(found.rivals) == 1:
+        said = "Nothing is confounded here, so there is nothing to separate."
+        if found.verdict in ("improved", "unexplained"):
+            said += " But a misfit remains: first find what is missing; what follows holds for the model as it stands."
+        if not best.narrowings:
+            return f"{said} The model has no free parameter that a test could narrow."
+        return (f"{said} The test that narrows the parameters most is {test}: "
+                f"{join_words([str(n) for n in best.narrowings[:3]])}.")
+    if not best.split:
+        more = ", or name another channel" if find_family(found.family).plan.added else ""
+        return (f"Nothing within these limits tells {rivals} apart: at the best test they stay "
+                f"{best.pairs[0].distance:.2g} standard deviations apart once either is refitted, and {MOST} repeats "
+                f"are not enough. Widen the limits{more}.")
+    tests = "one such test is" if best.repeats == 1 else f"{best.repeats} such tests are"
+    sentence = (f"To tell {rivals} apart, measure {test}: {tests} expected to put the wrong one more than "
+                f"{DEFAULT.decisive:g} noise variances behind, from where discover drops it.")
+    together = [f"{pair.first} from {pair.second}" for pair in best.pairs if pair.repeats is None]
+    return f"{sentence} It does not tell {join_words(together)}." if together else sentence
+
+
+def _list_notes(found: Design, saved: FittedModel) -> tuple[str, ...]:
+    """What was assumed, what else there is."""
+    best, *others = found.proposals
+    notes = []
+    for pair in best.pairs if best.split else ():
+        after = f"told apart after {_count_tests(pair.repeats)}" if pair.repeats else (
+            f"not told apart by {MOST} repeats")
+        notes.append(f"{pair.first} and {pair.second}: one such test leaves {pair.distance:.3g} standard deviations "
+                     f"between them; {after}.")
+    for other in others:
+        where = describe_test(other, found.limits)
+        if len(found.rivals) == 1:
+            notes.append(f"Or {where}: {join_words([str(n) for n in other.narrowings[:2]])}.")
+        elif not other.split:
+            notes.append(f"Not enough: {where} ({other.pairs[0].distance:.2g} standard deviations).")
+        else:
+            told = "all pairs" if other.split == len(other.pairs) else f"{other.split} of {len(other.pairs)} pairs"
+            notes.append(f"Or {where}: {told} told apart after {_count_tests(other.repeats)}.")
+    for free, word in ((True, "Searched within"), (False, "Held")):
+        those = ", ".join(_describe_limit(limit) for limit in found.limits if limit.free == free)
+        notes += [f"{word}: {those}."] if those else []
+    if best.at_limit:
+        notes.append(f"It stands at the limit of {join_words(best.at_limit)}: wider limits may tell more.")
+    outside = saved.outside(best.conditions, slack=0.02)  # as in predictions
+    if outside:
+        notes.append("The proposal extrapolates: " + "; ".join(outside) + ".")
+    assumed = [f"{p.extra.name} {p.extra.sd:g} {p.extra.unit}".removesuffix(" 1") for p in found.proposals
+               if p.extra is not None and p.extra.assumed]
+    if assumed:
+        notes.append(f"Assumed noise of channels that could be added: {', '.join(assumed)}; --channel states yours.")
+    return tuple(notes)
+
+
+def _count_tests(repeats: int | None) -> str:
+    return f"{repeats} test{'s' * (repeats != 1)}"
+
+
+def describe_test(proposal: Proposal, limits: Sequence[Limit]) -> str:
+    """`at pressure 0.6 MPa and approach speed 0.9 m/s, with the channel pressure added`."""
+    named = {limit.name: limit for limit in limits}
+    chosen = {name for one in list_families() for name in one.plan.chosen}
+    at = join_words([f"{describe_quantity(n).name} {say_value(n, value, named[n].unit)}"
+                     for n, value in proposal.conditions.items()
+                     if n != "sequence" and (named[n].free or n in chosen)])
+    extra = proposal.extra
+    added = "" if extra is None else (
+        f", with the channel {extra.name} (noise {format_plain(extra.sd)} {extra.unit}) added".replace(" 1)", ")"))
+    return (f"at {at}" if at else "once more") + added
+
+
+def say_value(name: str, value: float, unit: str) -> str:
+    """A condition with its unit, in the unit that people use."""
+    shown = describe_quantity(name, unit=unit)
+    return f"{format_plain(value * shown.scale)} {shown.unit}".rstrip()
+
+
+def _describe_limit(limit: Limit) -> str:
+    low, high = (say_value(limit.name, end, limit.unit) for end in (limit.low, limit.high))
+    return f"{describe_quantity(limit.name).name} " + (f"{low.split()[0]} to {high}" if limit.free else high)

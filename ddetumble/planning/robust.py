@@ -1,0 +1,139 @@
+r"""One impact planned for many contact laws at once: for the mean over them, or for the worst of them.
+
+With laws of weights $w_i$, what is wanted small comes out as $s_i$. Planned is for the mean $\sum w_i s_i$ or for the
+mean of the worst share $\alpha$, the conditional value at risk (Rockafellar and Uryasev 2000),
+
+$\mathrm{CVaR}_\alpha = \max_q \sum q_i s_i$ over $0 \le q_i \le w_i/\alpha$, $\sum q_i = 1$.
+
+The draws stay the same throughout, so that plans differ by what they do and not by chance.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from .draws import Laws
+from .multistart import find_bounds
+from .problem import StrikeProblem
+from .single import (
+    LOST,
+    Certificate,
+    StrikePlan,
+    Tally,
+    compute_slopes,
+    descend,
+    make_plan,
+    remember,
+    weigh_constraints,
+)
+from .uncertainty import evaluate_draws, pose_draws
+
+
+Aim = Literal["mean", "tail"]
+WIDTH = 1e-4  # smoothing of the tail of what is wanted [-]
+NARROW = 1e-5  # and of the constraints
+KEPT = 3e-4  # by which the tail mean of a scaled constraint may be missed
+HALVINGS = 60
+STEPS = 30  # of a descent at most
+
+
+def smooth_tail(values: np.ndarray, weights: np.ndarray, tail: float, width: float = WIDTH
+                ) -> tuple[np.ndarray, np.ndarray]:
+    r"""Mean of the largest values, without its kinks: $\max_q \sum q_i s_i - \frac\delta2 \sum (q_i - w_i)^2 / w_i$.
+
+    With few fixed draws the sorted tail mean has a kink wherever two draws change places, at which quadratic
+    programming stalls; the penalty (Nesterov 2005) takes it away, the derivative is $q$ itself, and the value stays
+    between the mean and the exact tail mean, at most $\frac\delta2 (1/\alpha - 1)$ below this. Draws that agree lose
+    nothing.
+
+    Args:
+        values: shape (draws, columns).
+        weights: with sum 1, shape (draws,).
+        tail: share of the weight, $\alpha$; 1 for the mean.
+        width: $\delta$, in units of the values.
+
+    Returns:
+        The value, shape (columns,), and the draws' shares in its derivative $q$, shape (draws, columns).
+    """
+    own = weights[:, None]
+
+    def share(level):
+        return np.clip(own * (1.0 + (values - level) / width), 0.0, own / tail)
+
+    low, high = values.min(axis=0), values.max(axis=0)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        over = share(middle).sum(axis=0) > 1.0
+        low, high = np.where(over, middle, low), np.where(over, high, middle)
+    found = share(0.5 * (low + high))
+    found = found / found.sum(axis=0)
+    penalty = np.sum((found - own) ** 2 / own, axis=0)
+    return np.sum(found * values, axis=0) - 0.5 * width * penalty, found
+
+
+class RobustProblem:
+    """What is planned for, and the constraints, each a mean over the draws or over their worst share; see
+    `plan_robust_strike`.
+
+    The laws share the program of a single impact, called once a draw: on two cores 32 draws with derivatives take 0.24
+    s so, and 0.58 s in a program of their own under `vmap`, which integrates all as long as the longest.
+    """
+
+    def __init__(self, problem: StrikeProblem, laws: Laws, aim: Aim, tail: float):
+        self.problems, self.weights, self.tally = pose_draws(problem, laws.draws), laws.shares(), Tally()
+        self.shares = tail if aim == "tail" else 1.0, tail
+
+    def judge(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Objective and constraints, shape (1 + constraints,), of values under every law, and the draws' shares in
+        their derivatives, shape (draws, 1 + constraints).
+        """
+        wanted, first = smooth_tail(drawn[:, :1], self.weights, self.shares[0])
+        kept, others = smooth_tail(-drawn[:, 1:], self.weights, self.shares[1], NARROW)
+        return np.concatenate([wanted, -kept]), np.concatenate([first, others], axis=1)
+
+    def values(self, face: int, x: np.ndarray) -> np.ndarray:
+        """Objective and constraints, shape (1 + constraints,)."""
+        self.tally.values += len(self.problems)
+        return self.judge(evaluate_draws(self.problems, face, x))[0]
+
+    def slopes(self, face: int, x: np.ndarray) -> np.ndarray:
+        """Their derivatives by the seven variables, shape (1 + constraints, 7)."""
+        self.tally.slopes += len(self.problems)
+        drawn, slopes = map(np.stack, zip(*(compute_slopes(one, face, x) for one in self.problems), strict=True))
+        return np.einsum("dc,dcv->cv", self.judge(drawn)[1], slopes)
+
+    def wanted(self, face: int, x: np.ndarray) -> float:
+        """The objective alone, not counted; NaN where a draw cannot be integrated."""
+        drawn = evaluate_draws(self.problems, face, x)
+        return np.nan if drawn[:, 0].max() >= LOST else float(self.judge(drawn)[0][0])
+
+
+def plan_robust_strike(problem: StrikeProblem, laws: Laws, plan: StrikePlan, *, aim: Aim = "tail", tail: float = 0.1
+                       ) -> StrikePlan:
+    """Change a plan for the best estimate into one, on the same face, for all draws of the contact law.
+
+    Args:
+        problem: what is given, allowed and wanted; its own law is the best estimate.
+        laws: that may be true.
+        plan: for the best estimate.
+        aim: whether the mean over the draws or that of their worst share is made small.
+        tail: that share; every constraint has to hold in the mean of its own worst share of the draws.
+
+    Returns:
+        A plan whose `score` is what was made small, whose `values` are the tail means of the constraints and whose
+        certificate is that of this problem; `design` and `collision` are those under the best estimate.
+    """
+    (face, first), robust = plan.place, RobustProblem(problem, laws, aim, tail)
+    values = remember(lambda z: robust.values(face, z))
+    slopes = remember(lambda z: robust.slopes(face, z))
+    bounds = find_bounds(problem, face)
+
+    def order(x):
+        value = values(x)
+        short = float(value[1:].min())
+        return (short < -KEPT, -short if short < -KEPT else float(value[0]))
+
+    x = min([descend(values, slopes, first, bounds, STEPS), np.asarray(first)], key=order)
+    value = values(x)
+    left, error, (binding,) = weigh_constraints(lambda z: robust.wanted(face, z), value, slopes(x), bounds, x)
+    return make_plan(problem, face, x, Certificate(left, error, binding, np.nan), robust.tally, value, KEPT)

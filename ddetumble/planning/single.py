@@ -1,0 +1,284 @@
+"""One impact planned by gradient: closed forms say where to start, a quadratic programme finishes, a certificate says
+how well.
+"""
+
+import dataclasses as dc
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize, nnls
+
+from .._errors import ComputationError
+from ..dynamics.collision import Collision
+from .multistart import Place, estimate_score, find_bounds, find_starts
+from .problem import (
+    CONSTRAINTS,
+    VARIABLES,
+    Design,
+    StrikeProblem,
+    evaluate,
+    evaluate_slopes,
+    judge,
+    read_design,
+    score,
+    strike_debris,
+)
+
+
+BINDING = 1e-4  # scaled constraint, or distance of a variable from its bound, that counts as none
+ALLOWED = 1e-5  # by which a scaled constraint may be missed
+LOST = 10.0  # score of what cannot be computed
+STEPS = 40  # of the quadratic programme at most
+STARTS = 6  # of three, one seed in six ended 0.15 % behind another; of six, none of twelve did
+LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
+FOUND = 0.9  # of the largest gain that closed forms see, which they must see at a plan; they err by a few per cent
+WIDER, MORE, TURN = 2, 4, 1009  # further searches, their starts over those of the first, and what their seeds differ by
+STEP = 1e-4  # of the differences that a gradient is checked by
+
+T = TypeVar("T")
+
+
+@dc.dataclass
+class Tally:
+    """How often the impact was integrated: for values, and for values with derivatives."""
+
+    values: int = 0
+    slopes: int = 0
+
+
+@dc.dataclass(frozen=True)
+class Certificate:
+    """How well a plan is founded.
+
+    Attributes:
+        stationarity: what is left of the gradient after the binding constraints' share, over the gradient [-].
+        gradient_error: largest difference of the gradient from central differences, over the gradient [-]; 1 where
+            there is none.
+        binding: names of the constraints and bounds that hold the plan, with their multipliers [-].
+        margin: from the contact disc to the nearest edge [m].
+    """
+
+    stationarity: float
+    gradient_error: float
+    binding: dict[str, float]
+    margin: float
+
+
+@dc.dataclass(frozen=True)
+class StrikePlan:
+    """One planned impact.
+
+    Attributes:
+        face: name of the face.
+        x: the seven variables over -1 to 1.
+        score: what was wanted small.
+        untouched: the same without an impact.
+        estimate: the least that closed forms see allowed; never a plan's result.
+        values: of all constraints, by name, scaled.
+        design, collision: the impact in physical quantities, and what it does.
+        allowed: whether every constraint holds.
+        certificate: see there.
+        tally: integrations that it took, certificate left out.
+        scores: of all starts, where they ended and whether that was allowed.
+    """
+
+    face: str
+    x: np.ndarray
+    score: float
+    untouched: float
+    estimate: float
+    values: dict[str, float]
+    design: Design
+    collision: Collision
+    allowed: bool
+    certificate: Certificate
+    tally: Tally
+    scores: tuple[tuple[str, float, bool], ...]
+
+    @property
+    def place(self) -> Place:
+        """Number of the face, and the variables."""
+        return int(self.design.face), self.x
+
+    @property
+    def worth(self) -> bool:
+        """Whether it is allowed, and brings down what is wanted small by `LEAST_GAIN` or more."""
+        return self.allowed and self.untouched - self.score >= LEAST_GAIN * self.untouched
+
+    @property
+    def missed(self) -> bool:
+        """Whether closed forms see an allowed impact that is worth its while, and the search found none."""
+        return not self.worth and self.untouched - self.estimate >= LEAST_GAIN * self.untouched
+
+
+def remember(function: Callable[[np.ndarray], T]) -> Callable[[np.ndarray], T]:
+    """The function with its last point kept: SciPy asks for what is wanted and for the constraints in turn."""
+    last: dict[bytes, T] = {}
+
+    def ask(x: np.ndarray) -> T:
+        if x.tobytes() not in last:
+            found = function(x)
+            last.clear()
+            last[x.tobytes()] = found
+        return last[x.tobytes()]
+
+    return ask
+
+
+def descend(values: Callable[[np.ndarray], np.ndarray], slopes: Callable[[np.ndarray], np.ndarray], x: np.ndarray,
+            bounds: np.ndarray, steps: int, ftol: float = 1e-7) -> np.ndarray:
+    """Where sequential quadratic programming (SLSQP) ends, shape (variables,); within bounds of shape (variables, 2),
+    after so many steps at most, or where what is to be small changes by less than `ftol`.
+
+    `values` gives what is to be small, then all that must not be negative, shape (1 + constraints,); `slopes` their
+    derivatives, shape (1 + constraints, variables).
+    """
+    found = minimize(  # SLSQP reads a gradient as if it were contiguous, whether it is or not
+        lambda z: values(z)[0], x, jac=lambda z: np.ascontiguousarray(slopes(z)[0]), method="SLSQP", bounds=bounds,
+        options={"maxiter": steps, "ftol": ftol},
+        constraints={"type": "ineq", "fun": lambda z: values(z)[1:], "jac": lambda z: slopes(z)[1:]})
+    return np.clip(found.x, *bounds.T)
+
+
+def compute_impact(problem: StrikeProblem, face: int, x: np.ndarray) -> np.ndarray:
+    """Score and constraints of a design, shape (1 + constraints,); `LOST` and not allowed where there are none."""
+    found = np.asarray(evaluate(problem, jnp.asarray(face), jnp.asarray(x)))
+    return found if np.isfinite(found).all() else np.array([LOST] + [-1.0] * (found.size - 1))
+
+
+def compute_slopes(problem: StrikeProblem, face: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same with derivatives by the variables, the second shape (1 + constraints, 7), zero where they are none."""
+    found, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
+    found = found if np.isfinite(found).all() else np.array([LOST] + [-1.0] * (found.size - 1))
+    return found, np.nan_to_num(slopes)
+
+
+def ask_scipy(problem: StrikeProblem, face: int, tally: Tally) -> tuple[Callable, Callable]:
+    """Values and slopes of one face as `descend` takes them, each design integrated once for either, and counted."""
+    def values(x):
+        tally.values += 1
+        return compute_impact(problem, face, x)
+
+    def slopes(x):
+        tally.slopes += 1
+        return compute_slopes(problem, face, x)[1]
+
+    return remember(values), remember(slopes)
+
+
+def refine(problem: StrikeProblem, face: int, x: np.ndarray, tally: Tally) -> tuple[np.ndarray, np.ndarray]:
+    """Variables and values where a descent from a start ends.
+
+    Where that is outside what is allowed, it is begun again from there, once, without what it had learnt of curvature.
+    """
+    values, slopes = ask_scipy(problem, face, tally)
+    bounds = find_bounds(problem, face)
+    best = np.clip(x, *bounds.T)
+    for _ in range(2):
+        best = descend(values, slopes, best, bounds, STEPS)
+        if values(best)[1:].min() >= -ALLOWED:
+            break
+    return best, values(best)
+
+
+def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, near: Sequence[Place] = ()
+                ) -> StrikePlan:
+    """Plan one impact.
+
+    Where nothing worth its while is found, or closed forms see a much better design than the one that is, it is
+    searched for again from other and more starts, `WIDER` times at most.
+
+    Args:
+        problem: what is given, allowed and wanted.
+        starts: how many of the designs that closed forms find promising are refined on the integrated impact.
+        seed: of their places.
+        near: faces and variables that they look at as well, such as those of the impact before.
+
+    Raises:
+        ComputationError: where no start leads to an impact that can be integrated.
+    """
+    names, tally = problem.debris.surface.face_names(), Tally()
+    untouched = float(score(problem, problem.angular_velocity))
+    ends, estimate = [], untouched
+    for turn in range(1 + WIDER):
+        count = starts if turn == 0 else MORE * starts
+        places, least = find_starts(problem, count, seed=seed + TURN * turn, near=near)
+        estimate = min(estimate, least)
+        for face, x in places:
+            x, values = refine(problem, face, x, tally)
+            if values[0] < LOST:
+                ends.append((bool(values[1:].min() >= -ALLOWED), float(values[0]), face, x, values))
+        ends.sort(key=lambda end: (not end[0], end[1]))
+        if not ends or not ends[0][0] or untouched - ends[0][1] < LEAST_GAIN * untouched:
+            continue
+        # Closed forms against closed forms: what they promise everywhere alike, no search can find.
+        if untouched - estimate_score(problem, *ends[0][2:4]) >= FOUND * (untouched - estimate):
+            break
+    if not ends:
+        raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
+    _, _, face, x, values = ends[0]
+    return make_plan(problem, face, x, certify(problem, face, x), tally, values, estimate=estimate,
+                     scores=tuple((names[end[2]], end[1], end[0]) for end in ends))
+
+
+def make_plan(problem: StrikeProblem, face: int, x: np.ndarray, certificate: Certificate, tally: Tally,
+              values: np.ndarray | None = None, slack: float = ALLOWED, *, estimate: float | None = None,
+              scores: tuple[tuple[str, float, bool], ...] = ()) -> StrikePlan:
+    """The plan of variables, and of score and constraints, shape (1 + constraints,), where these are not those of the
+    impact itself. Where closed forms say nothing of it, the estimate is that nothing is gained.
+    """
+    design = read_design(problem, jnp.asarray(face), jnp.asarray(x))
+    collision = strike_debris(problem, design)
+    if values is None:
+        values = np.array([score(problem, collision.angular_velocity), *judge(problem, design, collision)])
+    worth, kept = float(values[0]), dict(zip(CONSTRAINTS, map(float, values[1:]), strict=True))
+    allowed = bool(min(kept.values()) >= -slack and collision.separated and not collision.failed)
+    name, untouched = problem.debris.surface.face_names()[face], float(score(problem, problem.angular_velocity))
+    return StrikePlan(
+        name, x, worth, untouched, untouched if estimate is None else estimate, kept, design, collision, allowed,
+        dc.replace(certificate, margin=float(collision.margin)), tally, scores or ((name, worth, allowed),))
+
+
+def certify(problem: StrikeProblem, face: int, x: np.ndarray) -> Certificate:
+    """How well one impact is founded; the margin is that of its plan."""
+    def wanted(x):
+        return float(evaluate(problem, jnp.asarray(face), jnp.asarray(x))[0])
+
+    value, slopes = (np.asarray(one) for one in evaluate_slopes(problem, jnp.asarray(face), jnp.asarray(x)))
+    left, error, (binding,) = weigh_constraints(wanted, value, slopes, find_bounds(problem, face), x)
+    return Certificate(left, error, binding, math.nan)
+
+
+def weigh_constraints(wanted: Callable[[np.ndarray], float], value: np.ndarray, slopes: np.ndarray, bounds: np.ndarray,
+                      x: np.ndarray, shared: Sequence[str] = ()) -> tuple[float, float, list[dict[str, float]]]:
+    """First-order optimality of one impact or several by the least squares of the multipliers, the gradient against
+    differences, and for every impact the multipliers of what holds it.
+
+    Args:
+        wanted: what is to be small, of the variables; NaN where it cannot be computed, which is left out.
+        value, slopes: of that and of all constraints, the `shared` ones by name first, then those of every impact; as
+            `descend` takes them.
+        bounds: of the variables, shape (variables, 2).
+        x: the variables, those of one impact after those of the other.
+        shared: names of constraints that are not of one impact alone.
+    """
+    gradient, unit, impacts = slopes[0], np.eye(len(x)), range(len(x) // len(VARIABLES))
+    # Named by the impact, None where it is of all.
+    names = [*((None, name) for name in shared), *((k, name) for k in impacts for name in CONSTRAINTS)]
+    rows = {name: row for name, constraint, row in zip(names, value[1:], slopes[1:], strict=True)
+            if constraint < BINDING}
+    for (k, name), own, row, (low, high) in zip(
+            [(k, name) for k in impacts for name in VARIABLES], x, unit, bounds, strict=True):
+        rows |= {(k, f"lowest {name}"): row} if abs(own - low) < BINDING else {}
+        rows |= {(k, f"highest {name}"): -row} if abs(own - high) < BINDING else {}
+    size = float(np.linalg.norm(gradient))
+    multipliers, left = nnls(np.stack(list(rows.values()), axis=1), gradient) if rows else (np.zeros(0), size)
+    apart = np.abs(gradient - [(wanted(x + move) - wanted(x - move)) / (2.0 * STEP) for move in STEP * unit])
+    known = np.isfinite(apart)
+    error = (np.max(apart, initial=0.0, where=known) / size if size > 0 else 0.0) if known.any() else 1.0
+    return float(left) / size if size > 0 else 0.0, float(error), [
+        {name: float(m) for (k, name), m in zip(rows, multipliers, strict=True) if k in (number, None)}
+        for number in impacts]
