@@ -1,7 +1,7 @@
 """The paper's own task: force from measured depression and pressure (Eqs. 3 to 5), with uncertainty."""
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, final
@@ -135,7 +135,8 @@ def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identif
         for p in parameters_of(effect):
             u[space.index[f"{effect.id}.{p.name}"]] = p.transform.from_field(float(getattr(effect, p.field)))
     saved = take_fitted(model) if resolved.fitted else None  # type: ignore[arg-type]
-    names, covariance, u, source, more = _find_parameters(campaign, saved, space, u, contacts, noise, measured)
+    names, covariance, u, source, more = _find_parameters(campaign, saved, space, u, contacts, noise["depression"],
+                                                          measured)
     notes += more
     left = [e.id for e in resolved.effects if isinstance(e, AbstractSensorEffect)]
     if left:
@@ -220,7 +221,7 @@ def _smooth_channel(campaign: Campaign, contacts: Sequence[_Contact], channel: s
 
 
 def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: ParameterSpace, u: np.ndarray,
-                     contacts: Sequence[_Contact], noise: Mapping[str, Noise], measured: bool):
+                     contacts: Sequence[_Contact], noise: Noise, measured: bool):
     """Restitution and whatever else is unknown: names, covariance, coordinates, source, notes."""
     if saved is not None:
         u = u.copy()
@@ -232,29 +233,6 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
               if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None]
     if not [name for name in wanted if name != "effective_mass"]:
         return (), np.zeros((0, 0)), u, "The restitution is the one that the campaign states as known.", []
-    found = _fit_depression(campaign, space, u, wanted, contacts, noise["depression"], measured)
-    if not np.isfinite(found.chi2_reduced):
-        raise ComputationError("the motion of the ball could not be integrated with the measured pressure: check the "
-                               "conditions and the units of depression and pressure")
-    notes = []
-    if not found.converged:
-        notes.append("The fit of the restitution did not converge.")
-    k = space.index.get("restitution")
-    if k is not None and "restitution" in found.names and abs(found.u[k]) > 5.0:
-        notes.append("The restitution ran to its limit: the force is not to be trusted; give its value under `known`.")
-    if found.chi2_reduced > 1.0 + found.slack:
-        notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.2g} times the noise in the "
-                     "depression: something is missing in this model, and restitution and force may be off by more "
-                     "than is stated.")
-    gas = "pressure" if measured else "initial pressure"
-    source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
-              "motion, without the gauge.")
-    return found.names, found.covariance, found.u, source, notes
-
-
-def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wanted: Sequence[str],
-                    contacts: Sequence[_Contact], noise: Noise, measured: bool):
-    """Fit the wanted parameters to the measured depression."""
     time_sd, rows, masses = _find_time_sd(campaign), [], []
     for contact in contacts:
         time, depth = contact.time, contact.table["depression"].to_numpy(dtype=float)
@@ -278,7 +256,24 @@ def _fit_depression(campaign: Campaign, space: ParameterSpace, u: np.ndarray, wa
         u[space.index["effective_mass"]] = np.log(mass)
     thin = max(1.0, float(np.median([c.touch.sum() for c in contacts])) / MOST)
     motion = Motion(_stack_conditions(contacts), *(np.array(column) for column in zip(*rows, strict=True)))
-    return find_rebound(space, u, wanted, motion, noise.sd, max(inflate(noise) / thin, 1.0), measured)
+    found = find_rebound(space, u, wanted, motion, noise.sd, max(inflate(noise) / thin, 1.0), measured)
+    if not np.isfinite(found.chi2_reduced):
+        raise ComputationError("the motion of the ball could not be integrated with the measured pressure: check the "
+                               "conditions and the units of depression and pressure")
+    notes = []
+    if not found.converged:
+        notes.append("The fit of the restitution did not converge.")
+    k = space.index.get("restitution")
+    if k is not None and "restitution" in found.names and abs(found.u[k]) > 5.0:
+        notes.append("The restitution ran to its limit: the force is not to be trusted; give its value under `known`.")
+    if found.chi2_reduced > 1.0 + found.slack:
+        notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.2g} times the noise in the "
+                     "depression: something is missing in this model, and restitution and force may be off by more "
+                     "than is stated.")
+    gas = "pressure" if measured else "initial pressure"
+    source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
+              "motion, without the gauge.")
+    return found.names, found.covariance, found.u, source, notes
 
 
 def _stack_conditions(contacts: Sequence[_Contact]) -> dict[str, np.ndarray]:

@@ -53,15 +53,14 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         units: whether a unit is in doubt: then that doubt, the first one, comes instead of the verdict.
         asked: name of the reference model that was asked for.
     """
-    first = found.steps[0]
-    model, rejected = _name_model(found), first.lack_of_fit.rejected
+    first, rejected = found.steps[0], found.steps[0].lack_of_fit.rejected
     folds = family.folds if np.isfinite(first.heldout_nrmse) else ""
     parts: list[str] = []
     if units and found.doubts:
         parts.append(say("verdict.doubtful_unit", doubt=found.doubts[0], model=repr(found.model),
                          before=_level(first, found)))
     else:
-        parts.append(_tell_verdict(found, family, model, folds))
+        parts.append(_tell_verdict(found, family, folds))
         if found.verdict in ("improved", "unexplained") and found.where:
             view = dc.replace(family.view, longest=find_longest(first.traces))
             parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
@@ -127,15 +126,11 @@ def list_doubts(verdict: str, candidates: Sequence[Candidate], questions: Sequen
     return *questions, say("verdict.imitation", effect=most.effect, share=most.explains, values=most.text)
 
 
-def _name_model(found: Discovery) -> str:
-    """The reference model in quotes, without folders, and the effects that it was given with."""
+def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
+    """The first sentences: the verdict with its evidence."""
     given = dict.fromkeys(name.split(".")[0] for name in found.steps[0].parameters if "." in name)
     name = found.model.replace("\\", "/").rsplit("/", 1)[-1]
-    return repr(name + (f" with {' and '.join(given)}" if given else ""))
-
-
-def _tell_verdict(found: Discovery, family: Family, model: str, folds: str) -> Sentence:
-    """The first sentences: the verdict with its evidence."""
+    model = repr(name + (f" with {' and '.join(given)}" if given else ""))
     first, last, counts, settings = found.steps[0], found.steps[-1], found.counts, found.settings
     lack, before, effects = first.lack_of_fit, _level(first, found), list(found.effects)
     p = f"p = {lack.p_value:.1g}" if lack.p_value >= 1e-6 else "p < 1e-6"

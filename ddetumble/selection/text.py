@@ -10,17 +10,7 @@ import numpy as np
 
 from .._sentences import Sentence, say
 from ..families import DEFAULT_FAMILY, View, find_family
-from ..measurement.quantities import (
-    VERDICTS,
-    clean,
-    describe_quantity,
-    format_error,
-    format_number,
-    format_p,
-    format_share,
-    format_value,
-    name_step,
-)
+from ..measurement import quantities as q
 from ..measurement.units import format_time
 from .result import Candidate, Estimate, Place, Step, Trace
 from .settings import DEFAULT
@@ -36,7 +26,7 @@ _PHASES = {"loading": " while loading", "unloading": " while unloading", "forwar
 
 def say_verdict(verdict: str) -> str:
     """A verdict in words."""
-    return VERDICTS.get(verdict, clean(verdict))
+    return q.VERDICTS.get(verdict, q.clean(verdict))
 
 
 def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | None:
@@ -52,14 +42,14 @@ def share_at_step(steps: Sequence[Step], effect: str) -> tuple[int, float] | Non
 def describe_place(place: Place, view: View) -> dict[str, Any]:
     """Facts of a place where a misfit sits, in the units of a view; a phase is named where there is another."""
     (low, high), timed, period = place.range, place.variable == "time", None
-    shown = describe_quantity(place.variable, [low, high, *((view.longest,) if timed else ())])
+    shown = q.describe_quantity(place.variable, [low, high, *((view.longest,) if timed else ())])
     unit = f" {shown.unit}" if shown.unit else ""
     if place.period is not None and math.isfinite(place.period):
-        period = format_time(place.period) if timed else f"{format_number(shown.scale * place.period)}{unit}"
+        period = format_time(place.period) if timed else f"{q.format_number(shown.scale * place.period)}{unit}"
     return {
-        "channel": describe_quantity(place.channel).name,
+        "channel": q.describe_quantity(place.channel).name,
         "variable": view.series if place.variable == "sequence" else shown.name,
-        "low": format_number(shown.scale * low), "high": f"{format_number(shown.scale * high)}{unit}",
+        "low": q.format_number(shown.scale * low), "high": f"{q.format_number(shown.scale * high)}{unit}",
         "phase": _PHASES[place.phase] if place.phase in view.phases else "", "period": period,
         "share": place.share, "removes": place.removes, "direction": place.variable == "direction",
         "throughout": place.share >= WHOLE and timed and low <= MARGIN * view.longest
@@ -76,8 +66,8 @@ def say_place(place: Place, view: View) -> Sentence:
 def show_estimate(estimate: Estimate) -> tuple[str, str, str, str]:
     """Value, standard deviation and the ends of the 95 % interval, to the digits that count."""
     sd = estimate.sd
-    return (format_value(estimate.estimate, sd), format_value(sd, sd), format_value(estimate.q025, sd),
-            format_value(estimate.q975, sd))
+    return (q.format_value(estimate.estimate, sd), q.format_value(sd, sd), q.format_value(estimate.q025, sd),
+            q.format_value(estimate.q975, sd))
 
 
 def list_alternatives(alternatives: Sequence[Mapping]) -> list[tuple[str, str, str, str]]:
@@ -87,8 +77,8 @@ def list_alternatives(alternatives: Sequence[Mapping]) -> list[tuple[str, str, s
         difference, error = (math.nan if item.get(key) is None else float(item[key])
                              for key in ("heldout_difference", "standard_error"))
         ratio = difference / error if math.isfinite(difference) and error > 0 else math.nan
-        rows.append((clean(item.get("effect", "")), format_value(difference, error), format_value(error, error),
-                     format_number(ratio, 2)))
+        rows.append((q.clean(item.get("effect", "")), q.format_value(difference, error), q.format_value(error, error),
+                     q.format_number(ratio, 2)))
     return rows
 
 
@@ -118,9 +108,9 @@ def format_steps(steps: Sequence[Step], model: str, noise: float) -> str:
     rows = []
     for number, step in enumerate(steps):
         fit = step.lack_of_fit
-        misfit = f"{'yes' if fit.rejected else 'no'} (p {format_p(fit.p_value)})"
-        errors = map(format_error, (step.nrmse, step.heldout_nrmse, step.prediction_nrmse, noise))
-        rows.append((name_step(steps, number, model), format_number(step.chi2_reduced), *errors, misfit,
+        misfit = f"{'yes' if fit.rejected else 'no'} (p {q.format_p(fit.p_value)})"
+        errors = map(q.format_error, (step.nrmse, step.heldout_nrmse, step.prediction_nrmse, noise))
+        rows.append((q.name_step(steps, number, model), q.format_number(step.chi2_reduced), *errors, misfit,
                      "" if step.converged else "not converged"))
     header = ("model", "chi2/dof", "nrmse", "cross-val.", "predicted", "noise", "misfit left", "")
     return align(header, rows, "lrrrrrll") if rows else ""
@@ -134,17 +124,17 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
     rows = []
     for one in shown:
         later = share_at_step(steps, one.effect)  # what came in later has explained a share of its own step
-        gain = ((format_share(one.explains, 1), format_p(one.p_value)) if later is None
-                else (f"{format_share(later[1], 1)} at step {later[0]}", ""))
-        rows.append((("* " if one.effect in effects else "  ") + clean(one.effect, 32), *gain,
-                     format_share(one.visible), format_error(one.heldout_nrmse), format_error(one.prediction_nrmse),
-                     clean(", ".join(one.indistinguishable_from), 30)))
+        gain = ((q.format_share(one.explains, 1), q.format_p(one.p_value)) if later is None
+                else (f"{q.format_share(later[1], 1)} at step {later[0]}", ""))
+        rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32), *gain,
+                     q.format_share(one.visible), *map(q.format_error, (one.heldout_nrmse, one.prediction_nrmse)),
+                     q.clean(", ".join(one.indistinguishable_from), 30)))
     lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "not to be told from"), rows,
                    "lrrrrrl")]
     rest = [one for one in candidates if one not in shown]
     if rest:
         most = max(one.explains for one in rest)
-        little = f"{format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
+        little = f"{q.format_share(most, 1)} or less" if most >= 5e-4 else "nothing"
         lines.append(f"  and {len(rest)} more that explain {little}: report.html and result.json list all")
     for step in steps:
         rows = list_alternatives(step.alternatives)
@@ -152,7 +142,7 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
             beaten = DEFAULT.is_beaten(item["heldout_difference"], item["standard_error"])
             why = ("but it fits these records better: neither is settled" if beaten else
                    "this campaign cannot tell them apart")
-            lines.append(wrap(f"{effect} instead of {clean(step.added, 34)}: held-out error differs by {difference} "
+            lines.append(wrap(f"{effect} instead of {q.clean(step.added, 34)}: held-out error differs by {difference} "
                               f"+- {error}; {why}", "  "))
     return "\n".join(lines)
 

@@ -182,12 +182,16 @@ def _describe_shape(bench: FreeBench, drawn: Drawn, best: Drawn) -> Shape:
         deviations.append(np.sqrt(np.einsum("ij,jk,ik->i", turn, covariance[here, here], turn)))
         spectra.append(_measure_spectrum(x, values[-1], turn @ covariance[here, here] @ turn.T, intervals))
     f, sd = np.array(values), np.array(deviations)
+    # Where one of the curves is told from zero up to the end, and not all over.
+    clear = (np.abs(f) > CLEAR * sd) & (np.abs(f) > 0.02 * np.abs(f).max())
+    begins = min((float(x[np.flatnonzero(~curve)[-1] + 1]) for curve in clear if curve[-1] and not curve.all()),
+                 default=None)
     strongest = int(np.argmax([s[1].max(initial=0.0) for s in spectra]))
     difference, error = bench.compare(drawn.losses, best.losses)
     unit = ("1" if term.way == "share" else "1/s") if share else bench.ground.unit
     return Shape(term.variable, term.way, term.parts, x, factor * f, factor * sd, visited, unit,
                  intervals, visible, drawn.loss, difference, error if drawn is not best else 0.0,
-                 None if centred else _find_begin(x, f, sd), centred, np.zeros((3, 0)) if term.condition else
+                 None if centred else begins, centred, np.zeros((3, 0)) if term.condition else
                  spectra[strongest] * np.array([[1.0], [factor], [factor]]))
 
 
@@ -210,13 +214,6 @@ def _visit(bench: FreeBench, drawn: Drawn, term: Term, x: np.ndarray) -> np.ndar
     edges = np.concatenate([x - 0.5 * (x[1] - x[0]), [x[-1] + 0.5 * (x[1] - x[0])]])
     count, _ = np.histogram(values[valid], edges)
     return count / max(count.sum(), 1)
-
-
-def _find_begin(x: np.ndarray, f: np.ndarray, sd: np.ndarray) -> float | None:
-    """Place from which on one of the curves is told from zero up to the end; None where that is nowhere or all over."""
-    clear = (np.abs(f) > CLEAR * sd) & (np.abs(f) > 0.02 * np.abs(f).max())
-    return min((float(x[np.flatnonzero(~curve)[-1] + 1]) for curve in clear if curve[-1] and not curve.all()),
-               default=None)
 
 
 def _measure_spectrum(x: np.ndarray, f: np.ndarray, covariance: np.ndarray, intervals: int) -> np.ndarray:

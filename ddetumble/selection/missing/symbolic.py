@@ -247,8 +247,9 @@ def _fit(bench: FreeBench, guesses: Sequence[_Guess]) -> Law | None:
     for slot, g in enumerate(guesses, 1):
         mark = "" if amount == 1 else f" {slot}"
         parameters |= _publish(bench, solution, g, slot, mark)
-        if turns_force(g, parameters, mark):
-            return None
+        x = np.linspace(g.term.low, g.term.high, 201)
+        if g.term.way == "share" and np.min(_draw(g.form, parameters, mark, x)) <= -1.0:
+            return None  # a share of a force that turns it round somewhere is none
     terms = [g.term for g in guesses]
     return Law(" + ".join(_write(g, bench.ground.base) for g in guesses), tuple(t.variable for t in terms),
                tuple(t.way for t in terms), tuple(g.phase for g in guesses), tuple(g.form.name for g in guesses),
@@ -283,12 +284,6 @@ def is_resolved(bench: FreeBench, solution: Solution, guess: _Guess, slot: int) 
     return not (("l" in shapes and np.exp(length) * scale < (2.0 if guess.form.waves else 1.0) * spacing)
                 or ("x" in shapes and x * scale < spacing)
                 or ("n" in shapes and not low + EDGE < power < high - EDGE))
-
-
-def turns_force(guess: _Guess, parameters: dict[str, Estimate], mark: str) -> bool:
-    """Whether a share that a law adds of a force turns that force round somewhere, which no share does."""
-    x = np.linspace(guess.term.low, guess.term.high, 201)
-    return guess.term.way == "share" and bool(np.min(_draw(guess.form, parameters, mark, x)) <= -1.0)
 
 
 def _draw(form: Form, parameters: Mapping[str, Estimate], mark: str, x: np.ndarray) -> np.ndarray:
