@@ -152,7 +152,7 @@ def find_offset(quiet: np.ndarray) -> float:
 
 def _is_moving(t: np.ndarray, quiet: np.ndarray) -> bool:
     """Whether a channel moves before contact: six standard errors, so that noise alone does not, and a nanometre."""
-    slope, *_, error = np.asarray(stats.linregress(t, quiet), dtype=float)
+    slope, *_, error = np.asarray(stats.linregress(t, quiet), dtype=float).tolist()
     return abs(slope) > max(6 * error, 1e-9 / np.ptp(t))
 
 

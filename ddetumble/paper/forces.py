@@ -466,7 +466,7 @@ class AbstractJudgement(abc.ABC):
         return [row for row in self.rows if row.kind == "printed"]
 
     @abc.abstractmethod
-    def table(self):
+    def table(self) -> Any:
         """All rows side by side, a pandas data frame."""
 
     def to_dict(self) -> dict[str, Any]:

@@ -143,9 +143,9 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
         ComputationError: the reference model cannot be computed there.
     """
     report = progress or (lambda text, share: None)
-    planned = not isinstance(plan, Campaign) and Path(plan).is_file()
-    if planned:
-        campaign, resolved = read_plan(plan, model, channels=channels, uncertainties=uncertainties, values=values,
+    table = None if isinstance(plan, Campaign) or not Path(plan).is_file() else Path(plan)
+    if table is not None:
+        campaign, resolved = read_plan(table, model, channels=channels, uncertainties=uncertainties, values=values,
                                        length=length, interval=interval)
     else:
         campaign = plan if isinstance(plan, Campaign) else read_campaign(plan)
@@ -153,7 +153,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
     report("computing the reference model", 0.05)
     bench = pose_selection(campaign, resolved.reference, tuple(effects), resolved.effects)
     # At the values given, or at those guessed from samples that are there.
-    u = bench.start if planned else guess_start(campaign, bench.space, bench.start, bench.base)
+    u = bench.start if table is not None else guess_start(campaign, bench.space, bench.start, bench.base)
     solution = bench.problem.solve(bench.base, u, moving=False)
     if solution.failed:
         raise ComputationError(f"the reference model could not be integrated for record {solution.failed[0]!r}; check "

@@ -162,14 +162,14 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
         saved = take_fitted(model)
         if not saved.space.family.has_contact:
             raise InputError(f"the model is one of {saved.family} records; a strike needs one of impacts")
-        source = [(saved.model, saved, 1.0)] if isinstance(model, FittedModel) else model
+        source, base = [(saved.model, saved, 1.0)] if isinstance(model, FittedModel) else model, problem.law
 
         def mount(fitted):
             """In place of the problem's own normal force; a law of oblique impacts replaces it all."""
             if isinstance(fitted, StrikeLaw):
                 return fitted
-            striker = dc.replace(problem.law.reference, ball=fitted.reference)
-            return striker.extend((*problem.law.friction.effects, *fitted.effects))
+            striker = dc.replace(base.reference, ball=fitted.reference)
+            return striker.extend((*base.friction.effects, *fitted.effects))
 
         laws = draw_laws(source, mount, draws=settings.draws, seed=settings.seed)
         problem = dc.replace(problem, law=laws.main)
@@ -201,13 +201,13 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
 def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ranges: tuple[MeasuredRange, ...], *,
           progress: Progress | None) -> Plan:
     tell, how = progress or (lambda text, share: None), settings
-    revise, aim = None, how.plan_for
-    if laws is not None and aim != "best":
-        def revise(now: StrikeProblem, one: StrikePlan) -> StrikePlan:
-            return plan_robust_strike(now, laws, one, aim=aim, tail=how.tail)
+    aim = how.plan_for
+
+    def revise(now: StrikeProblem, one: StrikePlan) -> StrikePlan:
+        return one if laws is None else plan_robust_strike(now, laws, one, aim=aim, tail=how.tail)
 
     found = plan_together(problem, how.share, how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
-                          revise=revise, progress=progress)
+                          revise=None if laws is None or aim == "best" else revise, progress=progress)
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)

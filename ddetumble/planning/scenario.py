@@ -50,18 +50,18 @@ class _Strict(pydantic.BaseModel):
 class DebrisTable(_Strict):
     """`[debris]`: shape and how it moves at time 0."""
 
-    shape: Literal["cylinder", "box", "sphere", "mesh"] = Field("cylinder", description="`cylinder` (`radius`, "
+    shape: Literal["cylinder", "box", "sphere", "mesh"] = Field(default="cylinder", description="`cylinder` (`radius`, "
         "`length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).")
-    mass: Positive = Field(1000.0, description="[kg].")
-    radius: Positive = Field(1.0, description="of a cylinder; the radius of a sphere, too [m].")
-    length: Positive = Field(3.0, description="of a cylinder; the radius of a sphere, too [m].")
-    lengths: tuple[Positive, Positive, Positive] | None = Field(None, description="along body x, y, z [m].")
-    file: StrictStr = Field("", description="of a closed convex mesh, from the scenario's own folder on.")
-    scale: Positive = Field(1.0, description="metres per unit of the mesh.")
-    attitude: tuple[Number, Number, Number, Number] = Field((1.0, 0.0, 0.0, 0.0), description=
+    mass: Positive = Field(default=1000.0, description="[kg].")
+    radius: Positive = Field(default=1.0, description="of a cylinder; the radius of a sphere, too [m].")
+    length: Positive = Field(default=3.0, description="of a cylinder; the radius of a sphere, too [m].")
+    lengths: tuple[Positive, Positive, Positive] | None = Field(default=None, description="along body x, y, z [m].")
+    file: StrictStr = Field(default="", description="of a closed convex mesh, from the scenario's own folder on.")
+    scale: Positive = Field(default=1.0, description="metres per unit of the mesh.")
+    attitude: tuple[Number, Number, Number, Number] = Field(default=(1.0, 0.0, 0.0, 0.0), description=
         "quaternion, scalar first, body to inertial.")
-    angular_velocity: Vector | None = Field(None, description="body components [rad/s].")
-    angular_momentum: Vector | None = Field(None, description="inertial components [N m s], in place of "
+    angular_velocity: Vector | None = Field(default=None, description="body components [rad/s].")
+    angular_momentum: Vector | None = Field(default=None, description="inertial components [N m s], in place of "
         "`angular_velocity`.")
 
     @pydantic.model_validator(mode="after")
@@ -86,43 +86,53 @@ class DebrisTable(_Strict):
 class BallTable(_Strict):
     """`[ball]`: the contact model."""
 
-    model: StrictStr = Field("", description="folder of a fit to impacts, or to oblique impacts (with its friction); "
+    model: StrictStr = Field(
+        default="", description="folder of a fit to impacts, or to oblique impacts (with its friction); "
         "'' for the paper's ball.")
-    friction_model: StrictStr = Field("", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
+    friction_model: StrictStr = Field(
+        default="", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
         "(Eq. 10 grows without limit at the loads of an impact).")
-    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(0.7, description="of the paper's ball.")
-    friction: NotNegative = Field(0.218, description="constant coefficient where no friction model is named.")
-    conditions: dict[StrictStr, Number] = Field({}, description="what else the model's effects read, by name, SI: "
+    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(default=0.7, description="of the paper's ball.")
+    friction: NotNegative = Field(default=0.218, description="constant coefficient where no friction model is named.")
+    conditions: dict[StrictStr, Number] = Field(
+        default={}, description="what else the model's effects read, by name, SI: "
         "`sequence`, the number of the impact on this ball.")
 
 
 class ArmTable(_Strict):
     """`[arm]`: what the ball is mounted on."""
 
-    mass: Positive | None = Field(None, description="apparent at the tip along the normal [kg]; that of the fitted "
+    mass: Positive | None = Field(
+        default=None, description="apparent at the tip along the normal [kg]; that of the fitted "
         "model where it is not given.")
-    tangential_mass: Positive | None = Field(None, description="apparent across it [kg]; where it is not given, that "
+    tangential_mass: Positive | None = Field(
+        default=None, description="apparent across it [kg]; where it is not given, that "
         "of an oblique fit, if `mass` is not given either, else as along the normal.")
-    clamped: StrictBool = Field(True, description="whether the mount keeps the ball from turning; where not, it turns "
+    clamped: StrictBool = Field(
+        default=True, description="whether the mount keeps the ball from turning; where not, it turns "
         "with the rolling mass of an oblique fit, or 0.5 kg.")
-    speed: Positive = Field(2.0, description="largest [m/s].")
-    chaser: Vector = Field((1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
-    cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(180.0, description="largest angle between that and the "
+    speed: Positive = Field(default=2.0, description="largest [m/s].")
+    chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
+    cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(
+        default=180.0, description="largest angle between that and the "
         "outward normal at the place that is struck.")
-    clearance_time: Positive = Field(0.5, description="before and after the contact, in which nothing else may be "
+    clearance_time: Positive = Field(
+        default=0.5, description="before and after the contact, in which nothing else may be "
         "touched [s].")
 
 
 class LimitTable(_Strict):
     """`[limits]`: what ball and debris can take."""
 
-    pressure: tuple[Positive, Positive] = Field((1.0e6, 2.5e6), description="lowest and highest, absolute [Pa].")
-    force: Positive = Field(500.0, description="peak normal force [N].")
-    depression: Positive = Field(0.02, description="of the ball [m].")
-    edge: NotNegative = Field(0.02, description="least distance of the contact disc from an edge [m].")
-    window: tuple[NotNegative, Positive] = Field((0.0, 60.0), description="earliest and latest instant of first touch "
+    pressure: tuple[Positive, Positive] = Field(
+        default=(1.0e6, 2.5e6), description="lowest and highest, absolute [Pa].")
+    force: Positive = Field(default=500.0, description="peak normal force [N].")
+    depression: Positive = Field(default=0.02, description="of the ball [m].")
+    edge: NotNegative = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
+    window: tuple[NotNegative, Positive] = Field(
+        default=(0.0, 60.0), description="earliest and latest instant of first touch "
         "[s]; in a sequence the least and longest wait.")
-    approach: Positive = Field(0.05, description="least speed along the normal [m/s].")
+    approach: Positive = Field(default=0.05, description="least speed along the normal [m/s].")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -135,16 +145,21 @@ class LimitTable(_Strict):
 class GoalTable(_Strict):
     """`[goal]`: what is wanted."""
 
-    momentum: NotNegative = Field(1.0, description="weights of |L| and of the energy left, and of the nutation angle "
+    momentum: NotNegative = Field(
+        default=1.0, description="weights of |L| and of the energy left, and of the nutation angle "
         "over 90°.")
-    energy: NotNegative = Field(0.0, description="weights of |L| and of the energy left, and of the nutation angle "
+    energy: NotNegative = Field(
+        default=0.0, description="weights of |L| and of the energy left, and of the nutation angle "
         "over 90°.")
-    nutation: NotNegative = Field(0.0, description="weights of |L| and of the energy left, and of the nutation angle "
+    nutation: NotNegative = Field(
+        default=0.0, description="weights of |L| and of the energy left, and of the nutation angle "
         "over 90°.")
-    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(1, description="at most so many.")
-    share: Annotated[Real, Field(ge=0, lt=1)] = Field(0.01, description="of the angular momentum at which a sequence "
+    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="at most so many.")
+    share: Annotated[Real, Field(ge=0, lt=1)] = Field(
+        default=0.01, description="of the angular momentum at which a sequence "
         "ends; what the report measures a plan by.")
-    least: Literal["impacts", "impulse", "time"] = Field("impacts", description="what of a sequence is to be small: "
+    least: Literal["impacts", "impulse", "time"] = Field(
+        default="impacts", description="what of a sequence is to be small: "
         "the number of impacts, the sum of all impulses, or the time it takes.")
 
     @pydantic.model_validator(mode="after")
@@ -157,24 +172,28 @@ class GoalTable(_Strict):
 class SpreadTable(_Strict):
     """A parameter of `[uncertainty.parameters]`, in its public unit."""
 
-    mean: Number | None = Field(None, description="that of the contact model where it is not given.")
+    mean: Number | None = Field(default=None, description="that of the contact model where it is not given.")
     sd: NotNegative = Field(..., description="one standard deviation.")
 
 
 class UncertaintyTable(_Strict):
     """`[uncertainty]`: how well the contact is known, and what the plan makes of that."""
 
-    fit: StrictStr = Field("", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
+    fit: StrictStr = Field(default="", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
         "`result.json`), from the scenario's own folder on; it takes the place of the ball's model. That one where "
         "neither this nor `parameters` is given.")
-    parameters: dict[StrictStr, SpreadTable] = Field({}, description="of the contact model by name, each with `sd` "
+    parameters: dict[StrictStr, SpreadTable] = Field(
+        default={}, description="of the contact model by name, each with `sd` "
         "and, where it is not the model's own, `mean`.")
-    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field((), description=
+    correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field(
+        default=(), description=
         "rows of two of these names and their correlation.")
-    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(32, description="of each model.")
-    tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(0.1, description="share of the draws that counts as the "
+    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(default=32, description="of each model.")
+    tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(
+        default=0.1, description="share of the draws that counts as the "
         "bad tail.")
-    plan_for: Literal["best", "mean", "tail"] = Field("best", description="the best estimate, the mean over all draws, "
+    plan_for: Literal["best", "mean", "tail"] = Field(
+        default="best", description="the best estimate, the mean over all draws, "
         "or that over their worst share.")
 
     @pydantic.model_validator(mode="after")
@@ -192,16 +211,18 @@ class Scenario(_Strict):
 
     schema_: Literal["ddetumble.plan/1"] = Field(..., alias="schema", description=
         f'version of this format, `"{SCHEMA}"`.')
-    title: StrictStr = Field("", description="of the report.")
+    title: StrictStr = Field(default="", description="of the report.")
     debris: DebrisTable
     ball: BallTable = BallTable()
     arm: ArmTable = ArmTable()
     limits: LimitTable = LimitTable()
     goal: GoalTable = GoalTable()
     uncertainty: UncertaintyTable | None = None
-    seed: Annotated[StrictInt, Field(ge=0)] = Field(0, description="of the places where the search starts, and of the "
+    seed: Annotated[StrictInt, Field(ge=0)] = Field(
+        default=0, description="of the places where the search starts, and of the "
         "draws.")
-    starts: Annotated[StrictInt, Field(ge=1, le=64)] = Field(6, description="promising designs that are refined on the "
+    starts: Annotated[StrictInt, Field(ge=1, le=64)] = Field(
+        default=6, description="promising designs that are refined on the "
         "integrated impact; more find a better optimum now and then.")
 
     @pydantic.model_validator(mode="after")
