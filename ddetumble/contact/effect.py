@@ -219,10 +219,15 @@ class AbstractModel(eqx.Module):
 
 
 class AbstractLaw(eqx.Module):
-    """Base of all laws: a reference model and the effects that extend it."""
+    """Base of all laws: a reference model and the effects that extend it.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
 
     reference: AbstractVar[AbstractModel]
-    effects: AbstractVar[tuple[AbstractEffect, ...]]  # at their null or not
+    effects: AbstractVar[tuple[AbstractEffect, ...]]
 
     def pick(self, stage: str) -> list[Any]:
         """Effects that act at a stage, in their order."""

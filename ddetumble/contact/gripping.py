@@ -121,7 +121,12 @@ class Striker(AbstractModel):
 
 
 class StrikeLaw(AbstractLaw):
-    """A reference model of oblique impacts and the effects that extend it."""
+    """A reference model of oblique impacts and the effects that extend it.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
 
     reference: Striker
     effects: tuple[AbstractEffect, ...] = ()

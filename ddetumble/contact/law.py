@@ -33,6 +33,11 @@ class AbstractReference(AbstractModel):
 
     They may require of it what it `provides`: `gas`, `geometry`, `damping`. One without gas needs no diameter and no
     shape of its own.
+
+    Attributes:
+        name: public name.
+        provides: what effects may require: `gas`, `geometry`, `damping`.
+        text: one sentence that says which equations it is.
     """
 
     family: ClassVar[str] = "impact"
@@ -173,7 +178,12 @@ class PowerLaw(AbstractDamped):
 
 
 class ContactLaw(AbstractLaw):
-    """A reference model and any number of effects; contributions of one stage are summed or multiplied."""
+    """A reference model and any number of effects; contributions of one stage are summed or multiplied.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
 
     reference: AbstractReference
     effects: tuple[AbstractEffect, ...] = ()

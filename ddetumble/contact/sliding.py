@@ -157,7 +157,12 @@ class CoulombFriction(AbstractFriction):
 
 
 class FrictionLaw(AbstractLaw):
-    """A reference model and the effects that extend it; factors multiply, forces add."""
+    """A reference model and the effects that extend it; factors multiply, forces add.
+
+    Attributes:
+        reference: the reference model.
+        effects: any number of effects, at their null or not.
+    """
 
     reference: AbstractFriction
     effects: tuple[AbstractEffect, ...] = ()

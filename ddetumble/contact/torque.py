@@ -127,7 +127,12 @@ class RigidBody(AbstractModel):
 
 
 class TumbleLaw(AbstractLaw):
-    """A rigid body and the effects that extend it; moments and torques add, gyroscope effects act one after another."""
+    """A rigid body and the effects that extend it; moments and torques add, gyroscope effects act one after another.
+
+    Attributes:
+        reference: the body.
+        effects: any number of effects, at their null or not.
+    """
 
     reference: RigidBody
     effects: tuple[AbstractEffect, ...] = ()

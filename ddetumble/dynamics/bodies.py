@@ -59,11 +59,17 @@ class AbstractBody(eqx.Module):
 
 @final
 class Cylinder(AbstractBody):
-    """Solid cylinder, such as the paper's rocket stage of 1000 kg, radius 1 m and length 3 m (Section 5)."""
+    """Solid cylinder, such as the paper's rocket stage of 1000 kg, radius 1 m and length 3 m (Section 5).
 
-    mass: Array = eqx.field(converter=scalar, default=1000.0)  # [kg]
-    radius: Array = eqx.field(converter=scalar, default=1.0)  # [m]
-    length: Array = eqx.field(converter=scalar, default=3.0)  # along body z [m]
+    Attributes:
+        mass: [kg].
+        radius: [m].
+        length: along body z [m].
+    """
+
+    mass: Array = eqx.field(converter=scalar, default=1000.0)
+    radius: Array = eqx.field(converter=scalar, default=1.0)
+    length: Array = eqx.field(converter=scalar, default=3.0)
 
     def inertia(self) -> Array:
         r"""$I_a = m r^2/2$, $I_t = m (3 r^2 + l^2)/12$, shape (3, 3) [kg m²]."""
@@ -81,12 +87,19 @@ class Cylinder(AbstractBody):
 
 @final
 class HollowCylinder(AbstractBody):
-    """Tube without end faces."""
+    """Tube without end faces.
 
-    mass: Array = eqx.field(converter=scalar)  # [kg]
-    inner_radius: Array = eqx.field(converter=scalar)  # [m]
-    outer_radius: Array = eqx.field(converter=scalar)  # [m]
-    length: Array = eqx.field(converter=scalar)  # along body z [m]
+    Attributes:
+        mass: [kg].
+        inner_radius: [m].
+        outer_radius: [m].
+        length: along body z [m].
+    """
+
+    mass: Array = eqx.field(converter=scalar)
+    inner_radius: Array = eqx.field(converter=scalar)
+    outer_radius: Array = eqx.field(converter=scalar)
+    length: Array = eqx.field(converter=scalar)
 
     def __check_init__(self):
         if is_known((self.inner_radius, self.outer_radius)) and np.any(self.inner_radius >= self.outer_radius):
@@ -106,10 +119,15 @@ class HollowCylinder(AbstractBody):
 
 @final
 class Box(AbstractBody):
-    """Cuboid."""
+    """Cuboid.
 
-    mass: Array = eqx.field(converter=scalar)  # [kg]
-    lengths: Array = eqx.field(converter=scalar)  # along body x, y, z, shape (3,) [m]
+    Attributes:
+        mass: [kg].
+        lengths: along body x, y, z, shape (3,) [m].
+    """
+
+    mass: Array = eqx.field(converter=scalar)
+    lengths: Array = eqx.field(converter=scalar)
 
     def __check_init__(self):
         if np.shape(self.lengths) != (3,):
@@ -127,10 +145,15 @@ class Box(AbstractBody):
 
 @final
 class Sphere(AbstractBody):
-    """Solid sphere."""
+    """Solid sphere.
 
-    mass: Array = eqx.field(converter=scalar)  # [kg]
-    radius: Array = eqx.field(converter=scalar)  # [m]
+    Attributes:
+        mass: [kg].
+        radius: [m].
+    """
+
+    mass: Array = eqx.field(converter=scalar)
+    radius: Array = eqx.field(converter=scalar)
 
     def inertia(self) -> Array:
         r"""$2 m r^2/5$ about every axis, shape (3, 3) [kg m²]."""
@@ -143,11 +166,16 @@ class Sphere(AbstractBody):
 
 @final
 class Mesh(AbstractBody):
-    """Solid inside a closed triangle mesh; its mass properties are differentiable in the vertices."""
+    """Solid inside a closed triangle mesh; its mass properties are differentiable in the vertices.
 
-    mass: Array = eqx.field(converter=scalar)  # [kg]
-    vertices: Array = eqx.field(converter=scalar)  # shape (vertices, 3) [m]
-    # indices of the corners, anticlockwise seen from outside, shape (faces, 3)
+    Attributes:
+        mass: [kg].
+        vertices: shape (vertices, 3) [m].
+        faces: indices of the corners, anticlockwise seen from outside, shape (faces, 3).
+    """
+
+    mass: Array = eqx.field(converter=scalar)
+    vertices: Array = eqx.field(converter=scalar)
     faces: Any = eqx.field(converter=lambda faces: faces if not is_known(faces) else np.asarray(faces))
 
     def __check_init__(self):

@@ -13,13 +13,21 @@ from .._rotation import rotate
 
 
 class Tumble(eqx.Module):
-    """Attitude motion at the wanted times."""
+    """Attitude motion at the wanted times.
 
-    time: Float[Array, " times"]  # [s]
-    attitude: Float[Array, "times 4"]  # unit quaternions, scalar first, body to inertial [-]
-    angular_velocity: Float[Array, "times 3"]  # body components [rad/s]
-    failed: Bool[Array, ""]  # whether the motion could not be computed (too many steps, or not finite)
-    steps: Array  # integration steps taken; 0 for a closed form
+    Attributes:
+        time: shape (times,) [s].
+        attitude: unit quaternions, scalar first, body to inertial, shape (times, 4) [-].
+        angular_velocity: body components, shape (times, 3) [rad/s].
+        failed: whether the motion could not be computed (too many steps, or not finite).
+        steps: integration steps taken; 0 for a closed form.
+    """
+
+    time: Float[Array, " times"]
+    attitude: Float[Array, "times 4"]
+    angular_velocity: Float[Array, "times 3"]
+    failed: Bool[Array, ""]
+    steps: Array
 
 
 def accelerate(inertia: Array, angular_velocity: Array, torque: Array, inverse: Array) -> Array:

@@ -223,11 +223,17 @@ def merge_faces(vertices: Any, faces: Any) -> Polytope:
 
 @final
 class Debris(eqx.Module):
-    """What is struck: a rigid body and its surface."""
+    """What is struck: a rigid body and its surface.
 
-    mass: Array = eqx.field(converter=scalar)  # [kg]
-    inertia: Array = eqx.field(converter=scalar)  # about the centre of mass, body components, shape (3, 3) [kg m²]
-    surface: AbstractSurface  # from the centre of mass, body components
+    Attributes:
+        mass: [kg].
+        inertia: about the centre of mass, body components, shape (3, 3) [kg m²].
+        surface: from the centre of mass, body components.
+    """
+
+    mass: Array = eqx.field(converter=scalar)
+    inertia: Array = eqx.field(converter=scalar)
+    surface: AbstractSurface
 
     def __check_init__(self):
         if is_known((self.mass, self.inertia)) and np.ndim(self.mass) == 0:

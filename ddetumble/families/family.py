@@ -23,13 +23,20 @@ SPLINES = 20  # over a contact or a stroke: what a missing force leaves is smoot
 
 
 class Observation(NamedTuple):
-    """One record as the model has it."""
+    """One record as the model has it.
 
-    channels: Array  # shape (channels, samples), SI
-    state: Array  # what a misfit is located in, shape (samples,)
+    Attributes:
+        channels: shape (channels, samples), SI.
+        state, state_rate: what a misfit is located in, shape (samples,).
+        end: of the contact or record, in the independent variable.
+        failed: whether it could not be computed.
+    """
+
+    channels: Array
+    state: Array
     state_rate: Array
-    end: Array  # of the contact or record, in the independent variable
-    failed: Array  # whether it could not be computed
+    end: Array
+    failed: Array
 
 
 class Path(NamedTuple):
@@ -58,26 +65,43 @@ class Span(NamedTuple):
 
 @dc.dataclass(frozen=True)
 class View:
-    """How records are drawn and spoken of."""
+    """How records are drawn and spoken of.
 
-    force: str = ""  # channel whose residual is the missing force; empty where none is
-    along: str = "time"  # quantity along a record, the independent variable
-    state: str = "time"  # quantity that a misfit is located in, `Trace.state`
-    rate: str = ""  # its rate or direction, `Trace.state_rate`; empty where it says nothing
-    phases: tuple[str, ...] = ()  # names of the two halves that are drawn apart; empty where there is but one
-    # against which residuals are drawn before the conditions; `time` is the share of the record
+    Attributes:
+        force: channel whose residual is the missing force; empty where none is.
+        along: quantity along a record, the independent variable.
+        state: quantity that a misfit is located in, `Trace.state`.
+        rate: its rate or direction, `Trace.state_rate`; empty where it says nothing.
+        phases: names of the two halves that are drawn apart; empty where there is but one.
+        variables: against which residuals are drawn before the conditions; `time` is the share of the record.
+        share: label of the share of the record.
+        ends: names of its beginning and end.
+        reach: shares between which the map of residuals is drawn.
+        bins: in which residuals over the state are averaged.
+        conditions: how many of the conditions make up a cell of the grid of errors.
+        strongest: whether lines are drawn by the condition that the misfit depends on most, not by the first one.
+        series: what `sequence` counts.
+        apart: words for how phases are told apart, empty without phases.
+        free: parameters of the reference model, as a sentence names them.
+        longest: last value along the records, which decides on the unit of their time.
+    """
+
+    force: str = ""
+    along: str = "time"
+    state: str = "time"
+    rate: str = ""
+    phases: tuple[str, ...] = ()
     variables: tuple[str, ...] = ("time",)
-    share: str = "share of the record"  # label of the share of the record
-    ends: tuple[str, str] = ("start", "end")  # names of its beginning and end
-    reach: tuple[float, float] = (0.0, 1.0)  # shares between which the map of residuals is drawn
-    bins: int = 20  # in which residuals over the state are averaged
-    conditions: int = 2  # how many of the conditions make up a cell of the grid of errors
-    # whether lines are drawn by the condition that the misfit depends on most, not by the first one
+    share: str = "share of the record"
+    ends: tuple[str, str] = ("start", "end")
+    reach: tuple[float, float] = (0.0, 1.0)
+    bins: int = 20
+    conditions: int = 2
     strongest: bool = True
-    series: str = "record of the series"  # what `sequence` counts
-    apart: str = ""  # words for how phases are told apart, empty without phases
-    free: str = ""  # parameters of the reference model, as a sentence names them
-    longest: float = 0.0  # last value along the records, which decides on the unit of their time
+    series: str = "record of the series"
+    apart: str = ""
+    free: str = ""
+    longest: float = 0.0
 
     @property
     def wide(self) -> bool:
@@ -87,14 +111,23 @@ class View:
 
 @dc.dataclass(frozen=True)
 class PlannedTests:
-    """What tests of a family that nobody has made yet are like, where nothing else is said."""
+    """What tests of a family that nobody has made yet are like, where nothing else is said.
 
-    chosen: tuple[str, ...]  # conditions that the next test may choose
-    added: Mapping[str, str]  # further channels that it could measure, with their noise
-    noise: Mapping[str, str]  # of the channels that are measured in any case
-    uncertainties: Mapping[str, str]  # with which conditions are set, and of the time origin
-    interval: str  # between samples
-    length: str | None  # of a record; None where it lasts as long as its contact
+    Attributes:
+        chosen: conditions that the next test may choose.
+        added: further channels that it could measure, with their noise.
+        noise: of the channels that are measured in any case.
+        uncertainties: with which conditions are set, and of the time origin.
+        interval: between samples.
+        length: of a record; None where it lasts as long as its contact.
+    """
+
+    chosen: tuple[str, ...]
+    added: Mapping[str, str]
+    noise: Mapping[str, str]
+    uncertainties: Mapping[str, str]
+    interval: str
+    length: str | None
 
 
 @dc.dataclass(frozen=True, kw_only=True)
@@ -103,56 +136,76 @@ class Family:
 
     What a family is like is asked by three properties: its records hold one contact (`has_contact`), or strokes that
     may turn round (`has_strokes`), or run on by themselves from where they start (`free_running`).
+
+    Attributes:
+        name: of the family; `oblique` for impacts with a tangential speed and force.
+        kind: of its records, as campaigns hold them; that of several families may be one.
+        independent: what the model's records are a function of: `time` [s] or `slip` [m].
+        channels: that the models predict, the main one first.
+        needs: conditions without which nothing can be computed.
+        defaults: values of conditions that a campaign does not have, SI.
+        sizes: to which the number of samples is padded, so that compiled programs are shared.
+        models: reference models by name, the usual one first.
+        accepts: families of the effects that may act on its records.
+        catalogue, directions: effects.
+        state, rate: names of what a misfit is located in, and of its rate; `phases` of a positive and a negative rate.
+        observe: computes one record from a law, its conditions, sample times, its row of the stack, and channels.
+        lay_spans: stretches of a record over which a missing force is smooth, from the times of its samples, shape
+            (samples,), its values, shape (channels, samples), the numbers of their strokes, shape (samples,), and the
+            end of the contact.
+        view: how records are drawn and spoken of; `view_reversed` where strokes go both ways.
+        plan: what tests are like that nobody has made yet.
+        ground: what a missing force may depend on; None where it cannot be drawn yet.
+        remedies: what else to measure, in words.
+        model_hint: how to make a model of the family of one of another, in words that end a sentence.
+        follow: path of a record, from its campaign, its key and its table of samples over time; None where the records
+            have no strokes.
+        check: refuses a campaign whose records contradict the models.
+        guess_starts: coordinates from which fits begin, the likeliest first, from a campaign, a `ParameterSpace`, the
+            given coordinates and the names of the free parameters.
+        begin: what the records of a campaign start from, given the tables of their samples; None where each starts
+            from its conditions.
+        lay_inputs: further arrays that `observe` reads from its row of the stack (`inputs`), one row a record, from the
+            times and conditions of records that are to be computed.
+        rows: to which the number of records is padded.
+        starts: what a record starts from: nuisances without a prior, free in every record; `further_starts` those that
+            are there only where the channels that show them are.
+        slots: to which the number of free parameters is padded.
     """
 
-    name: str  # of the family; `oblique` for impacts with a tangential speed and force
-    kind: RecordKind  # of its records, as campaigns hold them; that of several families may be one
-    independent: str  # what the model's records are a function of: `time` [s] or `slip` [m]
-    channels: tuple[str, ...]  # that the models predict, the main one first
-    needs: tuple[str, ...]  # conditions without which nothing can be computed
-    sizes: tuple[int, ...]  # to which the number of samples is padded, so that compiled programs are shared
-    models: Mapping[str, BuiltinModel]  # reference models by name, the usual one first
-    accepts: tuple[str, ...]  # families of the effects that may act on its records
+    name: str
+    kind: RecordKind
+    independent: str
+    channels: tuple[str, ...]
+    needs: tuple[str, ...]
+    sizes: tuple[int, ...]
+    models: Mapping[str, BuiltinModel]
+    accepts: tuple[str, ...]
     catalogue: tuple[type[AbstractEffect], ...]
-    directions: tuple[type[AbstractEffect], ...]  # of the lack-of-fit test
-    state: str  # name of what a misfit is located in
-    rate: str  # and of its rate
-    phases: tuple[str, str]  # names of a positive and a negative rate
-    # computes one record from a law, its conditions, sample times, its row of the stack, and channels
+    directions: tuple[type[AbstractEffect], ...]
+    state: str
+    rate: str
+    phases: tuple[str, str]
     observe: Callable[[Any, Mapping[str, Array], Array, Any, tuple[str, ...]], Observation]
-    # stretches of a record over which a missing force is smooth, from the times of its samples, shape
-    # (samples,), its values, shape (channels, samples), the numbers of their strokes, shape (samples,), and the
-    # end of the contact
     lay_spans: Callable[[np.ndarray, np.ndarray, np.ndarray, float], list[Span]]
-    view: View  # how records are drawn and spoken of; `view_reversed` where strokes go both ways
-    plan: PlannedTests  # what tests are like that nobody has made yet
-    remedies: str  # what else to measure, in words
-    ground: Ground | None = None  # what a missing force may depend on; None where it cannot be drawn yet
+    view: View
+    plan: PlannedTests
+    remedies: str
+    ground: Ground | None = None
     view_reversed: View | None = None
-    model_hint: str = ""  # how to make a model of the family of one of another, in words that end a sentence
-    # values of conditions that a campaign does not have, SI
+    model_hint: str = ""
     defaults: Mapping[str, float] = dc.field(default_factory=dict)
-    # path of a record, from its campaign, its key and its table of samples over time; None where the records
-    # have no strokes
     follow: Callable[[Campaign, str, Any], Path] | None = None
-    check: Callable[[Campaign], None] = lambda campaign: None  # refuses a campaign whose records contradict the models
-    # coordinates from which fits begin, the likeliest first, from a campaign, a `ParameterSpace`, the given
-    # coordinates and the names of the free parameters
+    check: Callable[[Campaign], None] = lambda campaign: None
     guess_starts: Callable[[Campaign, Any, np.ndarray, Sequence[str]], list[np.ndarray]] = (
         lambda campaign, space, start, free: [start.copy()])
-    # what the records of a campaign start from, given the tables of their samples; None where each starts from
-    # its conditions
     begin: Callable[[Campaign, Sequence[Any]], Starts] | None = None
-    # further arrays that `observe` reads from its row of the stack (`inputs`), one row a record, from the times
-    # and conditions of records that are to be computed
     lay_inputs: Callable[[Sequence[np.ndarray], Mapping[str, np.ndarray]], dict[str, np.ndarray]] = (
         lambda times, conditions: {})
-    rows: tuple[int, ...] = (24, 48, 96, 192, 384, 768)  # to which the number of records is padded
-    # what a record starts from: nuisances without a prior, free in every record; `further_starts` those that
-    # are there only where the channels that show them are
+    rows: tuple[int, ...] = (24, 48, 96, 192, 384, 768)
     starts: tuple[str, ...] = ()
     further_starts: tuple[str, ...] = ()
-    slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)  # to which the number of free parameters is padded
+    slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)
 
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:

@@ -201,13 +201,14 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
 def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ranges: tuple[MeasuredRange, ...], *,
           progress: Progress | None) -> Plan:
     tell, how = progress or (lambda text, share: None), settings
-    aim = how.plan_for
 
     def revise(now: StrikeProblem, one: StrikePlan) -> StrikePlan:
-        return one if laws is None else plan_robust_strike(now, laws, one, aim=aim, tail=how.tail)
+        if laws is None or how.plan_for == "best":
+            return one
+        return plan_robust_strike(now, laws, one, aim=how.plan_for, tail=how.tail)
 
     found = plan_together(problem, how.share, how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
-                          revise=None if laws is None or aim == "best" else revise, progress=progress)
+                          revise=None if laws is None or how.plan_for == "best" else revise, progress=progress)
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)

@@ -50,43 +50,66 @@ class _Written(AbstractPrinted):
 
 @dc.dataclass(frozen=True)
 class Comparison(_Written):
-    """A model held against a campaign; errors are rms over rms signal."""
+    """A model held against a campaign; errors are rms over rms signal.
+
+    Attributes:
+        campaign, title, sha256, model: names; `fitted` the parameters that were refitted.
+        sentence: the outcome in words.
+        lack_of_fit: whether something is missing.
+        chi2_reduced: of the whitened residuals and setting errors.
+        nrmse, noise_nrmse: rms residual over rms signal, and what noise alone leaves of it.
+        channels, records, conditions: errors, one row each: `rms` [SI], `ratio` (to the noise), `bias` [SI], `nrmse`,
+            `samples`; records with their conditions and `chi2_reduced`; conditions are groups of equal settings.
+        residuals: binned residuals over their noise: `channel`, `variable` (`time` as a share of the contact,
+            `depression`, `depression_rate`, every condition), `phase`, `low`, `high`, `mean`, `standard_error`,
+            `records`, `samples`.
+        parameters: estimates of what was refitted.
+        where: places that hold most of the misfit.
+        noise: by channel.
+        traces: model beside measurement, every record and channel.
+        shifts: how far the settings of the records were moved.
+        held_nrmse: `nrmse` with every condition as it is written down; None where no setting was moved beyond chance.
+        notes: sentences on records outside the model's range, and on samples that were not taken.
+        effects: ids of the effects in the model.
+        heldout_nrmse: the cross-validated error; of a model that was fitted to another campaign `nrmse` itself, as none
+            of these records chose it. NaN where there are too few conditions, or nothing was fitted.
+        prediction_nrmse, prediction_coverage: the prediction error from settings as they are written down, and the
+            share of samples within the predicted 95 % interval; NaN for a model of another campaign.
+        heldout_squares: of the cross-validated error, by record: their sum is its square, shape (records,).
+        groups: condition of every record, shape (records,).
+        converged: state of the optimiser.
+        free: number of parameters that these records chose, here or before.
+    """
 
     campaign: str
     title: str
     sha256: str
     model: str
-    fitted: tuple[str, ...]  # parameters that were refitted
-    sentence: str  # the outcome in words
+    fitted: tuple[str, ...]
+    sentence: str
     lack_of_fit: LackOfFit
-    chi2_reduced: float  # of the whitened residuals and setting errors
+    chi2_reduced: float
     nrmse: float
-    noise_nrmse: float  # what noise alone leaves of it
-    # Errors: `rms` [SI], `ratio` (to the noise), `bias` [SI], `nrmse`, `samples`; records with their conditions and
-    # `chi2_reduced`; conditions are groups of equal settings.
+    noise_nrmse: float
     channels: pd.DataFrame
     records: pd.DataFrame
     conditions: pd.DataFrame
-    # Binned residuals over their noise: `channel`, `variable` (`time` as a share of the contact, `depression`,
-    # `depression_rate`, every condition), `phase`, `low`, `high`, `mean`, `standard_error`, `records`, `samples`.
     residuals: pd.DataFrame
-    parameters: Mapping[str, Estimate]  # that were refitted
-    where: tuple[Place, ...]  # places that hold most of the misfit
-    noise: Mapping[str, Mapping[str, Any]]  # by channel
-    traces: tuple[Trace, ...]  # every record and channel
-    shifts: tuple[SettingShift, ...] = ()  # how far the settings of the records were moved
-    held_nrmse: float | None = None  # with conditions as written down; None where no setting moved beyond chance
-    notes: tuple[str, ...] = ()  # on records outside the model's range, and on samples that were not taken
-    effects: tuple[str, ...] = ()  # in the model
-    # Cross-validated; of a model that was fitted to another campaign `nrmse` itself, as none of these records chose it.
-    # NaN where there are too few conditions, or nothing was fitted.
+    parameters: Mapping[str, Estimate]
+    where: tuple[Place, ...]
+    noise: Mapping[str, Mapping[str, Any]]
+    traces: tuple[Trace, ...]
+    shifts: tuple[SettingShift, ...] = ()
+    held_nrmse: float | None = None
+    notes: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
     heldout_nrmse: float = float("nan")
-    prediction_nrmse: float = float("nan")  # from settings as they are written down; NaN for another campaign's model
-    prediction_coverage: float = float("nan")  # share of samples within the predicted 95 % interval
-    heldout_squares: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)  # by record
+    prediction_nrmse: float = float("nan")
+    prediction_coverage: float = float("nan")
+    heldout_squares: np.ndarray = dc.field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
     groups: np.ndarray = dc.field(default_factory=lambda: np.zeros(0, dtype=int), repr=False, compare=False)
     converged: bool = True
-    free: int = 0  # parameters that these records chose, here or before
+    free: int = 0
 
     def __str__(self) -> str:
         """The outcome for a terminal."""
@@ -123,13 +146,22 @@ class Comparison(_Written):
 
 @dc.dataclass(frozen=True)
 class Comparisons(Sequence[Comparison], _Written):
-    """Several models held against one campaign, in the order in which they were given: the loop by hand."""
+    """Several models held against one campaign, in the order in which they were given: the loop by hand.
+
+    Attributes:
+        models: the comparison of each.
+        names: of the models.
+        best: number of the one with the smallest cross-validated error; None where that is not known.
+        alike: numbers of those whose cross-validated error is not larger than its by two standard errors of the paired
+            difference over conditions.
+        sentence: the outcome in words.
+    """
 
     models: tuple[Comparison, ...]
     names: tuple[str, ...]
-    best: int | None  # number of the one with the smallest cross-validated error; None where that is not known
-    alike: tuple[int, ...]  # of those that are not worse by two standard errors of the difference over conditions
-    sentence: str  # the outcome in words
+    best: int | None
+    alike: tuple[int, ...]
+    sentence: str
 
     def __len__(self) -> int:
         return len(self.models)

@@ -20,29 +20,49 @@ from .text import align, choose_view, format_candidates, format_steps, say_place
 
 @dc.dataclass(frozen=True)
 class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
-    """Everything that `discover` found; `to_dict()` is `result.json`."""
+    """Everything that `discover` found; `to_dict()` is `result.json`.
+
+    Attributes:
+        campaign: name; `title`, `family`, `sha256` likewise from the campaign.
+        model: name of the reference model.
+        verdict: `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`.
+        effects: ids found, in the order in which they were added.
+        steps: reference model first.
+        candidates: all effects of the family, best first.
+        where: where the misfit of the reference model (or what is left after the last step) sits.
+        noise_nrmse: noise over rms signal.
+        noise: by channel: `stated_sd`, `sd`, `correlation`, `white_share`, `text`.
+        sentence: plain words: what is missing, how sure, what to measure next.
+        notes: further sentences (what was assumed, what could not be seen).
+        faults: of the data, and what was done about them.
+        doubts: what has to be settled first: units that may be wrong, estimates beyond what physics allows.
+        references: other reference models that were tried beside the one that was asked for, and how far they came.
+        settings: the thresholds that decided.
+        counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
+        missing: the missing force itself, for the verdicts `improved` and `unexplained`.
+        made: what makes the fits: of every step, and of the rivals of the last one.
+    """
 
     campaign: str
     title: str
     family: str
     sha256: str
-    model: str  # name of the reference model
-    verdict: str  # `nothing-missing`, `explained`, `improved`, `unexplained` or `undecided`
-    effects: tuple[str, ...]  # found, in the order in which they were added
-    steps: tuple[Step, ...]  # reference model first
-    candidates: tuple[Candidate, ...]  # all effects of the family, best first
-    where: tuple[Place, ...]  # where the misfit of the reference model (or what is left after the last step) sits
-    noise_nrmse: float  # noise over rms signal
-    noise: Mapping[str, Mapping[str, Any]]  # by channel: `stated_sd`, `sd`, `correlation`, `white_share`, `text`
-    sentence: str  # plain words: what is missing, how sure, what to measure next
-    notes: tuple[str, ...] = ()  # what was assumed, what could not be seen
-    settings: SelectionSettings = DEFAULT  # the thresholds that decided
-    counts: Mapping[str, Any] = dc.field(default_factory=dict)  # `records`, `samples`, `conditions`; `seconds` it took
-    faults: tuple[Fault, ...] = ()  # of the data, and what was done about them
-    doubts: tuple[str, ...] = ()  # what has to be settled first: units, estimates beyond what physics allows
-    references: tuple[Mapping[str, Any], ...] = ()  # other reference models that were tried, and how far they came
-    missing: MissingForce | None = None  # for the verdicts `improved` and `unexplained`
-    # What makes the fits: of every step, and of the rivals of the last one.
+    model: str
+    verdict: str
+    effects: tuple[str, ...]
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    where: tuple[Place, ...]
+    noise_nrmse: float
+    noise: Mapping[str, Mapping[str, Any]]
+    sentence: str
+    notes: tuple[str, ...] = ()
+    settings: SelectionSettings = DEFAULT
+    counts: Mapping[str, Any] = dc.field(default_factory=dict)
+    faults: tuple[Fault, ...] = ()
+    doubts: tuple[str, ...] = ()
+    references: tuple[Mapping[str, Any], ...] = ()
+    missing: MissingForce | None = None
     made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
         default=((), ()), repr=False, compare=False)
 

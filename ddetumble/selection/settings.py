@@ -54,40 +54,68 @@ class SelectionSettings:
     Differences of cross-validated deviance are in noise variances: a parameter that does nothing changes it by about
     one, so that 9 is a difference of three standard deviations, and 50 one that no unknown correlation of the noise
     turns.
+
+    Attributes:
+        level: probability of calling a complete model incomplete, shared by the three statistics of the lack of fit.
+        significant: difference of cross-validated deviance that is not chance, and the penalty of a parameter.
+        decisive: difference that decides whatever its standard error.
+        most_effects: effects that are added at most: with more, nearly any records can be fitted.
+        finalists: candidates that are fitted to the end: those that predict best.
+        further_finalists: beside them, of those that fit better and predict worse.
+        better_fit: share of the misfit that the best removes, by which another has to remove more to stay in doubt.
+        majority: share of the conditions that an addition has to predict better where the gain is not significant over
+            their scatter.
+        screening_samples: samples of a record on which candidates are screened.
+        screening_steps: Gauss-Newton steps of a screening fit.
+        strayed: typical changes that a parameter has moved from its guess, from which on fits start from the guess too.
+        same_fit: drop of chi-square, to the end of a fit, within which its lack of fit is not judged again.
+        early: share of a left-out record that gives what it starts from, where records run on from where they start.
+        bootstrap: draws of the parametric bootstrap of the score statistic of few long records.
+        certain: p-value of the smooth misfit below which one effect that removes all of it is no imitation.
+        imitation: share of what one unlisted force gains below which effects together only imitate it.
+        effects_before_rivals: additions before the other reference models are tried: three make up for nearly any
+            wrong one.
+        rival_references: other reference models that are searched, those that fit best by themselves: each takes as
+            long as the first.
+        farthest_reference: times the misfit of the model that was asked for, beyond which another is no rival.
+        same_reference: relative difference of chi-square within which two reference models are one.
+        largest_part: share of a misfit from which an effect removes most of it.
+        shown: standard errors of an amplitude that would have been found.
+        power: probability with which the smallest detectable amplitude is found.
+        collinear: |cosine| of two signatures from which on they cannot be told apart.
+        invisible: share of its signature below which an effect cannot be identified.
+        rounds: of leaving out faulty records and beginning again, at most.
+        most_samples: that are searched: hundreds of fits to them take some ten minutes.
+        screening, outliers, baseline: what counts as a fault of the data.
     """
 
-    level: float = 0.01  # probability of calling a complete model incomplete, shared by three statistics
-    significant: float = 9.0  # difference of cross-validated deviance that is not chance; the penalty of a parameter
-    decisive: float = 50.0  # difference that decides whatever its standard error
-    most_effects: int = 3  # that are added at most: with more, nearly any records can be fitted
-    finalists: int = 5  # candidates that are fitted to the end: those that predict best
-    further_finalists: int = 2  # beside them, of those that fit better and predict worse
-    # Share of the misfit that the best removes, by which another has to remove more to stay in doubt.
+    level: float = 0.01
+    significant: float = 9.0
+    decisive: float = 50.0
+    most_effects: int = 3
+    finalists: int = 5
+    further_finalists: int = 2
     better_fit: float = 0.25
-    # Share of the conditions that an addition predicts better where the gain is not significant over their scatter.
     majority: float = 0.6
-    screening_samples: int = 768  # of a record on which candidates are screened
-    screening_steps: int = 8  # Gauss-Newton steps of a screening fit
-    # Typical changes that a parameter has moved from its guess, from which on fits start from the guess too.
+    screening_samples: int = 768
+    screening_steps: int = 8
     strayed: float = 3.0
-    same_fit: float = 1.0  # drop of chi-square, to the end of a fit, within which its lack of fit is not judged again
-    early: float = 0.25  # share of a left-out record that gives what it starts from, where records run on from there
-    bootstrap: int = 4000  # draws of the parametric bootstrap of the score statistic of few long records
-    certain: float = 1e-6  # p-value of the smooth misfit below which one effect that removes all is no imitation
-    imitation: float = 0.5  # share of what one unlisted force gains below which effects together only imitate it
-    # Additions before the other reference models are tried: three make up for nearly any wrong one.
+    same_fit: float = 1.0
+    early: float = 0.25
+    bootstrap: int = 4000
+    certain: float = 1e-6
+    imitation: float = 0.5
     effects_before_rivals: int = 2
-    # Other reference models that are searched, those that fit best by themselves: each takes as long as the first.
     rival_references: int = 2
-    farthest_reference: float = 4.0  # times the misfit of the model asked for, beyond which another is no rival
-    same_reference: float = 1e-6  # relative difference of chi-square within which two reference models are one
-    largest_part: float = 0.8  # share of a misfit from which an effect removes most of it
-    shown: float = 4.5  # standard errors of an amplitude that would have been found
-    power: float = 0.95  # probability with which the smallest detectable amplitude is found
-    collinear: float = 0.97  # |cosine| of two signatures from which on they cannot be told apart
-    invisible: float = 0.002  # share of its signature below which an effect cannot be identified
-    rounds: int = 4  # of leaving out faulty records and beginning again, at most
-    most_samples: int = 100_000  # that are searched: hundreds of fits to them take some ten minutes
+    farthest_reference: float = 4.0
+    same_reference: float = 1e-6
+    largest_part: float = 0.8
+    shown: float = 4.5
+    power: float = 0.95
+    collinear: float = 0.97
+    invisible: float = 0.002
+    rounds: int = 4
+    most_samples: int = 100_000
     screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
     baseline: BaselineSettings = BaselineSettings()
