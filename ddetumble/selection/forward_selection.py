@@ -21,11 +21,6 @@ from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
 
 
-NEAR = 0.25  # share of the best candidate's gain that a screening fit which has not converged may still make
-LOST = 1.0  # noise variances by which a fit from an interior start is worse than none, from where it went astray
-TIE = 1e-6  # noise variances: of two models that predict alike the one with fewer parameters is taken
-
-
 @dc.dataclass(frozen=True)
 class CandidateFits:
     """Every single addition to a model, by effect id."""
@@ -205,8 +200,9 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
     # A second start, one Gauss-Newton step from the null, where the first led astray.
     linear = {s.effect: s for s in sorted(scores, key=lambda s: abs(s.z))}
     jobs = []
+    limit = before.solution.chi2 + selection.settings.astray
     for effect in effects:
-        lost = effect not in screened or screened[effect].solution.chi2 > before.solution.chi2 + LOST
+        lost = effect not in screened or screened[effect].solution.chi2 > limit
         if effect in linear and lost:
             s = linear[effect]
             if space.parameter(s.name).sign * s.step >= 0:
@@ -236,7 +232,7 @@ def refine(selection: SelectionProblem, current: Fitted, screened: dict[str, Fit
     """
     limits, best = selection.settings, screened[order[0]]
     near = {e: limits.decisive if screened[e].solution.converged else
-            max(NEAR * (before.score - best.score), limits.decisive) for e in order}
+            max(limits.unfinished * (before.score - best.score), limits.decisive) for e in order}
     moved = [e for e in order if screened[e].solution is not before.solution]  # the others do nothing
     finalists = [e for e in moved if screened[e].score - best.score <= near[e]][:limits.finalists] or [order[0]]
     fits = best.solution.chi2 - limits.decisive
@@ -311,11 +307,11 @@ def helps(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
     limits, groups = selection.settings, selection.groups
     gain, error = compare_losses(current.loss, grown.loss, groups)
     ahead, doubt = compare_losses(current.forecast, grown.forecast, groups)
-    if selection.family.free_running and ahead < -2 * doubt:
+    if selection.family.free_running and ahead < -limits.standard_errors * doubt:
         return False
     by_group = np.array([(current.loss - grown.loss)[groups == g].sum() for g in np.unique(groups)])
     most = float(np.mean(by_group > 0)) >= limits.majority
-    return gain > limits.significant and (gain > 2 * error or most or gain > limits.decisive)
+    return gain > limits.significant and (gain > limits.standard_errors * error or most or gain > limits.decisive)
 
 
 def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
@@ -357,7 +353,8 @@ def exchange_effects(selection: SelectionProblem, chosen: Fitted, tried: Candida
             others = [e.id for e in selection.catalogue if e.id not in start.effects]
             again = try_effects(selection, start, scores, others)
             best = again.refined[again.order[0]]
-            least = TIE if len(best.solution.names) < len(chosen.solution.names) else selection.settings.significant
+            fewer = len(best.solution.names) < len(chosen.solution.names)
+            least = selection.settings.tie if fewer else selection.settings.significant
             within = (is_beyond(selection, base, chosen), is_beyond(selection, start, best))
             if (within == (True, False) and helps(selection, start, best)) or (
                     within != (False, True) and best.merit < chosen.merit - least):

@@ -59,6 +59,8 @@ class SelectionSettings:
         level: probability of calling a complete model incomplete, shared by the three statistics of the lack of fit.
         significant: difference of cross-validated deviance that is not chance, and the penalty of a parameter.
         decisive: difference that decides whatever its standard error.
+        standard_errors: of a paired difference over conditions, below which it may be chance: about 95 %.
+        tie: difference below which two models predict alike, and the one with fewer parameters is taken.
         most_effects: effects that are added at most: with more, nearly any records can be fitted.
         finalists: candidates that are fitted to the end: those that predict best.
         further_finalists: beside them, of those that fit better and predict worse.
@@ -67,6 +69,8 @@ class SelectionSettings:
             their scatter.
         screening_samples: samples of a record on which candidates are screened.
         screening_steps: Gauss-Newton steps of a screening fit.
+        unfinished: share of the best candidate's gain that a screening fit which has not converged may still make.
+        astray: rise of chi-square over the model without the effect, beyond which its fit went astray.
         strayed: typical changes that a parameter has moved from its guess, from which on fits start from the guess too.
         same_fit: drop of chi-square, to the end of a fit, within which its lack of fit is not judged again.
         early: share of a left-out record that gives what it starts from, where records run on from where they start.
@@ -92,6 +96,8 @@ class SelectionSettings:
     level: float = 0.01
     significant: float = 9.0
     decisive: float = 50.0
+    standard_errors: float = 2.0
+    tie: float = 1e-6
     most_effects: int = 3
     finalists: int = 5
     further_finalists: int = 2
@@ -99,6 +105,8 @@ class SelectionSettings:
     majority: float = 0.6
     screening_samples: int = 768
     screening_steps: int = 8
+    unfinished: float = 0.25
+    astray: float = 1.0
     strayed: float = 3.0
     same_fit: float = 1.0
     early: float = 0.25
@@ -127,7 +135,7 @@ class SelectionSettings:
 
     def is_significant(self, difference: float, error: float) -> bool:
         """Whether a paired difference of cross-validated deviance, with its standard error, is beyond chance."""
-        return difference >= self.significant and difference >= 2.0 * error
+        return difference >= self.significant and difference >= self.standard_errors * error
 
     def is_beaten(self, difference: float, error: float) -> bool:
         """Whether a model so much worse is rejected: significantly worse, or decisively."""
