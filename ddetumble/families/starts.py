@@ -100,7 +100,7 @@ def straighten(values: np.ndarray) -> np.ndarray:
 
     A missing number leaves its whole sample as it is.
     """
-    values, last = values.copy(), np.array([1.0, 0.0, 0.0, 0.0])
+    values, last = values.copy(), np.eye(values.shape[1])[0]
     for k, one in enumerate(values):
         if np.isfinite(one).all():
             values[k] = last = -one if one @ last < 0 else one

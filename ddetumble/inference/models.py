@@ -85,6 +85,11 @@ def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:
         return ResolvedModel(name, made, _describe_class(type(made)))
     if name.endswith(".py"):
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
+    other = [one.name for one in list_families() if name in one.models]
+    if other:
+        raise InputError(f"the model {name!r} is one for {' and '.join(other)} records, and these are of the family "
+                         f"{family!r}: for them there is {', '.join(models)}, a folder that fit or discover wrote, or "
+                         "FILE.py:NAME")
     if not models:
         raise InputError(f"there is no model {name!r} of {family} records; give a folder that fit or discover wrote, "
                          "or FILE.py:NAME")
