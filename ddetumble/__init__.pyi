@@ -9,6 +9,7 @@ from . import figures as figures
 from . import inference as inference
 from . import planning as planning
 from . import posterior as posterior
+from . import selection as selection
 from ._errors import ComputationError as ComputationError
 from ._errors import InputError as InputError
 from ._settings import find_data as find_data

@@ -112,7 +112,7 @@ def test_size_of_every_node_is_the_likeliest(expected):
     generator = np.random.default_rng(4)
     shape, counts = generator.uniform(0.5, 2.0, (3, 40)), generator.integers(1, 5, 40) * 0.5
     means = generator.exponential(2.0, 40)
-    loss, log_sd, error = noise_estimation._profile(shape, counts, means, expected)
+    loss, log_sd, error = noise_estimation._profile(shape, counts, means, expected, 0.01)
     grid = np.linspace(-1.0, 1.5, 500_001)
     for k in range(3):
         total, ratio = counts.sum(), np.sum(counts * means / shape[k])

@@ -22,18 +22,48 @@ from .stack import Records, default_noise
 
 PAIRS = 6  # samples apart, at most
 MOST = 2000  # frequencies kept apart
-WORTH = 4.0  # in the logarithm of the likelihood, that a further parameter of the noise has to bring
 BELOW = np.array([0.05, 0.15, 0.35, 0.6, 0.9])  # of the lowest frequency used: where the contact's own are
-DRIFT = 3.0  # correlation times over the period of the lowest frequency used: what is slower is no noise
 SLOW = np.array([0.02])  # the same in cycles a sample, where differences of samples are all that is looked at
 SHORTEST = 0.3  # correlation time [samples]
 NODES = (48, 24)  # in correlation time and in the share that is white
 ROUNDS = 8
 FAR = 12.0  # below the best in the logarithm of the likelihood: no longer looked at
-STATED = 0.01  # relative standard deviation of a size that a campaign states
 LARGE = 1_000_000  # numbers of a spline basis beyond which its zeros are left out
-LEAST = 24  # samples without a gap that tell something about the noise
 Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dc.dataclass(frozen=True)
+class NoiseSettings:
+    """What decides how the noise of a campaign is taken.
+
+    Attributes:
+        fewest: samples without a gap that tell something about the noise.
+        stated: relative standard deviation of a size that a campaign states: near enough certain.
+        slowest: correlation times over the period of the lowest frequency used: what is slower is a drift, no noise.
+        worth: logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the
+            spectrum is looked at in many places).
+        quiet: samples before contact from which on they may contradict the stated size.
+        doubt: logarithm of the ratio of their size to the stated one that does, and
+        doubt_errors: the same in its standard errors.
+        differs: relative difference from the stated size from which on a model is fitted again under the measured one.
+        level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
+            the share that is white, under a better model, from which on all steps are fitted again.
+    """
+
+    fewest: int = 24
+    stated: float = 0.01
+    slowest: float = 3.0
+    worth: float = 4.0
+    quiet: int = 30
+    doubt: float = 0.15
+    doubt_errors: float = 10.0
+    differs: float = 0.1
+    level_change: float = 0.03
+    correlation_change: float = 0.05
+    white_change: float = 0.15
+
+
+NOISE = NoiseSettings()
 
 
 def list_spans(records: Records, row: int, end: float) -> list[Span]:
@@ -58,7 +88,8 @@ def spline_columns(time: np.ndarray, spans: list[Span]) -> sparse.csr_matrix:
     return sparse.csr_matrix(sparse.hstack(found))
 
 
-def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> dict[str, Noise]:
+def measure_noise(campaign: Campaign, records: Records, solution: Solution, settings: NoiseSettings = NOISE
+                  ) -> dict[str, Noise]:
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
     found, family = {}, find_family(records.family)
     contact, stack = family.has_contact, records.stack
@@ -70,7 +101,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
             # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
             # the parts of a tumbling record between its gaps.
             used = np.ones(n, dtype=bool) if contact and records.complete[r, c] else weights[r, c, :n] > 0
-            if used.sum() < LEAST:
+            if used.sum() < settings.fewest:
                 continue
             t, trace = time[r, :n], (values[r, c] - solution.channels[r, c])[:n]
             smooth, difference = spline_columns(t, spans[r]), np.diff(t)
@@ -81,12 +112,12 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
             if not np.allclose(difference, difference[0], rtol=2e-3):
                 continue
             for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
-                if used[run[0]] and (len(run) >= LEAST or len(run) == n):
+                if used[run[0]] and (len(run) >= settings.fewest or len(run) == n):
                     traces.append(trace[run])
                     steps.append(difference[0])
         stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
         if sum(map(len, traces)) < 0.5 * sum(len(t) for t, _ in pairs):
-            found[channel] = estimate_from_pairs(pairs, float(np.median(medians)), stated.stated_sd)
+            found[channel] = estimate_from_pairs(pairs, float(np.median(medians)), stated.stated_sd, settings)
             continue
         if not traces:
             found[channel] = dc.replace(stated, log_level_sd=0.1,
@@ -103,7 +134,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution) -> d
                                      / (spans[r][0].high - spans[r][0].low) for r in same))
         found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
                                          if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
-                                        _quiet_deviation(records, c))
+                                        _quiet_deviation(records, c), settings)
     return found
 
 
@@ -129,16 +160,17 @@ def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] |
     return (float(np.sqrt(squares / count)), count, int(np.median([len(x) for x in quiet]))) if squares > 0 else None
 
 
-def changed(before: Mapping[str, Noise], after: dict[str, Noise]) -> bool:
+def changed(before: Mapping[str, Noise], after: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
     """Whether a second measurement of the noise differs enough from the first to fit again."""
-    return any(abs(np.log(after[c].sd / before[c].sd)) > 0.03
-               or abs(after[c].correlation - before[c].correlation) > 0.05
-               or abs(after[c].white_share - before[c].white_share) > 0.15 for c in after)
+    return any(abs(np.log(after[c].sd / before[c].sd)) > settings.level_change
+               or abs(after[c].correlation - before[c].correlation) > settings.correlation_change
+               or abs(after[c].white_share - before[c].white_share) > settings.white_change for c in after)
 
 
-def differs_from_stated(noise: dict[str, Noise]) -> bool:
-    """Whether any channel's noise is correlated, or of another size than the campaign states by more than a tenth."""
-    return any(n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > 0.1 for n in noise.values() if n.stated_sd)
+def differs_from_stated(noise: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
+    """Whether any channel's noise is correlated, or of another size than the campaign states."""
+    return any(n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > settings.differs for n in noise.values()
+               if n.stated_sd)
 
 
 def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.ndarray,
@@ -150,7 +182,7 @@ def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.nd
 
 
 def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, stated_sd: float | None,
-                   quiet_sd: tuple[float, int, int] | None = None) -> Noise:
+                   quiet_sd: tuple[float, int, int] | None = None, settings: NoiseSettings = NOISE) -> Noise:
     """Whittle likelihood of the residuals' spectrum above the frequencies of the contact.
 
     Args:
@@ -161,9 +193,10 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         quiet_sd: standard deviation of samples without contact about the mean of each stretch, how many they are, and
             how long a stretch is; it replaces what is stated where the two disagree beyond doubt, unless noise of the
             stated size would stray as little over so short a while.
+        settings: thresholds.
     """
     power, frequency = [], []
-    for trace in (one for one in traces if len(one) >= LEAST):
+    for trace in (one for one in traces if len(one) >= settings.fewest):
         n = len(trace)
         window = np.hanning(n + 2)[1:-1]
         window = window / np.sqrt(np.mean(window**2))
@@ -172,7 +205,7 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         keep = (f >= lowest) & (f < 0.49 / interval)
         power.append(np.abs(x[keep]) ** 2 / n)
         frequency.append(f[keep])
-    if sum(map(len, power)) < LEAST:
+    if sum(map(len, power)) < settings.fewest:
         return _assume_white(float(np.std(np.concatenate(traces))), interval, stated_sd)
     power, frequency = np.concatenate(power), np.concatenate(frequency)
     frequencies, counts, means = _gather(frequency, power)
@@ -182,13 +215,14 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         return _weigh_kinds(
             lambda rho, white: _spectrum(frequencies, interval, rho[:, None], white[:, None]),
             lambda rho, white: np.log(_spectrum(lowest * BELOW, interval, rho[:, None], white[:, None])).mean(axis=1),
-            weight * counts, means, expected, DRIFT / (lowest * interval), interval, stated_sd)
+            weight * counts, means, expected, settings.slowest / (lowest * interval), interval, stated_sd, settings)
 
     found = choose(stated_sd)
     if quiet_sd is None or stated_sd is None:
         return found
     quiet, count, length = quiet_sd
-    if count < 30 or abs(np.log(quiet / stated_sd)) <= max(0.15, 10.0 / np.sqrt(2.0 * count)):
+    error = 1.0 / np.sqrt(2.0 * count)  # of the logarithm of a standard deviation
+    if count < settings.quiet or abs(np.log(quiet / stated_sd)) <= max(settings.doubt, settings.doubt_errors * error):
         return found
 
     def judge(noise):
@@ -197,7 +231,7 @@ def estimate_noise(traces: list[np.ndarray], interval: float, lowest: float, sta
         free = 0.5 * count * (1.0 - noise.correlation) / (1.0 + noise.correlation)
         return (weight * np.sum(np.log(s) + power / s)
                 + 0.5 * free * (np.log(spread / quiet**2) + quiet**2 / spread - 1.0)
-                + WORTH * ((noise.correlation > 0) + (noise.white_share > 0)))
+                + settings.worth * ((noise.correlation > 0) + (noise.white_share > 0)))
 
     # A slow drift beside white noise of another size would say the same: the simpler account is believed.
     other = choose(quiet)
@@ -215,7 +249,8 @@ def _stray(correlation: float, white: float, length: int) -> float:
     return 1.0 - 2.0 * (1.0 - white) * float(np.sum((length - lag) * correlation**lag)) / (length * (length - 1.0))
 
 
-def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None) -> Noise:
+def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: float, stated_sd: float | None,
+                        settings: NoiseSettings = NOISE) -> Noise:
     """The same where samples are missing or unevenly taken: likelihood of the differences of near samples.
 
     Differences over a few intervals hardly feel what is slow, such as a missing force. `traces` holds times [s] and
@@ -229,7 +264,7 @@ def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: f
             lags.append(lag[near])
             squares.append((x[k:] - x[:-k])[near] ** 2)
     lag, square = np.concatenate(lags), np.concatenate(squares)
-    if len(lag) < LEAST * PAIRS:
+    if len(lag) < settings.fewest * PAIRS:
         return _assume_white(float(np.sqrt(np.mean(square) / 2.0)), interval, stated_sd)
     weight = 0.5 / PAIRS  # every sample is in so many pairs
 
@@ -237,7 +272,7 @@ def estimate_from_pairs(traces: list[tuple[np.ndarray, np.ndarray]], interval: f
     found = _weigh_kinds(
         lambda rho, white: 2.0 * (1.0 - (1.0 - white[:, None]) * rho[:, None] ** lags),
         lambda rho, white: np.log(_spectrum(SLOW / interval, interval, rho[:, None], white[:, None])).mean(axis=1),
-        weight * counts, squares, stated_sd, DRIFT / SLOW[0], interval, stated_sd)
+        weight * counts, squares, stated_sd, settings.slowest / SLOW[0], interval, stated_sd, settings)
     return dc.replace(found, text=found.text + "; from pairs of samples, as some are missing or unevenly taken")
 
 
@@ -250,7 +285,8 @@ def _gather(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np.ndarray,
-                expected: float | None, longest: float, interval: float, stated_sd: float | None) -> Noise:
+                expected: float | None, longest: float, interval: float, stated_sd: float | None,
+                 settings: NoiseSettings) -> Noise:
     r"""Average over white noise, AR(1) noise and their sum, each as likely as the others beforehand.
 
     The logarithm of the likelihood is $-\sum_k n_k(\log s_k + p_k/s_k)$ with $s_k = \sigma^2 S_k(\rho, w)$; `shape` is
@@ -259,7 +295,7 @@ def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np
     """
     def look(correlation, white_share, volume):
         """Nodes: correlation, share, loss, logarithm of the size and its error, part of the prior; a column each."""
-        found = _profile(shape(correlation, white_share), counts, means, expected)
+        found = _profile(shape(correlation, white_share), counts, means, expected, settings.stated)
         return np.array([correlation, white_share, *found, np.full(len(correlation), volume)])
 
     kinds = [look(np.zeros(1), np.zeros(1), 1.0), *(_search(look, longest, mixed) for mixed in (False, True))]
@@ -278,7 +314,7 @@ def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np
     if rho > 0:
         text = (f"correlated along the trace ({rho:.2f}), {100 * white:.0f} % of its power white" if white else
                 f"correlated along the trace ({rho:.2f} from sample to sample)")
-    if stated_sd is not None and abs(np.log(sd / stated_sd)) > 0.1:
+    if stated_sd is not None and abs(np.log(sd / stated_sd)) > settings.differs:
         text += f"; its size {sd:.3g} is not the stated {stated_sd:.3g}"
     return Noise(sd, rho, white, interval, stated_sd, float(np.sqrt(variance + (level[best] - mean) ** 2)), text)
 
@@ -305,22 +341,22 @@ def _search(look, longest: float, mixed: bool) -> np.ndarray:
 
 
 def _profile(shape: np.ndarray, counts: np.ndarray, means: np.ndarray,
-             expected: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+             expected: float | None, stated: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Loss at the best size of every node, the logarithm of that size and its error, shape (nodes,) each."""
     total = counts.sum()
     loss = np.log(shape) @ counts
     ratio = (1.0 / shape) @ (counts * means)
     log_sd = 0.5 * np.log(ratio / total)
-    if expected is not None:  # it weighs 1 / STATED^2; the loss is convex in it: Newton's method from above
+    if expected is not None:  # it weighs 1 / stated²; the loss is convex in it: Newton's method from above
         log_sd = np.full_like(log_sd, np.log(expected))
         for _ in range(50):
             part = ratio * np.exp(-2.0 * log_sd)
-            slope = 2.0 * (total - part) + (log_sd - np.log(expected)) / STATED**2
-            step = slope / (4.0 * part + 1.0 / STATED**2)
+            slope = 2.0 * (total - part) + (log_sd - np.log(expected)) / stated**2
+            step = slope / (4.0 * part + 1.0 / stated**2)
             log_sd = log_sd - np.clip(step, -0.5, 0.5)
             if np.max(np.abs(step)) < 1e-10:
                 break
-        loss = loss + 0.5 * ((log_sd - np.log(expected)) / STATED) ** 2
+        loss = loss + 0.5 * ((log_sd - np.log(expected)) / stated) ** 2
     part = ratio * np.exp(-2.0 * log_sd)
     loss = loss + 2.0 * total * log_sd + part
-    return loss, log_sd, 1.0 / np.sqrt(4.0 * part + (STATED**-2 if expected is not None else 0.0))
+    return loss, log_sd, 1.0 / np.sqrt(4.0 * part + (stated**-2 if expected is not None else 0.0))

@@ -97,8 +97,9 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
         steps.append(more)
         # What a poor model leaves may be too sharp for the splines that are taken out of its residuals first: where the
         # better one leaves another noise, every step is fitted and judged again under it.
-        noise = measure_noise(selection.campaign, selection.records, more.fitted.solution)
-        if changed(selection.noise, noise):
+        settings = selection.settings.noise
+        noise = measure_noise(selection.campaign, selection.records, more.fitted.solution, settings)
+        if changed(selection.noise, noise, settings):
             selection = dc.replace(selection.restack(noise), noise=noise)
             for k, step in enumerate(steps):
                 fitted = selection.repeat(step.fitted)

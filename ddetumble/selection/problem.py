@@ -299,9 +299,9 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     # From a start guessed from the contact times, else from the defaults.
     guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
     solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
-    noise = measure_noise(selection.campaign, selection.records, solution)
+    noise = measure_noise(selection.campaign, selection.records, solution, selection.settings.noise)
     selection = dc.replace(selection, guess=guess, noise=noise)
-    if differs_from_stated(noise):
+    if differs_from_stated(noise, selection.settings.noise):
         selection = selection.restack(noise)
         solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
     selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution))

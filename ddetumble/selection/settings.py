@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 
+from ..inference.noise_estimation import NoiseSettings
 from ..measurement.faults import ScreeningSettings
 
 
@@ -90,6 +91,7 @@ class SelectionSettings:
         invisible: share of its signature below which an effect cannot be identified.
         rounds: of leaving out faulty records and beginning again, at most.
         most_samples: that are searched: hundreds of fits to them take some ten minutes.
+        noise: what decides how the noise is taken.
         screening, outliers, baseline: what counts as a fault of the data.
     """
 
@@ -124,6 +126,7 @@ class SelectionSettings:
     invisible: float = 0.002
     rounds: int = 4
     most_samples: int = 100_000
+    noise: NoiseSettings = NoiseSettings()
     screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
     baseline: BaselineSettings = BaselineSettings()
