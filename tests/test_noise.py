@@ -118,7 +118,7 @@ def test_size_of_every_node_is_the_likeliest(expected):
         total, ratio = counts.sum(), np.sum(counts * means / shape[k])
         tried = np.sum(counts * np.log(shape[k])) + 2.0 * total * grid + ratio * np.exp(-2.0 * grid)
         if expected is not None:
-            tried = tried + 0.5 * ((grid - np.log(expected)) / noise_estimation.STATED) ** 2
+            tried = tried + 0.5 * ((grid - np.log(expected)) / 0.01) ** 2
         best = int(np.argmin(tried))
         assert log_sd[k] == pytest.approx(grid[best], abs=1e-5) and loss[k] == pytest.approx(tried[best], abs=1e-6)
         curvature = (tried[best + 2000] - 2 * tried[best] + tried[best - 2000]) / (grid[2000] - grid[0]) ** 2
