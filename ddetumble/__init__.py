@@ -11,7 +11,7 @@ and by hand:
     data, model = dd.read_campaign("data/impact-h"), dd.Ball()
     print(dd.compare(data, model, model + dd.effects.WallStiffness()))
 
-Symbols used throughout, SI units, pressures absolute (`physics.md`'s names):
+Symbols used throughout, SI units, pressures absolute:
 
 ================  =======================  ====================================================
 symbol            name                     unit and meaning

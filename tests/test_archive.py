@@ -1,17 +1,21 @@
 """Fitted models on disk: what was written comes back, and damaged files are refused in one sentence."""
 
 import json
+from pathlib import Path
+from typing import ClassVar
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 import ddetumble as dd
 from ddetumble._errors import InputError
+from ddetumble.contact.effect import AbstractModel
 from ddetumble.contact.law import Ball
 from ddetumble.effects import IMPACT
 from ddetumble.exam.simulators.campaigns import write_package
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
-from ddetumble.inference.archive import load, make_fitted, resolve_model, save_model
+from ddetumble.inference.archive import _choose, load, make_fitted, resolve_model, save_model
 from ddetumble.inference.models import resolve_effect
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.parameters import ParameterSpace
@@ -169,6 +173,29 @@ def test_damaged_files_are_refused_in_one_sentence(saved, spoil, part):
     with pytest.raises(InputError) as caught:
         load(saved[0])
     assert part in str(caught.value) and "\n" not in str(caught.value)
+
+
+class Paired(AbstractModel):
+    """Its choices only go together."""
+
+    form: str = eqx.field(static=True, default="a")
+    size: int = eqx.field(static=True, default=1)
+    family: ClassVar[str] = "impact"
+    provides: ClassVar[tuple[str, ...]] = ()
+
+    def __check_init__(self):
+        if (self.form, self.size) not in (("a", 1), ("b", 2)):
+            raise ValueError("they do not go together")
+
+    def extend(self, effects):
+        raise NotImplementedError
+
+
+def test_choices_are_put_in_together():
+    made = _choose(Paired(), {"form": "b", "size": 2}, Path("model.json"))
+    assert isinstance(made, Paired) and (made.form, made.size) == ("b", 2)
+    with pytest.raises(InputError, match="do not go together"):
+        _choose(Paired(), {"form": "b", "size": 1}, Path("model.json"))
 
 
 def test_a_folder_without_a_model_is_refused(campaign, tmp_path):

@@ -72,7 +72,7 @@ def test_volume_grows_as_perimeter_is_kept():
     ],
 )
 def test_printed_forms_give_printed_forces(force, choices):
-    """Row 1 of physics.md section 3, at 1 MPa and 5 mm."""
+    """Row 1 of `ddetumble paper`, Eq. 7 against Eqs. 2 to 4, at 1 MPa and 5 mm."""
     assert round(press(Ball(**choices), 1e6, 5e-3), 1) == force
 
 

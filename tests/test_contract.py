@@ -16,6 +16,7 @@ from ddetumble.contact.effect import (
     AbstractStatefulEffect,
     Contact,
     Scalar,
+    list_stages,
     parameter,
 )
 from ddetumble.contact.law import PowerLaw
@@ -35,6 +36,16 @@ class EndStop(AbstractElasticEffect):
 
     def force(self, contact: Contact) -> Scalar:
         return self.k * positive_part(contact.depression - self.depth)
+
+
+class Restated(AbstractElasticEffect):
+    """States the stage that its class has already."""
+
+    stage: ClassVar[str] = "elastic"
+
+
+def test_stage_stated_again():
+    assert list_stages(Restated) == ["elastic"]
 
 
 class Broken(AbstractElasticEffect):

@@ -122,7 +122,7 @@ def test_null_of_every_effect_changes_nothing():
 
 
 def test_catalogue_is_complete():
-    """The sixteen effects of physics.md under their public names, with the parameters of its table."""
+    """The sixteen effects of the second simulator under their public names, with the parameters that it has."""
     declared = {effect.id: {p.name for p in parameters_of(effect)} for effect in catalogue()}
     expected = {name: set(null) for name, null in independent.NULLS.items() if not name.startswith("x-")}
     assert declared == expected and len(declared) == 16

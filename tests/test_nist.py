@@ -148,6 +148,7 @@ HOLED = np.where(X == 0.5, np.nan, X)
         ({"x": np.ones((9, 2))}, "they are 2 and 9 long; several predictors stand one a row"),
         ({"y": np.ones((3, 3))}, "y is a list of numbers"),
         ({"start": []}, "start is a list of numbers"),
+        ({"start": 3.0}, r"start is a list of numbers; its shape is \(\)"),
         ({"start": [1.0, math.inf]}, "start of p2 is not a number"),
         ({"start": {"a": math.nan, "b": 1.0}}, "start of a is not a number"),
         ({"start": {"a": "one", "b": 1.0}}, "start must be numbers"),

@@ -258,6 +258,14 @@ def test_rubber_at_four_pressures():
     assert not any("one pressure only" in note for note in fit.notes)
 
 
+def test_plain_numbers():
+    """A single reading, and one deviation in a list, are taken as they are."""
+    one = fit_rubber(1e6, 0.3, [0.01], modulus=MODULUS, strength_ratio=0.5, profile=False)
+    assert one.readings == 1
+    record = SlipRecord.from_force([0.0, 1e-3], [1.0, 2.0], 10.0, [0.1])
+    np.testing.assert_allclose(record.sd, [0.01, 0.01])
+
+
 def test_rubber_at_one_pressure():
     """K can be anything. tan delta_L is largest where K is nothing: mu/(pi/10 (3 p/E*)^(2/3)), plus 1.96 deviations."""
     pressure = np.full(32, 1.0e6)

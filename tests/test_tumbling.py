@@ -143,6 +143,7 @@ def test_textbook_bodies():
     solid, hole, tube = Cylinder(4.0, 1.0, 3.0), Cylinder(1.0, 0.5, 3.0), HollowCylinder(3.0, 0.5, 1.0, 3.0)
     assert np.allclose(tube.inertia(), solid.inertia() - hole.inertia())
     assert np.isclose(tube.volume(), solid.volume() - hole.volume())
+    assert np.allclose(tube.end_face(), solid.end_face())
 
 
 @pytest.mark.slow

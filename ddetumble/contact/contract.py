@@ -12,7 +12,7 @@ import functools
 import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -39,6 +39,7 @@ Readings = dict[str, Array]
 Found = str | tuple[bool, str]  # what is wrong, or whether a clause holds and what was found
 
 
+@final
 @dc.dataclass(frozen=True)
 class Check:
     """One clause of the contract: its name, whether it holds, and what was found (or, broken, what to do)."""
@@ -48,6 +49,7 @@ class Check:
     sentence: str
 
 
+@final
 @dc.dataclass(frozen=True)
 class EffectReport:
     """What `check_effect` found: id of the effect (or name of its class), and all clauses in the order of trial."""
@@ -200,6 +202,7 @@ RIGS = {
 }  # fmt: skip
 
 
+@final
 class Bench:
     """An effect on its rig, with a reference model and the records on which it is tried; arguments as `check_effect`.
     """

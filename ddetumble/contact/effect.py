@@ -12,7 +12,7 @@ import abc
 import dataclasses as dc
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Self, cast, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,6 +26,7 @@ from .transform import TRANSFORMS, Transform
 
 Scalar = type_scalar
 
+@final
 class Contact(eqx.Module):
     """The state of the contact that an effect sees; every entry is a scalar (the caller batches by `vmap`).
 
@@ -63,6 +64,7 @@ class Contact(eqx.Module):
         return jnp.pi * self.contact_radius**2
 
 
+@final
 @dc.dataclass(frozen=True)
 class Parameter:
     """What is known about one parameter before any measurement.
@@ -178,7 +180,7 @@ class AbstractEffect(eqx.Module):
     """Base of all effects.
 
     Attributes:
-        id: public name, as in `physics.md`'s catalogue.
+        id: public name, as `ddetumble effects` lists it.
         law: the law in one line.
         reference: where the law comes from.
         requires: what the reference model must have for the effect to mean anything: any of `gas`, `geometry`,
@@ -391,13 +393,13 @@ IMPACT_STAGES: tuple[type[AbstractEffect], ...] = (
 
 
 def list_stages(kind: type) -> list[str]:
-    """Stages from which a class of effects derives."""
-    return [base.__dict__["stage"] for base in kind.__mro__ if base.__dict__.get("stage")]
+    """Stages from which a class of effects derives, each once."""
+    return list(dict.fromkeys(base.__dict__["stage"] for base in kind.__mro__ if base.__dict__.get("stage")))
 
 
 def stage_of(effect: Any) -> str:
     """Name of the stage at which an effect (class or instance) acts."""
-    if not effect.stage:
+    if not getattr(effect, "stage", ""):
         raise TypeError(f"`{getattr(effect, '__name__', type(effect).__name__)}` has no stage: derive it from one of "
                         + ", ".join(base.__name__ for base in IMPACT_STAGES) + ".")
     return effect.stage

@@ -56,7 +56,7 @@ def slip_coefficients(load: Array, printed: bool = False) -> SlipCoefficients:
     r"""Coefficients of Eq. 9 at a load [N] by the polynomials of Eq. 10, where exp$^{-4}$ stands for $10^{-4}$.
 
     $e = 1$ unless `printed`: the polynomial makes friction without any slip $a(1 - e)F_n$, negative below 29 N
-    (`physics.md`, contradiction 5).
+    (row 5 of `ddetumble paper`).
     """
     a, b, c, d, e = (p + load * (q + load * r) for p, q, r in POLYNOMIALS.values())
     return SlipCoefficients(a, b, c, d, e if printed else jnp.ones_like(a))

@@ -36,6 +36,7 @@ NEWTON = 12  # steps towards the slider's speed; they converge from one side, qu
 TOUCH = 1e-6  # N, below which the load counts as this: powers of the load stay finite where contact ends
 
 
+@final
 class Patch(eqx.Module):
     """The contact patch as a tangential effect sees it; every entry is a scalar (the caller batches by `vmap`).
 
@@ -114,12 +115,15 @@ class Striker(AbstractModel):
 
     def extend(self, effects: tuple[AbstractEffect, ...]) -> "StrikeLaw":
         """This model with effects: those on impacts, on friction, and on the patch."""
-        if not isinstance(effects, (tuple, list)) or not all(isinstance(e, AbstractEffect) for e in effects):
+        listed = effects if isinstance(effects, (tuple, list)) else None
+        wrong = [effects] if listed is None else [e for e in listed if not isinstance(e, AbstractEffect)]
+        if wrong:
             raise TypeError("`extend` takes a tuple of effects, such as `(TangentialCompliance(5e-5),)`; it is given "
-                            f"{effects!r:.60}.")
+                            f"{wrong[0]!r:.60}.")
         return StrikeLaw(self, effects)
 
 
+@final
 class StrikeLaw(AbstractLaw):
     """A reference model of oblique impacts and the effects that extend it.
 

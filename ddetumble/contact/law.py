@@ -21,6 +21,7 @@ from .signal import Signal
 RESTITUTIONS = (1e-3, 0.9999)
 
 
+@final
 class Forces(eqx.Module):
     """What acts at one instant."""
 
@@ -99,9 +100,10 @@ class AbstractDamped(AbstractReference):
 class Ball(AbstractDamped):
     """The paper's inflated ball: racetrack section, gas, Hunt-Crossley damping.
 
-    Static choices select the printed forms of `physics.md` section 3: `volume_coefficient` (None: as the area's),
-    `doubled_core` (Eq. 2 as printed), `truncated` (Eq. 1: constant pressure, truncated sphere), `damping_form`
-    (`exact`, `printed` for Eq. 6), `damping_sign` (-1 for Eq. 5 taken at face value).
+    Static choices select what the paper prints where it contradicts itself (rows 1 to 4 and 12 of `ddetumble paper`):
+    `volume_coefficient` (None: as the area's), `doubled_core` (Eq. 2 as printed), `truncated` (Eq. 1: constant
+    pressure, truncated sphere), `damping_form` (`exact`, `printed` for Eq. 6), `damping_sign` (-1 for Eq. 5 taken at
+    face value).
     """
 
     outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
@@ -177,6 +179,7 @@ class PowerLaw(AbstractDamped):
         return force * safe_power(ratio, self.condition_exponent)
 
 
+@final
 class ContactLaw(AbstractLaw):
     """A reference model and any number of effects; contributions of one stage are summed or multiplied.
 

@@ -1,6 +1,7 @@
 """A force over time, as the sensor sees it: piecewise quadratic between nodes, with jumps allowed at nodes."""
 
 from collections.abc import Callable
+from typing import final
 
 import equinox as eqx
 import jax
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 
+@final
 class Signal(eqx.Module):
     """A signal on consecutive intervals, each a parabola through its value at the start, the middle and the end."""
 

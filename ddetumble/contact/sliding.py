@@ -13,6 +13,7 @@ from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, paramete
 from .friction import DIVERGES_ABOVE, composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
 
 
+@final
 class Slide(eqx.Module):
     """The state of sliding that an effect sees; every entry is a scalar (the caller batches by `vmap`).
 
@@ -156,6 +157,7 @@ class CoulombFriction(AbstractFriction):
         return self.friction_coefficient
 
 
+@final
 class FrictionLaw(AbstractLaw):
     """A reference model and the effects that extend it; factors multiply, forces add.
 

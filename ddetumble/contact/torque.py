@@ -34,6 +34,7 @@ from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, paramete
 Vector = Float[Array, "3"]
 
 
+@final
 class Spin(eqx.Module):
     """The state of the motion that an effect sees (the caller batches by `vmap`).
 
@@ -126,6 +127,7 @@ class RigidBody(AbstractModel):
         return TumbleLaw(self, effects)
 
 
+@final
 class TumbleLaw(AbstractLaw):
     """A rigid body and the effects that extend it; moments and torques add, gyroscope effects act one after another.
 

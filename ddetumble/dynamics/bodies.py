@@ -116,6 +116,10 @@ class HollowCylinder(AbstractBody):
         r"""$\pi (r_o^2 - r_i^2) l$ [m³]."""
         return jnp.pi * (self.outer_radius**2 - self.inner_radius**2) * self.length
 
+    def end_face(self) -> Array:
+        """Centre of the upper end, from the centre of mass, shape (3,) [m]."""
+        return jnp.array([0.0, 0.0, 0.5]) * self.length
+
 
 @final
 class Box(AbstractBody):

@@ -17,7 +17,7 @@ A normal force has no moment about the axis of a body of revolution: spin about 
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, final
 
 import diffrax as dfx
 import equinox as eqx
@@ -46,6 +46,7 @@ PROBE = 5e-3  # m, depression at which the stiffness is estimated
 SHARES = 0.5 - 0.5 * np.cos(np.pi * np.arange(49) / 48)  # of the contact at which its course is read
 
 
+@final
 class Course(eqx.Module):
     """The contact at shares of its duration, shape (places,) each."""
 
@@ -60,6 +61,7 @@ class Course(eqx.Module):
     margins: Float[Array, "places edges"]
 
 
+@final
 class Ledger(eqx.Module):
     """Where momentum and energy went, from before to after the impact, inertial components."""
 
@@ -81,6 +83,7 @@ class Ledger(eqx.Module):
     energy_after: Array
 
 
+@final
 class Collision(eqx.Module):
     """Both bodies after one impact, in the frame in which the debris' centre of mass rested at the origin."""
 
@@ -97,6 +100,7 @@ class Collision(eqx.Module):
     separation: Scalar  # time of separation [s]
     peak_force: Scalar  # [N]
     peak_depression: Scalar  # [m]
+    peak_pressure: Scalar  # of the gas, absolute [Pa]
     # least distance of the contact disc from each edge; below zero it reaches over one, shape (edges,) [m]
     margins: Float[Array, " edges"]
     course: Course  # the contact over its duration
@@ -111,6 +115,7 @@ class Collision(eqx.Module):
         return jnp.min(self.margins, axis=-1)
 
 
+@final
 class _State(eqx.Module):
     """What is integrated; momenta as changes since first touch."""
 
@@ -133,6 +138,7 @@ class _State(eqx.Module):
     own: Array  # of the effects
 
 
+@final
 class _Setup(eqx.Module):
     """What stays the same during one impact."""
 
@@ -396,4 +402,4 @@ def _conclude(setup: _Setup, final: _State, course: Course, end: Array, speed: A
     return Collision(
         attitude, after, momentum, body, final.debris, final.debris_momentum, velocity, setup.normal, speed, sliding,
         end, _find_peak(course.time, course.normal_force), _find_peak(course.time, course.depression),
-        jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)
+        jnp.max(course.pressure), jnp.min(course.margins, axis=0), course, ledger, separated, bad | ~finite, steps)

@@ -1,7 +1,7 @@
 """One impact on the bench: from first touch to separation, and what the channels read at given times."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, final
 
 import diffrax as dfx
 import equinox as eqx
@@ -32,8 +32,8 @@ _FORCE_GRID = np.concatenate([_CONTACT_GRID, 0.5 * (_CONTACT_GRID[1:] + _CONTACT
 _TAIL_GRID = (np.arange(1, 25) / 24) ** 3
 
 
-class Impact(eqx.Module):
-    """Channels of one impact at the wanted times."""
+class AbstractImpact(eqx.Module):
+    """Channels along the normal at the wanted times, of an impact whether straight or oblique."""
 
     normal_force: Float[Array, " times"]  # what the gauge reads [N]
     depression: Float[Array, " times"]  # [m]
@@ -43,9 +43,15 @@ class Impact(eqx.Module):
     rebound_speed: Scalar  # speed at separation [m/s]
     separated: Bool[Array, ""]  # whether separation was reached
     failed: Bool[Array, ""]  # whether the integration failed (too many steps, or not finite)
-    steps: Array  # integration steps taken
+    steps: Array  # integration steps taken along the normal
 
 
+@final
+class Impact(AbstractImpact):
+    """Channels of one impact at the wanted times."""
+
+
+@final
 class _Path(eqx.Module):
     """Nodes of the solution in contact, with rates, for Hermite interpolation."""
 
@@ -54,6 +60,7 @@ class _Path(eqx.Module):
     rate: Array
 
 
+@final
 class Motion(eqx.Module):
     """The normal motion of one impact."""
 
@@ -67,6 +74,7 @@ class Motion(eqx.Module):
     damping: Array
 
 
+@final
 class Course(eqx.Module):
     """What else moves in an impact needs to know of the contact, at given times, all of one shape."""
 

@@ -1,6 +1,6 @@
 """Rigid body about its centre of mass: Euler's equations, energy, angular momentum, and the record of a motion."""
 
-from typing import Any
+from typing import Any, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from .._numerics import is_known
 from .._rotation import rotate
 
 
+@final
 class Tumble(eqx.Module):
     """Attitude motion at the wanted times.
 

@@ -1,6 +1,7 @@
 """One slip record: friction force along a given path, with the friction work that it takes."""
 
 from collections.abc import Mapping
+from typing import final
 
 import equinox as eqx
 import jax
@@ -15,6 +16,7 @@ from ..contact.sliding import FrictionLaw, Slide
 SUBSTEPS = 2  # of the Runge-Kutta method between two samples
 
 
+@final
 class Friction(eqx.Module):
     """Friction along a path."""
 

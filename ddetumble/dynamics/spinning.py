@@ -1,6 +1,7 @@
 """One tumbling record: rates and attitude of a body under a law, on a mesh of even steps."""
 
 from collections.abc import Callable, Mapping
+from typing import final
 
 import diffrax as dfx
 import equinox as eqx
@@ -25,6 +26,7 @@ for _k, _row in enumerate(_TABLEAU.a_lower):
     _ROWS[_k, :_row.size] = _row
 
 
+@final
 class Spinning(eqx.Module):
     """Motion at the wanted times."""
 

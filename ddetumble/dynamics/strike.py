@@ -8,6 +8,7 @@ none is so stiff that steps would have to shrink.
 
 import functools
 from collections.abc import Mapping
+from typing import final
 
 import diffrax as dfx
 import equinox as eqx
@@ -21,7 +22,7 @@ from .._numerics import stop
 from ..contact.effect import Scalar
 from ..contact.gripping import Patch, StrikeLaw, Striker, find_height, share_friction, solve_slider
 from .entry import read_conditions, read_law, read_times, refuse_values
-from .impact import ATOL, MAX_STEPS, RTOL, Course, Impact, follow, read_motion
+from .impact import ATOL, MAX_STEPS, RTOL, AbstractImpact, Course, follow, read_motion
 
 
 INTERVALS = 160  # steps of the tangential motion over the contact
@@ -32,7 +33,8 @@ _NEXT = (_MIDDLE - GAMMA, _SECOND, GAMMA)  # weight of each stage's rate in what
 NODES = 97  # at which the normal motion is read, over the contact
 
 
-class Strike(Impact):
+@final
+class Strike(AbstractImpact):
     """Channels of one oblique impact at the wanted times, beside those of an impact, and where its energy went."""
 
     tangential_force: Float[Array, " times"]  # on the plate, in the direction of motion [N]
@@ -46,6 +48,7 @@ class Strike(Impact):
     stored: Scalar  # in the spring of the patch at separation [J]
 
 
+@final
 class Grip(eqx.Module):
     """The tangential motion of one impact."""
 

@@ -21,6 +21,7 @@ from .rigid import check_inertia
 FAR = 1e6  # m, distance to an edge where there is none
 
 
+@final
 class Foot(eqx.Module):
     """The place of a surface that is nearest to a point."""
 

@@ -17,7 +17,7 @@ None of them is of the catalogue, and no verdict rests on them: they draw what a
 import dataclasses as dc
 from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, final
 
 import jax
 import jax.numpy as jnp
@@ -46,6 +46,7 @@ FORMS = ("power", "signed power", "sine", "sawtooth", "decay", "saturation")
 PLAN = "free-term"  # prefix of the arrays that come with the records
 
 
+@final
 @dc.dataclass(frozen=True)
 class Ground:
     """What a missing force of one family may depend on, and where it may act."""

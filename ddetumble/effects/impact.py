@@ -127,7 +127,7 @@ class MembraneArea(AbstractGeometryEffect):
                                             "to shrink")
     id: ClassVar[str] = "membrane-area"
     law: ClassVar[str] = "b = (1 - alpha) b_perimeter + alpha b_area, 2 b_area^2 + pi b_area d + d^2 = D^2"
-    reference: ClassVar[str] = "inextensible membrane; physics.md section 3, row 3"
+    reference: ClassVar[str] = "inextensible membrane; what a rising pressure needs, row 3 of `ddetumble paper`"
     requires: ClassVar[tuple[str, ...]] = ("geometry",)
 
     def contact_radius(self, contact: Contact) -> Scalar:
@@ -231,7 +231,7 @@ class ArmServo(AbstractDriveEffect):
                             limits_reason="it follows its command; the stiffest arms reach some 1e6 N/m")
     id: ClassVar[str] = "arm-servo"
     law: ClassVar[str] = "m_eff dw/dt gains k_s (v1 t - delta)"
-    reference: ClassVar[str] = "position-controlled arm; physics.md section 3, row 9"
+    reference: ClassVar[str] = "position-controlled arm; what so long an impact needs, row 9 of `ddetumble paper`"
 
     def force(self, contact: Contact) -> Scalar:
         """k_s (v1 t - delta) [N]."""

@@ -360,19 +360,22 @@ def _choose(reference: AbstractModel, choices: Mapping[str, Any], path: Path) ->
     """A model with the choices that a file states; those of its parts have the part's name before a dot."""
     freeze = lambda value: tuple(map(freeze, value)) if isinstance(value, list) else value
 
-    def put(model: Any, names: list[str], value: Any) -> Any:
-        name, *rest = names
-        return dc.replace(model, **{name: put(getattr(model, name), rest, value) if rest else value})
+    def put(model: Any, values: Mapping[str, Any]) -> Any:
+        """All at once, as the model may check one against another."""
+        whole = {name: value for name, value in values.items() if "." not in name}
+        for part in {name.partition(".")[0] for name in values} - {*whole}:
+            inner = {name.removeprefix(f"{part}."): value for name, value in values.items()
+                     if name.startswith(f"{part}.")}
+            whole[part] = put(getattr(model, part), inner)
+        return dc.replace(model, **whole)
 
-    own = list_choices(reference)
-    if set(own) != set(choices):
+    own, wanted = list_choices(reference), {name: freeze(value) for name, value in choices.items()}
+    if set(own) != set(wanted):
         raise InputError("the choices are not those of the model; fit it again", file=path, key="choices")
-    for name, value in choices.items():
-        try:
-            reference = reference if own[name] == freeze(value) else put(reference, name.split("."), freeze(value))
-        except Exception as error:
-            raise InputError(f"the model cannot be made ({error}); fit it again", file=path, key="choices") from None
-    return reference
+    try:
+        return reference if own == wanted else put(reference, wanted)
+    except Exception as error:
+        raise InputError(f"the model cannot be made ({error}); fit it again", file=path, key="choices") from None
 
 
 def _place(name: str, folder: Path) -> tuple[str, str | None]:

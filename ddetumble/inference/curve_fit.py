@@ -147,10 +147,10 @@ def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, 
         InputError: An argument is no use; one sentence says where.
         ComputationError: Sum of squares or derivatives are no numbers where the fit ended.
     """
-    names = tuple(map(str, start)) if isinstance(start, Mapping) else tuple(f"p{k + 1}" for k in range(len(start)))
     begin = _take_numbers("start", list(start.values()) if isinstance(start, Mapping) else start)
     if begin.ndim != 1 or not begin.size:
         raise InputError(f"start is a list of numbers; its shape is {begin.shape}")
+    names = tuple(map(str, start)) if isinstance(start, Mapping) else tuple(f"p{k + 1}" for k in range(len(begin)))
     if not np.isfinite(begin).all():
         raise InputError(f"start of {names[int(np.argmin(np.isfinite(begin)))]} is not a number")
     x, y, dev = _check_readings(x, y, 1.0 if sd is None else sd, ("x", "y", "sd"), most_rows=2)
@@ -275,6 +275,9 @@ def _take_numbers(name: str, values) -> np.ndarray:
 def _check_readings(x, y, sd, names: tuple[str, str, str], most_rows: int = 1, least: int = 0) -> list[np.ndarray]:
     """Readings y over x with their deviations, as arrays of one length, in the order in which they came."""
     x, y, sd = map(_take_numbers, names, (x, y, sd))
+    if most_rows == 1:  # of friction, where a single reading may be a plain number
+        x, y = np.atleast_1d(x, y)
+    sd = sd.reshape(()) if sd.size == 1 else sd
     if y.ndim != 1 or not 1 <= x.ndim <= most_rows:
         several = " or several of its length" if most_rows > 1 else ""
         raise InputError(f"{names[1]} is a list of numbers, and {names[0]} is one too{several}; they have the shapes "
@@ -678,8 +681,9 @@ class _Fitter:
                 point = int(np.argmax(sign * own))
                 if sign * own[point] > sign * end:
                     # Where that line has no end, what still moves away there has none either.
-                    moving = abs(own[point] - own[point - 2]) > MOVING * abs(own[point] - here[k])
-                    end = sign * math.inf if point == POINTS - 1 and moving else own[point]
+                    last = point == POINTS - 1
+                    moving = last and abs(own[point] - own[point - 2]) > MOVING * abs(own[point] - here[k])
+                    end = sign * math.inf if moving else own[point]
                 ends.append(float(np.exp(end) if curve.logs[k] else end))
             points = [p for p in (*both[0][::-1], fit, *both[1]) if np.isfinite(p.chi2)]
             low, high = ends

@@ -8,7 +8,6 @@ import math
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
@@ -44,7 +43,7 @@ def write_json(path: Path, content: Any) -> None:
     write_whole(path, lambda draft: draft.write_text(text, encoding="utf-8"))
 
 
-@contextmanager
+@contextlib.contextmanager
 def hold_folder(folder: Path, busy: str) -> Iterator[None]:
     """Make a folder where there is none, and keep other processes out of it.
 
@@ -61,8 +60,9 @@ def hold_folder(folder: Path, busy: str) -> Iterator[None]:
     try:
         yield
     finally:
+        with contextlib.suppress(OSError):  # while it is held, or the file might be another's already; Windows keeps it
+            (folder / ".lock").unlink()
         held.lock.release()
-        (folder / ".lock").unlink(missing_ok=True)
 
 
 def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> None:

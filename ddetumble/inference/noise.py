@@ -38,7 +38,7 @@ class Noise:
     def covariance(self, lag: np.ndarray) -> np.ndarray:
         """Autocovariance at time lags `lag` [s], any shape."""
         lag = np.abs(lag)
-        coloured = self.correlation ** (lag / self.interval)
+        coloured = max(self.correlation, 0.0) ** (lag / self.interval)
         return self.sd**2 * ((1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval))
 
 

@@ -232,7 +232,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     deviations[: len(keys), stated] = condition_deviations(campaign, campaign.records, nuisances)
     deviations[: len(keys), stated.stop:] = [sd for both in (zeros or {}).values() for sd in both]
     conditions = {str(name): pad(x.to_numpy(dtype=float)) for name, x in campaign.records.items()}
-    for name, value in {**family.defaults, "sequence": 1.0}.items():
+    for name, value in {"sequence": 1.0, **family.defaults}.items():
         conditions.setdefault(name, np.full(rows, value))
     inputs = {}
     if begun is not None:
