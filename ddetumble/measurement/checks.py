@@ -155,17 +155,16 @@ def check_peaks(peaks, keys: Sequence[str]) -> None:
     names = [name for name in PEAKS if name in peaks.values]
     if not names:
         raise InputError(f"there is no column {' or '.join(PEAKS)}; add what was measured", file=peaks.file)
-    check_unique(peaks)
+    check_unique(peaks, "give one row a record, with repeats for a mean")
     _link(peaks, keys)
     refuse_rows(np.all([np.isnan(peaks.values[name]) for name in names], axis=0), peaks, names[0],
                 "the row holds no measured peak; fill it in or remove the row")
 
 
-def check_unique(rows) -> None:
+def check_unique(rows, remedy: str) -> None:
     """Refuse a second row of one record."""
     refuse_rows(pd.Index(rows.keys).duplicated(), rows, "record", lambda i: (
-        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; give "
-        "every test its own key"))
+        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; {remedy}"))
 
 
 def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:

@@ -57,7 +57,7 @@ def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, m
         entry.rpartition("=")[::2] for entry in ([keep] if isinstance(keep, str) else keep or ())]
     for name, column in entries:
         if name:
-            choices[expand_role(name.strip(), kind)] = column.strip()
+            choices[expand_role(name.strip(), kind)] = str(column).strip()
         else:
             extra[column] = name_condition(split_heading(column)[0])
     told = {kind.main: force, "time": time, "slip": slip, "record": record_column}
