@@ -1,4 +1,4 @@
-"""Within which limits a test may be chosen, and which channels could be added: defaults, and what options say."""
+"""Ranges of the settings of the next bench test, and channels that could be added: defaults, and what options say."""
 
 import dataclasses as dc
 import math
