@@ -31,8 +31,8 @@ from ddetumble.exam.simulators.campaigns import Campaign as SimulatedCampaign  #
 from ddetumble.exam.simulators.campaigns import write_package  # noqa: E402
 from ddetumble.exam.simulators.impact_campaigns import make_campaign  # noqa: E402
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign  # noqa: E402
-from ddetumble.planning.limits import Limit  # noqa: E402
 from ddetumble.planning.next_test import design  # noqa: E402
+from ddetumble.planning.setting_ranges import Limit  # noqa: E402
 from ddetumble.selection.discover import discover  # noqa: E402
 
 

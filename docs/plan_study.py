@@ -24,8 +24,9 @@ from ddetumble import Ball, CoulombFriction
 from ddetumble.contact import Striker
 from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
+from ddetumble.planning.constraints import evaluate, evaluate_slopes
 from ddetumble.planning.multistart import find_bounds, find_starts
-from ddetumble.planning.problem import Goal, Limits, StrikeProblem, evaluate, evaluate_slopes
+from ddetumble.planning.problem import Goal, Limits, StrikeProblem
 from ddetumble.planning.single import StrikePlan, plan_strike
 
 

@@ -106,7 +106,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
     ("path", "value", "words"),
     [
         (("family",), "crash", ("family is impact, slip", "'crash'")),
-        (("family",), None, ("family", "missing")),
+        (("family",), None, ("family is missing", "impact, slip, tumble or FILE.py:NAME")),
         (("resources",), [], ("resources",)),
         (("resources",), None, ("resources is missing",)),
         (("resources", 0), None, ("no resource named records",)),

@@ -30,8 +30,8 @@ from ddetumble.planning.distinguishability import (
     thinning_factor,
     value_separation,
 )
-from ddetumble.planning.limits import list_extras, set_limits
 from ddetumble.planning.next_test import design
+from ddetumble.planning.setting_ranges import list_extras, set_limits
 from ddetumble.selection.problem import fit_reference, pose_selection
 from ddetumble.selection.settings import DEFAULT
 

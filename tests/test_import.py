@@ -1,5 +1,7 @@
 """Import of raw files: the numbers come out right, and what cannot be told is asked for by the option's name."""
 
+import os
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -339,7 +341,8 @@ def test_paths(tmp_path):
     [("Fz [N]", "Fz", "N"), ("t (ms)", "t", "ms"), ("Force_N", "Force", "N"), ("Time/s", "Time", "s"),
      ("Kraft in kN", "Kraft", "kN"), ("velocity_m_s", "velocity", "m/s"), ("Fz (filtered)", "Fz (filtered)", None),
      ("F_N", "F_N", None), ("normal_force", "normal_force", None), ("e [-]", "e", "-"), ("test_no", "test_no", None),
-     ("angular_velocity_y", "angular_velocity_y", None), ("p [bar(g)]", "p", "bar(g)"), ("t", "t", None)],
+     ("angular_velocity_y", "angular_velocity_y", None), ("p [bar(g)]", "p", "bar(g)"), ("t", "t", None),
+     ("Force_1", "Force_1", None)],
 )  # fmt: skip
 def test_headings(heading, name, unit):
     assert split_heading(heading) == (name, unit)
@@ -454,6 +457,25 @@ def test_messages_name_the_option(tmp_path, options, words):
     path = write(tmp_path / "a.csv", raw_text([TIME, FORCE], ["t [s]", "Fz [N]"]))
     with pytest.raises(InputError, match=words):
         import_tests(path, **(CONDITIONS | options))
+
+
+def test_a_new_folder_appears_whole_or_not_at_all(tmp_path, monkeypatch):
+    campaign = import_tests(write(tmp_path / "a.csv", raw_text([TIME, FORCE], ["t [s]", "Fz [N]"])), **CONDITIONS)
+    moved, replace = [], os.replace
+    monkeypatch.setattr(os, "replace", lambda source, target: (moved.append(target), replace(source, target)))
+    folder = tmp_path / "campaign"
+    write_campaign(folder, campaign)
+    (tmp_path / "other").mkdir()
+    assert moved == [folder] and folder.stat().st_mode == (tmp_path / "other").stat().st_mode
+
+    def fail(source, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(InputError, match="No space left"):
+        write_campaign(tmp_path / "new", campaign)
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_folder_that_is_taken_names_the_option(tmp_path):

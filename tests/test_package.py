@@ -130,7 +130,7 @@ def test_peaks(tmp_path):
     assert list(campaign.select(["r01"]).peaks.index) == ["r01"]
     for spoilt, words in [
         (rows.replace("54.669", ""), "line 2.*no measured peak"),
-        (rows.replace("r02", "r01", 1), "line 3.*row already"),
+        (rows.replace("r02", "r01", 1), "line 3.*row already.*repeats for a mean"),
         (rows.replace(",16", ",1.5", 1), "line 2, column repeats.*whole"),
         (rows.replace("48.519", "-48"), "line 3, column peak_normal_force.*positive"),
         ("record,peak_normal_force,printed_normal_force,repeats\nr02,54.669,,16\n", "r01.*no samples or peak"),

@@ -21,18 +21,16 @@ from ddetumble.dynamics.bodies import Box, Sphere
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load
+from ddetumble.planning.constraints import CONSTRAINTS, evaluate, evaluate_slopes
 from ddetumble.planning.measured import find_measured_ranges
 from ddetumble.planning.multistart import find_starts, screen
 from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.problem import (
-    CONSTRAINTS,
     VARIABLES,
     Goal,
     Limits,
     StrikeProblem,
     drift,
-    evaluate,
-    evaluate_slopes,
     is_symmetric,
     read_design,
     span_plane,

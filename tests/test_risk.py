@@ -20,17 +20,9 @@ from ddetumble.contact import Striker
 from ddetumble.dynamics import Cylinder
 from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.inference.archive import load
+from ddetumble.planning.constraints import CONSTRAINTS, evaluate, judge
 from ddetumble.planning.draws import draw_coordinates, draw_laws, draw_normals, draw_posterior, split_laws, vary_law
-from ddetumble.planning.problem import (
-    CONSTRAINTS,
-    Goal,
-    Limits,
-    StrikeProblem,
-    evaluate,
-    judge,
-    read_design,
-    strike_debris,
-)
+from ddetumble.planning.problem import Goal, Limits, StrikeProblem, read_design, strike_debris
 from ddetumble.planning.robust import KEPT, RobustProblem, plan_robust_strike, smooth_tail
 from ddetumble.planning.scenario import pose_laws, pose_problem, read_scenario
 from ddetumble.planning.sequence import Sequence

@@ -94,8 +94,13 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
 
 def _find_onsets(tests: list[RawTest], notes: list[str]) -> Onsets:
     """Onsets of all tests, and in words what they share."""
-    found = find_onsets([test.values["time"] for test in tests], [test.values["normal_force"] for test in tests],
-                        [f"{test.file}: record {test.key!r}: " for test in tests])
+    files = {f"record {test.key!r}: ": test.file for test in tests}
+    try:
+        found = find_onsets([test.values["time"] for test in tests], [test.values["normal_force"] for test in tests],
+                            list(files))
+    except InputError as error:
+        file = next((file for label, file in files.items() if error.problem.startswith(label)), None)
+        raise InputError(error.problem, file=file) from None
     notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms: how the force begins, "
                  "and the delay of the measuring chain, which the force itself does not show.")
     if found.start != "curved":

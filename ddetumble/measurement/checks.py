@@ -16,8 +16,8 @@ from .units import role_of, si_unit
 
 PEAKS = ("peak_normal_force", "peak_friction_force")
 FEWEST_SAMPLES = 5
-_GAUGE = ('; if the gauge counts from the ambient pressure, mark the field "reference": "gauge" and state '
-          "ambient_pressure in known; to an import give --gauge and --ambient")
+GAUGE = ('; if the gauge counts from the ambient pressure, mark the field "reference": "gauge" and state '
+         "ambient_pressure in known; to an import give --gauge and --ambient")
 OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
@@ -61,13 +61,14 @@ def check_keys(keys: Sequence[str], rows, column: str = "record") -> None:
                 "the record key holds control characters; name the test")
 
 
-def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, column: str = "") -> None:
+def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, column: str = "",
+                 gauge: str = GAUGE) -> None:
     """Refuse values that the quantity of that name cannot have: numbers that overflow, zero or negative speeds, loads
     and peaks, pressures below vacuum (sampled ones by more than six standard deviations), counts that are no whole
     numbers from 1 on.
 
     `values` are SI, shape (rows,), NaN passes; `resource` is `records`, `samples` or `peaks`; `column` is the heading,
-    where it is another than the name.
+    where it is another than the name, `gauge` what the message on a negative pressure ends with.
     """
     column, hint = column or name, ""
 
@@ -81,7 +82,7 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
         refuse(values <= 0, "must be positive")
     elif resource != "samples" and name in _NOT_NEGATIVE or name == "pressure":
         pressed = role_of(name) == "pressure"
-        hint = _GAUGE if pressed else ""
+        hint = gauge if pressed else ""
         slack = 6 * uncertainty.sd(values) if name == "pressure" and uncertainty else 0.0
         refuse(values < -slack, "an absolute pressure cannot be negative" if pressed else "cannot be negative")
 
@@ -155,17 +156,16 @@ def check_peaks(peaks, keys: Sequence[str]) -> None:
     names = [name for name in PEAKS if name in peaks.values]
     if not names:
         raise InputError(f"there is no column {' or '.join(PEAKS)}; add what was measured", file=peaks.file)
-    check_unique(peaks)
+    check_unique(peaks, "give one row a record, with repeats for a mean")
     _link(peaks, keys)
     refuse_rows(np.all([np.isnan(peaks.values[name]) for name in names], axis=0), peaks, names[0],
                 "the row holds no measured peak; fill it in or remove the row")
 
 
-def check_unique(rows) -> None:
+def check_unique(rows, remedy: str) -> None:
     """Refuse a second row of one record."""
     refuse_rows(pd.Index(rows.keys).duplicated(), rows, "record", lambda i: (
-        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; give "
-        "every test its own key"))
+        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; {remedy}"))
 
 
 def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:

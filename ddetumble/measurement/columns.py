@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._errors import InputError
-from .checks import Rows, check_values
+from .checks import GAUGE, Rows, check_values
 from .headings import expand_role, guess_role, name_condition, read_pairs
 from .kinds import KINDS, RecordKind
 from .layout import RawFile, split_heading
@@ -41,10 +41,11 @@ class Plan:
         if name == self.kind.pressure and self.ambient is not None:
             values = {key: value + self.ambient for key, value in values.items()}
         self.conditions[name], self.si[name], self.sources[name] = values, unit, source
+        gauge = GAUGE if self.ambient is None else ""  # it is told already
         for key, value in values.items():
             place = (places or {}).get(key, {})
             try:
-                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None)
+                check_values(name, np.array([value]), Rows("", np.array([1])), "records", None, gauge=gauge)
             except InputError as error:
                 by = "" if place else f" (given by {source})"
                 raise InputError(f"{name} of record {key!r}: {error.problem}{by}", **place) from None
@@ -57,7 +58,7 @@ def make_plan(kind: RecordKind, force, time, slip, record_column, units, keep, m
         entry.rpartition("=")[::2] for entry in ([keep] if isinstance(keep, str) else keep or ())]
     for name, column in entries:
         if name:
-            choices[expand_role(name.strip(), kind)] = column.strip()
+            choices[expand_role(name.strip(), kind)] = str(column).strip()
         else:
             extra[column] = name_condition(split_heading(column)[0])
     told = {kind.main: force, "time": time, "slip": slip, "record": record_column}

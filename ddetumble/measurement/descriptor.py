@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, Stri
 
 from .._errors import InputError, error_place
 from .._settings import locate_campaign
+from .kinds import KINDS
 from .tables import decode
 
 
@@ -178,7 +179,8 @@ def _explain(error: ValidationError, tree: dict) -> str:
         elif not re.search(r"[\[(]", part) and part not in ("str", "int", "float"):
             place += f"{'.' if place else ''}{part}"
     if first["type"] == "missing":
-        return f"{place} is missing; add it"
+        more = f": {', '.join(KINDS)} or FILE.py:NAME for one of your own" if place == "family" else ""
+        return f"{place} is missing; add it{more}"
     if isinstance(given, float) and not math.isfinite(given):
         given = "not finite"
     shown = repr(given) if isinstance(given, str | int | float | bool | None) else f"of type {type(given).__name__}"

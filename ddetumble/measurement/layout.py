@@ -16,7 +16,7 @@ DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": 
 _NUMBER = re.compile(r"[-+−]?(\d[\d.,]*|[.,]\d+)([eE][-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
 _PLAIN = ("m", "s", "N", "Pa", "m/s", "rad/s", "K")  # of the dimensions that a heading's bare suffix may have
-_LETTERS = ("N", "s", "m", "K", "V", "%", "1")  # single characters that may be a unit there
+_LETTERS = ("N", "s", "m", "K", "V", "%")  # single characters that may be a unit there
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,15 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
         InputError: It cannot be told, or the rows do not agree with one another; the option that settles it is named.
     """
     file, short = str(path), Path(path).name
-    data, encoding = read_bytes(path), "utf-8"
+    data, encoding, notes = read_bytes(path), "utf-8", []
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16"
+        encoding, notes = "utf-16", [f"{short}: read as UTF-16."]
     try:
         text = decode(data, file, encoding)
     except InputError as error:
         if "NUL" in error.problem:
             raise
-        encoding = "windows-1252"
-        text = decode(data, file, encoding)
-    notes = [] if encoding == "utf-8" else [f"{short}: read as {encoding.upper()}."]
+        text, notes = decode(data, file, "windows-1252"), [f"{short}: not UTF-8, read as Windows-1252."]
     delimiter = {"tab": "\t", "\\t": "\t", "space": " "}.get(delimiter or "", delimiter)
     if delimiter not in (None, *DELIMITERS):
         raise InputError(f"the delimiter {delimiter!r} is not known; give --delimiter as , ; | tab or space", file=file)
@@ -102,7 +100,7 @@ def _is_unit(text: str, bare: bool = False) -> bool:
         return "gauge" in error.problem
     if not bare:
         return True
-    plain = text in ("%", "1", "V", "mV", "deg", "rad")
+    plain = text in ("%", "V", "mV", "deg", "rad")
     plain = plain or any(unit.dimension == parse_unit(si).dimension for si in _PLAIN)
     return plain and (len(text) > 1 or text in _LETTERS)
 

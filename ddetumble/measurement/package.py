@@ -4,7 +4,8 @@ import hashlib
 import json
 import os
 import re
-import tempfile
+import shutil
+import uuid
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -85,7 +86,7 @@ def _read_package(descriptor: Path) -> Campaign:
     tables = {name: _read_resource(resources[name], descriptor, known, digest, notes)
               for name in ("records", "samples", "peaks") if name in resources}
     records, samples, peaks = tables["records"], tables.get("samples"), tables.get("peaks")
-    checks.check_unique(records)
+    checks.check_unique(records, "give every test its own key")
     parts: dict[str, Any] = {}
     if samples is not None:
         independent = checks.check_samples(samples, records.keys, kind)
@@ -197,7 +198,8 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
 def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Campaign:
     """Write a campaign's folder: `datapackage.json`, `records.csv` and `samples.csv` or `peaks.csv`.
 
-    The package is written beside its place, read back with every check, and only then moved there.
+    The package is written beside its place, read back with every check, and only then moved there: a new folder whole
+    or not at all; into a folder that is there the tables first, the descriptor last.
 
     Args:
         folder: Where to write; created if it is not there.
@@ -220,21 +222,25 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
             if not overwrite:
                 raise InputError("the folder holds a campaign already; name a new one, or replace it with --overwrite")
     texts = format_campaign(replace(campaign, name=campaign.name or folder.name), folder)
+    draft = folder.parent / f".{folder.name}-{uuid.uuid4().hex[:8]}"
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as draft:
-            for name, text in texts.items():
-                (Path(draft) / name).write_text(text, encoding="utf-8", newline="")
-            try:
-                written = read_campaign(draft)
-            except InputError as error:
-                name = Path(error.file).name if error.file else None
-                raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
-            folder.mkdir(exist_ok=True)
-            for name in texts:  # the descriptor is last: without it there is no campaign
-                os.replace(Path(draft) / name, folder / name)
+        draft.mkdir(parents=True)
+        for name, text in texts.items():
+            (draft / name).write_text(text, encoding="utf-8", newline="")
+        try:
+            written = read_campaign(draft)
+        except InputError as error:
+            name = Path(error.file).name if error.file else None
+            raise InputError(error.problem, file=name, column=error.column, row=error.row, key=error.key) from None
+        if folder.exists():  # it stays the same folder, as whoever made it may hold a lock on it
+            for name in texts:
+                os.replace(draft / name, folder / name)
+        else:
+            os.replace(draft, folder)
     except OSError as error:
         raise InputError(f"the campaign cannot be written: {error.strerror}", file=folder) from None
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
     return replace(written, path=folder, notes=campaign.notes)
 
 

@@ -196,8 +196,8 @@ def format_quantity(name: str, value: float, longest: float = 0.0) -> str:
 
 
 def join_words(words: Iterable[str], last: str = "and") -> str:
-    """Words with commas between them, and `last` before the last one."""
-    *first, end = words
+    """Words with commas between them, and `last` before the last one; '' of none."""
+    *first, end = list(words) or [""]
     return f"{', '.join(first)} {last} {end}" if first else end
 
 

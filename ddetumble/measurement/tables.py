@@ -133,8 +133,8 @@ def _check_header(header: list[str], file: str, line: int, delimiter: str) -> No
         if header.count(name) > 1:
             problem = f"the heading {name!r} is there {header.count(name)} times; give each column its own name"
             raise InputError(problem, file=file, row=line)
-    other = next((sign for sign in ";\t|," if sign in header[0]), None) if len(header) == 1 else None
-    if other:
+    other = next((sign for sign in ";\t|," if sign != delimiter and sign in header[0]), None)
+    if other and len(header) == 1:
         shown = "a tab" if other == "\t" else repr(other)
         problem = f'cells seem to be separated by {shown}, not {delimiter!r}; state it as "dialect": '
         raise InputError(problem + '{"delimiter": …} of the resource', file=file, row=line)

@@ -135,8 +135,7 @@ def check_unit(text: str, quantity: str) -> Unit:
         if spelt and parse_unit(spelt.split()[0]).dimension == wanted.dimension:
             hint = f"; did you mean {spelt}?"
         elif measured != "pure number":
-            hint = (f"; {unit.text} is of a {measured}: correct the unit, or take the column that holds the "
-                    f"{wanted.text}")
+            hint = f"; {unit.text} is of a {measured}: correct the unit, or take the column that holds the {kind}"
         raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted.text}){hint}")
     if kind == "angular velocity" and re.search("Hz|hertz", unit.text):
         raise InputError(f"unit {unit.text!r} leaves open whether {quantity} counts turns; write rad/s, deg/s or rpm")

@@ -53,11 +53,13 @@ class Visible:
 
     Attributes:
         effect: id; `parameter` its amplitude, `unit` that of `size`.
-        size: public value of the amplitude that would be found with 95 % power, at the shape that shows most, or None.
+        size: public value of the amplitude that would be found with 95 % power, at the shape that shows most; None
+            where no size that physics allows would be.
         shapes: values of its shape parameters there, public.
         visible: fraction of its own signature (squared length) that refits leave.
         closest: effect whose signature is most like it, `cosine` of the two.
-        told: multiple of the departure of `size` from the null from which it is told from `closest`, or None.
+        told: multiple of the departure of `size` from the null from which it is told from `closest`; None where no
+            value that physics allows is.
         sizes: of each component of a vector, by public name.
     """
 

@@ -34,7 +34,7 @@ from ..inference.noise import TAPS, Noise, whitening
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import observe_record
 from ..inference.stack import Stack
-from .limits import Extra, Limit
+from .setting_ranges import Extra, Limit
 
 
 ITEMS = 16  # rivals at conditions that one call of the compiled program looks at

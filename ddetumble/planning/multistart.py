@@ -13,18 +13,8 @@ from scipy.stats import qmc
 from .._rotation import rotate, rotate_back
 from ..contact.damping import damped_work
 from ..contact.gripping import Patch, find_height
-from .problem import (
-    SLIPS,
-    SPEED,
-    VARIABLES,
-    Parting,
-    StrikeProblem,
-    constrain,
-    reach_speed,
-    read_design,
-    score,
-    span_plane,
-)
+from .constraints import Parting, constrain
+from .problem import SLIPS, SPEED, VARIABLES, StrikeProblem, reach_speed, read_design, score, span_plane
 
 
 DRAWS = 2048  # designs of a generation, on all faces together; a power of 2, as a Sobol sample is even there

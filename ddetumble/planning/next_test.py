@@ -33,7 +33,7 @@ from .distinguishability import (
     value_information,
     value_separation,
 )
-from .limits import Extra, Limit, list_extras, set_limits
+from .setting_ranges import Extra, Limit, list_extras, set_limits
 
 
 FILE = "design.json"

@@ -1,14 +1,14 @@
-r"""One impact as a problem of optimisation: what can be chosen, what is wanted, what must not happen.
+r"""One impact as a problem of optimisation: what can be chosen, what is allowed, what is wanted.
 
 Seven variables: two coordinates of the point on a face, the velocity of the arm relative to the surface there, against
 the normal and along two tangents, the pressure in the ball, and the instant within a window. Velocities are in units of
 the approach speed that force and depression allow (`allow_speed`), all others over -1 to 1. Wanted is a weighted sum of
-the fractions of angular momentum and of rotational energy that are left and of the nutation angle over 90°. What must
-not happen is told by `Constraints`.
+the fractions of angular momentum and of rotational energy that are left and of the nutation angle over 90°.
+Whether an impact keeps the limits is told by `planning.constraints`.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, final
+from collections.abc import Mapping
+from typing import final
 
 import diffrax as dfx
 import equinox as eqx
@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Array
 
 from .._numerics import safe_divide, scalar
-from .._rotation import from_rotation_vector, multiply, normalise, rotate, rotate_back
-from ..contact.gripping import StrikeLaw, Striker, find_height
+from .._rotation import normalise, rotate
+from ..contact.gripping import StrikeLaw, Striker
 from ..dynamics.angles import measure_nutation
 from ..dynamics.collision import Collision, simulate_collision
 from ..dynamics.free_motion import coast_symmetric, propagate_torque_free
@@ -31,36 +31,7 @@ VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first t
              "second tangential speed", "pressure", "instant")
 SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384  # of an impact, for gradients that agree with differences to 1e-4
-MISSED = 1e-3  # fraction of the least approach speed, below which a ball strikes nothing
 TINY = 1e-7  # fraction of the momentum below which its size is rounded off
-PATH = np.linspace(0.1, 1.0, 6)  # fractions of the clearance time at which the ball's path is looked at
-
-
-class Constraints(NamedTuple):
-    """All that has to hold, each scaled and at least zero where the plan is allowed: numbers, or an array of each.
-
-    Attributes:
-        speed: of the arm, squared.
-        approach, force, depression: of the impact.
-        edge, next_edge: distance of the contact disc from the nearest edge and the next, over 0.1 m. The next holds
-            nothing that the nearest does not: in a corner, where the lever arm is largest and the nearest edge changes,
-            it tells a search of the other one, so that both hold it there.
-        side: the chaser's.
-        clear: distance of the ball from the body before and after the impact, over 0.01 m.
-    """
-
-    speed: Any
-    approach: Any
-    force: Any
-    depression: Any
-    edge: Any
-    next_edge: Any
-    side: Any
-    clear: Any
-
-
-CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
-                          "nothing else hit")
 
 
 @final
@@ -266,88 +237,3 @@ def score(problem: StrikeProblem, rates: Array) -> Array:
     nutation = measure_nutation(inertia, rates)
     nutation = jnp.minimum(nutation, jnp.pi - nutation) / (0.5 * jnp.pi)
     return goal.momentum * momentum + goal.energy * energy + goal.nutation * nutation
-
-
-class Parting(eqx.Module):
-    """Body and ball at separation; names as of `Collision`."""
-
-    attitude: Array
-    angular_velocity: Array
-    displacement: Array
-    velocity: Array
-    arm_velocity: Array
-
-
-def keep_clear(problem: StrikeProblem, design: Design, after: Parting | Collision, radius: Array) -> Array:
-    """Least distance between ball and body before and after the contact, less what it is at first touch [m].
-
-    The ball keeps its velocity on either side, the body its rates; over less than a second that is enough.
-    """
-    surface, limits = problem.debris.surface, problem.limits
-    start = radius * design.normal + rotate(design.attitude, design.point)
-
-    def distance(time, attitude, rates, place, velocity, centre, drifting):
-        turned = multiply(attitude, from_rotation_vector(time * rates))
-        return surface.find_foot(rotate_back(turned, place + time * velocity - centre - time * drifting)).distance
-
-    times = limits.clearance * PATH
-    earlier = jax.vmap(lambda t: distance(-t, design.attitude, design.angular_velocity, start, design.velocity,
-                                          jnp.zeros(3), jnp.zeros(3)))(times)
-    # The ball touches where it ends: it is placed a radius off the surface again.
-    moved = after.displacement + rotate(after.attitude, design.point)
-    away = moved + radius * rotate(after.attitude, surface.find_foot(design.point).normal)
-    later = jax.vmap(lambda t: distance(t, after.attitude, after.angular_velocity, away, after.arm_velocity,
-                                        after.displacement, after.velocity))(times)
-    return jnp.minimum(jnp.min(earlier), jnp.min(later)) - radius
-
-
-def constrain(problem: StrikeProblem, design: Design, after: Parting | Collision, margins: Array, approach: Array,
-              force: Array, depression: Array) -> Constraints:
-    """The constraints of an impact from its least distances to all edges [m] and its peaks, all SI."""
-    limits = problem.limits
-    nearest = jnp.argmin(margins)
-    others = jnp.where(jnp.arange(margins.size) == nearest, jnp.inf, margins)
-    # No more than from a metre off: where there is no other edge, there is nothing to be told.
-    edges = jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
-    radius = find_height(problem.law.reference.ball.diameter(), jnp.zeros(()))
-    return Constraints(
-        1.0 - jnp.sum(design.velocity**2) / limits.speed**2, approach / limits.approach - 1.0,
-        1.0 - force / limits.force, 1.0 - depression / limits.depression, edges[0], edges[1],
-        jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01)
-
-
-def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Constraints:
-    """The constraints of an impact that was integrated."""
-    return constrain(problem, design, collision, collision.margins, collision.approach_speed, collision.peak_force,
-                     collision.peak_depression)
-
-
-@eqx.filter_jit
-def evaluate(problem: StrikeProblem, face: Array, x: Array) -> Array:
-    """What is wanted small and all constraints of one design, shape (1 + constraints,)."""
-    return _evaluate(problem, face, x, None)
-
-
-@eqx.filter_jit
-def evaluate_slopes(problem: StrikeProblem, face: Array, x: Array) -> tuple[Array, Array]:
-    """The same with derivatives by the seven variables, shapes (1 + constraints,), (1 + constraints, 7)."""
-    return with_slopes(lambda x: _evaluate(problem, face, x, dfx.ForwardMode()), x)
-
-
-def with_slopes(function: Callable[[Array], Array], x: Array) -> tuple[Array, Array]:
-    """A function's value and its derivatives in forward mode, in one sweep."""
-    slopes, value = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)(x)
-    return value, slopes
-
-
-def _evaluate(problem: StrikeProblem, face: Array, x: Array, adjoint) -> Array:
-    design = read_design(problem, face, x)
-    collision = strike_debris(problem, design, adjoint)
-    kept = judge(problem, design, collision)
-    values = jnp.stack([score(problem, collision.angular_velocity), *kept])
-    # A ball that does not approach strikes nothing: only its approach is told.
-    missed = collision.approach_speed <= MISSED * problem.limits.approach
-    nothing = Constraints(*jnp.zeros(len(kept)))._replace(approach=kept.approach)
-    blank = jnp.stack([score(problem, problem.angular_velocity), *nothing])
-    bad = (collision.failed | ~collision.separated) & ~missed
-    return jnp.where(missed, blank, jnp.where(bad, jnp.nan, values))

@@ -11,8 +11,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .constraints import CONSTRAINTS
 from .multistart import Place, evolve_designs, find_bounds
-from .problem import CONSTRAINTS, StrikeProblem, allow_speed, score
+from .problem import StrikeProblem, allow_speed, score
 from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, descend
 
 

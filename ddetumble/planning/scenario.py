@@ -54,7 +54,7 @@ class DebrisTable(_Strict):
         "`length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).")
     mass: Positive = Field(default=1000.0, description="[kg].")
     radius: Positive = Field(default=1.0, description="of a cylinder; the radius of a sphere, too [m].")
-    length: Positive = Field(default=3.0, description="of a cylinder; the radius of a sphere, too [m].")
+    length: Positive = Field(default=3.0, description="of a cylinder [m].")
     lengths: tuple[Positive, Positive, Positive] | None = Field(default=None, description="along body x, y, z [m].")
     file: StrictStr = Field(default="", description="of a closed convex mesh, from the scenario's own folder on.")
     scale: Positive = Field(default=1.0, description="metres per unit of the mesh.")
@@ -146,14 +146,11 @@ class GoalTable(_Strict):
     """`[goal]`: what is wanted."""
 
     momentum: NotNegative = Field(
-        default=1.0, description="weights of |L| and of the energy left, and of the nutation angle "
-        "over 90°.")
+        default=1.0, description="weight of |L| left, over |L| before.")
     energy: NotNegative = Field(
-        default=0.0, description="weights of |L| and of the energy left, and of the nutation angle "
-        "over 90°.")
+        default=0.0, description="weight of the rotational energy left, over that before.")
     nutation: NotNegative = Field(
-        default=0.0, description="weights of |L| and of the energy left, and of the nutation angle "
-        "over 90°.")
+        default=0.0, description="weight of the nutation angle after, over 90°.")
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="at most so many.")
     share: Annotated[Real, Field(ge=0, lt=1)] = Field(
         default=0.01, description="of the angular momentum at which a sequence "

@@ -18,8 +18,9 @@ from .._errors import ComputationError
 from ..contact.effect import AbstractDriveEffect
 from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate_impact
+from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
-from .problem import MISSED, StrikeProblem, judge, reach_speed, read_design, strike_debris, with_slopes
+from .problem import StrikeProblem, reach_speed, read_design, strike_debris
 from .relaxation import Relaxation, find_relaxations
 from .single import (
     ALLOWED,

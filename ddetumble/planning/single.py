@@ -13,19 +13,9 @@ from scipy.optimize import minimize, nnls
 
 from .._errors import ComputationError
 from ..dynamics.collision import Collision
+from .constraints import CONSTRAINTS, evaluate, evaluate_slopes, judge
 from .multistart import Place, estimate_score, find_bounds, find_starts
-from .problem import (
-    CONSTRAINTS,
-    VARIABLES,
-    Design,
-    StrikeProblem,
-    evaluate,
-    evaluate_slopes,
-    judge,
-    read_design,
-    score,
-    strike_debris,
-)
+from .problem import VARIABLES, Design, StrikeProblem, read_design, score, strike_debris
 
 
 BINDING = 1e-4  # scaled constraint, or distance of a variable from its bound, that counts as none

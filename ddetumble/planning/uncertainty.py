@@ -14,8 +14,9 @@ import numpy as np
 from .._errors import ComputationError
 from ..contact.gripping import StrikeLaw
 from ..posterior.stacking import name_rival
+from .constraints import CONSTRAINTS, MISSED, Constraints
 from .draws import Laws, split_laws
-from .problem import CONSTRAINTS, MISSED, Constraints, Goal, StrikeProblem
+from .problem import Goal, StrikeProblem
 from .sequence import SHARE, SLACK, follow_impacts
 from .sequence import Sequence as Impacts
 from .single import ALLOWED, LOST, StrikePlan, Tally, compute_impact, refine

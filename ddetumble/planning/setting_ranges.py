@@ -1,4 +1,4 @@
-"""Within which limits a test may be chosen, and which channels could be added: defaults, and what options say."""
+"""Ranges of the settings of the next bench test, and channels that could be added: defaults, and what options say."""
 
 import dataclasses as dc
 import math
@@ -74,10 +74,10 @@ def set_limits(saved: FittedModel, entries: Mapping[str, str] | Sequence[str] | 
             low, high = _read_range(name, given[name])
         elif name == "sequence":
             low = high = high + 1.0
-        elif name in family.starts:
-            pass
         elif name not in family.plan.chosen:
             low = high = math.sqrt(low * high) if low > 0 else 0.5 * (low + high)
+        elif name in family.starts:
+            pass  # known as it is above
         elif low <= 0:
             low, high = max(low, 0.0), WIDE * high
         else:
