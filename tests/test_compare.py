@@ -1,6 +1,8 @@
 """One model beside the measurements: errors against the noise, where they sit, and what is said about them."""
 
+import dataclasses as dc
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,9 +21,11 @@ from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
+from ddetumble.selection import localise
 from ddetumble.selection.compare import bin_residuals, compare
-from ddetumble.selection.result import Trace
+from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.series import nrmse, nrmse_by_channel
+from ddetumble.selection.settings import DEFAULT
 
 
 BASE = {"effective_mass": 1.3, "restitution": 0.72}
@@ -85,6 +89,20 @@ def test_refused(tmp_path):
         compare(campaign, "no-such-model")
 
 
+def test_places(monkeypatch):
+    """Beside the place of a direction those in its range stand, too, but for one that holds nearly all the misfit."""
+    found = [Place("normal_force", "depression", (0.02, 0.03), "loading", share) for share in (0.6, 0.95)]
+    fit = SimpleNamespace(loss=np.full(3, 1e3), solution=SimpleNamespace(chi2=900.0, shared=np.zeros((3, 1, 2))))
+    best = SimpleNamespace(loss=np.zeros(3), solution=SimpleNamespace(chi2=300.0))
+    problem = SimpleNamespace(settings=DEFAULT, groups=np.arange(3), samples=302.0,
+                              family=SimpleNamespace(state="depression"))
+    monkeypatch.setattr(localise, "residual_places", lambda *_: found)
+    monkeypatch.setattr(localise, "_place", lambda *_: Place("normal_force", "depression", (0.01, 0.04), "both", 1.0))
+    monkeypatch.setattr(localise, "share_of_range", lambda *_: 0.65)
+    first, second = localise.locate(problem, fit, {"direction": best})
+    assert (first.share, first.removes) == (0.65, 1.0) and second == found[0]
+
+
 def test_errors_of_traces():
     """Errors of hand-made traces; missing samples count for nothing."""
     time = np.linspace(-0.1, 1.1, 13)
@@ -97,6 +115,8 @@ def test_errors_of_traces():
     level = np.sqrt(np.nanmean(measured**2))
     assert nrmse_by_channel(traces) == pytest.approx({"normal_force": 0.5 / level, "pressure": 0.5 / level})
     assert nrmse(traces) == pytest.approx(0.5 / level) and nrmse(traces, noise=True) == pytest.approx(0.25 / level)
+    blind = dc.replace(traces[0], record="r2", measured=np.full(13, np.nan), sd=float("nan"))
+    assert nrmse((*traces, blind), noise=True) == pytest.approx(0.25 / level)
 
     class Plan:
         conditions = ("initial_pressure",)

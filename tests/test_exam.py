@@ -258,6 +258,8 @@ def test_answers_are_marked():
 
 def test_scores_add_up():
     """Counts of the made answers, by hand."""
+    nothing = scoring.score([])
+    assert nothing["cases"] == 0 and nothing["coverage"].total == 0 and nothing["seconds"] is None
     marks = scoring.score([row for row, _ in ANSWERS])
     counts = {key: (marks[key].count, marks[key].total) for key, value in marks.items()
               if isinstance(value, scoring.Share)}  # fmt: skip

@@ -3,6 +3,7 @@
 import dataclasses as dc
 import json
 import re
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +19,7 @@ from ddetumble.posterior.loo import score_conditions, smooth_weights
 from ddetumble.posterior.predictive_check import check_posterior
 from ddetumble.posterior.sampling import sample
 from ddetumble.posterior.stacking import (
+    ModelWeights,
     average,
     compare_rivals,
     draw_about,
@@ -236,6 +238,17 @@ def test_malformed_weights(tmp_path, changes, says, capsys):
     conditions.write_text("record,slip\na,0.1\n", encoding="utf-8")
     assert main(["predict", str(folder), str(conditions)]) == 2
     assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_weights_are_written_into_folders(tmp_path):
+    """What is no folder of its own is not written through, nor over."""
+    rival = SimpleNamespace(folder="a", fit=SimpleNamespace(save=lambda place: pytest.fail(f"wrote {place}")))
+    found = ModelWeights("c", "", "paper", (rival,), "s", ())
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "w").mkdir()
+    (tmp_path / "w" / "a").symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    with pytest.raises(InputError, match="is in the way"):
+        found.save(tmp_path / "w")
 
 
 def test_weights_that_are_no_json(tmp_path):

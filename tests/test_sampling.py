@@ -334,6 +334,8 @@ def test_failures_count_as_impossible():
 
     found = sample(pose_curve(broken, (), ["x"], [0.0], [[1.0]]), effective=500)
     assert found.x.max() <= 0.5 and found.statistics["failures"] > 0
+    still = dc.replace(found, statistics={"accepted": 0.0, "evaluations": 3, "resumed": 0})
+    assert "draws kept; 0 % of the moves accepted, 3 evaluations of the density\n" in str(still)
     assert any("could not be computed" in note for note in found.notes)
 
 

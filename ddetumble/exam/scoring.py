@@ -13,6 +13,8 @@ from scipy import stats
 Row = Mapping[str, Any]
 KINDS = ("nothing", "one", "two", "outside")  # of what is hidden
 ALARMS = ("explained", "improved", "unexplained")
+COLUMNS = ["kind", "verdict", "fault", "noise", "strength", "alarm", "right", "first", "in_set", "pinned", "reported",
+           "set_size", "heldout", "seconds", "answering", "processor"]  # of what `score` counts
 AIMS = {"false alarms": 0.05, "singles named or in a set of two": 0.98, "outside called explained": 0.05,
         "pairs named": 0.90}  # fmt: skip
 SURE_STRENGTH = 2.0  # from which on singles count for the aim
@@ -121,7 +123,7 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         "set_size": size_set(r) if r.get("found") else None, "heldout": r.get("heldout_over_noise"),
         "seconds": sum(r["seconds"].values()), "answering": r["seconds"].get("answering"),
         "processor": r.get("processor_seconds"),
-    } for r in rows])  # fmt: skip
+    } for r in rows], columns=COLUMNS)  # fmt: skip
     nulls, singles, pairs, outside = kinds = [table[table["kind"] == kind] for kind in KINDS]
     sure, sure_pairs = (own[own["strength"] >= SURE_STRENGTH] for own in (singles, pairs))
     inside = table["right"] & (table["kind"] != "outside")

@@ -188,6 +188,10 @@ def write_arrays(path: Path, arrays: Block) -> None:
             os.fsync(file.fileno())
 
     write_whole(path, write)
+    if hasattr(os, "O_DIRECTORY"):  # the renaming goes to the disk too, where the system can
+        handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        os.fsync(handle)
+        os.close(handle)
 
 
 def read_arrays(path: Path) -> Block:

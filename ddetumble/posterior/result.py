@@ -135,8 +135,8 @@ class Posterior(AbstractPrinted):
 
     def __str__(self) -> str:
         """The report."""
-        told = ", ".join(text.format(self.statistics[key]) for key, text in STATISTICS.items()
-                         if self.statistics.get(key)).replace("%", " %")
+        told = ", ".join(text.format(self.statistics[key]) for key, text in STATISTICS.items() if key in self.statistics
+                         and (self.statistics[key] or key not in ("resumed", "divergences"))).replace("%", " %")
         lines = [f"[[Posterior]]\n    {self.title}", "[[Sampling]]", f"    {self.sampler}: {self.state}",
                  f"    {self.log_density.size} draws kept; {told}", "[[Parameters]]"]
         rows = [("", "mean", "sd", "2.5 %", "97.5 %", "indep.", "R-hat", "fit")]

@@ -128,7 +128,10 @@ class ModelWeights(AbstractPrinted):
         # Weights of an earlier set must not stand beside the fits of this one.
         (folder / FILE).unlink(missing_ok=True)
         for one in self.rivals:
-            one.fit.save(folder / one.folder)
+            place = folder / one.folder
+            if place.is_symlink() or (place.exists() and not place.is_dir()):
+                raise InputError("is in the way; remove it, or name another folder", file=place)
+            one.fit.save(place)
         write_json(folder / FILE, self.to_dict())
         return folder
 
@@ -208,7 +211,7 @@ def read_discovery(folder: Path) -> tuple[str, list[tuple[type[AbstractEffect], 
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         model, campaign, sha256 = (str(content[key]) for key in ("model", "campaign", "sha256"))
-        last = content["steps"][-1]["effects"]
+        last = [str(effect) for effect in content["steps"][-1]["effects"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, RecursionError):
         raise InputError("this is no result of discover, or a damaged one; run discover again", file=path) from None
     others = sorted((place.parent for place in folder.glob("rivals/*/model.json")), key=lambda p: (len(p.name), p.name))

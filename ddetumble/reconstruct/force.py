@@ -39,6 +39,7 @@ MEASURED = "measured_pressure"  # condition under which a law finds the measured
 STEPS = 256  # of the motion
 REACH = 1.12  # how far beyond the measured separation the motion is followed
 TOLERANCE = 1e-4  # fall of chi-square at which the fit ends: a hundredth of a standard error
+ENDED = 1e-2  # fall of chi-square that may still be expected where the fit counts as converged
 TRIALS = 40  # of the fit, at most
 FAILED = 1e4  # deviations that stand for a sample that could not be computed
 
@@ -478,7 +479,7 @@ def _observe(law: ContactLaw, motion: Motion, z: Array) -> Array:
 
 @partial(jax.jit, static_argnums=(0, 1, 2))
 def _fit(space, names, measured, u, motion, sd):
-    """Coordinates of `names`, the records' own shifts, residuals, their derivatives by both, and whether it ended."""
+    """Coordinates of `names`, the records' own shifts, residuals, and their derivatives by both."""
     index = np.array([space.index[name] for name in names])
     scale, low, high = space.scales()[index], *(bound[index] for bound in space.bounds())
     there = jnp.isfinite(motion.depression)
@@ -486,21 +487,25 @@ def _fit(space, names, measured, u, motion, sd):
     def place(theta):
         return jnp.clip(u[index] + theta * scale, low, high)
 
-    def residual(y, args):
-        theta, z = y
-        law = build_law(space, u.at[index].set(place(theta)), measured)
+    def compare(values, z):
+        law = build_law(space, u.at[index].set(values), measured)
         model = jax.vmap(lambda own, row: _observe(law, row, own))(z, motion)
         left = jnp.where(there, (model - jnp.nan_to_num(motion.depression)) / sd, 0.0)
-        return jnp.where(jnp.isfinite(left), left, FAILED), z, jnp.zeros_like(theta)
+        return jnp.where(jnp.isfinite(left), left, FAILED)
+
+    def residual(y, args):
+        theta, z = y
+        return compare(place(theta), z), z, jnp.zeros_like(theta)
 
     solver = BorderedLevenbergMarquardt(jnp.asarray(TOLERANCE), jnp.asarray(TRIALS))
     start = (jnp.zeros(len(names)), jnp.zeros_like(motion.deviations))
     found = optx.least_squares(residual, solver, start, max_steps=None, throw=False)
     theta, z = found.value
-    shared = jax.jacfwd(lambda t: residual((t, z), None)[0])(theta)
-    own = jax.jacfwd(lambda step: residual((theta, z + step), None)[0])(jnp.zeros(2))
-    converged = (found.result == optx.RESULTS.successful) & solver.has_converged(found.state)
-    return place(theta), z, residual((theta, z), None)[0], shared, own, converged
+    values = place(theta)
+    # By the values themselves: at a limit, too, they are as uncertain as the samples leave them.
+    shared = jax.jacfwd(lambda step: compare(values + scale * step, z))(jnp.zeros_like(theta))
+    own = jax.jacfwd(lambda step: compare(values, z + step))(jnp.zeros(2))
+    return values, z, compare(values, z), shared, own
 
 
 def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], motion: Motion, sd: float,
@@ -515,7 +520,7 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
         measured: whether the pressure was measured.
     """
     index = [space.index[name] for name in names]
-    values, z, left, shared, own, converged = (np.asarray(x) for x in _fit(
+    values, z, left, shared, own = (np.asarray(x) for x in _fit(
         space, tuple(names), measured, jnp.asarray(u), Motion(*(jax.tree.map(jnp.asarray, x) for x in motion)), sd))
     u = u.copy()
     u[index] = values
@@ -524,11 +529,14 @@ def find_rebound(space: ParameterSpace, u: np.ndarray, names: Sequence[str], mot
     if np.any(left == FAILED) or not np.all(np.isfinite(shared)):
         return Rebound(u, tuple(names), np.full((len(names), len(names)), np.inf), float("inf"), False, slack)
     records, _, count = own.shape
-    columns, _ = eliminate_nuisances(
+    columns, right = eliminate_nuisances(
         np.concatenate([shared, np.zeros((records, count, len(names)))], axis=1),
         np.concatenate([own, np.broadcast_to(np.eye(count), (records, count, count))], axis=1),
         np.concatenate([left, z], axis=1))
     scale = space.scales()[index]
     information = np.einsum("gri,grj->ij", columns, columns)
+    gradient = np.einsum("gri,gr->i", columns, right)
+    expected = float(gradient @ np.linalg.lstsq(information, gradient, rcond=1e-12)[0])
     covariance = inflation * np.linalg.pinv(information, rcond=1e-12) * np.outer(scale, scale)
-    return Rebound(u, tuple(names), covariance, float(np.sum(left**2) + np.sum(z**2)) / degrees, bool(converged), slack)
+    return Rebound(u, tuple(names), covariance, float(np.sum(left**2) + np.sum(z**2)) / degrees, expected < ENDED,
+                   slack)

@@ -362,7 +362,8 @@ def _tabulate_conditions(campaign: Campaign, traces: Sequence[Trace], groups: np
     rows = []
     for group in np.unique(groups):
         table = campaign.records[groups == group]
-        own = [t for t in traces if t.record in set(map(str, table.index))]
+        keys = set(map(str, table.index))
+        own = [t for t in traces if t.record in keys]
         means = {str(n): float(v) for n, v in table.mean().items() if n != "sequence"}
         rows.append({**means, "records": len(table), **_join_channels(own)})
     # Settings scatter about nominal values: they are put in order by two digits.

@@ -118,11 +118,11 @@ def locate(selection: SelectionProblem, base: Fitted, directions: dict[str, Fitt
     (low, high), whole = place.range, place.range[0] <= 0.0 or place.variable != selection.family.state
     share = 1.0 if whole else share_of_range(selection, base, place.channel, place.range)
     removes = float(np.clip((base.solution.chi2 - best.solution.chi2) / excess, 0.0, 1.0))
-    # What lies inside the range of the same variable, with nearly all of its share, says nothing more.
+    # What lies inside the range of the same variable, with nearly all of the channel's misfit, says nothing more.
     return [dc.replace(place, share=share, removes=removes), *(
         other for other in found if not (
             (other.channel, other.variable) == (place.channel, place.variable) and low <= other.range[0]
-            and other.range[1] <= 1.001 * high and abs(share - other.share) < 0.1))]
+            and other.range[1] <= 1.001 * high and abs(1.0 - other.share) < 0.1))]
 
 
 def _place(selection: SelectionProblem, direction: str, fitted: Fitted) -> Place:

@@ -277,7 +277,12 @@ def list_channels(saved: FittedModel) -> tuple[str, ...]:
 
 
 def lay_times(saved: FittedModel, request: Request) -> Request:
-    """What is wanted, with times of its own for every record where none are given."""
+    """What is wanted, with times of its own for every record where none are given.
+
+    Raises:
+        InputError: the model's file does not say how long its campaign's records are.
+        ComputationError: the model could not be integrated.
+    """
     if request.timed:
         return request
     name, groups = saved.space.family.independent, request.groups()

@@ -68,6 +68,7 @@ def nrmse_by_channel(traces: Sequence[Trace], noise: bool = False) -> dict[str, 
     found = {}
     for channel in list_channels(traces):
         own = [(t, np.isfinite(t.measured)) for t in traces if t.channel == channel]
+        own = [(t, there) for t, there in own if there.any()]  # what was not measured may have no noise either
         above = sum(float(there.sum()) * t.sd**2 if noise else float(np.sum((t.measured - t.model)[there] ** 2))
                     for t, there in own)
         below = sum(float(np.sum(t.measured[there] ** 2)) for t, there in own)
