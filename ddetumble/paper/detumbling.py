@@ -27,7 +27,8 @@ from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import Tumble, measure_momentum, trace_point
 from ..dynamics.surfaces import make_debris
 from ..dynamics.tumbling import simulate_tumbling
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, dress, new_axes, new_figure, styled
+from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN
+from ..figures.style import dress, new_axes, new_figure, styled
 from .section import write_section
 from .tumbling import DURATION, STEP, UNTURNED, Momentum, measure_angle, read_momentum
 
