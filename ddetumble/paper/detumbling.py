@@ -261,7 +261,8 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
         left = measure_momentum(Cylinder().inertia(), passages[name].attitude[-1], passages[name].angular_velocity[-1])
         one |= {"left": float(np.linalg.norm(left)), "impulse": one["moment"] * IMPACT_TIME / arm}
     five, six = demands.values()
-    start, (side, end), largest = tables["Table 5"].before, LEVERS, float(printed[-1])
+    start, largest = tables["Table 5"].before, float(printed[-1])
+    side, end = LEVERS
     nutation = measure_angle(start, np.array([0.0, 0.0, 1.0]))
     own = strike_stage(start)
     mass, peak = find_mass(own, five["share"])
