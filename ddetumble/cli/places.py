@@ -222,14 +222,14 @@ def check_file(path: Path | None, overwrite: bool) -> Path | None:
 
 
 def write_bytes(content: bytes, path: Path) -> None:
-    """Write a file, whole or not at all.
-
-    Raises:
-        InputError: It cannot be written.
-    """
-    from ..inference.files import write_whole
-
-    write_whole(path, lambda draft: draft.write_bytes(content))
+    """Write a file, whole or not at all; where that fails, `failures` tells a full disk from a wrong place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        draft.write_bytes(content)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def write_table(table: "pd.DataFrame", path: Path | None) -> None:

@@ -278,7 +278,8 @@ def draw_dependence(
     entries.append((key_band(), "from noise alone, 95 %"))
     if marked:
         entries.append((key_band(PLACE, None), "where the misfit sits"))
-    head_figure(figure, *zip(*entries, strict=True))
+    handles, labels = zip(*entries, strict=True)
+    head_figure(figure, handles, labels)
     return figure
 
 
