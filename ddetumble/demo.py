@@ -24,26 +24,30 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
     from .selection.discover import discover
 
     def tell(lines: Iterable[str]) -> None:
-        for line in (*(f"   {line}" for line in lines), ""):
-            echo(line)
+        for line in lines:
+            echo(f"   {line}")
 
     folder = Path(folder)
     echo("1. The paper. Its printed peaks, and what eleven numbers can say (Table 3):")
     echo("   " + judge_campaign(read_campaign(find_data() / "paper" / "table-3")).sentence)
     page = write_paper(folder / "paper", echo=lambda line: None)
     tell([f"Its contradictions, each with two numbers and a figure: {page}"])
+    echo("")
     campaign = read_campaign(find_data() / "impact-a")
     count = len(campaign.record_keys)
     echo(f"2. A campaign of {count} impacts ({campaign.name}). The paper's model beside it:")
     tell(str(compare(campaign)).splitlines()[:12])
+    echo("")
     echo("3. Which effect is missing? Every one of the catalogue is added in turn, refitted and tried on left-out "
          "tests:")
     found = discover(campaign)
     tell(str(found).splitlines())
     found.save(folder / "discovery")
     report = write_report(found, folder / "discovery")
+    echo("")
     echo(f"4. The grown model predicts other tests:  ddetumble predict {folder / 'discovery'} CONDITIONS.csv "
-         "-o predictions.csv\n")
+         "-o predictions.csv")
+    echo("")
     echo("5. One strike with this ball, on the stage of Table 6:")
     tell(_plan_one(folder, count))
     echo(f"Report: {report}")

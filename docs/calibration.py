@@ -24,7 +24,8 @@ from ddetumble.effects import parameters_of
 from ddetumble.exam.simulators.campaigns import Campaign as SimulatedCampaign
 from ddetumble.exam.simulators.impact_campaigns import make_campaign
 from ddetumble.exam.simulators.slip_campaigns import make_slip_campaign
-from ddetumble.figures.style import AFTER, BEFORE, GREY, dress, new_figure, render_png, styled
+from ddetumble.figures.palette import AFTER, BEFORE, GREY
+from ddetumble.figures.style import dress, new_figure, render_png, styled
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.assembly import assemble_space, default_starts
 from ddetumble.inference.bounded import solve_bounded

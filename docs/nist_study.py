@@ -19,7 +19,8 @@ from jax.numpy import arctan, cos, exp, pi, sin
 from ddetumble import find_data
 from ddetumble.cli.failures import run_guarded
 from ddetumble.cli.progress import show_progress
-from ddetumble.figures.style import AFTER, BEFORE, FLOOR, dress, head_figure, new_figure, render_png, styled
+from ddetumble.figures.palette import AFTER, BEFORE, FLOOR
+from ddetumble.figures.style import dress, head_figure, new_figure, render_png, styled
 from ddetumble.inference.curve_fit import Regression, fit_curve
 from ddetumble.inference.files import list_versions, write_json
 

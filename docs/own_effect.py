@@ -23,10 +23,10 @@ def write_row(found, text: str) -> str:
             f"{100 * last.heldout_nrmse:.2f} % | {100 * found.noise_nrmse:.2f} % |")
 
 
-def read_class(path: Path) -> str:
-    """The class in a file of an effect, as text."""
+def read_code(path: Path) -> str:
+    """Imports and class in a file of an effect, as text."""
     text = path.read_text(encoding="utf-8")
-    return text[text.index("class "):].rstrip()
+    return text[text.index("from typing"):].rstrip()
 
 
 def main() -> None:
@@ -59,12 +59,12 @@ def main() -> None:
         "Nothing up to some 6 mm, then a force that rises, loading and unloading alike: something sits there that "
         "is touched late, and gives back what it takes.", "",
         "**3. Write it.** `ddetumble effects --new rim-stop -o mine` writes an effect that works and the test of its "
-        "contract. Give it a law; a first guess is a spring:", "", "```python", read_class(HERE / TRIES[0][0]), "```",
+        "contract. Give it a law; a first guess is a spring:", "", "```python", read_code(HERE / TRIES[0][0]), "```",
         "",
         "**4. Try it.**", "", "```sh", "pytest mine", f"ddetumble discover {CAMPAIGN} --effects-from mine/rim_stop.py",
         "```", "", f"> {sentences[0]}", "",
         "**5. Believe the verdict, not the gain.** The list of simple laws beside the picture has a power near 3/2, "
-        "that of two curved bodies (Hertz):", "", "```python", read_class(HERE / TRIES[1][0]), "```", "",
+        "that of two curved bodies (Hertz):", "", "```python", read_code(HERE / TRIES[1][0]), "```", "",
         f"> {sentences[1]}", "", "![fit](fit.png)", "", "**The error at each step:**", "",
         "| what was tried | verdict | chi-square / dof | error | held-out error | noise |", "| --- | --- | --- | --- | "
         "--- | --- |", *rows, ""]

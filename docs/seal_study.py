@@ -29,7 +29,8 @@ from ddetumble.dynamics import simulate_sliding
 from ddetumble.effects import parameters_of
 from ddetumble.effects.slip import AdhesiveOffset, ViscousFriction
 from ddetumble.families.slip import find_turns
-from ddetumble.figures.style import AFTER, BEFORE, FLOOR, INK, dress, head_figure, new_figure, render_png, styled
+from ddetumble.figures.palette import AFTER, BEFORE, FLOOR, INK
+from ddetumble.figures.style import dress, head_figure, new_figure, render_png, styled
 from ddetumble.inference.files import make_plain, write_json
 from ddetumble.inference.stack import stack_records
 from ddetumble.measurement.campaign import Column, Uncertainty

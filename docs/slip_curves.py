@@ -21,7 +21,8 @@ from ddetumble.contact.friction import (
     slip_coefficient,
     slip_coefficients,
 )
-from ddetumble.figures.style import AFTER, BEFORE, GREY, INK, PLACE, dress, new_figure, render_png, styled
+from ddetumble.figures.palette import AFTER, BEFORE, GREY, INK, PLACE
+from ddetumble.figures.style import dress, new_figure, render_png, styled
 from ddetumble.inference.curve_fit import (
     SlipRecord,
     evaluate_polynomials,

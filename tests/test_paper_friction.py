@@ -1,5 +1,6 @@
 """The paper's friction beside the toolkit: numbers against ones found by hand or by plain NumPy and SciPy."""
 
+import dataclasses as dc
 import itertools
 import json
 
@@ -56,6 +57,18 @@ def test_the_model_that_is_named_is_judged(judged):
     assert any("Eq. 8 alone is judged" in note for note in judged.notes)
     with pytest.raises(InputError, match="one for impact records, .* of the family 'slip'"):
         judge_campaign(campaign, model="matunaga")
+
+
+def test_a_judgement_takes_options(judged):
+    """Candidates, level and the reference model itself; a further condition of a stroke tells no repeats apart."""
+    campaign = read_campaign(find_data() / "paper" / "table-4")
+    extra = dc.replace(campaign, records=campaign.records.assign(sequence=np.arange(1.0, 12.0)), conditions={
+        **campaign.conditions, "sequence": campaign.conditions["normal_load"]})
+    found = judge_campaign(extra, reference=CoulombFriction(), effects=(), level=0.01, assumed=("normal_load",))
+    assert found.level == 0.01 and not [row for row in found.rows if row.kind == "effect"]
+    assert "sequence" not in found.forces.conditions and found.separation == ()
+    assert any("The loads of these rows are assumed" in note for note in found.notes)
+    assert {row.kind for row in judged.rows} >= {"effect"}
 
 
 def find_row(judged, label):

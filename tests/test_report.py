@@ -30,8 +30,7 @@ from ddetumble.measurement.quantities import (
     format_value,
     name_steps,
 )
-from ddetumble.reports import Picture, Section, Table, write_page, write_report
-from ddetumble.reports.findings import show_failures, show_fits
+from ddetumble.reports import Picture, Section, Table, write_comparison, write_page, write_report
 from ddetumble.selection.result import Place, Trace
 from ddetumble.selection.text import align, choose_view, describe_place
 from tests.helpers_report import (
@@ -266,9 +265,9 @@ def test_same_input_same_bytes():
 
 
 @figures.styled
-def draw_line():
+def draw_line(end=0.0):
     figure = figures.new_figure(2.0, 4.0)
-    figure.add_subplot().plot([0, 1], [1, 0])
+    figure.add_subplot().plot([0, 1], [1, end])
     return figure
 
 
@@ -283,14 +282,18 @@ def test_generic_page(tmp_path):
     page = Page(path.read_text(encoding="utf-8"))
     assert path.name == "paper.html" and page.text[0] == "It falls."
     assert {"a <b>", "–", "1.5", "A point"} <= set(page.text) and page.images[1]["alt"].startswith("A line that")
+    # Two figures of one name are each in the page; a row may lack its last cells, and a table be any rows.
+    same = [Picture("one", "A falling line.", draw_line()), Picture("one", "Half of it.", draw_line(0.5))]
+    table = (("x", "y"), (1, 2.5), (3,))
+    page = Page(write_page("t", "s", [Section("x", figures=same, tables=[table])], tmp_path).read_text())
+    assert page.images[0]["src"] != page.images[1]["src"] and {"2.5", "3"} <= set(page.text)
     with pytest.raises(ValueError, match="no name for a file"):
         write_page("t", "s", [Section("x", figures=[("../up", "c", draw_line())])], tmp_path)
 
 
 def write_traces(traces, folder):
     """A page of one model without a verdict, as fits and comparisons have it."""
-    models = {"paper": traces}
-    return write_page("t", "The model misses.", [show_fits(models), show_failures(models)], folder)
+    return write_comparison("The model misses.", {"paper": traces}, folder, status=["campaign impact-f"])
 
 
 @pytest.mark.slow

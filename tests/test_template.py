@@ -1,7 +1,9 @@
 """Templates of effects: every stage's keeps the contract, and what is written is whole and never in anyone's way."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,9 @@ from ddetumble.effects import stage_of
 from ddetumble.effects.template import LAWS, write_template
 from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.models import list_effects, resolve_effect
+
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.slow
@@ -87,6 +92,16 @@ def test_commands_know_own_effects(tmp_path, capsys):
     assert "say with --effect" in capsys.readouterr().err
     assert main(["discover", "impact-f", "--effects-from", str(place / "none.py")]) == 2
     assert "cannot be read" in capsys.readouterr().err
+
+
+def test_the_tutorial_has_the_files_that_it_ran():
+    """Both blocks of Python run when they are pasted, and are what the verdicts beside them were found with."""
+    docs = ROOT / "docs"
+    page = (docs / "own-effect" / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    for block, file in zip(blocks, (docs / "own-effect" / "rim_stop.py", docs / "end_stop.py"), strict=True):
+        assert file.read_text(encoding="utf-8").endswith(f"\n\n{block}")
+        exec(compile(block, str(file), "exec"), {"__name__": "pasted"})
 
 
 @pytest.mark.study

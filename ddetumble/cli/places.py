@@ -5,8 +5,10 @@ One rule for everything that is written: a command writes to a folder (or file) 
 """
 
 import glob
+import hashlib
 import json
 import os
+import platform
 import shutil
 import sys
 import tempfile
@@ -26,7 +28,9 @@ if TYPE_CHECKING:
 
 # In every folder that commands wrote to: the files of each command, so that --overwrite removes these and no others.
 RECORD, SCHEMA = ".ddetumble.json", "ddetumble.output/1"
-DRAFT = "-ddetumble-"  # in the names of drafts, between that of their place and random letters
+# In the names of drafts, between that of their place and random letters: eight digits for the machine, as on a shared
+# disk a lock may hold among the processes of one machine alone.
+DRAFT = f"-ddetumble-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-"
 
 
 def locate_campaign(text: str) -> Path:
@@ -73,7 +77,7 @@ def open_folder(path: Path, command: str, overwrite: bool, *, beside: Sequence[s
     """
     given, path = path, Path(os.path.realpath(path))
     _refuse_taken(given, overwrite, beside, resumes)
-    # Drafts of this place whose process was killed before it could remove them.
+    # Drafts of this place whose process, on this machine, was killed before it could remove them.
     for stale in path.parent.glob(f".{glob.escape(path.name)}{DRAFT}*"):
         handle = _lock(stale) if stale.is_dir() and not stale.is_symlink() else None
         if handle is not None:
@@ -218,14 +222,14 @@ def check_file(path: Path | None, overwrite: bool) -> Path | None:
 
 
 def write_bytes(content: bytes, path: Path) -> None:
-    """Write a file, whole or not at all.
-
-    Raises:
-        InputError: It cannot be written.
-    """
-    from ..inference.files import write_whole
-
-    write_whole(path, lambda draft: draft.write_bytes(content))
+    """Write a file, whole or not at all; where that fails, `failures` tells a full disk from a wrong place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        draft.write_bytes(content)
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def write_table(table: "pd.DataFrame", path: Path | None) -> None:

@@ -99,6 +99,11 @@ def average_models(
     if found and (effect or model or effects_from):
         raise InputError("the folder says which models are rivals; leave out --effect, --effects-from and --model",
                          file=source)
+    if not found and campaign is not None:
+        raise InputError("--campaign goes with a folder that discover wrote", file=source)
+    if not found and len(effect or ()) < 2:
+        raise InputError("there have to be at least two models to average; give --effect for each, `none` for the "
+                         "reference model alone", file=source)
     from ..measurement.package import read_campaign
     from ..posterior.stacking import average
 

@@ -232,13 +232,15 @@ def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
               for one in first.scores]
     figure = new_figure(0.9 + 0.235 * len(labels))
     axes = dress_rows(figure.add_subplot(), labels, fontsize=8.5 if len(labels) <= 24 else 7)
-    several = len(scores) > 1
-    if several:
+    drawn, label = [(one.values, one, shade) for one, shade in zip(scores, SHADES, strict=False)], ""
+    if len(scores) > 1:
         axes.axvline(0, color=SHADES[0], lw=1.4)
-    for one, shade in list(zip(scores, SHADES, strict=False))[several:]:
-        axes.scatter(one.values - several * first.values, range(len(labels)), s=34, edgecolor=shade, zorder=3,
+        drawn = [(values - first.values, one, shade) for values, one, shade in drawn[1:]]
+        label = ", minus that of the first model"
+    for values, one, shade in drawn:
+        axes.scatter(values, range(len(labels)), s=34, edgecolor=shade, zorder=3,
                      facecolor=[shade if score.trusted else "white" for score in one.scores])
-    axes.set_xlabel("logarithm of the predictive density" + several * ", minus that of the first model")
+    axes.set_xlabel(f"logarithm of the predictive density{label}")
     handles = [key_dot(shade, 6) for _, shade in zip(scores, SHADES, strict=False)]
     words = [clean(name, 40) for name in names][: len(handles)] or ["left-out condition"]
     if any(not score.trusted for one in scores for score in one.scores):

@@ -272,13 +272,14 @@ def draw_dependence(
         low, high = reach[row]
         axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     look = {"width": 1.1, "marker": "o", "ms": 4}
-    entries = {clean(name, 60): key_line(colour, **look) for name, colour in zip(traces, colours, strict=True)}
+    entries = [(key_line(colour, **look), clean(name, 60)) for name, colour in zip(traces, colours, strict=True)]
     if view.phases:
-        entries[f"open: {view.phases[1]}"] = key_line(GREY, ls=":", mfc="white", **look)
-    entries["from noise alone, 95 %"] = key_band()
+        entries.append((key_line(GREY, ls=":", mfc="white", **look), f"open: {view.phases[1]}"))
+    entries.append((key_band(), "from noise alone, 95 %"))
     if marked:
-        entries["where the misfit sits"] = key_band(PLACE, None)
-    head_figure(figure, list(entries.values()), list(entries))
+        entries.append((key_band(PLACE, None), "where the misfit sits"))
+    handles, labels = zip(*entries, strict=True)
+    head_figure(figure, handles, labels)
     return figure
 
 

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, MORE, OTHER, PALE, PLACE, SHADES  # noqa: F401
+from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, MORE
 
 
 if TYPE_CHECKING:

@@ -25,21 +25,8 @@ from ..contact.geometry import membrane_area_radius, racetrack_volume, sphere_vo
 from ..contact.law import Ball, ContactLaw
 from ..contact.sliding import RubberFriction
 from ..dynamics.impact import Impact, simulate_impact
-from ..figures.style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    GREY,
-    INK,
-    KIN,
-    PALE,
-    PLACE,
-    dress,
-    new_axes,
-    new_figure,
-    point_at,
-    styled,
-)
+from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, PLACE
+from ..figures.style import dress, new_axes, new_figure, point_at, styled
 
 
 DIAMETER = 0.060  # m, Table 2

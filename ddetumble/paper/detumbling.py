@@ -27,7 +27,8 @@ from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import Tumble, measure_momentum, trace_point
 from ..dynamics.surfaces import make_debris
 from ..dynamics.tumbling import simulate_tumbling
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, dress, new_axes, new_figure, styled
+from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN
+from ..figures.style import dress, new_axes, new_figure, styled
 from .section import write_section
 from .tumbling import DURATION, STEP, UNTURNED, Momentum, measure_angle, read_momentum
 
@@ -260,7 +261,8 @@ def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray
         left = measure_momentum(Cylinder().inertia(), passages[name].attitude[-1], passages[name].angular_velocity[-1])
         one |= {"left": float(np.linalg.norm(left)), "impulse": one["moment"] * IMPACT_TIME / arm}
     five, six = demands.values()
-    start, (side, end), largest = tables["Table 5"].before, LEVERS, float(printed[-1])
+    start, largest = tables["Table 5"].before, float(printed[-1])
+    side, end = LEVERS
     nutation = measure_angle(start, np.array([0.0, 0.0, 1.0]))
     own = strike_stage(start)
     mass, peak = find_mass(own, five["share"])

@@ -214,7 +214,7 @@ class FrictionJudgement(AbstractJudgement):
 def judge_friction(
     conditions: Mapping[str, np.ndarray], peaks: np.ndarray, *, printed: np.ndarray | None = None,
     sd: np.ndarray | None = None, campaign: str = "", model: str = "paper", reference: AbstractFriction | None = None,
-    assumed: Sequence[str] = (), level: float = LEVEL,
+    effects: Sequence[type[AbstractEffect]] | None = None, assumed: Sequence[str] = (), level: float = LEVEL,
 ) -> FrictionJudgement:
     """Compare and judge on friction forces alone, with each record left out in turn.
 
@@ -227,6 +227,7 @@ def judge_friction(
         campaign: its name.
         model: name of the reference model.
         reference: the reference model (default: Eq. 8; the slip term needs a slip, which forces alone do not have).
+        effects: classes of candidate effects (default: the catalogue for slip).
         assumed: names of conditions that are assumptions.
         level: of the tests.
 
@@ -237,7 +238,7 @@ def judge_friction(
 
     reference = RubberFriction() if reference is None else reference
     forces = gather_forces(conditions, "normal_load", peaks, sd)
-    chosen, left_out = choose_effects(SLIP, reference, forces.conditions)
+    chosen, left_out = choose_effects(SLIP if effects is None else effects, reference, forces.conditions)
     rivals = judge_rivals(forces, printed)
     if printed is not None:
         column = np.asarray(printed, float)

@@ -10,7 +10,8 @@ import numpy as np
 
 from .._sentences import say
 from ..contact.friction import CHANGES_SIGN_AT, DIVERGES_ABOVE, slip_coefficients
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PLACE, dress, new_axes, new_figure, point_at, styled
+from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PLACE
+from ..figures.style import dress, new_axes, new_figure, point_at, styled
 from .contradictions import CORRECTED, RANGES, UNCORRECTED, err_scaled, find_rest, hysteresis_share, slip_term
 from .forces import PeakRow
 from .friction import RELEASED, SCALED, FrictionJudgement, describe_best

@@ -23,7 +23,7 @@ from .forces import (
     tabulate,
 )
 from .friction import judge_friction
-from .peaks import Bench, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
+from .peaks import WINDOW, Bench, Recipe, choose_effects, could_show, locate_misfit, rank_candidates
 
 
 @final
@@ -60,23 +60,31 @@ class PeakJudgement(AbstractJudgement):
         return {**found, **make_plain({"candidates": self.candidates, "where": self.where, "fixed": self.fixed})}
 
 
-def judge_campaign(campaign, model: str = "paper") -> AbstractJudgement:
+def judge_campaign(campaign, model: str = "paper", *, reference: Any = None, **options) -> AbstractJudgement:
     """Judge a campaign read by `read_campaign` that holds peaks only: `peak_normal_force` or `peak_friction_force`.
 
     Args:
         campaign: of the family `impact` or `slip`.
-        model: names the reference model, see `ddetumble.inference.models`.
+        model: names the reference model, see `ddetumble.inference.models`, unless `reference` is one.
+        reference: the reference model itself.
+        **options: go to `judge_peaks` or `judge_friction`: `effects`, `window`, `assumed`, `level`.
 
     Returns:
         A `PeakJudgement`, or for friction forces a `FrictionJudgement`; both have `verdict`, `sentence`, `rows`,
         `table()` and `to_dict()`.
+
+    Raises:
+        InputError: There is no such model, it is of another family, or the campaign holds neither column.
     """
     from .._errors import InputError
     from ..families import find_family
     from ..inference.archive import resolve_model
 
-    resolved = resolve_model(model, campaign.family)
-    find_family(campaign.family).require_model(resolved.reference, campaign.name)
+    extra = ()
+    if reference is None:
+        resolved = resolve_model(model, campaign.family)
+        reference, extra = resolved.reference, resolved.effects
+    find_family(campaign.family).require_model(reference, campaign.name)
     measured = () if campaign.peaks is None else campaign.peaks.columns
     slip = "peak_friction_force" in measured and "normal_load" in campaign.conditions
     name = "peak_friction_force" if slip else "peak_normal_force"
@@ -85,19 +93,20 @@ def judge_campaign(campaign, model: str = "paper") -> AbstractJudgement:
                          "normal_load, to judge")
     frame = campaign.records.join(campaign.peaks, how="inner").dropna(subset=[name])
     peaks, stated = frame[name].to_numpy(), campaign.uncertainty(name)
-    conditions = {one: frame[one].to_numpy() for one in campaign.conditions}
-    options: dict[str, Any] = dict(
-        sd=None if stated is None else stated.sd(peaks), campaign=campaign.name, model=model,
-        reference=resolved.reference, printed=frame.get(f"printed_{name}"),
-        assumed=tuple(n for n, column in campaign.conditions.items() if column.assumed))
+    options.setdefault("assumed", tuple(n for n, column in campaign.conditions.items() if column.assumed))
+    options |= dict(sd=None if stated is None else stated.sd(peaks), campaign=campaign.name, model=model,
+                    reference=reference, printed=frame.get(f"printed_{name}"))
     if slip:
-        judged = judge_friction(conditions, peaks, **options)
+        # What else is known of a stroke does not reach a single force; repeats are strokes equal in these.
+        known = [one for one in ("normal_load", "internal_pressure", "slip_speed") if one in frame]
+        judged = judge_friction({one: frame[one].to_numpy() for one in known}, peaks, **options)
     else:
+        conditions = {one: frame[one].to_numpy() for one in campaign.conditions}
         judged = judge_peaks(conditions, peaks, repeats=frame.get("repeats"), **options)
-    if not resolved.effects:
+    if not extra:
         return judged
-    left = f"The model's own effects ({', '.join(e.id for e in resolved.effects)}) are left out: peaks are held " \
-           "against its reference model, fitted anew."
+    left = (f"The model's own effects ({', '.join(e.id for e in extra)}) are left out: peaks are held against its "
+            "reference model, fitted anew.")
     return dc.replace(judged, notes=(left, *judged.notes))
 
 
@@ -105,7 +114,7 @@ def judge_peaks(
     conditions: Mapping[str, np.ndarray], peaks: np.ndarray, *, printed: np.ndarray | None = None,
     repeats: np.ndarray | None = None, sd: np.ndarray | None = None, campaign: str = "", model: str = "paper",
     reference: AbstractReference | None = None, effects: Sequence[type[AbstractEffect]] | None = None,
-    assumed: Sequence[str] = (), level: float = LEVEL,
+    window: float = WINDOW, assumed: Sequence[str] = (), level: float = LEVEL,
 ) -> PeakJudgement:
     """Compare, rank and judge on peaks alone: models side by side with each record left out in turn.
 
@@ -119,6 +128,7 @@ def judge_peaks(
         model: name of the reference model.
         reference: the reference model (default: the paper's ball).
         effects: classes of candidate effects (default: the catalogue).
+        window: time after first touch in which the peak is sought [s]; it matters only where the arm pushes on.
         assumed: names of conditions that are assumptions.
         level: of the tests.
 
@@ -131,7 +141,7 @@ def judge_peaks(
     forces = gather_forces(conditions, "initial_pressure", peaks, sd)
     chosen, left_out = choose_effects(IMPACT if effects is None else effects, reference, forces.conditions)
     rivals = judge_rivals(forces, printed)
-    bench = Bench(reference, chosen, forces)
+    bench = Bench(reference, chosen, forces, window)
     bench.choose_free()
     base = bench.solve([Recipe("our model, from pressure alone", "reference", (), bench.free)])[0]
     gauge = "initial_pressure" in assumed or bool(np.any(forces.x == 0))

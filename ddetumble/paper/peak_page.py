@@ -5,23 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..figures.style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    GREY,
-    INK,
-    KIN,
-    NARROW,
-    OTHER,
-    WIDTH,
-    dress,
-    head_figure,
-    new_figure,
-    point_at,
-    styled,
-    wrap_text,
-)
+from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, OTHER
+from ..figures.style import NARROW, WIDTH, dress, head_figure, new_figure, point_at, styled, wrap_text
 from .forces import AbstractJudgement, PairedDifference, PeakRow
 from .friction import FrictionJudgement
 from .judgement import PeakJudgement

@@ -52,7 +52,7 @@ def refine_peak(times: Array, values: Array) -> Array:
     return jnp.where(inner, f1 + slope * step + bend * step**2, jnp.maximum(f1, jnp.maximum(f0, f2)))
 
 
-def peak_force(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array, Array]:
+def peak_force(law: ContactLaw, conditions: Mapping[str, Array], window: Array) -> tuple[Array, Array]:
     """Largest force that the gauge reads in one impact [N], nan where the integration failed; beside it the time of
     separation [s] (the window where the ball still touches then), the ratio of rebound to approach speed [-] and the
     largest depression [m], shape (3,).
@@ -60,8 +60,9 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array,
     Args:
         law: contact law.
         conditions: of the record, scalars, SI.
+        window: time after first touch in which the peak is sought [s].
     """
-    times = WINDOW * (jnp.arange(1, SAMPLES + 1) / SAMPLES) ** 2
+    times = window * (jnp.arange(1, SAMPLES + 1) / SAMPLES) ** 2
     impact = simulate_impact(law, conditions, times, adjoint=dfx.ForwardMode(), rtol=1e-6, atol=1e-8, max_steps=160)
     peak = jnp.where(impact.failed, jnp.nan, refine_peak(times, impact.normal_force))
     return peak, jnp.stack([impact.separation, impact.rebound_speed / conditions["approach_speed"],
@@ -69,13 +70,13 @@ def peak_force(law: ContactLaw, conditions: Mapping[str, Array]) -> tuple[Array,
 
 
 @partial(jax.jit, static_argnums=0)
-def _evaluate(space: ParameterSpace, x: Array, free: Array, conditions: Mapping[str, Array]):
+def _evaluate(space: ParameterSpace, x: Array, free: Array, conditions: Mapping[str, Array], window: Array):
     """Peaks, shape (impacts,), derivatives, shape (impacts, DIRECTIONS), and what `peak_force` gives beside."""
     basis = (free[:, :, None] == jnp.arange(x.shape[1])).astype(x.dtype)
 
     def one(x, directions, record):
         def peak(x):
-            return peak_force(space.build(x), record)
+            return peak_force(space.build(x), record, window)
 
         return jax.vmap(lambda d: jax.jvp(peak, (x,), (d,), has_aux=True), out_axes=(None, 0, None))(directions)
 
@@ -135,6 +136,7 @@ class Bench:
         reference: template of the reference model.
         effects: classes of the effects that may be switched on.
         forces: measured peaks.
+        window: time after first touch in which a peak is sought [s].
 
     Attributes:
         free: reference parameters that are fitted.
@@ -142,8 +144,9 @@ class Bench:
         fits: the fit behind each row, by label.
     """
 
-    def __init__(self, reference: AbstractReference, effects: Sequence[type[AbstractEffect]], forces: Forces):
-        self.forces, self.space = forces, ParameterSpace(reference, effects)
+    def __init__(self, reference: AbstractReference, effects: Sequence[type[AbstractEffect]], forces: Forces,
+                 window: float = WINDOW):
+        self.forces, self.space, self.window = forces, ParameterSpace(reference, effects), float(window)
         self.free: tuple[str, ...] = ()
         self.fixed: dict[str, float] = {}
         self.fits: dict[str, PeakFit] = {}
@@ -179,7 +182,7 @@ class Bench:
             # All calls are of one size: the last impact fills up the last of them.
             take = np.minimum(np.arange(first, first + CHUNK), batch * records - 1)
             row = {name: np.asarray(value, dtype=float)[record[take]] for name, value in conditions.items()}
-            parts.append(_evaluate(self.space, x[owner[take]], free[owner[take]], row))
+            parts.append(_evaluate(self.space, x[owner[take]], free[owner[take]], row, self.window))
         peaks, slopes, contact = (np.concatenate(some)[: batch * records] for some in zip(*parts, strict=True))
         return (peaks.reshape(batch, records), slopes.reshape(batch, records, DIRECTIONS),
                 contact.reshape(batch, records, 3))

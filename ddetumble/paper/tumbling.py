@@ -19,7 +19,8 @@ from ..dynamics.elliptic import quarter_period
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import Tumble, trace_point
 from ..dynamics.tumbling import simulate_tumbling
-from ..figures.style import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, dress, new_axes, new_figure, point_at, styled
+from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE
+from ..figures.style import dress, new_axes, new_figure, point_at, styled
 from .section import write_section
 
 

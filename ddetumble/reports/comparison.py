@@ -1,6 +1,6 @@
 """The report of a comparison: models against the measurements, and of several what each one adds."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import pandas as pd
 from .. import figures
 from ..measurement.quantities import clean, describe_quantity, format_error, format_number
 from ..selection.compare import Comparison, Comparisons
+from ..selection.result import Place, Trace
 from .findings import show_errors, show_failures, show_fits
 from .page import Section, Table, draw_picture, write_page
 
@@ -28,8 +29,47 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
 _RESIDUALS = {"rms": "rms residual", "bias": "mean residual"}
 
 
+def write_comparison(
+    sentence: str,
+    models: Mapping[str, Sequence[Trace]],
+    folder,
+    *,
+    title: str = "Model against measurement",
+    noise: Mapping | None = None,
+    where: Sequence[Place] | None = None,
+    status: Sequence[str] = (),
+    facts: Sequence[tuple[str, str, str]] = (),
+    first: Sequence[Section] = (),
+    sections: Sequence[Section] = (),
+    name: str = "comparison.html",
+) -> Path:
+    """Write a comparison of one or two models with a campaign as a page; figures as PNG in `figures/` beside it.
+
+    Args:
+        sentence: the first thing on the page.
+        models: traces by the model's name; of two, the simpler first.
+        folder: where to write.
+        title: of the page, shown by the browser.
+        noise: by channel, as in `Discovery.noise`.
+        where: places of the misfit; None where nobody looked for them.
+        status: short facts for the line below the sentence, such as the campaign's name.
+        facts: boxes of (what, value, remark).
+        first, sections: further parts, before and after the figures.
+        name: of the page's file.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    models = {clean(label, 60): traces for label, traces in models.items()}
+    parts = [*first, show_fits(models), show_failures(models, noise, where), *sections]
+    return write_page(title, sentence, parts, folder, name, status=[clean(one, 120) for one in status], facts=facts)
+
+
 def report_comparison(found: Comparison | Comparisons, folder) -> Path:
-    """Write what `compare` returned as a page, `comparison.html`; returns its path, as `write_page` does.
+    """Write what `compare` returned as a page, `comparison.html`; returns its path.
 
     Of several models it shows the error by step, what each changes beside what the first leaves, and the one that
     cross-validates best.
@@ -44,10 +84,9 @@ def report_comparison(found: Comparison | Comparisons, folder) -> Path:
         floors = [each.noise_nrmse for each in found]
         sections = [show_errors(labels, found.models, floors, found.names), _show_signatures(found)]
         what, where = f"{len(found)} models", found[0].where
-    traces = {clean(label, 60): own for label, own in shown.items()}
-    sections += [show_fits(traces), show_failures(traces, one.noise, where), _tabulate_errors(one)]
-    status = [clean(one.campaign, 120), f"{len(one.records)} records"]
-    return write_page(f"{one.campaign} and {what}", found.sentence, sections, folder, "comparison.html", status=status)
+    return write_comparison(
+        found.sentence, shown, folder, title=f"{one.campaign} and {what}", noise=one.noise, where=where,
+        status=(one.campaign, f"{len(one.records)} records"), first=sections, sections=[tabulate_errors(one)])
 
 
 def _show_signatures(found: Comparisons) -> Section:
@@ -63,8 +102,8 @@ def _show_signatures(found: Comparisons) -> Section:
     return Section("Why an effect fits", figures=[picture])
 
 
-def _tabulate_errors(result: Comparison) -> Section:
-    """Errors by channel, condition and record, every column with its unit."""
+def tabulate_errors(result: Comparison) -> Section:
+    """Errors by channel, condition and record as a part of a page, every column with its unit."""
     units = {str(row["channel"]): str(row["unit"]) for _, row in result.channels.iterrows()}
     tables = [_tabulate(result.channels.drop(columns="unit"), units, "By channel.")]
     if any(name not in _COLUMNS and not name.startswith("ratio") and name not in _RESIDUALS

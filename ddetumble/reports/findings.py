@@ -35,8 +35,12 @@ from .missing import show_missing
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
 
 
-def write_report(discovery: Discovery, folder) -> Path:
-    """Write what `discover` returned as one self-contained page; returns its path, as `write_page` does."""
+def write_report(discovery: Discovery, folder, name: str = "report.html") -> Path:
+    """Write what `discover` returned as one self-contained page of that name, and its figures; returns its path.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
     records = len({trace.record for step in discovery.steps[-1:] for trace in step.traces})
     level = discovery.settings.level
     status = [
@@ -48,7 +52,7 @@ def write_report(discovery: Discovery, folder) -> Path:
     ]
     verdict = say_verdict(discovery.verdict)
     return write_page(f"{verdict}: {discovery.campaign}", discovery.sentence, _build_sections(discovery), folder,
-                      verdict=discovery.verdict, badge=verdict, status=status, facts=_list_facts(discovery))
+                      name, verdict=discovery.verdict, badge=verdict, status=status, facts=_list_facts(discovery))
 
 
 def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:

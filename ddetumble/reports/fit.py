@@ -21,8 +21,12 @@ class _Drawn(NamedTuple):
     correlations: Sequence[tuple[str, str, float]]
 
 
-def report_fit(fit: Fit, folder) -> Path:
-    """Write the page of a fit; returns its path, as `write_page` does."""
+def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
+    """Write the page of a fit under that name, and its figures; returns its path.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
     traces = {clean(fit.model_text, 60): make_traces(fit.source, fit.problem.records, fit.solution, fit.noise)}
     shifts = measure_shifts(fit.problem.records, fit.solution)
     pairs = itertools.combinations(enumerate(fit.parameters), 2)
@@ -40,5 +44,5 @@ def report_fit(fit: Fit, folder) -> Path:
     status = [clean(fit.campaign, 60), f"{fit.records} records", f"{fit.samples} samples"]
     facts = [("χ² / dof", format_number(fit.chi2_reduced), "1 where only noise is left"),
              ("parameters", str(len(fit.parameters)), "fitted")]
-    return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder,
+    return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder, name,
                       badge="" if fit.converged else "not converged", status=status, facts=facts)

@@ -9,13 +9,15 @@ from ..selection.result import MissingForce
 from .page import Section, Table, draw_picture, write_page
 
 
-def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = ()) -> Path:
-    """Write what `draw_missing_force` returned as one self-contained page, `missing.html`; `status` as of `write_page`.
+def write_missing(missing: MissingForce, folder, *, title: str, status: Sequence[str] = (), name: str = "missing.html"
+                  ) -> Path:
+    """Write what `draw_missing_force` returned as one self-contained page; `title`, `status` and `name` as of
+    `write_page`.
 
     Raises:
         InputError: The folder cannot be written.
     """
-    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, "missing.html",
+    return write_page(title, missing.sentence, show_missing(missing, sentence=False), folder, name,
                       status=status)
 
 

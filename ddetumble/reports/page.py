@@ -108,7 +108,7 @@ def write_page(
         for i in sorted(range(len(shown)), key=lambda i: -len(shown[i])):
             if sum(map(len, (*shown, *narrow))) > BUDGET:
                 shown[i] = _encode(render_image(pictures[i].figure, dpi))
-    images = {picture.name: pair for picture, *pair in zip(pictures, shown, narrow, strict=True)}
+    images = {picture: pair for picture, *pair in zip(pictures, shown, narrow, strict=True)}
     headline, rest = split_sentence(sentence)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True,
                                      undefined=jinja2.StrictUndefined)
@@ -205,10 +205,11 @@ def _encode(image) -> str:
 def _read_table(table) -> dict:
     """A table as the template wants it: every cell a text, numbers to the right."""
     if not isinstance(table, Table):
-        header, *rows = table if isinstance(table, list) else [table.columns, *table.itertuples(index=False, name=None)]
+        frame = hasattr(table, "itertuples")
+        header, *rows = [table.columns, *table.itertuples(index=False, name=None)] if frame else table
         table = Table(header, rows)
-    columns = []
-    for cells in zip(*table.rows, strict=True):
+    columns, width = [], len(table.header)
+    for cells in zip(*([*row, *[""] * (width - len(row))] for row in table.rows), strict=True):
         # As many decimals as all numbers of a column have, if these are one or two; else four digits.
         numbers = [cell for cell in cells if isinstance(cell, float) and math.isfinite(cell)]
         places = next((n for n in (1, 2) if numbers and all(round(x, n) == x for x in numbers)), 0)
@@ -216,7 +217,7 @@ def _read_table(table) -> dict:
                         _show(cell) for cell in cells])
     return {
         "header": list(map(str, table.header)), "caption": table.caption,
-        "kinds": list(map(_judge_column, columns)) or ["brief"] * len(table.header),
+        "kinds": list(map(_judge_column, columns)) or ["brief"] * width,
         "rows": [{"cells": row, "marked": i in table.marked} for i, row in enumerate(zip(*columns, strict=True))],
     }  # fmt: skip
 

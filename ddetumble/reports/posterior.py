@@ -25,8 +25,12 @@ from .page import Picture, Section, Table, flatten, write_page
 HEADLINE = 105  # characters of intervals in the first sentence
 
 
-def write_posterior(posterior: Posterior, folder) -> Path:
-    """Write what the draws of `sample` say, examined or not, as one page; returns its path, as `write_page` does."""
+def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
+    """Write what the draws of `sample` say, examined or not, as one page of that name; returns its path.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
     status = [clean(posterior.title, 120), f"{posterior.log_density.size} draws by {posterior.sampler}"]
     if isinstance(posterior.target, CampaignTarget):
         status.insert(1, f"{len(posterior.target.parts)} records")
@@ -44,7 +48,7 @@ def write_posterior(posterior: Posterior, folder) -> Path:
     sections = [_show_parameters(posterior), _show_predictive(posterior), _show_left_out(posterior),
                 _show_chains(posterior), Section("Provenance", tables=[Table(("item", "value"), rows)])]
     return write_page(f"Posterior: {posterior.title}", _say_posterior(posterior), [s for s in sections if s], folder,
-                      badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
+                      name, badge="converged" if posterior.converged else "not converged", status=status, facts=facts)
 
 
 def _say_posterior(posterior: Posterior) -> str:
