@@ -95,8 +95,8 @@ def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> No
             short = all(len(str(x)) < 40 for x in (a, b))
             different.append(f"{name} is {a!r} there and {b!r} now" if short else f"{name} differs")
     if different:
-        raise InputError(f"the folder holds {what} of something else: {'; '.join(different)}. Name another folder, or "
-                         "remove this one to begin again", file=path)
+        raise InputError(f"the folder holds {what} of something else: {'; '.join(different)}. Take the same "
+                         "settings to go on, name another folder, or remove this one to begin again", file=path)
 
 
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
