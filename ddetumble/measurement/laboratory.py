@@ -71,6 +71,7 @@ def import_tests(
     for option, (given, applies) in (options | useful).items():
         if given is not None and not applies:
             hint = f"; {FRICTION_TEST}" if option in ("slip", "load") else ""
+            hint = ": there is no contact to begin with" if option == "onset" else hint
             raise InputError(f"--{option} does not apply to the family {kind.name}{hint}")
     parameters = _read_known(known, ambient, kind)
     plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
