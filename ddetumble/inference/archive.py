@@ -248,7 +248,7 @@ def save_model(folder, fitted: FittedModel) -> Path:
         "model": model, "model_sha256": digest, "choices": make_plain(list_choices(fitted.space.reference)),
         "effects": effects, "coordinates": dict(zip(fitted.space.index, map(float, fitted.u), strict=True)),
         "free": list(fitted.free), "covariance": np.asarray(fitted.covariance, dtype=float).tolist(),
-        "channels": {name: {"unit": fitted.units[name], "noise": make_plain(level)}
+        "channels": {name: {"unit": fitted.units[name], "noise": make_plain(level.without_sizes())}
                      for name, level in fitted.noise.items()},
         "conditions": conditions, "time_sd": fitted.time_sd, "records": fitted.records, "chi2": fitted.chi2,
         "sampling": None if fitted.sampling is None else fitted.sampling.model_dump(),

@@ -1,7 +1,8 @@
 """Noise of a channel: how large, how correlated along a trace, and the filter that whitens it."""
 
 import dataclasses as dc
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
 import pydantic
@@ -17,14 +18,18 @@ Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
 @dc.dataclass(frozen=True)
 class Noise:
-    """White noise plus first-order autoregressive (Ornstein-Uhlenbeck) noise.
+    """White noise plus first-order autoregressive (Ornstein-Uhlenbeck) noise, whose size may vary.
 
     Attributes:
-        sd, stated_sd: standard deviation of one sample, SI, and what the campaign states, or None.
+        sd, stated_sd: standard deviation of one sample, SI (root mean square over them where it varies), and what the
+            campaign states, or None.
         correlation, interval: of the autoregressive part over one sampling interval [-], and that [s].
         white_share: share of the variance that is white [-].
         log_level_sd: standard error of the logarithm of the noise power where the contact's own frequencies are.
         text: how it was found.
+        floor, share, rate_share: standard deviation without a reading, SI, as a share of the reading, and of its change
+            from one sample to the next, which add in squares; `floor` None where the size does not vary with these.
+        sizes: standard deviation of every sample over `sd`, by record, shape (samples,); empty where all are alike.
     """
 
     sd: Positive
@@ -34,6 +39,21 @@ class Noise:
     stated_sd: Finite | None
     log_level_sd: Finite
     text: str
+    floor: Finite | None = None
+    share: Finite = 0.0
+    rate_share: Finite = 0.0
+    sizes: Mapping[str, Any] = dc.field(default_factory=dict, repr=False, compare=False)
+
+    def deviations(self, reading: np.ndarray) -> np.ndarray:
+        """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI."""
+        if self.floor is None:
+            return np.full(np.shape(reading), self.sd)
+        rate = np.gradient(reading, axis=-1) if np.shape(reading)[-1] > 1 else np.zeros(np.shape(reading))
+        return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2)
+
+    def without_sizes(self) -> "Noise":
+        """The same without the sizes of the samples that it was measured on."""
+        return dc.replace(self, sizes={})
 
     def covariance(self, lag: np.ndarray) -> np.ndarray:
         """Autocovariance at time lags `lag` [s], any shape."""
@@ -76,6 +96,12 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
         scale[k: k + BATCH] = 1.0 / np.sqrt(np.maximum(left, 1e-6 * noise.sd**2))
     taps[rows], weights[rows] = found[which], scale[which]
     return weights, taps
+
+
+def scale_whitening(weights: np.ndarray, taps: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The filter of the same noise with samples of other sizes, shape (samples,): that of $x_t/s_t$."""
+    before = np.arange(len(sizes))[:, None] - np.arange(1, TAPS + 1)
+    return weights / sizes, taps * sizes[:, None] / sizes[np.maximum(before, 0)]
 
 
 def whitening_matrix(weights: np.ndarray, taps: np.ndarray) -> sparse.csr_matrix:

@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 from ..families import Span, find_family
 from ..measurement.campaign import Campaign
 from .noise import Noise
+from .noise_size import SIZE, Run, Sizes, SizeSettings, measure_sizes
 from .problem import Solution
 from .stack import Records, default_noise
 
@@ -48,6 +49,8 @@ class NoiseSettings:
         differs: relative difference from the stated size from which on a model is fitted again under the measured one.
         level_change, correlation_change, white_change: changes of the logarithm of the size, of the correlation and of
             the share that is white, under a better model, from which on all steps are fitted again.
+        size_change: the same of the logarithm of the sizes of single samples, rms over them.
+        size: what makes the size count as varying.
     """
 
     fewest: int = 24
@@ -61,6 +64,8 @@ class NoiseSettings:
     level_change: float = 0.03
     correlation_change: float = 0.05
     white_change: float = 0.15
+    size_change: float = 0.1
+    size: SizeSettings = SIZE
 
 
 NOISE = NoiseSettings()
@@ -96,7 +101,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
     values, time, weights = (np.asarray(x) for x in (stack.values, stack.time, stack.weights))
     spans = [list_spans(records, r, float(solution.end[r])) for r in range(records.count)]
     for c, channel in enumerate(records.channels):
-        traces, steps, pairs, medians = [], [], [], []
+        parts, medians, even = [], [], []
         for r, n in enumerate(records.lengths):
             # Where a slip record turns round its force is not known: its strokes are traces of their own, and so are
             # the parts of a tumbling record between its gaps.
@@ -107,17 +112,28 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             smooth, difference = spline_columns(t, spans[r]), np.diff(t)
             # What is smooth over a contact may be missing physics: it tells nothing about the noise.
             trace = trace - smooth @ _fit_splines(smooth[used], trace[used])
-            pairs.append((t[used], trace[used]))
             medians.append(float(np.median(difference)))
-            if not np.allclose(difference, difference[0], rtol=2e-3):
-                continue
-            for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1):
-                if used[run[0]] and (len(run) >= settings.fewest or len(run) == n):
-                    traces.append(trace[run])
-                    steps.append(difference[0])
+            even += [r] if np.allclose(difference, difference[0], rtol=2e-3) else []
+            parts += [Run(r, run, trace[run], (values[r, c, :n] - trace)[run])
+                      for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1) if used[run[0]]]
+        sizes = measure_sizes(parts, records.lengths, settings.size)
+        if sizes is not None:
+            parts = [dc.replace(run, residual=run.residual / sizes.relative[run.record][run.samples]) for run in parts]
+        kept = [run for run in parts if run.record in even
+                and (len(run.samples) >= settings.fewest or len(run.samples) == records.lengths[run.record])]
+        traces = [run.residual for run in kept]
+        steps = [float(time[run.record, 1] - time[run.record, 0]) for run in kept]
         stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
-        if sum(map(len, traces)) < 0.5 * sum(len(t) for t, _ in pairs):
-            found[channel] = estimate_from_pairs(pairs, float(np.median(medians)), stated.stated_sd, settings)
+        expected = stated.stated_sd if sizes is None else None
+
+        def finish(noise, sizes=sizes, stated=stated):
+            return noise if sizes is None else _describe_sizes(noise, sizes, records, stated.stated_sd)
+
+        if sum(map(len, traces)) < 0.5 * sum(len(run.samples) for run in parts):
+            pairs = [tuple(np.concatenate(x) for x in zip(*((time[r, run.samples], run.residual)
+                                                           for run in parts if run.record == r), strict=True))
+                     for r in dict.fromkeys(run.record for run in parts)]
+            found[channel] = finish(estimate_from_pairs(pairs, float(np.median(medians)), expected, settings))
             continue
         if not traces:
             found[channel] = dc.replace(stated, log_level_sd=0.1,
@@ -132,10 +148,28 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         if family.free_running:
             lowest = 0.6 * float(max(min(spans[r][0].splines, records.lengths[r] // 4)
                                      / (spans[r][0].high - spans[r][0].low) for r in same))
-        found[channel] = estimate_noise([t for t, s in zip(traces, steps, strict=True)
-                                         if abs(s / interval - 1) < 2e-3], interval, lowest, stated.stated_sd,
-                                        _quiet_deviation(records, c), settings)
+        found[channel] = finish(estimate_noise(
+            [t for t, s in zip(traces, steps, strict=True) if abs(s / interval - 1) < 2e-3], interval, lowest, expected,
+            None if sizes is not None else _quiet_deviation(records, c), settings))
     return found
+
+
+def _describe_sizes(noise: Noise, sizes: Sizes, records: Records, stated: float | None) -> Noise:
+    """A noise whose size varies from the noise of the residuals over their `sizes`."""
+    every = np.concatenate(sizes.relative)
+    unit = float(np.sqrt(np.mean(every**2)))
+    varies = sizes.share > 0 or sizes.rate_share > 0
+    low, high = (noise.sd * x for x in np.quantile(every, [0.05, 0.95]))
+    with_reading = f", {100 * noise.sd * sizes.share:.2g} % of the reading beside" if sizes.share > 0 else ""
+    with_rate = ", and more where it changes fast" if sizes.rate_share > 0 else ""
+    parts = [f"its size varies from {low:.2g} to {high:.2g} (SI){with_reading}{with_rate}",
+             *(["from record to record"] if np.ptp(sizes.records) > 0 else []),
+             *(["along the traces"] if sizes.along else [])]
+    return dc.replace(
+        noise, sd=noise.sd * unit, stated_sd=stated, text=f"{noise.text}; {' and '.join(parts)}",
+        floor=noise.sd * sizes.floor if varies else None, share=noise.sd * sizes.share,
+        rate_share=noise.sd * sizes.rate_share,
+        sizes={key: relative / unit for key, relative in zip(records.keys, sizes.relative, strict=True)})
 
 
 def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
@@ -164,13 +198,23 @@ def changed(before: Mapping[str, Noise], after: dict[str, Noise], settings: Nois
     """Whether a second measurement of the noise differs enough from the first to fit again."""
     return any(abs(np.log(after[c].sd / before[c].sd)) > settings.level_change
                or abs(after[c].correlation - before[c].correlation) > settings.correlation_change
-               or abs(after[c].white_share - before[c].white_share) > settings.white_change for c in after)
+               or abs(after[c].white_share - before[c].white_share) > settings.white_change
+               or _compare_sizes(before[c], after[c]) > settings.size_change for c in after)
+
+
+def _compare_sizes(before: Noise, after: Noise) -> float:
+    """Difference of the logarithms of the sizes of single samples, rms."""
+    keys = {*before.sizes, *after.sizes}
+    if not keys:
+        return 0.0
+    ratios = [np.log(np.asarray(before.sizes.get(k, 1.0)) / np.asarray(after.sizes.get(k, 1.0))) for k in keys]
+    return float(np.sqrt(np.mean(np.concatenate(ratios) ** 2)))
 
 
 def differs_from_stated(noise: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
     """Whether any channel's noise is correlated, or of another size than the campaign states."""
-    return any(n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > settings.differs for n in noise.values()
-               if n.stated_sd)
+    return any(bool(n.sizes) or n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > settings.differs
+               for n in noise.values() if n.stated_sd)
 
 
 def _spectrum(frequency: np.ndarray, interval: float, correlation: float | np.ndarray,

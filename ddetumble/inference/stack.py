@@ -15,7 +15,7 @@ from ..dynamics.impact import RTOL
 from ..families import Family, find_family, name_family
 from ..families.starts import straighten
 from ..measurement.campaign import Campaign
-from .noise import TAPS, Noise, whitening
+from .noise import TAPS, Noise, scale_whitening, whitening
 from .parameters import Common
 
 
@@ -167,8 +167,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     keys = tuple(map(str, campaign.record_keys))
     by_key = {str(k): g for k, g in campaign.samples.groupby("record", sort=False)}
     groups = [by_key[k] for k in keys]
-    if most is not None:
-        groups = [g.iloc[:: -(-len(g) // most)] for g in groups]
+    thin = [1 if most is None else -(-len(g) // most) for g in groups]
+    groups = [g.iloc[::step] for g, step in zip(groups, thin, strict=True)]
     lengths = np.array([len(g) for g in groups])
     blind = 0.0 if clock is None or clock.uncertainty is None else 3.0 * float(np.max(clock.uncertainty.sd(np.ones(1))))
     complete = np.ones((len(keys), len(channels)), dtype=bool)
@@ -212,12 +212,13 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
                 valid = valid & (t < last)
             level = (noise or {}).get(channel) or default_noise(campaign, channel, t)
             code = (c, valid.tobytes(), np.round(np.diff(t), 8).tobytes())
+            sizes = level.sizes[key][:: thin[r]] if key in level.sizes else np.ones(n)
             if level.correlation <= 0:
-                weights[r, c, :n] = np.where(valid, 1.0 / level.sd, 0.0)
+                weights[r, c, :n] = np.where(valid, 1.0 / level.sd, 0.0) / sizes
                 continue
             if code not in cache:
                 cache[code] = whitening(level, t, valid)
-            weights[r, c, :n], taps[r, c, :n] = cache[code]
+            weights[r, c, :n], taps[r, c, :n] = scale_whitening(*cache[code], sizes)
     time[len(keys):] = time[0]
 
     def pad(x: np.ndarray) -> np.ndarray:
@@ -271,6 +272,15 @@ def hold_conditions(records: Records) -> Records:
     still = jnp.where(free, records.stack.condition_sd, 0.0)
     inputs = {name: x for name, x in records.stack.inputs.items() if name != "common"}
     return dc.replace(records, stack=dc.replace(records.stack, condition_sd=still, inputs=inputs))
+
+
+def widen_settings(records: Records, ratios: Mapping[str, float]) -> Records:
+    """Records whose settings are so many times as uncertain as stated, by name."""
+    if not ratios:
+        return records
+    by_nuisance = jnp.asarray([ratios.get(name, 1.0) for name in records.nuisances])
+    wider = records.stack.condition_sd * by_nuisance
+    return dc.replace(records, stack=dc.replace(records.stack, condition_sd=wider))
 
 
 def default_noise(campaign: Campaign, channel: str, time: np.ndarray) -> Noise:

@@ -112,6 +112,9 @@ class ScreeningSettings:
 
 SCREENING = ScreeningSettings()
 WINDOW = 9  # samples in which a spike is looked for
+LOCAL = 61  # samples over which the size of the noise is taken: most of them by far are none of a spike's
+LOUDER = 1.5  # times the usual size, from which on it is another: a median of so few scatters by a sixth
+NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal variable
 _LEFT_OUT = tuple(np.array(list(combinations(range(WINDOW), n)), dtype=int) for n in range(3))
 
 
@@ -360,7 +363,8 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float, settings: ScreeningS
     fewest of at most two without which the others lie on a cubic within their noise, if they are off it by 7
     deviations, others lie on both sides, and a cubic with a step and a kink does not go through all nine. Where the
     nine are not so simple, a spike is what is outside of its neighbours' range, and off the lines through the two on
-    each side (a ramp that ends in a jump goes on along one of them), by as much.
+    each side (a ramp that ends in a jump goes on along one of them), by as much. Where the noise is louder for a
+    while, as that of a force gauge in proportion to its reading, its own size there counts.
 
     Args:
         time: of the samples, shape (samples,), in any unit.
@@ -373,13 +377,16 @@ def find_spikes(time: np.ndarray, x: np.ndarray, sd: float, settings: ScreeningS
     if len(there) < WINDOW:
         return found
     t, y = time[there], x[there]
-    off = np.pad(np.abs(leave_cubic(t, y)) > 0.5 * settings.spike * sd, 2)
+    rough = np.abs(leave_cubic(t, y))
+    local = ndimage.median_filter(rough, LOCAL, mode="reflect") / NORMAL_MEDIAN
+    local = np.pad(np.where(local > LOUDER * sd, local, sd), 2, mode="edge")
+    off = np.pad(rough > 0.5 * settings.spike * local[2:-2], 2)
     near = np.convolve(off, np.ones(5), mode="same") > 0
-    outside = _stand_outside(t, y, sd, settings)
+    outside = _stand_outside(t, y, local, settings)
     for k in np.flatnonzero(near[1:-1]) + 1:
         first = int(np.clip(k - WINDOW // 2, 0, len(y) - WINDOW))
         part = slice(first, first + WINDOW)
-        spikes = _leave_window(t[part], y[part], sd, settings)
+        spikes = _leave_window(t[part], y[part], float(local[k]), settings)
         found[there[k]] = outside[k] if spikes is None else k - first in spikes
     return found & (found.mean() <= settings.many)  # more are no accidents
 
@@ -434,9 +441,9 @@ def _leave_window(time: np.ndarray, y: np.ndarray, sd: float, settings: Screenin
     return None
 
 
-def _stand_outside(time: np.ndarray, y: np.ndarray, sd: float, settings: ScreeningSettings) -> np.ndarray:
+def _stand_outside(time: np.ndarray, y: np.ndarray, sd: np.ndarray, settings: ScreeningSettings) -> np.ndarray:
     """Readings off the cubic, the range and the lines of two neighbours on each side, shape (samples,); see above."""
-    off, middle, limit = np.abs(leave_cubic(time, y)), y[2:-2], settings.spike * sd
+    off, middle, limit = np.abs(leave_cubic(time, y)), y[2:-2], settings.spike * sd[2:-2]
     around = np.stack([y[:-4], y[1:-3], y[3:-1], y[4:]])
     lines = np.abs([middle - 2.0 * y[1:-3] + y[:-4], middle - 2.0 * y[3:-1] + y[4:]])
     outside = np.min([np.maximum(middle - around.max(axis=0), around.min(axis=0) - middle), *lines], axis=0)

@@ -286,7 +286,7 @@ def pose_fit(fit: Fit) -> CampaignTarget:
                 "names": list(names), "fixed": dict(fit.fixed), "priors": {k: list(v) for k, v in
                                                                             problem.priors.items()},
                 "bounds": {k: list(v) for k, v in found.bounds.items() if np.any(np.isfinite(v))},
-                "noise": {k: dc.asdict(v) for k, v in fit.noise.items()},
+                "noise": {k: dc.asdict(v.without_sizes()) for k, v in fit.noise.items()},
                 "specification": fit.settings.get("sha256")}
     groups = group_conditions(fit.source.records)
     target = CampaignTarget(

@@ -34,7 +34,7 @@ def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
     drawn = _Drawn(fit.parameters, correlations)
     sections = [
         show_parameters({"this fit": drawn}, [clean(text, 400) for text in (*fit.cannot_tell_apart, *fit.notes)]),
-        show_fits(traces), show_failures(traces, {channel: dc.asdict(one) for channel, one in fit.noise.items()})]
+        show_fits(traces), show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()})]
     if shifts:
         sections.append(show_shifts({fit.model_text: shifts}))
     told = str(fit.goodness) or ("The model describes the data within their noise and the stated uncertainty of the "

@@ -17,7 +17,7 @@ from .detectability import detectable_length, find_size
 from .forward_selection import CandidateFits, FittedStep, fit_with_shapes, list_unphysical
 from .lack_of_fit import Score, correct_for_many, hold_settings, is_moved, measure_shifts
 from .problem import Fitted, SelectionProblem
-from .result import Candidate, Estimate, Step
+from .result import Candidate, Estimate, SettingSpread, Step
 from .series import make_traces, nrmse, split_error
 
 
@@ -63,7 +63,7 @@ def describe_step(selection: SelectionProblem, grown: FittedStep, before: Fitted
     """The record of one step."""
     fitted, solution = grown.fitted, grown.fitted.solution
     traces = make_traces(selection.campaign, selection.records, solution, selection.noise)
-    shifts = measure_shifts(selection.records, solution)
+    shifts = measure_shifts(selection.records, solution, selection.spread)
     added = None
     if before is not None:
         added = next((e for e in fitted.effects if e not in before.fitted.effects), fitted.effects[-1])
@@ -94,7 +94,22 @@ def measure_held(selection: SelectionProblem, solution: Solution) -> float:
 def describe_noise(selection: SelectionProblem) -> dict[str, dict[str, Any]]:
     """What is known about the noise of every channel."""
     return {channel: {"stated_sd": n.stated_sd, "sd": n.sd, "correlation": n.correlation,
-                      "white_share": n.white_share, "text": n.text} for channel, n in selection.noise.items()}
+                      "white_share": n.white_share, "floor": n.floor, "share": n.share, "rate_share": n.rate_share,
+                      "varies": bool(n.sizes), "text": n.text} for channel, n in selection.noise.items()}
+
+
+def describe_spread(selection: SelectionProblem) -> tuple[SettingSpread, ...]:
+    """Settings that scatter more than stated, and how much."""
+    deviations, found = np.asarray(selection.records.stack.condition_sd)[: selection.records.count], []
+    for name, ratio in selection.spread.items():
+        wide = deviations[:, selection.records.nuisances.index(name)]
+        typical = 1.0
+        if name in selection.campaign.records:
+            typical = np.maximum(np.abs(selection.campaign.records[name].to_numpy(dtype=float)), 1e-300)
+        relative = name in selection.campaign.records
+        size = float(np.median(wide / typical))
+        found.append(SettingSpread(name, size / ratio, size, ratio, relative))
+    return tuple(found)
 
 
 def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep], tried: CandidateFits

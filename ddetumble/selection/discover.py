@@ -17,13 +17,22 @@ from ..measurement.campaign import Campaign
 from ..measurement.grouping import count_conditions
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
-from .describe import describe_candidates, describe_noise, describe_step, list_loose, make_fit
+from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
-from .forward_selection import FittedStep, Path, extend_path, is_explained, keep_physical, select_effects
+from .forward_selection import (
+    FittedStep,
+    Path,
+    allow_scatter,
+    extend_path,
+    is_explained,
+    keep_physical,
+    select_effects,
+)
 from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
+from .repeats import measure_repeats
 from .result import MissingForce, Place
 from .sentences import list_doubts, list_notes, tell_discovery
 from .series import nrmse
@@ -61,6 +70,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
     name, references = asked.name, ()
+    path = allow_scatter(path, report)
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
     # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
@@ -84,6 +94,9 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     missing: MissingForce | str | None = None
     if verdict in ("improved", "unexplained"):
         missing = _draw_force(path, steps[0].fitted, beside, report)
+    irregular = isinstance(missing, MissingForce) and is_irregular(selection, steps[-1].fitted, missing)
+    if irregular:
+        verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
     report("writing it down", 0.97)
     described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
     candidates = describe_candidates(selection, steps, path.tried)
@@ -100,7 +113,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(r.to_dict() for r in references),
-        missing=missing if isinstance(missing, MissingForce) else None, made=made)
+        spread=describe_spread(selection), irregular=irregular,
+        missing=missing if isinstance(missing, MissingForce) and not irregular else None, made=made)
     family, left_out = selection.family, selection.left_out
     notes = list_notes(found, family, left_out, asked.name, missing if isinstance(missing, str) else "",
                        list_exact(campaign) if rejected else [], list_loose(selection, last.fitted.solution))
@@ -197,6 +211,19 @@ def _weigh_steps(selection: SelectionProblem, steps: Sequence[FittedStep]
         return "explained", locate(selection, reference.fitted, {}), steps, final.fitted
     where = locate(selection, final.fitted, fit_directions(selection, final.fitted, final.scores))
     return "improved", where, steps, final.fitted
+
+
+def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingForce) -> bool:
+    """Whether a misfit is none of a force's: no force of any variable removes more than a little of it on left-out
+    conditions, and nothing of it repeats over the records."""
+    if missing.ceiling is not None and missing.shapes:
+        removed = (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
+        if removed > selection.settings.little:
+            return False
+    names = [str(name) for name in selection.campaign.records.columns if name != "sequence"]
+    table = selection.campaign.records[names].to_numpy(dtype=float)
+    p_value = measure_repeats(selection.problem, fitted.solution, table)
+    return p_value is not None and p_value > selection.settings.repeats
 
 
 def list_exact(campaign: Campaign) -> list[str]:

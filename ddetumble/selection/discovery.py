@@ -13,7 +13,7 @@ from ..inference.files import list_versions, make_plain, write_json
 from ..inference.findings import AbstractRivals, Fit
 from ..measurement.faults import Fault
 from ..measurement.quantities import clean
-from .result import RESULT, RIVALS, Candidate, MissingForce, Place, Step, list_shifts
+from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
 
@@ -39,6 +39,9 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         references: other reference models that were tried beside the one that was asked for, and how far they came.
         settings: the thresholds that decided.
         counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
+        spread: settings that scatter more than stated, which the fits allow for.
+        irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
+            conditions that are left out, and nothing of it repeats over the records.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
         made: what makes the fits: of every step, and of the rivals of the last one.
     """
@@ -62,6 +65,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     faults: tuple[Fault, ...] = ()
     doubts: tuple[str, ...] = ()
     references: tuple[Mapping[str, Any], ...] = ()
+    spread: tuple[SettingSpread, ...] = ()
+    irregular: bool = False
     missing: MissingForce | None = None
     made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
         default=((), ()), repr=False, compare=False)
@@ -142,7 +147,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def to_dict(self) -> dict[str, Any]:
         """`result.json` of `discover`: plain numbers, text, lists."""
         last, names = self.steps[-1], ("campaign", "family", "model", "verdict", "effects", "sentence", "noise_nrmse",
-                                       "noise", "references", "doubts", "notes", "faults", "sha256")
+                                       "noise", "references", "doubts", "notes", "faults", "sha256", "irregular")
         return make_plain({
             **{name: getattr(self, name) for name in names},
             "steps": [{
@@ -156,7 +161,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             } for c in self.candidates],
             "where": [{k: v for k, v in _list_fields(w).items() if v is not None} for w in self.where],
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
-            "lack_of_fit": self.steps[0].lack_of_fit,
+            "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "missing_force": None if self.missing is None else self.missing.to_dict(),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })

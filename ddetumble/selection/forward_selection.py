@@ -5,7 +5,7 @@ cross-validate, choose, exchange earlier choices while that predicts better, tak
 """
 
 import dataclasses as dc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from .lack_of_fit import Score
 from .problem import Fitted, SelectionProblem
 from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
+
+
+SETTLING = 3  # rounds of fitting and of estimating the scatter of the settings: the second hardly changes anything
 
 
 @dc.dataclass(frozen=True)
@@ -290,12 +293,13 @@ def find_alternatives(selection: SelectionProblem, tried: CandidateFits, current
     conditions alone may favour an effect for what else is missing.
     """
     close, best = [], tried.refined[tried.order[0]]
+    unit = selection.disperse(best)
     for effect in tried.order[1:]:
         other = tried.refined.get(effect)
         if other is None or other.solution is current.solution or is_beyond(selection, current, other):
             continue
         difference, error = compare_additions(selection, tried, effect)
-        beaten = selection.settings.is_beaten(difference, error)
+        beaten = selection.settings.is_beaten(difference / unit, error / unit)
         if not beaten or fits_better(other, best, current, selection.settings):
             close.append((effect, difference, error))
     return tuple(close)
@@ -312,7 +316,11 @@ def helps(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
         return False
     by_group = np.array([(current.loss - grown.loss)[groups == g].sum() for g in np.unique(groups)])
     most = float(np.mean(by_group > 0)) >= limits.majority
-    return gain > limits.significant and (gain > limits.standard_errors * error or most or gain > limits.decisive)
+    if gain <= limits.significant:
+        return False
+    unit = selection.disperse(grown)  # of differences, in noise variances
+    return gain > limits.significant * unit and (gain > limits.standard_errors * error or most
+                                                 or gain > limits.decisive * unit)
 
 
 def predicts_better(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bool:
@@ -330,6 +338,49 @@ def pass_over(selection: SelectionProblem, current: Fitted, tried: CandidateFits
     refined = refined or refine(selection, current, tried.screened, tried.before, rest)
     first = sorted(refined, key=lambda effect: (is_beyond(selection, current, refined[effect]), refined[effect].merit))
     return dc.replace(tried, refined=refined, order=(*first, *(effect for effect in rest if effect not in refined)))
+
+
+def allow_scatter(path: Path, report: Progress = lambda text, share: None) -> Path:
+    """The same search with settings that scatter more than stated, where that explains the records.
+
+    It does where the scatter is beyond doubt beside all effects that were found (which may only imitate it), leaves no
+    misfit, and moves the settings at random: physics that moves them does so alike at like conditions.
+    """
+    if not path.steps[0].lack.rejected:
+        return path
+    spread = path.selection.estimate_spread(path.steps[-1].fitted)
+    if not spread:
+        return path
+    report("allowing for settings that scatter more than stated", 0.87)
+    selection, reference = _settle_spread(path.selection, path.steps[0].fitted, spread)
+    if not selection.spread:
+        return path
+    found = select_effects(selection, reference)
+    if len(found.steps) > 1:  # an effect may have taken what the scatter stood for
+        again, _ = _settle_spread(found.selection, found.steps[-1].fitted, found.selection.spread)
+        ratios = [again.spread.get(n, 1.0) / r for n, r in found.selection.spread.items()]
+        if again.spread and max(abs(np.log(ratios))) > np.log(again.settings.spread.least):
+            selection, reference = again, again.repeat(found.steps[0].fitted)
+            selection = selection.span(reference.solution)
+            found = select_effects(selection, reference)
+    settled = not found.steps[-1].lack.rejected and found.selection.is_scatter(found.steps[-1].fitted)
+    return found if settled else path
+
+
+def _settle_spread(selection: SelectionProblem, fitted: Fitted, spread: Mapping[str, float]
+                   ) -> tuple[SelectionProblem, Fitted]:
+    """The problem with the scatter of the settings as a model wants it, and the model fitted with it."""
+    for _ in range(SETTLING):
+        selection = selection.loosen(spread)
+        fitted = selection.repeat(fitted)
+        again = selection.estimate_spread(fitted)
+        ratios = [again.get(n, 1.0) / spread.get(n, 1.0) for n in {*again, *spread}]
+        spread = again
+        if not ratios or max(abs(np.log(ratios))) < np.log(selection.settings.spread.least):
+            break
+    selection = selection.loosen(spread)
+    fitted = selection.repeat(fitted)
+    return selection.span(fitted.solution), fitted
 
 
 def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:

@@ -208,19 +208,25 @@ def bootstrap_p_value(scores: list[Score], noise: Mapping[str, Noise], draws: in
     return (above + 1.0) / (draws + 1.0)
 
 
-def measure_shifts(records: Records, solution: Solution) -> tuple[SettingShift, ...]:
-    """Shifts of every setting with a stated uncertainty; what has none, and zeros that move, are no settings."""
+def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, float] | None = None
+                   ) -> tuple[SettingShift, ...]:
+    """Shifts of every setting with a stated uncertainty; what has none, and zeros that move, are no settings.
+
+    `spread` is by how much the fit lets them scatter more than stated: shifts are in stated deviations all the same,
+    and their p-values are those of the larger scatter.
+    """
     found = []
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
     for k, name in enumerate(records.nuisances):
         known = deviations[:, k] > 0
         if name in records.starts or name.startswith((f"{ZERO}:", f"{DRIFT}:")) or not known.any():
             continue
-        moved = np.where(known, solution.z[:, k], 0.0)
+        ratio = (spread or {}).get(name, 1.0)
+        moved = np.where(known, solution.z[:, k], 0.0) * ratio
         worst = int(np.argmax(np.abs(moved)))
         found.append(SettingShift(
-            name, float(np.median(deviations[known, k])), float(np.sqrt(np.sum(moved**2) / known.sum())),
-            float(moved[worst]), records.keys[worst], weigh_shifts(moved[known]), moved))
+            name, float(np.median(deviations[known, k])) / ratio, float(np.sqrt(np.sum(moved**2) / known.sum())),
+            float(moved[worst]), records.keys[worst], weigh_shifts(moved[known] / ratio), moved))
     return tuple(found)
 
 

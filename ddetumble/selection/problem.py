@@ -17,11 +17,20 @@ from ..inference.noise_estimation import differs_from_stated, measure_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
-from ..inference.stack import Records, stack_records
+from ..inference.setting_spread import estimate_spread, follow_conditions
+from ..inference.stack import Records, stack_records, widen_settings
 from ..measurement.campaign import Campaign
 from ..measurement.grouping import can_leave_out, group_conditions
 from .cross_validation import forecast, leave_out, predict_left_out
-from .lack_of_fit import Score, bootstrap_p_value, family_p_value, judge_fit, score_directions, smooth_bases
+from .lack_of_fit import (
+    Score,
+    bootstrap_p_value,
+    family_p_value,
+    judge_fit,
+    measure_smooth,
+    score_directions,
+    smooth_bases,
+)
 from .result import LackOfFit
 from .series import split_error
 from .settings import DEFAULT, SelectionSettings
@@ -91,6 +100,7 @@ class SelectionProblem:
     bases: Sequence[sparse.csr_matrix] = ()  # whitened splines of every record, in which a misfit is looked for
     orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)  # what makes these so, by record
     lost: bool = False  # whether fits have to be led from the first part of the records to all of them
+    spread: Mapping[str, float] = dc.field(default_factory=dict)  # ratio of a setting's scatter to what is stated
 
     @property
     def family(self) -> Family:
@@ -114,8 +124,37 @@ class SelectionProblem:
 
     def restack(self, noise: Mapping[str, Noise]) -> "SelectionProblem":
         """The same under another noise."""
-        records, problem, thin = _stack(self.campaign, self.space, noise, self.zeros, self.settings)
+        records, problem, thin = _stack(self.campaign, self.space, noise, self.zeros, self.settings, self.spread)
         return dc.replace(self, records=records, problem=problem, thin=thin)
+
+    def loosen(self, spread: Mapping[str, float]) -> "SelectionProblem":
+        """The same with settings that scatter so many times as much as stated, by name."""
+        return dc.replace(self, spread=dict(spread)).restack(self.noise)
+
+    def estimate_spread(self, fitted: Fitted) -> dict[str, float]:
+        """Ratio of the scatter of the settings to what is stated, under a model; those beyond doubt."""
+        return estimate_spread(self.records, fitted.solution, self.spread, self.settings.spread)
+
+    def is_scatter(self, fitted: Fitted) -> bool:
+        """Whether the settings that scatter more than stated were moved at random, and not as the conditions go."""
+        names = [str(name) for name in self.campaign.records.columns if name != "sequence"]
+        table = self.campaign.records[names].to_numpy(dtype=float)
+        chances = [follow_conditions(fitted.solution.z[:, self.records.nuisances.index(name)], self.groups, table)
+                   for name in self.spread]
+        return min(chances, default=1.0) * len(chances) > self.settings.spread.random
+
+    def disperse(self, fitted: Fitted) -> float:
+        """Chi-square of the smooth misfit of a model over its degrees of freedom, where it is beyond chance; else 1.
+
+        What noise or settings leave that are not as stated makes differences between models so many times as large.
+        """
+        if fitted.thinned or not self.bases:
+            return 1.0
+        total, degrees = measure_smooth(self.problem, fitted.solution, self.bases)
+        spread = max(n.log_level_sd for n in self.noise.values())
+        beyond = self.settings.standard_errors * np.sqrt(2.0 / max(degrees, 1.0) + spread**2)
+        ratio = total / max(degrees, 1.0)
+        return float(ratio) if ratio > np.exp(beyond) else 1.0
 
     def span(self, solution: Solution) -> "SelectionProblem":
         """The same with the splines over the contacts of a fit."""
@@ -246,11 +285,14 @@ class SelectionProblem:
 
 
 def _stack(campaign: Campaign, space: ParameterSpace, noise: Mapping[str, Noise], zeros: Zeros | None,
-           settings: SelectionSettings) -> tuple[Records, Problem, Problem | None]:
+           settings: SelectionSettings, spread: Mapping[str, float]) -> tuple[Records, Problem, Problem | None]:
     """All samples, and thinned records on which many candidates are tried."""
-    records, most = stack_records(campaign, noise, zeros=zeros), settings.screening_samples
-    thin = Problem(space, stack_records(campaign, noise, most, zeros)) if records.lengths.max() > most else None
-    return records, Problem(space, records), thin
+    most = settings.screening_samples
+    records = widen_settings(stack_records(campaign, noise, zeros=zeros), spread)
+    if records.lengths.max() <= most:
+        return records, Problem(space, records), None
+    thin = widen_settings(stack_records(campaign, noise, most, zeros), spread)
+    return records, Problem(space, records), Problem(space, thin)
 
 
 def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence[type[AbstractEffect]] = (),
@@ -284,7 +326,7 @@ def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence
     if fit_given:
         base += tuple(space.of([effect.id for effect in given]))
     catalogue = tuple(e for e in found.catalogue if e not in taken)
-    records, problem, thin = _stack(campaign, space, {}, zeros, settings)
+    records, problem, thin = _stack(campaign, space, {}, zeros, settings, {})
     return SelectionProblem(campaign, settings, zeros, space, start, base, tuple(found.catalogue), catalogue,
                             tuple(found.directions), tuple(found.left_out), tuple(found.warnings), records, problem,
                             thin, start)

@@ -65,6 +65,17 @@ class SettingShift:
 
 
 @dc.dataclass(frozen=True)
+class SettingSpread:
+    """How much a setting scatters beyond what the campaign states, estimated from the records themselves."""
+
+    name: str  # of the condition, or `time`
+    stated: float  # standard deviation that the campaign states, the median over records
+    found: float  # the one that the records show, in the same unit
+    ratio: float  # of the two
+    relative: bool  # whether both are shares of the setting; else SI
+
+
+@dc.dataclass(frozen=True)
 class LackOfFit:
     """Whether a misfit beyond noise and setting errors is left."""
 

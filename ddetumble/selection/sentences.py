@@ -9,10 +9,11 @@ import numpy as np
 from .._sentences import Sentence, join_sentences, say
 from ..families import Family
 from ..measurement.quantities import describe_quantity
+from ..measurement.units import format_time
 from .discovery import Discovery
 from .forward_selection import Unphysical
 from .missing.missing_force import summarise_missing
-from .result import Candidate, SettingShift, Step, Trace
+from .result import Candidate, SettingShift, SettingSpread, Step, Trace
 from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
@@ -40,6 +41,13 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
     }
 
 
+def _describe_spread(one: SettingSpread) -> dict[str, Any]:
+    """Facts of a setting that scatters more than stated."""
+    name = "time origin" if one.name == "time" else describe_quantity(one.name).name
+    stated, seen = ((f"{100 * x:.2g} %" if one.relative else format_time(x)) for x in (one.stated, one.found))
+    return {"name": name, "stated": stated, "found": seen}
+
+
 def _level(step: Step, found: Discovery) -> dict[str, Any]:
     return describe_level(step.nrmse, found.noise_nrmse, step.shifts, step.held_nrmse, found.settings.level_each)
 
@@ -61,6 +69,8 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                          before=_level(first, found)))
     else:
         parts.append(_tell_verdict(found, family, folds))
+        if found.spread:
+            parts.append(say("verdict.loose_settings", settings=[_describe_spread(one) for one in found.spread]))
         if found.verdict in ("improved", "unexplained") and found.where:
             view = dc.replace(family.view, longest=find_longest(first.traces))
             parts.append(say("verdict.where", place=describe_place(found.where[0], view)))
@@ -135,6 +145,8 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     lack, before, effects = first.lack_of_fit, _level(first, found), list(found.effects)
     p = f"p = {lack.p_value:.1g}" if lack.p_value >= 1e-6 else "p < 1e-6"
     records, conditions = counts["records"], counts["conditions"]
+    if found.verdict == "nothing-missing" and found.irregular:
+        return say("verdict.irregular", model=model, records=records, before=before, folds=family.folds)
     if found.verdict == "nothing-missing":
         seen = [c for c in found.candidates if c.visible > settings.invisible and c.smallest_detectable][:3]
         detectable = [(n, v, c.units.get(n, "")) for c in seen for n, v in list(c.smallest_detectable.items())[:1]]
@@ -146,6 +158,10 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
                    remedies=family.remedies)
     if found.verdict == "undecided":
         return say("verdict.too_few", records=records)
+    if found.verdict == "explained" and found.irregular:
+        return join_sentences(
+            say("verdict.explained_but", model=model, effects=effects, before=before, after=_level(last, found), p=p),
+            say("verdict.irregular_rest", folds=family.folds))
     if found.verdict == "explained":
         values = [(name.split(".", 1)[1], one) for name, one in last.parameters.items()
                   if name.split(".")[0] in effects]

@@ -3,6 +3,7 @@
 import dataclasses as dc
 
 from ..inference.noise_estimation import NoiseSettings
+from ..inference.setting_spread import SpreadSettings
 from ..measurement.faults import ScreeningSettings
 
 
@@ -91,7 +92,11 @@ class SelectionSettings:
         invisible: share of its signature below which an effect cannot be identified.
         rounds: of leaving out faulty records and beginning again, at most.
         most_samples: that are searched: hundreds of fits to them take some ten minutes.
+        little: share of a misfit that a force of any variable removes on left-out conditions, up to which the misfit may
+            be no force's: what noise happens to share with one, and
+        repeats: p-value of a misfit that repeats over the records, above which it is none.
         noise: what decides how the noise is taken.
+        spread: when settings count as scattering more than stated.
         screening, outliers, baseline: what counts as a fault of the data.
     """
 
@@ -126,7 +131,10 @@ class SelectionSettings:
     invisible: float = 0.002
     rounds: int = 4
     most_samples: int = 100_000
+    little: float = 0.1
+    repeats: float = 0.05
     noise: NoiseSettings = NoiseSettings()
+    spread: SpreadSettings = SpreadSettings()
     screening: ScreeningSettings = ScreeningSettings()
     outliers: OutlierSettings = OutlierSettings()
     baseline: BaselineSettings = BaselineSettings()

@@ -1,0 +1,229 @@
+"""Size of the noise sample by sample: with the reading and its rate, from record to record, and along a trace.
+
+What is looked at are second differences of the residuals, which what is smooth (a missing force) hardly moves. Their
+size follows
+
+$$s^2 = g_r^2 b_r^2(t) (a^2 + (p y)^2 + (q \\dot y)^2)$$
+
+with the reading $y$ and its change over a sampling interval, a floor $a$, shares $p$ and $q$, a factor $g_r$ of every
+record, and one $b_r$ that varies slowly along it. Every part is adopted only where it is beyond chance, given the
+scatter of the differences themselves, so that heavy tails and steps of the gauge do not count as a varying size.
+"""
+
+import dataclasses as dc
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import optimize, stats
+
+
+LAGS = 3  # over which neighbouring differences are correlated: what a second difference spans
+LONGEST = 100_000  # differences that are fitted at once: more than enough for three numbers
+CAPPED = 5.0  # times the expected size, beyond which a difference is a kink of the model or a spike, and counts as that
+
+
+@dc.dataclass(frozen=True)
+class SizeSettings:
+    """When the size of the noise counts as varying.
+
+    Attributes:
+        fewest: differences that tell something about a size.
+        p_value: of a size that is the same throughout, below which it is not: a false alarm costs a little certainty.
+        material: ratio of the largest size (of one sample in twenty) to the smallest, below which it does not matter.
+        window: samples of the shortest part of a trace with a size of its own, and
+        windows: parts of a trace at most.
+        repeated: share of readings equal to the one before, from which on the steps of the gauge are the noise, whose
+            size this cannot tell.
+    """
+
+    fewest: int = 60
+    p_value: float = 1e-3
+    material: float = 1.2
+    window: int = 40
+    windows: int = 12
+    repeated: float = 0.1
+
+
+SIZE = SizeSettings()
+
+
+@dc.dataclass(frozen=True)
+class Run:
+    """Neighbouring samples of one record without a gap; arrays have shape (samples,), SI."""
+
+    record: int
+    samples: np.ndarray  # their places in the record
+    residual: np.ndarray  # without what is smooth over a contact
+    reading: np.ndarray  # without noise
+
+
+@dc.dataclass(frozen=True)
+class Sizes:
+    """How the size of the noise varies.
+
+    Attributes:
+        floor, share, rate_share: standard deviation without a reading [SI], as a share of the reading, and of its
+            change over one sampling interval; up to a common factor, as only differences are looked at.
+        records: factors by record, shape (records,); 1 where all are alike.
+        along: whether the size varies along the traces beside.
+        relative: size of every sample, in no unit, a list over records of shape (samples,).
+    """
+
+    floor: float
+    share: float
+    rate_share: float
+    records: np.ndarray
+    along: bool
+    relative: list[np.ndarray]
+
+
+def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSettings = SIZE) -> Sizes | None:
+    """How the size of the noise varies over the samples of a channel; None where it does not, beyond chance.
+
+    Args:
+        runs: of all records.
+        lengths: samples of each record.
+        settings: thresholds.
+    """
+    runs = [run for run in runs if len(run.residual) > 4]
+    if not runs:
+        return None
+    record = np.concatenate([np.full(len(run.residual) - 2, run.record) for run in runs])
+    place = np.concatenate([run.samples[1:-1] for run in runs])
+    differences = np.concatenate([np.abs(_bend(run.residual)) for run in runs])
+    squares = np.concatenate([_list_squares(run.reading)[1:-1] for run in runs])
+    repeated = np.concatenate([np.diff(run.residual + run.reading) == 0.0 for run in runs]).mean()
+    if len(differences) < settings.fewest or not differences.any() or repeated > settings.repeated:
+        return None
+    parts, size = _fit_parts(differences, squares, settings)
+    factors = np.ones(len(lengths))
+    whole = differences / size
+    found = _shrink([whole[record == r] for r in range(len(lengths))], settings)
+    if found is not None:
+        factors = found
+        whole = whole / factors[record]
+    along = _follow(whole, record, place, lengths, settings)
+    if parts is None and found is None and along is None:
+        return None
+    floor, share, rate_share = parts if parts is not None else (float(np.mean(differences)), 0.0, 0.0)
+    relative = [np.full(n, np.nan) for n in lengths]
+    for run in runs:
+        own = np.sqrt(floor**2 + _list_squares(run.reading) @ np.square([share, rate_share])) * factors[run.record]
+        relative[run.record][run.samples] = own
+    for r, one in enumerate(relative):  # samples that no run holds count as the nearest that one does
+        seen = np.flatnonzero(np.isfinite(one))
+        filled = np.interp(np.arange(len(one)), seen, one[seen]) if len(seen) else np.full(len(one), floor)
+        relative[r] = filled * (along[r] if along is not None else 1.0)
+    every = np.concatenate(relative)
+    low, high = np.quantile(every, [0.05, 0.95])
+    if high <= settings.material * low:
+        return None
+    return Sizes(floor, share, rate_share, factors, along is not None, relative)
+
+
+def _bend(x: np.ndarray) -> np.ndarray:
+    """Second difference of neighbours: what the mean of the two beside a sample does not predict of it."""
+    return x[1:-1] - 0.5 * (x[:-2] + x[2:])
+
+
+def _list_squares(reading: np.ndarray) -> np.ndarray:
+    """Squares of the reading and of its change from sample to sample, shape (samples, 2)."""
+    return np.stack([reading**2, np.gradient(reading) ** 2], axis=1)
+
+
+def _fit_parts(differences: np.ndarray, squares: np.ndarray, settings: SizeSettings
+               ) -> tuple[tuple[float, float, float] | None, np.ndarray]:
+    r"""Floor and shares by quasi-likelihood, $\sum \log m_t + d_t/m_t$ with $m_t^2 = a^2 + (p y)^2 + (q \dot y)^2$
+    the squared mean of a difference $d_t$; None where no share is beyond chance. And the expected size of each."""
+    step = -(-len(differences) // LONGEST)
+    mean = float(np.mean(differences))
+    none = np.full(len(differences), mean)
+    few, own = differences[::step], squares[::step]
+    scale = np.maximum(own.mean(axis=0), 1e-300)
+    unit = own / scale
+    spread = np.var(np.minimum(few / mean, CAPPED)) * _count_once(few / mean)
+    kept: tuple[int, ...] = ()
+    best, loss = None, _lose(np.zeros(1), few / mean, unit[:, :0])
+    needed = 0.5 * spread * stats.chi2.isf(settings.p_value, 1)
+    for columns in ((0,), (1,), (0, 1)):
+        start = np.zeros(1 + len(columns)) + np.log(1.0 / (1 + len(columns)))
+        found = optimize.minimize(_lose, start, (few / mean, unit[:, columns]), method="L-BFGS-B",
+                                  bounds=[(-14.0, 4.0)] * len(start))
+        if found.fun < loss - needed * max(len(columns) - len(kept), 1):
+            best, loss, kept = found.x, float(found.fun), columns
+    if best is None:
+        return None, none
+    shares = np.zeros(2)
+    shares[list(kept)] = np.exp(0.5 * best[1:]) * mean / np.sqrt(scale[list(kept)])
+    floor = float(np.exp(0.5 * best[0]) * mean)
+    return (floor, float(shares[0]), float(shares[1])), np.sqrt(floor**2 + squares @ shares**2)
+
+
+def _lose(logarithms: np.ndarray, differences: np.ndarray, squares: np.ndarray) -> float:
+    size = np.sqrt(np.exp(logarithms[0]) + squares @ np.exp(logarithms[1:]))
+    ratio = differences / size
+    beyond = CAPPED * (1.0 + np.log(np.maximum(ratio, CAPPED) / CAPPED))  # a kink counts by its logarithm
+    return float(np.sum(np.log(size) + np.where(ratio > CAPPED, beyond, ratio)))
+
+
+def _count_once(values: np.ndarray, length: float = np.inf) -> float:
+    """How many neighbours count as one: the sum of their autocorrelations, at least 1.
+
+    Where the mean over every `length` of them was taken out, their correlations came out too small by its variance.
+    """
+    x = np.minimum(values, CAPPED)
+    x = x - x.mean()
+    power = float(x @ x)
+    lags = range(1, min(LAGS, len(x) // 4) + 1)
+    if power <= 0:
+        return 1.0
+    count = 1.0 + 2.0 * sum(float(x[k:] @ x[:-k]) for k in lags) / power
+    return max(count / max(1.0 - (2.0 * LAGS + 1.0) / length, 0.5), 1.0)
+
+
+def _shrink(groups: Sequence[np.ndarray], settings: SizeSettings) -> np.ndarray | None:
+    """Size of every group over the typical one, drawn towards it as far as it is uncertain; None where all are alike.
+
+    The logarithms of the sizes scatter with a variance between the groups (DerSimonian and Laird's moments) beside that
+    of each estimate. A group's size is that whose square is unbiased for the reciprocal of the variance.
+    """
+    capped = [np.minimum(g, CAPPED) for g in groups]
+    means = np.array([np.mean(g) if len(g) > 2 else np.nan for g in capped])
+    known = np.isfinite(means) & (means > 0)
+    if known.sum() < 2:
+        return None
+    # Scatter and correlation of the differences over their group's size are those of all groups together.
+    every = np.concatenate([g / m for g, m, k in zip(capped, means, known, strict=True) if k])
+    sizes = np.array([len(g) for g, k in zip(groups, known, strict=True) if k])
+    error = float(np.var(every)) * _count_once(every, float(np.median(sizes))) / sizes
+    logarithms, weights = np.log(means[known]), 1.0 / error
+    middle = float(weights @ logarithms / weights.sum())
+    statistic, free = float(weights @ (logarithms - middle) ** 2), int(known.sum()) - 1
+    if stats.chi2.sf(statistic, free) > settings.p_value:
+        return None
+    between = max((statistic - free) / (weights.sum() - weights @ weights / weights.sum()), 0.0)
+    found = np.ones(len(groups))
+    shrunk = between / (between + error)
+    found[known] = np.exp(shrunk * (logarithms - middle) + shrunk * error)
+    return found
+
+
+def _follow(whole: np.ndarray, record: np.ndarray, place: np.ndarray, lengths: Sequence[int], settings: SizeSettings
+            ) -> list[np.ndarray] | None:
+    """Size along every trace, from parts of it; shape (samples,) each, None where it is the same all along."""
+    groups, centres = [], []
+    for r in range(len(lengths)):
+        own = np.flatnonzero(record == r)
+        count = min(settings.windows, len(own) // settings.window)
+        for part in np.array_split(own, count) if count else ():
+            groups.append(whole[part])
+            centres.append((r, float(place[part].mean())))
+    found = _shrink(groups, settings) if len(groups) > 1 else None
+    if found is None:
+        return None
+    logarithms, curves = np.log(found), []
+    for r, n in enumerate(lengths):
+        here = [k for k, (owner, _) in enumerate(centres) if owner == r]
+        curves.append(np.exp(np.interp(np.arange(n), [centres[k][1] for k in here], logarithms[here])) if here
+                      else np.ones(n))
+    return curves

@@ -1,0 +1,142 @@
+"""How far the settings of the records really scatter: a variance of their own, with the stated one as prior."""
+
+import dataclasses as dc
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import linalg, optimize, stats
+
+from .problem import Solution
+from .stack import DRIFT, ZERO, Records
+
+
+@dc.dataclass(frozen=True)
+class SpreadSettings:
+    """When settings count as scattering more than stated.
+
+    Attributes:
+        prior: standard deviation of the logarithm of the ratio to what is stated: a factor of three is no surprise.
+        worth: logarithm of the likelihood that a larger scatter has to bring.
+        least: ratio below which nothing hangs on it.
+        most: ratio beyond which the setting would not be known at all.
+        fewest: records with which a scatter can be estimated.
+        random: p-value of shifts that follow the conditions, below which they are no scatter: physics acts alike at
+            like conditions, errors do not.
+    """
+
+    prior: float = 1.0
+    worth: float = 6.0
+    least: float = 1.3
+    most: float = 40.0
+    fewest: int = 6
+    random: float = 0.01
+
+
+SPREAD = SpreadSettings()
+
+
+def list_settings(records: Records) -> list[int]:
+    """Places among the nuisances of the settings that state an uncertainty."""
+    deviations = np.asarray(records.stack.condition_sd)[: records.count]
+    return [k for k, name in enumerate(records.nuisances)
+            if name not in records.starts and not name.startswith((f"{ZERO}:", f"{DRIFT}:"))
+            and (deviations[:, k] > 0).any()]
+
+
+def estimate_spread(records: Records, solution: Solution, known: Mapping[str, float] | None = None,
+                    settings: SpreadSettings = SPREAD) -> dict[str, float]:
+    r"""Ratio of the scatter of every setting to what is stated, where it is larger beyond doubt.
+
+    The restricted likelihood of the linearised fit: residuals $\rho_r = S_r \theta + J_r z_r + e$ with unit noise $e$,
+    $z_{rk} \sim N(0, f_k^2)$ and free $\theta$; each $\log f_k$ has a normal prior about what is stated.
+
+    Args:
+        records, solution: a fit of all records.
+        known: ratios that the fit already allows for, by name.
+        settings: thresholds.
+
+    Returns:
+        Ratios by name of the setting; those that are not beyond doubt are missing.
+    """
+    places = list_settings(records)
+    if not places or records.count < settings.fewest:
+        return {}
+    before = np.array([dict(known or {}).get(records.nuisances[k], 1.0) for k in places])
+    count, own = solution.shared.shape[2], solution.own.shape[2]
+    sides, triangles, rest = [], [], np.zeros((count + 1, count + 1))
+    for r in range(records.count):
+        residual = solution.residual[r] - solution.own[r] @ solution.z[r]
+        columns = np.concatenate([solution.shared[r], residual[:, None]], axis=1)
+        q, triangle = np.linalg.qr(solution.own[r])
+        part = q.T @ columns
+        rest += columns.T @ columns - part.T @ part
+        sides.append(part)
+        triangles.append(triangle)
+    rest[:count, :count] += np.diag(solution.prior_weight**2)
+    rest[:count, count] += solution.prior_weight * solution.prior_residual
+    rest[count, :count] += solution.prior_weight * solution.prior_residual
+
+    def lose(logarithms: np.ndarray) -> float:
+        """Minus twice the logarithm of the restricted likelihood and the prior."""
+        ratio = np.ones(own)
+        ratio[places] = np.exp(logarithms) / before
+        cross, determinant = rest.copy(), 0.0
+        for part, triangle in zip(sides, triangles, strict=True):
+            wide = triangle * ratio
+            factor = linalg.cholesky(np.eye(len(wide)) + wide @ wide.T, lower=True)
+            white = linalg.solve_triangular(factor, part, lower=True)
+            cross += white.T @ white
+            determinant += 2.0 * float(np.sum(np.log(np.diag(factor))))
+        square, scale = cross[:count, :count], np.sqrt(np.maximum(np.diag(cross)[:count], 1e-300))
+        left = cross[count, count]
+        if count:
+            values, vectors = np.linalg.eigh(square / np.outer(scale, scale))
+            told = values > 1e-10 * values[-1]
+            side = (vectors.T @ (cross[:count, count] / scale))[told]
+            left -= float(np.sum(side**2 / values[told]))
+            determinant += float(np.sum(np.log(values[told])) + 2.0 * np.sum(np.log(scale)))
+        return left + determinant + float(np.sum((logarithms / settings.prior) ** 2))
+
+    none, limit = np.zeros(len(places)), float(np.log(settings.most))
+    best = min((optimize.minimize(lose, start, method="L-BFGS-B", bounds=[(0.0, limit)] * len(places))
+                for start in (none, none + np.log(4.0))), key=lambda found: found.fun)
+    found = {}
+    for i, k in enumerate(places):
+        fixed = best.x.copy()
+        fixed[i] = 0.0
+        if np.exp(best.x[i]) > settings.least and lose(fixed) - best.fun > 2.0 * settings.worth:
+            found[records.nuisances[k]] = float(np.exp(best.x[i]))
+    return found
+
+
+def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.ndarray) -> float:
+    """p-value of shifts of a setting having nothing to do with the conditions: those of physics are alike in repeats.
+
+    An F-test of the conditions' means about zero against the scatter within conditions; where no condition is
+    repeated, of a plane over the logarithms of the conditions against the scatter about it.
+
+    Args:
+        shifts: of every record, shape (records,).
+        groups: number of its condition, shape (records,).
+        conditions: of every record, shape (records, conditions), positive.
+
+    Returns:
+        The p-value; 0 where there are too few records to tell.
+    """
+    labels = np.unique(groups)
+    within = len(shifts) - len(labels)
+    if within >= 3:
+        means = np.array([shifts[groups == g].mean() for g in labels])
+        sizes = np.array([np.sum(groups == g) for g in labels])
+        scatter = sum(float(np.sum((shifts[groups == g] - m) ** 2)) for g, m in zip(labels, means, strict=True))
+        return float(stats.f.sf(float(sizes @ means**2) / len(labels) / max(scatter / within, 1e-300), len(labels),
+                                within))
+    logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
+    varied = logarithms[:, np.ptp(logarithms, axis=0) > 0.03]
+    plane = np.concatenate([np.ones((len(shifts), 1)), varied], axis=1)
+    free = len(shifts) - plane.shape[1]
+    if free < 3:
+        return 0.0
+    left = shifts - plane @ np.linalg.lstsq(plane, shifts, rcond=None)[0]
+    taken = float(shifts @ shifts - left @ left)
+    return float(stats.f.sf(taken / plane.shape[1] / max(float(left @ left) / free, 1e-300), plane.shape[1], free))
