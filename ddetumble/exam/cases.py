@@ -1,7 +1,7 @@
 """Cases of an exam: every one sampled from the exam's seed and its own number alone."""
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from .._errors import InputError
 from .faults import FAULTS
+from .simulators.benches import BENCHES, perturb
 from .simulators.campaigns import write_package
 from .simulators.generator import CaseGenerator, Hidden
 from .simulators.impact_campaigns import IMPACT
@@ -23,6 +24,7 @@ TRUTHS = ("nothing", "one", "two", "outside")
 PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside")
 NOISES = ("white", "ar1")
 WEAKEST, STRONGEST = 0.5, 8.0  # strength: rms over noise that a refitted reference model leaves
+TWOFOLD = 0.25  # share of the drawn benches that are of two kinds
 FAULTY = 0.25  # share of the cases with a fault, where faults are drawn
 
 
@@ -36,6 +38,8 @@ class Exam:
         truths: kinds of what is hidden, out of TRUTHS.
         noise: `white`, `ar1` (correlation 0.3 to 0.9, partly white in a third of the cases) or `drawn`: even odds.
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
+        bench: `stated` (noise and settings are as the campaign says), one of BENCHES that the family can show, or
+            `drawn`: any of these, in a quarter of the cases two together.
         edition: of the drawing; the present one of the family's generator where not given.
     """
 
@@ -45,11 +49,14 @@ class Exam:
     noise: str = "drawn"
     fault: str = "drawn"
     edition: int = 0
+    bench: str = "stated"
 
     def __post_init__(self):
+        suited = GENERATORS[self.family].benches if self.family in GENERATORS else BENCHES
         for option, values, allowed in (("--family", (self.family,), GENERATORS), ("--truth", self.truths, TRUTHS),
                                         ("--noise", (self.noise,), (*NOISES, "drawn")),
-                                        ("--fault", (self.fault,), ("none", "drawn", *FAULTS))):
+                                        ("--fault", (self.fault,), ("none", "drawn", *FAULTS)),
+                                        ("--bench", (self.bench,), ("stated", "drawn", *suited))):
             for value in values:
                 if value not in allowed:
                     raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=option)
@@ -63,6 +70,10 @@ class Exam:
     def generator(self) -> CaseGenerator:
         """Of its cases."""
         return GENERATORS[self.family]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its fields as files keep them; `bench`, which came later, only where it is another than before."""
+        return {name: value for name, value in dc.asdict(self).items() if (name, value) != ("bench", "stated")}
 
 
 @dc.dataclass(frozen=True)
@@ -78,6 +89,7 @@ class Case:
     fault: str | None  # one of FAULTS
     setting: Mapping[str, Any]  # of the generator; `base` in it are the reference model's parameters
     seed: int  # of the campaign's random numbers
+    bench: Sequence[str] = ()  # kinds out of BENCHES; none where everything is as stated
 
 
 def start_random(exam: Exam, *more: int) -> np.random.Generator:
@@ -122,7 +134,16 @@ def sample_case(exam: Exam, index: int) -> Case:
                 effects[name], asked[name], strengths[name] = found
             if len(effects) == (2 if kind == "two" else 1):
                 break
-    return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed)
+    return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed, draw_bench(exam, index))
+
+
+def draw_bench(exam: Exam, index: int) -> tuple[str, ...]:
+    """Kinds of a case's bench, from random numbers of their own: the case is else the same on every bench."""
+    if exam.bench == "drawn":
+        random = start_random(exam, 4, index)
+        order, twofold = random.permutation(list(exam.generator.benches)), random.random() < TWOFOLD
+        return tuple(str(kind) for kind in order[: 1 + twofold])
+    return () if exam.bench == "stated" else (exam.bench,)
 
 
 def hide(name: str, hidden: Hidden, measure: Callable[[Mapping[str, Any]], float], random: np.random.Generator
@@ -151,13 +172,23 @@ def hide(name: str, hidden: Hidden, measure: Callable[[Mapping[str, Any]], float
     return hidden.build(amplitude, drawn), float(strength), float(found)
 
 
-def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any] | None:
-    """Simulate a case and write its campaign, which says nothing of what is hidden; returns what the fault did."""
+def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
+    """Simulate a case and write its campaign, which says nothing of what is hidden.
+
+    Returns:
+        What the row keeps beside the case: `fault_details` and `bench_details` say what fault and bench did, and `told`
+        names effects that say the same as the bench.
+    """
     family = exam.generator
     campaign = family.make(f"case-{case.index:04d}", case.seed, case.effects, **case.setting, **case.noise)
-    done = None
+    done, disturbed = None, {}
+    if case.bench:
+        kinds = list(BENCHES)
+        campaign, disturbed = perturb(campaign, {kind: start_random(exam, 5, case.index, kinds.index(kind))
+                                                 for kind in case.bench})
     if case.fault is not None:
         readings = [record.values[:, : len(family.channels)] for record in campaign.records]
         done = FAULTS[case.fault](readings, start_random(exam, 3, case.index))
     write_package(folder, campaign)
-    return done
+    told = {effect for one in disturbed.values() for effect in family.same.get(one.get("of", ""), ())}
+    return {"fault_details": done, "bench_details": disturbed, "told": sorted(told)}
