@@ -388,6 +388,8 @@ def test_a_cluster_loses_nothing(tmp_path):
         (["--noise", "pink"], "'pink' is none of white, ar1, drawn"),
         (["--fault", "lightning"], "'lightning' is none of none, drawn, clipping"),
         (["--bench", "jitter"], "'jitter' is none of stated, drawn, proportional"),
+        (["--plan", "none"], "'none' is none of full, few"),
+        (["--plan", "few"], "few tests can hide nothing"),
         (["--seed", "-1"], "a whole number from 0"),
         (["--first", "-2"], "from 0 on"),
         (["--cases", "0"], "greater than or equal to 1"),

@@ -90,6 +90,22 @@ def test_benches_are_drawn_beside_the_case(family):
             Exam(family, bench=kind)
 
 
+@pytest.mark.parametrize("family", GENERATORS)
+def test_a_plan_of_few_tests(family):
+    """3 to 8 tests out of those of the full plan, now and then at one value of a condition; all else is the same."""
+    alone = False
+    for index in range(12):
+        few, full = (sample_case(Exam(family, 5, ("nothing",), plan=plan), index) for plan in ("few", "full"))
+        lists = [name for name, value in full.setting.items() if isinstance(value, list)]
+        counts = [len(few.setting[name]) for name in lists] + [few.setting.get("repeats", 1)]
+        assert not lists or 3 <= np.prod(counts) <= 8
+        assert all(set(few.setting[name]) <= set(full.setting[name]) for name in lists)
+        alone |= 1 in counts[:-1]
+        same = [{k: v for k, v in case.setting.items() if k not in (*lists, "repeats")} for case in (few, full)]
+        assert same[0] == same[1] and dc.replace(few, setting=full.setting) == full
+    assert alone == (family != "tumble")
+
+
 @pytest.mark.parametrize("kind", GENERATORS["slip"].benches)
 def test_the_campaign_says_nothing_of_its_bench(kind, tmp_path):
     """Title, columns and uncertainties are those of the stated bench; only numbers in the tables differ."""

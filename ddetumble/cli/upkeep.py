@@ -29,6 +29,8 @@ def sit_exam(
         "KIND", "stated: noise and settings are as the campaign says; drawn: they are not, in one or two ways; or one "
         "way: proportional, bursts, uneven-records, tails, coarse, wander, hum, time-stamps, where the family has it "
         "ringing, loose-settings, jitter, biased-setting, biased-gauge.")] = "stated",
+    plan: Annotated[str, option(
+        "KIND", "full, or few (with --truth nothing): 3 to 8 tests, often at one pressure, speed or load.")] = "full",
     workers: Annotated[int | None, option("N", "Processes; as many as there are cores if not given.", min=1)] = None,
     scheduler: Annotated[
         str | None, option("ADDRESS", "Dask scheduler whose workers do the cases (ddetumble[cluster]).")] = None,
@@ -45,7 +47,7 @@ def sit_exam(
     chosen = TRUTHS
     if truth:
         chosen = (*(kind for kind in TRUTHS if kind in truth), *(kind for kind in truth if kind not in TRUTHS))
-    exam = Exam(family, seed, chosen, noise, fault, bench=bench)
+    exam = Exam(family, seed, chosen, noise, fault, bench=bench, plan=plan)
     from ..exam.examination import ANSWERS, QUESTIONS, examine
     from ..exam.scorecard import PAGE, write_scorecard
 

@@ -1,6 +1,7 @@
 """Cases of an exam: every one sampled from the exam's seed and its own number alone."""
 
 import dataclasses as dc
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside
 NOISES = ("white", "ar1")
 WEAKEST, STRONGEST = 0.5, 8.0  # strength: rms over noise that a refitted reference model leaves
 TWOFOLD = 0.25  # share of the drawn benches that are of two kinds
+FEWEST, FEW = 3, 8  # tests of a plan of few
 FAULTY = 0.25  # share of the cases with a fault, where faults are drawn
 
 
@@ -40,6 +42,8 @@ class Exam:
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
         bench: `stated` (noise and settings are as the campaign says), one of BENCHES that the family can show, or
             `drawn`: any of these, in a quarter of the cases two together.
+        plan: `full` (12 tests and more, or three bodies and more), or `few`: 3 to 8 tests, often at one pressure, speed
+            or load. Few hide nothing: a refit there takes up most effects whole, so that they have no strength.
         edition: of the drawing; the present one of the family's generator where not given.
     """
 
@@ -50,18 +54,24 @@ class Exam:
     fault: str = "drawn"
     edition: int = 0
     bench: str = "stated"
+    plan: str = "full"
 
     def __post_init__(self):
-        suited = GENERATORS[self.family].benches if self.family in GENERATORS else BENCHES
+        generator = GENERATORS.get(self.family)
+        suited = BENCHES if generator is None else generator.benches
         for option, values, allowed in (("--family", (self.family,), GENERATORS), ("--truth", self.truths, TRUTHS),
                                         ("--noise", (self.noise,), (*NOISES, "drawn")),
                                         ("--fault", (self.fault,), ("none", "drawn", *FAULTS)),
-                                        ("--bench", (self.bench,), ("stated", "drawn", *suited))):
+                                        ("--bench", (self.bench,), ("stated", "drawn", *suited)),
+                                        ("--plan", (self.plan,), ("full", "few"))):
             for value in values:
                 if value not in allowed:
                     raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=option)
         if not self.truths:
             raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
+        if self.plan == "few" and set(self.truths) != {"nothing"}:
+            raise InputError("few tests can hide nothing, as a refit takes up most effects; add --truth nothing",
+                             option="--plan")
         if self.seed < 0:
             raise InputError("the seed is a whole number from 0 on", option="--seed")
         object.__setattr__(self, "edition", self.edition or self.generator.edition)
@@ -72,8 +82,9 @@ class Exam:
         return GENERATORS[self.family]
 
     def to_dict(self) -> dict[str, Any]:
-        """Its fields as files keep them; `bench`, which came later, only where it is another than before."""
-        return {name: value for name, value in dc.asdict(self).items() if (name, value) != ("bench", "stated")}
+        """Its fields as files keep them; `bench` and `plan`, which came later, only where they are not as before."""
+        before = {"bench": "stated", "plan": "full"}
+        return {name: value for name, value in dc.asdict(self).items() if before.get(name) != value}
 
 
 @dc.dataclass(frozen=True)
@@ -114,6 +125,8 @@ def sample_case(exam: Exam, index: int) -> Case:
     kind, rank = find_kind(exam, index)
     seed = int(random.integers(2**31))
     setting = family.draw_setting(random)
+    if exam.plan == "few":
+        setting = thin_plan(setting, start_random(exam, 6, index))
     # All of it is drawn whatever the exam asks for, so that other options change nothing else about a case.
     drawn = str(random.choice(NOISES))
     noise = {"rho": float(random.uniform(0.3, 0.9)), "white_share": float(random.choice([0.0, 0.0, 0.4]))}
@@ -135,6 +148,20 @@ def sample_case(exam: Exam, index: int) -> Case:
             if len(effects) == (2 if kind == "two" else 1):
                 break
     return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed, draw_bench(exam, index))
+
+
+def thin_plan(setting: Mapping[str, Any], random: np.random.Generator) -> dict[str, Any]:
+    """The setting with 3 to 8 tests: of each list of conditions some, often one alone; as it is without any list."""
+    lists = {name: values for name, values in setting.items() if isinstance(values, list)}
+    kept = dict(setting)
+    while lists:
+        counts = {name: int(random.integers(1, len(values) + 1)) for name, values in lists.items()}
+        repeats = {"repeats": int(random.integers(1, 3))} if "repeats" in setting else {}
+        if FEWEST <= math.prod([*counts.values(), *repeats.values()]) <= FEW:
+            chosen = {name: sorted(map(float, random.choice(values, counts[name], replace=False)))
+                      for name, values in lists.items()}
+            return kept | chosen | repeats
+    return kept
 
 
 def draw_bench(exam: Exam, index: int) -> tuple[str, ...]:

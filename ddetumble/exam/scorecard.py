@@ -96,8 +96,9 @@ def describe(exam: Exam, command: str, marks: Mapping[str, Any], failures: Seque
               f"AR(1) {one['noise']['rho']:.2f}" if one["noise"]["rho"] else "white", one["fault"] or "none",
               " and ".join(one["bench"]) or "stated", one["what"]) for one in failures[:MOST]]  # fmt: skip
     setting = (f"Drawn from seed {exam.seed}: hidden {', '.join(exam.truths)}; noise {exam.noise}; faults "
-               f"{exam.fault}; bench {exam.bench}. Strength is the rms over the stated noise that a refitted reference "
-               "model leaves, measured by the simulator that made the records, which shares no code with the package.")
+               f"{exam.fault}; bench {exam.bench}; plan {exam.plan}. Strength is the rms over the stated noise that "
+               "a refitted reference model leaves, measured by the simulator that made the records, which shares no "
+               "code with the package.")
     failed = "None."
     if failures:
         more = f" The first {MOST} are listed." if len(failures) > MOST else ""
@@ -140,7 +141,7 @@ def show_options(exam: Exam) -> str:
     if exam.truths != Exam(exam.family).truths:
         text += "".join(f" --truth {kind}" for kind in exam.truths)
     for option, value, usual in (("noise", exam.noise, "drawn"), ("fault", exam.fault, "drawn"),
-                                 ("bench", exam.bench, "stated")):
+                                 ("bench", exam.bench, "stated"), ("plan", exam.plan, "full")):
         text += f" --{option} {value}" if value != usual else ""
     return text
 

@@ -95,7 +95,8 @@ def ring(times: np.ndarray, force: np.ndarray, frequency: float, damping: float)
     """
     w = 2.0 * np.pi * frequency
     law = [w**2], [1.0, 2.0 * damping * w, w**2]
-    top, bottom, _ = cont2discrete(law, times[1] - times[0], method="foh")
+    found: Any = cont2discrete(law, times[1] - times[0], method="foh")
+    top, bottom, _ = found
     return force[0] + lfilter(np.ravel(top), bottom, force - force[0], axis=0)
 
 
@@ -244,6 +245,7 @@ def blur_instants(campaign: Campaign, drafts: Sequence[Draft], generator: np.ran
     return {"share": share}
 
 
+# New kinds come last: a kind's place here is part of the seed of what is drawn of it.
 BENCHES: dict[str, Callable[[Campaign, Sequence[Draft], np.random.Generator], dict[str, Any]]] = {
     "proportional": make_proportional, "bursts": make_bursts, "uneven-records": make_uneven, "tails": make_tails,
     "coarse": make_coarse, "wander": make_wander, "hum": make_hum, "ringing": make_ringing,
