@@ -18,22 +18,25 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ddetumble.cli.failures import run_guarded
+from ddetumble.exam.scorecard import BENCH_HEADER, list_benches
 from ddetumble.exam.scoring import (
     SURE_STRENGTH,
     Row,
     count_share,
     describe_failure,
     is_alarm,
+    is_false_alarm,
     is_first,
     is_in_set,
     is_pinned,
     is_right,
     pick,
+    score,
 )
 from ddetumble.reports.page import write_bytes
 
 
-FAMILIES = ("impact", "slip", "tumble")
+FAMILIES = ("impact", "slip", "oblique", "tumble")
 INTRODUCTION = (
     "Every case is simulated by the second implementation (SciPy, not a line shared with the models) and judged from "
     "its files alone; which exams were looked at while the tool was mended is said below. Strength is what a refitted "
@@ -51,7 +54,8 @@ FREE = ("A free force", "No force of")  # how the sentence about the missing for
 def list_counts() -> list[tuple[str, str, Callable[[Sequence[Row]], Sequence[bool]]]]:
     """What is counted: its name, the aim, and the flags among the rows of a family."""
     def of_noise(name):
-        return lambda rows: [is_alarm(r) for r in pick(rows, "nothing") if bool(r["noise"]["rho"]) == (name == "ar1")]
+        return lambda rows: [is_false_alarm(r) for r in pick(rows, "nothing")
+                             if bool(r["noise"]["rho"]) == (name == "ar1")]
 
     def intervals(rows):
         inside = [r for r in rows if r["kind"] != "outside" and is_right(r)]
@@ -109,12 +113,14 @@ def tell(folder: Path) -> str:
     seconds = [sorted(sum(r["seconds"].values()) for r in rows[f]) for f in families]
     middle = " | ".join(f"{s[len(s) // 2]:.1f}" for s in seconds)
     lines += [f"| seconds a case, median (beside other work) | {middle} | | |", "",
-              *(["## How it was made", "", *notes, ""] if notes else []), *show_power(folder), *show_drawn(folder),
+              *(["## How it was made", "", *notes, ""] if notes else []), *show_benches(every),
+              *show_power(folder), *show_drawn(folder),
               "## What was not answered rightly", "",
               "| exam | case | hidden (strength) | noise | fault | answer |", "| --- | --- | --- | --- | --- | --- |"]
     for place, row, what in failures:
         hidden = ", ".join(f"{n} ({row['strengths'][n]:.2g})" for n in row["effects"]) or "nothing"
         noise = f"AR(1) {row['noise']['rho']:.2f}" if row["noise"]["rho"] else "white"
+        noise += f", {' and '.join(row['bench'])}" if row.get("bench") else ""
         answer = " ".join(what.split()).replace("|", "\\|")
         lines.append(f"| {place} | {row['index']} | {hidden} | {noise} | {row['fault'] or 'none'} | {answer} |")
     return "\n".join(lines) + "\n"
@@ -137,6 +143,15 @@ def worst_errors(rows: Sequence[Row]) -> list[float]:
     """The largest of them, one in twenty."""
     found = list_errors(rows)
     return found[-max(1, len(found) // 20):] if found else []
+
+
+def show_benches(rows: Sequence[Row]) -> list[str]:
+    """Every kind of bench over the families, where there is one whose noise or settings are not as stated."""
+    marks = score(rows)
+    if set(marks["by_bench"]) <= {"stated"}:
+        return []
+    lines = [" | ".join(map(str, cells)) for cells in (BENCH_HEADER, ["---"] * len(BENCH_HEADER), *list_benches(marks))]
+    return ["## Benches", "", *(f"| {line} |" for line in lines), ""]
 
 
 def show_power(folder: Path) -> list[str]:

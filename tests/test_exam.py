@@ -192,7 +192,7 @@ def test_faults_do_what_they_say(family, fault, tmp_path):
     sound, faulty = (Exam(family, 9, ("nothing",), "white", kind) for kind in ("none", fault))
     case = sample_case(faulty, 2)
     made = sound.generator.make("case", case.seed, {}, **case.setting, **case.noise)
-    told = write_case(faulty, case, tmp_path / "faulty")
+    told = write_case(faulty, case, tmp_path / "faulty")["fault_details"]
     write_package(tmp_path / "sound", made)
     campaigns = [read_campaign(tmp_path / name) for name in ("sound", "faulty")]
     channels = list(sound.generator.channels)
@@ -267,6 +267,7 @@ def test_scores_add_up():
         "false_alarms": (1, 3), "singles_first": (3, 7), "singles_in_set": (4, 7), "sure_first": (3, 6),
         "sure_in_set": (4, 6), "sure_pinned": (3, 6), "pairs_named": (2, 3), "sure_pairs_named": (2, 3),
         "outside_explained": (1, 3), "outside_unseen": (1, 3), "coverage": (6, 6),
+        "nulls_undecided": (1, 3),
     }  # fmt: skip
     assert marks["cases"] == 16 and marks["failed"] == 1 and marks["set_size"] == pytest.approx((1 + 2 + 3 + 1 + 1) / 5)
     assert marks["heldout_over_noise"] == {"median": 0.25, "q90": 0.25, "largest": 0.25}
@@ -386,6 +387,9 @@ def test_a_cluster_loses_nothing(tmp_path):
         (["--truth", "three"], "'three' is none of nothing"),
         (["--noise", "pink"], "'pink' is none of white, ar1, drawn"),
         (["--fault", "lightning"], "'lightning' is none of none, drawn, clipping"),
+        (["--bench", "jitter"], "'jitter' is none of stated, drawn, proportional"),
+        (["--plan", "none"], "'none' is none of full, few"),
+        (["--plan", "few"], "few tests can hide nothing"),
         (["--seed", "-1"], "a whole number from 0"),
         (["--first", "-2"], "from 0 on"),
         (["--cases", "0"], "greater than or equal to 1"),

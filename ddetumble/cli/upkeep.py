@@ -13,7 +13,8 @@ from .progress import show_progress
 
 @command("exam", "Sealed exam of discover on simulated cases, with a scorecard.",
          "exam --family slip --cases 40 --seed 1 -o exam",
-         "exam --family impact --cases 200 --truth nothing --noise ar1 -o nulls")
+         "exam --family impact --cases 200 --truth nothing --noise ar1 -o nulls",
+         "exam --family slip --cases 10 --truth nothing --bench proportional -o bench")
 def sit_exam(
     family: Annotated[str, option("NAME", "Family of records: impact, slip, oblique or tumble.")],
     cases: Annotated[int, option("N", "How many cases.", min=1)],
@@ -24,6 +25,12 @@ def sit_exam(
     noise: Annotated[str, option("KIND", "white, ar1, or drawn: either.")] = "drawn",
     fault: Annotated[
         str, option("KIND", "none, clipping, drop-out, wrong-record, or drawn: one in a quarter.")] = "drawn",
+    bench: Annotated[str, option(
+        "KIND", "stated: noise and settings are as the campaign says; drawn: they are not, in one or two ways; or one "
+        "way: proportional, bursts, uneven-records, tails, coarse, wander, hum, time-stamps, where the family has it "
+        "ringing, loose-settings, jitter, biased-setting, biased-gauge.")] = "stated",
+    plan: Annotated[str, option(
+        "KIND", "full, or few (with --truth nothing): 3 to 8 tests, often at one pressure, speed or load.")] = "full",
     workers: Annotated[int | None, option("N", "Processes; as many as there are cores if not given.", min=1)] = None,
     scheduler: Annotated[
         str | None, option("ADDRESS", "Dask scheduler whose workers do the cases (ddetumble[cluster]).")] = None,
@@ -40,7 +47,7 @@ def sit_exam(
     chosen = TRUTHS
     if truth:
         chosen = (*(kind for kind in TRUTHS if kind in truth), *(kind for kind in truth if kind not in TRUTHS))
-    exam = Exam(family, seed, chosen, noise, fault)
+    exam = Exam(family, seed, chosen, noise, fault, bench=bench, plan=plan)
     from ..exam.examination import ANSWERS, QUESTIONS, examine
     from ..exam.scorecard import PAGE, write_scorecard
 

@@ -1,7 +1,8 @@
 """Cases of an exam: every one sampled from the exam's seed and its own number alone."""
 
 import dataclasses as dc
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from .._errors import InputError
 from .faults import FAULTS
+from .simulators.benches import BENCHES, perturb
 from .simulators.campaigns import write_package
 from .simulators.generator import CaseGenerator, Hidden
 from .simulators.impact_campaigns import IMPACT
@@ -23,6 +25,8 @@ TRUTHS = ("nothing", "one", "two", "outside")
 PATTERN = ("nothing", "one", "nothing", "one", "two", "nothing", "one", "outside")
 NOISES = ("white", "ar1")
 WEAKEST, STRONGEST = 0.5, 8.0  # strength: rms over noise that a refitted reference model leaves
+TWOFOLD = 0.25  # share of the drawn benches that are of two kinds
+FEWEST, FEW = 3, 8  # tests of a plan of few
 FAULTY = 0.25  # share of the cases with a fault, where faults are drawn
 
 
@@ -36,6 +40,10 @@ class Exam:
         truths: kinds of what is hidden, out of TRUTHS.
         noise: `white`, `ar1` (correlation 0.3 to 0.9, partly white in a third of the cases) or `drawn`: even odds.
         fault: `none`, `drawn` (one of FAULTS in a quarter of the cases), or one of FAULTS in every case.
+        bench: `stated` (noise and settings are as the campaign says), one of BENCHES that the family can show, or
+            `drawn`: any of these, in a quarter of the cases two together.
+        plan: `full` (12 tests and more, or three bodies and more), or `few`: 3 to 8 tests, often at one pressure, speed
+            or load. Few hide nothing: a refit there takes up most effects whole, so that they have no strength.
         edition: of the drawing; the present one of the family's generator where not given.
     """
 
@@ -45,16 +53,25 @@ class Exam:
     noise: str = "drawn"
     fault: str = "drawn"
     edition: int = 0
+    bench: str = "stated"
+    plan: str = "full"
 
     def __post_init__(self):
+        generator = GENERATORS.get(self.family)
+        suited = BENCHES if generator is None else generator.benches
         for option, values, allowed in (("--family", (self.family,), GENERATORS), ("--truth", self.truths, TRUTHS),
                                         ("--noise", (self.noise,), (*NOISES, "drawn")),
-                                        ("--fault", (self.fault,), ("none", "drawn", *FAULTS))):
+                                        ("--fault", (self.fault,), ("none", "drawn", *FAULTS)),
+                                        ("--bench", (self.bench,), ("stated", "drawn", *suited)),
+                                        ("--plan", (self.plan,), ("full", "few"))):
             for value in values:
                 if value not in allowed:
                     raise InputError(f"{value!r} is none of {', '.join(allowed)}", option=option)
         if not self.truths:
             raise InputError(f"name at least one of {', '.join(TRUTHS)}", option="--truth")
+        if self.plan == "few" and set(self.truths) != {"nothing"}:
+            raise InputError("few tests can hide nothing, as a refit takes up most effects; add --truth nothing",
+                             option="--plan")
         if self.seed < 0:
             raise InputError("the seed is a whole number from 0 on", option="--seed")
         object.__setattr__(self, "edition", self.edition or self.generator.edition)
@@ -63,6 +80,11 @@ class Exam:
     def generator(self) -> CaseGenerator:
         """Of its cases."""
         return GENERATORS[self.family]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its fields as files keep them; `bench` and `plan`, which came later, only where they are not as before."""
+        before = {"bench": "stated", "plan": "full"}
+        return {name: value for name, value in dc.asdict(self).items() if before.get(name) != value}
 
 
 @dc.dataclass(frozen=True)
@@ -78,6 +100,7 @@ class Case:
     fault: str | None  # one of FAULTS
     setting: Mapping[str, Any]  # of the generator; `base` in it are the reference model's parameters
     seed: int  # of the campaign's random numbers
+    bench: Sequence[str] = ()  # kinds out of BENCHES; none where everything is as stated
 
 
 def start_random(exam: Exam, *more: int) -> np.random.Generator:
@@ -102,6 +125,8 @@ def sample_case(exam: Exam, index: int) -> Case:
     kind, rank = find_kind(exam, index)
     seed = int(random.integers(2**31))
     setting = family.draw_setting(random)
+    if exam.plan == "few":
+        setting = thin_plan(setting, start_random(exam, 6, index))
     # All of it is drawn whatever the exam asks for, so that other options change nothing else about a case.
     drawn = str(random.choice(NOISES))
     noise = {"rho": float(random.uniform(0.3, 0.9)), "white_share": float(random.choice([0.0, 0.0, 0.4]))}
@@ -122,7 +147,30 @@ def sample_case(exam: Exam, index: int) -> Case:
                 effects[name], asked[name], strengths[name] = found
             if len(effects) == (2 if kind == "two" else 1):
                 break
-    return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed)
+    return Case(index, kind, effects, asked, strengths, noise, fault, setting, seed, draw_bench(exam, index))
+
+
+def thin_plan(setting: Mapping[str, Any], random: np.random.Generator) -> dict[str, Any]:
+    """The setting with 3 to 8 tests: of each list of conditions some, often one alone; as it is without any list."""
+    lists = {name: values for name, values in setting.items() if isinstance(values, list)}
+    kept = dict(setting)
+    while lists:
+        counts = {name: int(random.integers(1, len(values) + 1)) for name, values in lists.items()}
+        repeats = {"repeats": int(random.integers(1, 3))} if "repeats" in setting else {}
+        if FEWEST <= math.prod([*counts.values(), *repeats.values()]) <= FEW:
+            chosen = {name: sorted(map(float, random.choice(values, counts[name], replace=False)))
+                      for name, values in lists.items()}
+            return kept | chosen | repeats
+    return kept
+
+
+def draw_bench(exam: Exam, index: int) -> tuple[str, ...]:
+    """Kinds of a case's bench, from random numbers of their own: the case is else the same on every bench."""
+    if exam.bench == "drawn":
+        random = start_random(exam, 4, index)
+        order, twofold = random.permutation(list(exam.generator.benches)), random.random() < TWOFOLD
+        return tuple(str(kind) for kind in order[: 1 + twofold])
+    return () if exam.bench == "stated" else (exam.bench,)
 
 
 def hide(name: str, hidden: Hidden, measure: Callable[[Mapping[str, Any]], float], random: np.random.Generator
@@ -151,13 +199,23 @@ def hide(name: str, hidden: Hidden, measure: Callable[[Mapping[str, Any]], float
     return hidden.build(amplitude, drawn), float(strength), float(found)
 
 
-def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any] | None:
-    """Simulate a case and write its campaign, which says nothing of what is hidden; returns what the fault did."""
+def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
+    """Simulate a case and write its campaign, which says nothing of what is hidden.
+
+    Returns:
+        What the row keeps beside the case: `fault_details` and `bench_details` say what fault and bench did, and `told`
+        names effects that say the same as the bench.
+    """
     family = exam.generator
     campaign = family.make(f"case-{case.index:04d}", case.seed, case.effects, **case.setting, **case.noise)
-    done = None
+    done, disturbed = None, {}
+    if case.bench:
+        kinds = list(BENCHES)
+        campaign, disturbed = perturb(campaign, {kind: start_random(exam, 5, case.index, kinds.index(kind))
+                                                 for kind in case.bench})
     if case.fault is not None:
         readings = [record.values[:, : len(family.channels)] for record in campaign.records]
         done = FAULTS[case.fault](readings, start_random(exam, 3, case.index))
     write_package(folder, campaign)
-    return done
+    told = {effect for one in disturbed.values() for effect in family.same.get(one.get("of", ""), ())}
+    return {"fault_details": done, "bench_details": disturbed, "told": sorted(told)}

@@ -46,7 +46,7 @@ def run_case(exam: Exam, case: Case | int, keep: Path | None = None) -> dict[str
     with tempfile.TemporaryDirectory(prefix="ddetumble-exam-") as draft:
         folder = Path(draft) if keep is None else keep / f"case-{case.index:04d}"
         try:
-            row["fault_details"] = write_case(exam, case, folder / "campaign")
+            row |= write_case(exam, case, folder / "campaign")
             row |= judge_case(exam, case, folder) | {"error": None}
         except InputError as error:  # discover says that such data can tell nothing
             row |= {"verdict": "refused", "error": str(error)[:600]}
@@ -136,7 +136,7 @@ def examine(exam: Exam, cases: Sequence[int], folder: Path | str, *, workers: in
         raise InputError("cases are numbered from 0 on", option="--first")
     work = work or partial(run_case, exam, keep=(folder / "kept").resolve() if keep else None)
     with hold_folder(folder, "another process is writing to this exam; wait for it, or name another folder"):
-        claim_folder(folder / QUESTIONS, "an exam", "exam", exam, versions=list_versions())
+        claim_folder(folder / QUESTIONS, "an exam", "exam", exam.to_dict(), versions=list_versions())
         path = folder / ANSWERS
         rows = read_answers(path)
         left = [case for case in dict.fromkeys(cases) if case not in rows]

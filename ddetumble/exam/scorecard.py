@@ -20,6 +20,7 @@ SHARES = (  # mark, what it is, and its aim; marks of several names have a row e
     ("false_alarms", "false alarms (nothing hidden)", "≤ 5 %"),
     ("false_alarms_by_noise", "– noise {}", "≤ 5 %"),
     ("false_alarms_by_fault", "– fault {}", ""),
+    ("nulls_undecided", "nothing hidden: undecided", ""),
     ("singles_first", "single effects: named first", ""),
     ("singles_in_set", "single effects: in the set named", ""),
     ("sure_first", f"{SURE}: named first", ""),
@@ -34,6 +35,8 @@ SHARES = (  # mark, what it is, and its aim; marks of several names have a row e
 )
 SIZES = {"heldout_over_noise": "held-out error over noise (noise-free tests elsewhere)", "seconds": "seconds a case",
          "seconds_answering": "seconds of discover", "processor_seconds": "seconds a case of processor time"}
+BENCH_HEADER = ("bench", "false alarms (nothing hidden)", "share", "95 % upper limit", "undecided",
+                "single effects right", "share", "intervals that hold the truth")
 SUMMARY = {"false_alarms": "false alarms", "singles_first": "single effects named first",
            "sure_pinned": f"of {SURE} named or in a set of two", "pairs_named": "pairs named",
            "outside_explained": "outside cases called explained"}
@@ -52,7 +55,8 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
     """
     folder, marks = Path(folder), score(rows)
     failures = [{"case": row["index"], "hidden": {n: row["strengths"][n] for n in row["effects"]}, "kind": row["kind"],
-                 "noise": row["noise"], "fault": row["fault"], "what": what}
+                 "noise": row["noise"], "fault": row["fault"], "bench": row.get("bench", ()),
+                 "bench_details": row.get("bench_details", {}), "what": what}
                 for row in rows if (what := describe_failure(row))]  # fmt: skip
     command = f"ddetumble exam {show_options(exam)} --cases {max((r['index'] for r in rows), default=-1) + 1} -o DIR"
     sentence = "; ".join([f"{marks['cases']} cases", *(
@@ -66,8 +70,8 @@ def write_scorecard(exam: Exam, rows: Sequence[Row], folder: Path | str) -> dict
         write_bytes(folder / f"{FIGURE}.png", render_png(picture.figure, 110))
     write_page(f"Exam: {exam.family}", sentence, sections, folder, PAGE)
     write_bytes(folder / TEXT, format_markdown(f"Exam of the family {exam.family}", sentence, sections).encode())
-    content = {"exam": exam, "command": command, "sentence": sentence, **marks, "aims": AIMS, "failures": failures,
-               "versions": list_versions()}  # fmt: skip
+    content = {"exam": exam.to_dict(), "command": command, "sentence": sentence, **marks, "aims": AIMS,
+               "failures": failures, "versions": list_versions()}  # fmt: skip
     write_json(folder / CARD, content)
     return content
 
@@ -87,12 +91,14 @@ def describe(exam: Exam, command: str, marks: Mapping[str, Any], failures: Seque
                 f"{one['right'].count}/{one['cases']}") for name, one in marks["by_effect"].items()]
     widths = [(name, one["cases"], one["width"], show_percent(one["coverage"]))
               for name, one in marks["widths"].items()]
+    benches = list_benches(marks)
     wrong = [(one["case"], ", ".join(f"{n} ({strength:.2g})" for n, strength in one["hidden"].items()) or "nothing",
               f"AR(1) {one['noise']['rho']:.2f}" if one["noise"]["rho"] else "white", one["fault"] or "none",
-              one["what"]) for one in failures[:MOST]]  # fmt: skip
+              " and ".join(one["bench"]) or "stated", one["what"]) for one in failures[:MOST]]  # fmt: skip
     setting = (f"Drawn from seed {exam.seed}: hidden {', '.join(exam.truths)}; noise {exam.noise}; faults "
-               f"{exam.fault}. Strength is the rms over noise that a refitted reference model leaves, measured by the "
-               "simulator that made the records, which shares no code with the package.")
+               f"{exam.fault}; bench {exam.bench}; plan {exam.plan}. Strength is the rms over the stated noise that "
+               "a refitted reference model leaves, measured by the simulator that made the records, which shares no "
+               "code with the package.")
     failed = "None."
     if failures:
         more = f" The first {MOST} are listed." if len(failures) > MOST else ""
@@ -102,15 +108,31 @@ def describe(exam: Exam, command: str, marks: Mapping[str, Any], failures: Seque
     parts = [
         ("Shares", (f"`{command}`", setting),
          ("what", "cases", "of", "share", "95 % limits", "95 % upper limit", "aim"), shares),
+        ("Benches", ("Noise or settings are not as the campaign states. An effect that no test can tell from what the "
+                     "bench did, such as a gain where the gauge reads too high, is no false alarm.",),
+         BENCH_HEADER, benches if exam.bench != "stated" else []),
         ("Sizes", (), ("what", "median", "90 %", "largest"), sizes),
         ("Effects", ("Seen: said to be missing something; right: the verdict that an honest judge could give.",),
          ("hidden", "cases", "median strength", "seen", "right"), effects),
         ("Intervals", ("Of cases that were answered rightly. Width: of the 95 % interval, over the true value, median.",
                        ), ("parameter", "cases", "relative width", "hold the truth"), widths),
-        ("Failures", (failed,), ("case", "hidden (strength)", "noise", "fault", "answer"), wrong),
+        ("Failures", (failed,), ("case", "hidden (strength)", "noise", "fault", "bench", "answer"), wrong),
     ]
     return [Section(title, paragraphs, tables=(Table(header, rows),) if rows else ())
             for title, paragraphs, header, rows in parts if rows or title == "Failures"]
+
+
+def list_benches(marks: Mapping[str, Any]) -> list[tuple[Any, ...]]:
+    """A row for every kind of bench, under `BENCH_HEADER`."""
+    found = []
+    for name, one in marks["by_bench"].items():
+        alarms, undecided, singles, coverage = (
+            one[key] for key in ("false_alarms", "undecided", "singles_right", "coverage"))
+        found.append((name, f"{alarms.count} of {alarms.total}", *(
+            (show_percent(alarms.share), show_percent(alarms.upper)) if alarms.total else ("", "")), undecided.count,
+            f"{singles.count} of {singles.total}", show_percent(singles.share) if singles.total else "",
+            show_percent(coverage.share) if coverage.total else ""))
+    return found
 
 
 def show_options(exam: Exam) -> str:
@@ -118,8 +140,10 @@ def show_options(exam: Exam) -> str:
     text = f"--family {exam.family} --seed {exam.seed}"
     if exam.truths != Exam(exam.family).truths:
         text += "".join(f" --truth {kind}" for kind in exam.truths)
-    return text + "".join(f" --{option} {value}" for option, value in (("noise", exam.noise), ("fault", exam.fault))
-                          if value != "drawn")
+    for option, value, usual in (("noise", exam.noise, "drawn"), ("fault", exam.fault, "drawn"),
+                                 ("bench", exam.bench, "stated"), ("plan", exam.plan, "full")):
+        text += f" --{option} {value}" if value != usual else ""
+    return text
 
 
 def show_percent(value: float) -> str:

@@ -13,8 +13,9 @@ from scipy import stats
 Row = Mapping[str, Any]
 KINDS = ("nothing", "one", "two", "outside")  # of what is hidden
 ALARMS = ("explained", "improved", "unexplained")
-COLUMNS = ["kind", "verdict", "fault", "noise", "strength", "alarm", "right", "first", "in_set", "pinned", "reported",
-           "set_size", "heldout", "seconds", "answering", "processor"]  # of what `score` counts
+COLUMNS = [  # of what `score` counts
+    "kind", "verdict", "fault", "noise", "bench", "strength", "alarm", "false", "undecided", "right", "first",
+    "in_set", "pinned", "reported", "set_size", "heldout", "seconds", "answering", "processor"]  # fmt: skip
 AIMS = {"false alarms": 0.05, "singles named or in a set of two": 0.98, "outside called explained": 0.05,
         "pairs named": 0.90}  # fmt: skip
 SURE_STRENGTH = 2.0  # from which on singles count for the aim
@@ -56,6 +57,17 @@ def list_named(row: Row) -> set[str]:
     return {effect for group in row.get("sets", ()) for effect in group} | set(row.get("found", ()))
 
 
+def list_told(row: Row) -> set[str]:
+    """Effects named that are not hidden but say the same as the bench: a gain where the gauge reads too high."""
+    return (list_named(row) & set(row.get("told", ()))) - set(row["effects"])
+
+
+def name_bench(row: Row) -> str:
+    """Kind of the bench: `stated`, one of `BENCHES`, or `two together`."""
+    kinds = row.get("bench") or ("stated",)
+    return kinds[0] if len(kinds) == 1 else "two together"
+
+
 def size_set(row: Row) -> int:
     """Size of the confusion set of the first effect named; 0 where none is."""
     return len(row["sets"][0]) if row.get("sets") else 0
@@ -67,9 +79,12 @@ def is_first(row: Row) -> bool:
 
 
 def is_in_set(row: Row) -> bool:
-    """Whether all hidden effects are among those named, with no more found than are hidden."""
+    """Whether all hidden effects are among those named, with no more found than are hidden.
+
+    One more may be found where it says the same as what the bench did.
+    """
     return (row["verdict"] in ("explained", "improved") and set(row["effects"]) <= list_named(row)
-            and len(row["found"]) <= len(row["effects"]))
+            and len(row["found"]) <= len(row["effects"]) + bool(list_told(row)))
 
 
 def is_pinned(row: Row) -> bool:
@@ -78,12 +93,21 @@ def is_pinned(row: Row) -> bool:
 
 
 def is_right(row: Row) -> bool:
-    """Whether the verdict is what an honest judge could say."""
+    """Whether the verdict is what an honest judge could say.
+
+    Where nothing is hidden: that nothing is missing, or the one effect that says the same as what the bench did.
+    """
     if row["kind"] == "nothing":
-        return row["verdict"] == "nothing-missing"
+        told = row["verdict"] == "explained" and bool(list_told(row)) and is_in_set(row)
+        return row["verdict"] == "nothing-missing" or told
     if row["kind"] == "outside":
         return row["verdict"] in ("improved", "unexplained")
     return row["verdict"] == "explained" and is_in_set(row)
+
+
+def is_false_alarm(row: Row) -> bool:
+    """Whether something is said to be missing where nothing is; what says the same as the bench is no false alarm."""
+    return row["kind"] == "nothing" and is_alarm(row) and not is_right(row)
 
 
 def describe_failure(row: Row) -> str:
@@ -94,7 +118,7 @@ def describe_failure(row: Row) -> str:
         return ""
     said = row["verdict"] + (f" by {', '.join(row['found'])}" if row["found"] else "")
     if row["kind"] == "nothing":
-        return f"false alarm: {said}" if is_alarm(row) else said
+        return f"false alarm: {said}" if is_false_alarm(row) else said
     if not is_alarm(row):
         return f"not seen: {said}"
     if row["kind"] == "outside":
@@ -118,7 +142,8 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     table: Any = pd.DataFrame([{
         "kind": r["kind"], "verdict": r["verdict"], "fault": r["fault"] or "none",
         "noise": "ar1" if r["noise"]["rho"] else "white", "strength": min(r["strengths"].values(), default=np.inf),
-        "alarm": is_alarm(r), "right": is_right(r), "first": is_first(r), "in_set": is_in_set(r),
+        "bench": name_bench(r), "alarm": is_alarm(r), "false": is_false_alarm(r),
+        "undecided": r["verdict"] == "undecided", "right": is_right(r), "first": is_first(r), "in_set": is_in_set(r),
         "pinned": is_pinned(r), "reported": bool(r.get("reported")),
         "set_size": size_set(r) if r.get("found") else None, "heldout": r.get("heldout_over_noise"),
         "seconds": sum(r["seconds"].values()), "answering": r["seconds"].get("answering"),
@@ -127,9 +152,9 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
     nulls, singles, pairs, outside = kinds = [table[table["kind"] == kind] for kind in KINDS]
     sure, sure_pairs = (own[own["strength"] >= SURE_STRENGTH] for own in (singles, pairs))
     inside = table["right"] & (table["kind"] != "outside")
-    intervals: Any = pd.DataFrame([(name, *values) for row, kept in zip(rows, inside, strict=True) if kept
-                              for name, values in row["intervals"].items()],
-                             columns=["name", "truth", "estimate", "low", "high"])
+    intervals: Any = pd.DataFrame([(name, name_bench(row), *values) for row, kept in zip(rows, inside, strict=True)
+                                   if kept for name, values in row["intervals"].items()],
+                             columns=["name", "bench", "truth", "estimate", "low", "high"])
     intervals["holds"] = (intervals["low"] <= intervals["truth"]) & (intervals["truth"] <= intervals["high"])
     intervals["width"] = (intervals["high"] - intervals["low"]) / intervals["truth"].abs().replace(0.0, np.nan)
     sizes = singles["set_size"].dropna()
@@ -145,9 +170,10 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
         "right": dict(zip(KINDS, (count_share(own["right"]) for own in kinds), strict=True)),
         "right_by_fault": split_share(table, "fault", "right"),
         "reports_by_fault": split_share(table, "fault", "reported"),
-        "false_alarms": count_share(nulls["alarm"]),
-        "false_alarms_by_noise": split_share(nulls, "noise", "alarm"),
-        "false_alarms_by_fault": split_share(nulls, "fault", "alarm"),
+        "false_alarms": count_share(nulls["false"]), "nulls_undecided": count_share(nulls["undecided"]),
+        "false_alarms_by_noise": split_share(nulls, "noise", "false"),
+        "false_alarms_by_fault": split_share(nulls, "fault", "false"),
+        "by_bench": split_benches(table, intervals),
         "singles_first": count_share(singles["first"]), "singles_in_set": count_share(singles["in_set"]),
         "set_size": float(sizes.mean()) if len(sizes) else None,
         "sure_first": count_share(sure["first"]), "sure_in_set": count_share(sure["in_set"]),
@@ -167,6 +193,18 @@ def score(rows: Sequence[Row]) -> dict[str, Any]:
 def split_share(table: Any, by: str, flag: str) -> dict[str, Share]:
     """Shares of a flag by what stands in another column."""
     return {str(name): count_share(own) for name, own in table.groupby(by)[flag]}
+
+
+def split_benches(table: Any, intervals: Any) -> dict[str, dict[str, Share]]:
+    """By kind of bench: false alarms and undecided where nothing is hidden, right answers, intervals that hold."""
+    found = {}
+    for name, own in table.groupby("bench"):
+        nulls, singles = own[own["kind"] == "nothing"], own[own["kind"] == "one"]
+        found[str(name)] = {
+            "false_alarms": count_share(nulls["false"]), "undecided": count_share(nulls["undecided"]),
+            "singles_right": count_share(singles["right"]), "right": count_share(own["right"]),
+            "coverage": count_share(intervals["holds"][intervals["bench"] == name])}  # fmt: skip
+    return found
 
 
 def split_effects(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:

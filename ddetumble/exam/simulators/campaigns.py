@@ -34,6 +34,8 @@ class Record:
     shift: float  # of its clock, s
     along: dict[str, np.ndarray]  # columns without noise: time, slip
     values: np.ndarray  # of the channels, shape (samples, channels)
+    places: np.ndarray  # where it was read, by its own clock: time or path
+    clean: np.ndarray  # `values` without noise
 
 
 @dc.dataclass(frozen=True)
@@ -78,13 +80,14 @@ def draw_records(campaign: Campaign, generator: np.random.Generator, tests: Sequ
             written[condition] = true[condition] * (1.0 + stated[condition] * draw[len(names) + i])
         shift = stated["time"] * draw[-1] if "time" in stated else 0.0
         places, along = campaign.place(nominal)
-        values = campaign.read(true, places - shift)
+        clean = campaign.read(true, places - shift)
+        values = clean.copy()
         for j, deviation in enumerate(campaign.noise.values()):
             values[:, j] += draw_noise(generator, places.size, deviation, campaign.rho, campaign.white_share)
         if campaign.white:
             rest = generator.standard_normal((places.size, len(campaign.white)))
             values[:, len(campaign.noise) :] += np.array(list(campaign.white.values())) * rest
-        records.append(Record(f"r{number:02d}", true, written, shift, along, values))
+        records.append(Record(f"r{number:02d}", true, written, shift, along, values, places, clean))
     return dc.replace(campaign, records=records)
 
 

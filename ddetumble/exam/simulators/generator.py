@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .benches import BENCHES
 from .campaigns import Campaign
 
 
@@ -63,7 +64,15 @@ class CaseGenerator:
     prepare: Callable[[Mapping[str, Any], int], Callable[[Mapping[str, Any]], float]]
     # Noise-free tests elsewhere, from effects and settings.
     hold_out: Callable[[Mapping[str, Any], Mapping[str, Any]], list[HeldOut]]
+    benches: tuple[str, ...]  # kinds of `benches.BENCHES` that such records can show
+    # By a channel or condition that is biased throughout: effects of the catalogue that no test can tell from it.
+    same: Mapping[str, tuple[str, ...]] = dc.field(default_factory=dict)
     edition: int = 1  # of the way in which cases are drawn: another one asks other questions under the same seed
+
+
+def leave_out(*kinds: str) -> tuple[str, ...]:
+    """Kinds of benches but for some."""
+    return tuple(kind for kind in BENCHES if kind not in kinds)
 
 
 def spread(generator: np.random.Generator, low: float, high: float, count: int) -> list[float]:

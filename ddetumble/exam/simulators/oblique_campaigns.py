@@ -10,7 +10,7 @@ import numpy as np
 from . import impact_campaigns as straight
 from . import slip_campaigns as friction
 from .campaigns import Campaign, draw_records, name_conditions, order_tests, place_between
-from .generator import CaseGenerator, HeldOut, Hidden, spread
+from .generator import CaseGenerator, HeldOut, Hidden, leave_out, spread
 from .oblique import CREEP, ROLLING, simulate_strike
 from .strength import hold_slopes, refer_tests, share_logarithms
 
@@ -103,5 +103,5 @@ def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
 
 OBLIQUE = CaseGenerator(
     "oblique", {channel: NOISE[channel] for channel in FORCES}, "time", CATALOGUE, OUTSIDE, draw_setting,
-    partial(make_oblique_campaign, steps=STEPS), prepare, hold_out,
+    partial(make_oblique_campaign, steps=STEPS), prepare, hold_out, leave_out(), {"normal_force": ("sensor-gain",)},
 )  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from .campaigns import Campaign, draw_records
-from .generator import CaseGenerator, HeldOut, Hidden
+from .generator import CaseGenerator, HeldOut, Hidden, leave_out
 from .tumbling import ATTITUDES, RATES, simulate_tumbling
 
 
@@ -126,4 +126,6 @@ def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
 TUMBLE = CaseGenerator(
     "tumble", dict.fromkeys(RATES, NOISE), "time", CATALOGUE, OUTSIDE, draw_setting, make_tumble_campaign, prepare,
     hold_out,
+    # Nothing is set, and rates that are all too high by a factor are those of another inertia ratio.
+    leave_out("ringing", "loose-settings", "jitter", "biased-setting", "biased-gauge"),
 )  # fmt: skip
