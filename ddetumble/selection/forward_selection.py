@@ -5,7 +5,7 @@ cross-validate, choose, exchange earlier choices while that predicts better, tak
 """
 
 import dataclasses as dc
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
 
 
-SETTLING = 3  # rounds of fitting and of estimating the scatter of the settings: the second hardly changes anything
+SETTLING = 3  # searches with another scatter of the settings: the second hardly ever changes it
 
 
 @dc.dataclass(frozen=True)
@@ -348,39 +348,22 @@ def allow_scatter(path: Path, report: Progress = lambda text, share: None) -> Pa
     """
     if not path.steps[0].lack.rejected:
         return path
-    spread = path.selection.estimate_spread(path.steps[-1].fitted)
-    if not spread:
-        return path
-    report("allowing for settings that scatter more than stated", 0.87)
-    selection, reference = _settle_spread(path.selection, path.steps[0].fitted, spread)
-    if not selection.spread:
-        return path
-    found = select_effects(selection, reference)
-    if len(found.steps) > 1:  # an effect may have taken what the scatter stood for
-        again, _ = _settle_spread(found.selection, found.steps[-1].fitted, found.selection.spread)
-        ratios = [again.spread.get(n, 1.0) / r for n, r in found.selection.spread.items()]
-        if again.spread and max(abs(np.log(ratios))) > np.log(again.settings.spread.least):
-            selection, reference = again, again.repeat(found.steps[0].fitted)
-            selection = selection.span(reference.solution)
-            found = select_effects(selection, reference)
-    settled = not found.steps[-1].lack.rejected and found.selection.is_scatter(found.steps[-1].fitted)
-    return found if settled else path
-
-
-def _settle_spread(selection: SelectionProblem, fitted: Fitted, spread: Mapping[str, float]
-                   ) -> tuple[SelectionProblem, Fitted]:
-    """The problem with the scatter of the settings as a model wants it, and the model fitted with it."""
+    found = path
     for _ in range(SETTLING):
-        selection = selection.loosen(spread)
-        fitted = selection.repeat(fitted)
-        again = selection.estimate_spread(fitted)
-        ratios = [again.get(n, 1.0) / spread.get(n, 1.0) for n in {*again, *spread}]
-        spread = again
+        # Beside the effects found so far: without them the scatter would stand for these as well.
+        last, selection = found.steps[-1].fitted, found.selection
+        spread = selection.estimate_spread(last)
+        ratios = [spread.get(n, 1.0) / selection.spread.get(n, 1.0) for n in {*spread, *selection.spread}]
         if not ratios or max(abs(np.log(ratios))) < np.log(selection.settings.spread.least):
             break
-    selection = selection.loosen(spread)
-    fitted = selection.repeat(fitted)
-    return selection.span(fitted.solution), fitted
+        report("allowing for settings that scatter more than stated", 0.87)
+        selection = path.selection.loosen(spread)
+        reference = selection.repeat(path.steps[0].fitted)
+        found = select_effects(selection.span(reference.solution), reference)
+    last = found.steps[-1]
+    if not found.selection.spread or last.lack.rejected or not found.selection.is_scatter(last.fitted):
+        return path
+    return found
 
 
 def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:

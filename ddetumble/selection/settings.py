@@ -92,8 +92,8 @@ class SelectionSettings:
         invisible: share of its signature below which an effect cannot be identified.
         rounds: of leaving out faulty records and beginning again, at most.
         most_samples: that are searched: hundreds of fits to them take some ten minutes.
-        little: share of a misfit that a force of any variable removes on left-out conditions, up to which the misfit may
-            be no force's: what noise happens to share with one, and
+        little: share of a misfit that a force of any variable removes on left-out conditions, up to which the misfit
+            may be no force's: what noise happens to share with one, and
         repeats: p-value of a misfit that repeats over the records, above which it is none.
         noise: what decides how the noise is taken.
         spread: when settings count as scattering more than stated.
