@@ -29,6 +29,8 @@ class Noise:
         text: how it was found.
         floor, share, rate_share: standard deviation without a reading, SI, as a share of the reading, and of its change
             from one sample to the next, which add in squares; `floor` None where the size does not vary with these.
+        slow_sd, slow_time: of a baseline that wanders beside (Ornstein-Uhlenbeck): its standard deviation, SI, and its
+            correlation time in the independent variable, SI; none where the first is 0.
         sizes: standard deviation of every sample over `sd`, by record, shape (samples,); empty where all are alike.
     """
 
@@ -42,6 +44,8 @@ class Noise:
     floor: Finite | None = None
     share: Finite = 0.0
     rate_share: Finite = 0.0
+    slow_sd: Finite = 0.0
+    slow_time: Positive = 1.0
     sizes: Mapping[str, Any] = dc.field(default_factory=dict, repr=False, compare=False)
 
     def deviations(self, reading: np.ndarray) -> np.ndarray:
@@ -51,6 +55,11 @@ class Noise:
         rate = np.gradient(reading, axis=-1) if np.shape(reading)[-1] > 1 else np.zeros(np.shape(reading))
         return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2)
 
+    @property
+    def is_white(self) -> bool:
+        """Whether no sample says anything about another."""
+        return self.correlation <= 0 and self.slow_sd <= 0
+
     def without_sizes(self) -> "Noise":
         """The same without the sizes of the samples that it was measured on."""
         return dc.replace(self, sizes={})
@@ -59,7 +68,8 @@ class Noise:
         """Autocovariance at time lags `lag` [s], any shape."""
         lag = np.abs(lag)
         coloured = max(self.correlation, 0.0) ** (lag / self.interval)
-        return self.sd**2 * ((1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval))
+        fast = (1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval)
+        return self.sd**2 * fast + self.slow_sd**2 * np.exp(-lag / self.slow_time)
 
 
 def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,9 +83,9 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
         Weights, shape (samples,): 1/sd of what cannot be predicted (0 for missing samples); and taps, shape
         (samples, TAPS): the whitened value is weight * (x_t - sum_k taps[t, k] x_{t-1-k}).
     """
-    n = len(time)
-    weights, taps = np.where(valid, 1.0 / noise.sd, 0.0), np.zeros((n, TAPS))
-    if noise.correlation <= 0 or n < 2:
+    n, variance = len(time), float(noise.covariance(np.zeros(1))[0])
+    weights, taps = np.where(valid, 1.0 / np.sqrt(variance), 0.0), np.zeros((n, TAPS))
+    if noise.is_white or n < 2:
         return weights, taps
     steps, place = np.diff(time), np.arange(n)[:, None] - np.arange(1, TAPS + 1)
     seen = (place >= 0) & valid[np.maximum(place, 0)] & valid[:, None]
@@ -88,12 +98,12 @@ def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.nda
         t = rows[first[k: k + BATCH]]
         there = seen[t]
         times = time[np.maximum(place[t], 0)]
-        among = noise.covariance(times[:, :, None] - times[:, None, :]) + 1e-12 * noise.sd**2 * np.eye(TAPS)
-        among = np.where(there[:, :, None] & there[:, None, :], among, noise.sd**2 * np.eye(TAPS))
+        among = noise.covariance(times[:, :, None] - times[:, None, :]) + 1e-12 * variance * np.eye(TAPS)
+        among = np.where(there[:, :, None] & there[:, None, :], among, variance * np.eye(TAPS))
         to = np.where(there, noise.covariance(times - time[t, None]), 0.0)
         found[k: k + BATCH] = np.linalg.solve(among, to[..., None])[..., 0]
-        left = noise.sd**2 - np.sum(found[k: k + BATCH] * to, axis=1)
-        scale[k: k + BATCH] = 1.0 / np.sqrt(np.maximum(left, 1e-6 * noise.sd**2))
+        left = variance - np.sum(found[k: k + BATCH] * to, axis=1)
+        scale[k: k + BATCH] = 1.0 / np.sqrt(np.maximum(left, 1e-6 * variance))
     taps[rows], weights[rows] = found[which], scale[which]
     return weights, taps
 

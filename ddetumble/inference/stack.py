@@ -213,7 +213,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
             level = (noise or {}).get(channel) or default_noise(campaign, channel, t)
             code = (c, valid.tobytes(), np.round(np.diff(t), 8).tobytes())
             sizes = level.sizes[key][:: thin[r]] if key in level.sizes else np.ones(n)
-            if level.correlation <= 0:
+            if level.is_white:
                 weights[r, c, :n] = np.where(valid, 1.0 / level.sd, 0.0) / sizes
                 continue
             if code not in cache:

@@ -17,12 +17,14 @@ from ..measurement.campaign import Campaign
 from ..measurement.grouping import count_conditions
 from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
+from .bias import SettingBias, fit_biases
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .forward_selection import (
     FittedStep,
     Path,
     allow_scatter,
+    allow_wander,
     extend_path,
     is_explained,
     keep_physical,
@@ -70,7 +72,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
     name, references = asked.name, ()
-    path = allow_scatter(path, report)
+    path = allow_wander(allow_scatter(path, report), report)
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
     # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
@@ -97,6 +99,13 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     irregular = isinstance(missing, MissingForce) and is_irregular(selection, steps[-1].fitted, missing)
     if irregular:
         verdict, where = "explained" if len(steps) > 1 else "nothing-missing", []
+    biases: list[SettingBias] = []
+    if len(steps) > 1 and selection.holds_out:
+        biases = [one for one in fit_biases(selection, steps[0].fitted, steps[-1].fitted) if not one.rejected
+                  and not settings.is_beaten(one.difference, one.standard_error)]
+        if biases and biases[0].merit < steps[-1].fitted.merit:
+            # Where the effects leave a misfit and the bias none, nothing speaks for them.
+            verdict, steps = "nothing-missing" if steps[-1].lack.rejected else "undecided", steps[:1]
     report("writing it down", 0.97)
     described = [describe_step(selection, s, steps[k - 1] if k else None) for k, s in enumerate(steps)]
     candidates = describe_candidates(selection, steps, path.tried)
@@ -113,7 +122,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(r.to_dict() for r in references),
-        spread=describe_spread(selection), irregular=irregular,
+        spread=describe_spread(selection), irregular=irregular, biases=tuple(biases),
         missing=missing if isinstance(missing, MissingForce) and not irregular else None, made=made)
     family, left_out = selection.family, selection.left_out
     notes = list_notes(found, family, left_out, asked.name, missing if isinstance(missing, str) else "",
@@ -220,9 +229,7 @@ def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingFo
         removed = (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
         if removed > selection.settings.little:
             return False
-    names = [str(name) for name in selection.campaign.records.columns if name != "sequence"]
-    table = selection.campaign.records[names].to_numpy(dtype=float)
-    p_value = measure_repeats(selection.problem, fitted.solution, table)
+    p_value = measure_repeats(selection, fitted.solution)
     return p_value is not None and p_value > selection.settings.repeats
 
 

@@ -13,6 +13,7 @@ from ..inference.files import list_versions, make_plain, write_json
 from ..inference.findings import AbstractRivals, Fit
 from ..measurement.faults import Fault
 from ..measurement.quantities import clean
+from .bias import SettingBias
 from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
@@ -40,6 +41,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         settings: the thresholds that decided.
         counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
         spread: settings that scatter more than stated, which the fits allow for.
+        biases: errors of single settings, shared by all records, that explain them as well as the effects do.
         irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
             conditions that are left out, and nothing of it repeats over the records.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
@@ -66,6 +68,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     doubts: tuple[str, ...] = ()
     references: tuple[Mapping[str, Any], ...] = ()
     spread: tuple[SettingSpread, ...] = ()
+    biases: tuple[SettingBias, ...] = ()
     irregular: bool = False
     missing: MissingForce | None = None
     made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
@@ -162,6 +165,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "where": [{k: v for k, v in _list_fields(w).items() if v is not None} for w in self.where],
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
+            "setting_biases": self.biases,
             "missing_force": None if self.missing is None else self.missing.to_dict(),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })

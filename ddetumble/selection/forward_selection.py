@@ -14,9 +14,11 @@ from .._numerics import map_threads
 from ..inference.assembly import default_starts
 from ..inference.noise_estimation import changed, measure_noise
 from ..inference.problem import Solution
+from ..inference.slow_noise import add_slow_noise
 from .cross_validation import compare_losses
 from .lack_of_fit import Score
 from .problem import Fitted, SelectionProblem
+from .repeats import measure_repeats
 from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
 
@@ -101,7 +103,10 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
         # What a poor model leaves may be too sharp for the splines that are taken out of its residuals first: where the
         # better one leaves another noise, every step is fitted and judged again under it.
         settings = selection.settings.noise
-        noise = measure_noise(selection.campaign, selection.records, more.fitted.solution, settings)
+        noise = {channel: dc.replace(level, slow_sd=selection.noise[channel].slow_sd,
+                                     slow_time=selection.noise[channel].slow_time)
+                 for channel, level in measure_noise(selection.campaign, selection.records, more.fitted.solution,
+                                                     settings).items()}
         if changed(selection.noise, noise, settings):
             selection = dc.replace(selection.restack(noise), noise=noise)
             for k, step in enumerate(steps):
@@ -364,6 +369,31 @@ def allow_scatter(path: Path, report: Progress = lambda text, share: None) -> Pa
     if not found.selection.spread or last.lack.rejected or not found.selection.is_scatter(last.fitted):
         return path
     return found
+
+
+def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Path:
+    """The same search with baselines that wander, where these explain what misfit is left.
+
+    They do where they are beyond doubt beside all effects that were found, leave no misfit, and nothing of what they
+    stand for repeats over the records, as physics would.
+    """
+    last, selection = path.steps[-1], path.selection
+    if not last.lack.rejected or measure_repeats(selection, last.fitted.solution) is None:
+        return path
+    noise = add_slow_noise(selection.records, last.fitted.solution, selection.noise, selection.settings.spread.worth)
+    if noise == selection.noise:
+        return path
+    report("allowing for baselines that wander", 0.875)
+    wider = dc.replace(selection.restack(noise), noise=noise)
+    reference = wider.repeat(path.steps[0].fitted)
+    found = allow_scatter(select_effects(wider.span(reference.solution), reference), report)
+    last = found.steps[-1]
+    if last.lack.rejected:
+        return path
+    at = last.fitted.solution
+    plain = selection.loosen(found.selection.spread).problem.solve(at.names, at.u, at.z, moving=False)
+    chance = measure_repeats(selection, plain)
+    return found if chance is not None and chance > selection.settings.repeats else path
 
 
 def free_chosen(selection: SelectionProblem, chosen: Fitted) -> SelectionProblem:

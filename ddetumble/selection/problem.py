@@ -118,6 +118,12 @@ class SelectionProblem:
         return group_conditions(self.campaign.records)
 
     @cached_property
+    def conditions(self) -> np.ndarray:
+        """Conditions of every record, shape (records, conditions), SI; the order in a series is none."""
+        names = [str(name) for name in self.campaign.records.columns if name != "sequence"]
+        return self.campaign.records[names].to_numpy(dtype=float)
+
+    @cached_property
     def holds_out(self) -> bool:
         """Whether a condition can be left out and the others still say how anything depends on them."""
         return can_leave_out(self.campaign.records, self.family.free_running)
@@ -137,10 +143,8 @@ class SelectionProblem:
 
     def is_scatter(self, fitted: Fitted) -> bool:
         """Whether the settings that scatter more than stated were moved at random, and not as the conditions go."""
-        names = [str(name) for name in self.campaign.records.columns if name != "sequence"]
-        table = self.campaign.records[names].to_numpy(dtype=float)
-        chances = [follow_conditions(fitted.solution.z[:, self.records.nuisances.index(name)], self.groups, table)
-                   for name in self.spread]
+        chances = [follow_conditions(fitted.solution.z[:, self.records.nuisances.index(name)], self.groups,
+                                     self.conditions) for name in self.spread]
         return min(chances, default=1.0) * len(chances) > self.settings.spread.random
 
     def disperse(self, fitted: Fitted) -> float:

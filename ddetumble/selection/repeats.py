@@ -4,7 +4,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ..inference.noise import whitening_matrix
-from ..inference.problem import Problem, Solution
+from ..inference.problem import Solution
+from .problem import SelectionProblem
 
 
 PARTS = 10  # splines over a contact: features of a tenth of it, which physics shows and settings cannot imitate all
@@ -13,7 +14,7 @@ FEWEST = 8  # records whose signs tell anything: with fewer the smallest p-value
 SEED = 20261125
 
 
-def measure_repeats(problem: Problem, solution: Solution, conditions: np.ndarray) -> float | None:
+def measure_repeats(selection: SelectionProblem, solution: Solution) -> float | None:
     """p-value of nothing in the residuals repeating over the records, whatever the size and correlation of the noise.
 
     Residuals of every record are projected on splines over its contact, without what its own settings can imitate.
@@ -21,13 +22,13 @@ def measure_repeats(problem: Problem, solution: Solution, conditions: np.ndarray
     the signs of whole records drawn at random (Liu, Annals of Statistics 16, 1988, wild bootstrap by cluster).
 
     Args:
-        problem, solution: a fit of all records.
-        conditions: of every record, shape (records, conditions), SI.
+        selection: the campaign, with the noise under which the residuals are whitened.
+        solution: a fit of all records under that noise.
 
     Returns:
         The p-value; None where the records do not share a phase, or are too few.
     """
-    records, family = problem.records, problem.space.family
+    records, family = selection.records, selection.family
     if family.free_running or records.count < FEWEST:
         return None
     stack = records.stack
@@ -56,7 +57,7 @@ def measure_repeats(problem: Problem, solution: Solution, conditions: np.ndarray
         side = side - basis @ (basis.T @ side)
         scores.append(whole.T @ side[: len(whole)])
     table = np.array(scores)
-    logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
+    logarithms = np.log(np.maximum(np.abs(selection.conditions), 1e-300))
     spread = logarithms.std(axis=0)
     slopes = ((logarithms - logarithms.mean(axis=0)) / np.maximum(spread, 1e-300))[:, spread > 0.01]
     weights_over = np.concatenate([np.ones((len(table), 1)), slopes], axis=1)

@@ -10,6 +10,7 @@ from .._sentences import Sentence, join_sentences, say
 from ..families import Family
 from ..measurement.quantities import describe_quantity
 from ..measurement.units import format_time
+from .bias import SettingBias
 from .discovery import Discovery
 from .forward_selection import Unphysical
 from .missing.missing_force import summarise_missing
@@ -41,6 +42,11 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
     }
 
 
+def _describe_bias(one: SettingBias) -> dict[str, Any]:
+    """Facts of a setting that may be wrong alike in all records."""
+    return {"name": describe_quantity(one.name).name, "high": one.bias > 0, "size": f"{100 * abs(one.bias):.2g} %"}
+
+
 def _describe_spread(one: SettingSpread) -> dict[str, Any]:
     """Facts of a setting that scatters more than stated."""
     name = "time origin" if one.name == "time" else describe_quantity(one.name).name
@@ -69,6 +75,11 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
                          before=_level(first, found)))
     else:
         parts.append(_tell_verdict(found, family, folds))
+        if found.biases and found.effects:
+            parts.append(say("verdict.biased", biases=[_describe_bias(one) for one in found.biases]))
+        wander = [channel for channel, one in found.noise.items() if one.get("slow_sd")]
+        if wander:
+            parts.append(say("verdict.wandering", channels=wander))
         if found.spread:
             parts.append(say("verdict.loose_settings", settings=[_describe_spread(one) for one in found.spread]))
         if found.verdict in ("improved", "unexplained") and found.where:
@@ -152,6 +163,11 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
         detectable = [(n, v, c.units.get(n, "")) for c in seen for n, v in list(c.smallest_detectable.items())[:1]]
         return say("verdict.nothing_missing", model=model, records=records, p=lack.p_value, level=lack.level,
                    detectable=detectable)
+    if found.verdict == "undecided" and found.biases:
+        return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
+                   effects=list(found.biases[0].effects))
+    if found.verdict == "nothing-missing" and found.biases:
+        return say("verdict.biased_only", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]))
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
                    sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],

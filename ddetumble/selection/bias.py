@@ -1,0 +1,80 @@
+"""Settings that are wrong alike in all records (a gauge that reads high throughout), as rivals of physics."""
+
+import dataclasses as dc
+
+import numpy as np
+
+from ..inference.goodness import combine_p_values, weigh_shifts
+from ..inference.problem import Solution
+from .cross_validation import compare_losses, leave_out
+from .lack_of_fit import measure_smooth
+from .problem import Fitted, SelectionProblem
+
+
+@dc.dataclass(frozen=True)
+class SettingBias:
+    """An error of one setting that all records share, fitted beside a model at its linearisation."""
+
+    name: str  # of the setting
+    bias: float  # share by which what is written down is too large
+    sd: float
+    merit: float  # cross-validated loss with the penalty of its parameters, as of any other model
+    rejected: bool  # whether a misfit is left
+    difference: float  # of the cross-validated loss from that of the model it is a rival of, and its standard error
+    standard_error: float
+    effects: tuple[str, ...]  # of that model
+
+
+def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> list[SettingBias]:
+    """Every setting that states an uncertainty, biased by itself beside the model `fitted`; the best rival first.
+
+    A bias moves every record as its own nuisance does, all by the same share: the columns of the linearised fit are
+    known, and nothing is simulated.
+    """
+    records, old, found = selection.records, fitted.solution, []
+    deviations = np.asarray(records.stack.condition_sd)[: records.count]
+    for k, name in enumerate(records.nuisances):
+        if name not in selection.campaign.records or name in records.starts or not (deviations[:, k] > 0).all():
+            continue
+        values = np.abs(selection.campaign.records[name].to_numpy(dtype=float))
+        # The true setting is the one written down x (1 - bias): by so many of its deviations.
+        size = -selection.settings.bias * values / deviations[:, k]
+        column = old.own[:, :, k] * size[:, None]
+        wider = dc.replace(
+            old, names=(*old.names, f"bias:{name}"), shared=np.concatenate([old.shared, column[:, :, None]], axis=2),
+            scales=np.append(old.scales, 1.0), prior_residual=np.append(old.prior_residual, 0.0),
+            prior_weight=np.append(old.prior_weight, 1.0))
+        at, spread = _step(wider)
+        total, degrees = measure_smooth(selection.problem, at, selection.bases)
+        level = max(n.log_level_sd for n in selection.noise.values())
+        smooth = (np.log(max(total, 1e-300) / max(degrees, 1.0))) / np.sqrt(2.0 / max(degrees, 1.0) + level**2)
+        settings = [j for j, other in enumerate(records.nuisances) if other not in records.starts and ":" not in other
+                    and (deviations[:, j] > 0).any()]
+        chance = combine_p_values([weigh_shifts(at.z[:, j]) for j in settings])
+        loss = leave_out(at, selection.groups)
+        difference, error = compare_losses(loss, rival.loss, selection.groups)
+        found.append(SettingBias(
+            name, selection.settings.bias * float(at.u[-1]), selection.settings.bias * spread,
+            float(loss.sum()) + selection.settings.significant * len(at.names),
+            smooth > selection.settings.standard_errors or chance < selection.settings.level_each, difference, error,
+            rival.effects))
+    return sorted(found, key=lambda one: one.merit)
+
+
+def _step(solution: Solution) -> tuple[Solution, float]:
+    """A Gauss-Newton step of a linearised fit: where it ends (its last coordinate is the step itself), and the standard
+    deviation of the last parameter."""
+    flat, right = solution.flattened()
+    scale = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+    step = np.linalg.lstsq(flat / scale, -right, rcond=1e-12)[0] / scale
+    spread = float(np.sqrt(np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-12)[-1, -1]) / scale[-1])
+    own, z = solution.own, solution.z.copy()
+    moved = solution.residual + solution.shared @ step
+    for r in range(len(own)):
+        # With the parameters moved, every record's nuisances follow under their priors.
+        columns = np.concatenate([own[r], np.eye(own.shape[2])])
+        change = np.linalg.lstsq(columns, -np.concatenate([moved[r], z[r]]), rcond=None)[0]
+        moved[r] += own[r] @ change
+        z[r] += change
+    return dc.replace(solution, residual=moved, z=z, u=np.append(solution.u, step[-1]),
+                      prior_residual=solution.prior_residual + solution.prior_weight * step), spread
