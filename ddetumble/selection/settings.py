@@ -133,7 +133,7 @@ class SelectionSettings:
     invisible: float = 0.002
     rounds: int = 4
     most_samples: int = 100_000
-    little: float = 0.1
+    little: float = 0.2
     repeats: float = 0.01
     bias: float = 0.02
     noise: NoiseSettings = NoiseSettings()
