@@ -20,7 +20,7 @@ def show_effects(
     ] = None,
     family: Family = None,
     effects_from: OwnFile = None,
-    new: Annotated[str | None, option("NAME", "Write a file to start an effect of your own from, and its test.")] = None,
+    new: Annotated[str | None, option("NAME", "Write a file for an effect of your own, and its test.")] = None,
     stage: Annotated[str, option("STAGE", "Stage at which it acts; a wrong name lists all stages.")] = "elastic",
     output: Annotated[Path, place("Folder for the new effect.")] = Path(),
     overwrite: Overwrite = False,

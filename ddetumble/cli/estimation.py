@@ -24,7 +24,7 @@ def fit_parameters(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
-    output: Annotated[Path | None, place("Folder for the result and the model; for fit.toml, its own by default.")] = None,
+    output: Annotated[Path | None, place("Folder for result and model; for fit.toml, its own by default.")] = None,
     overwrite: Overwrite = False,
 ):
     """Fit parameters, with their uncertainty and a statement of which of them the data cannot distinguish. If no model

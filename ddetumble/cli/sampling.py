@@ -40,7 +40,7 @@ def sample_posterior(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
-    output: Annotated[Path | None, place("Folder for the draws and the report; for fit.toml, its own by default.")] = None,
+    output: Annotated[Path | None, place("Folder for draws and report; for fit.toml, its own by default.")] = None,
     nuts: Annotated[bool, typer.Option("--nuts", help="Use NUTS instead of emcee; needs the extra `nuts`.")] = False,
     effective: Annotated[Count, option("N", "Effective sample size wanted of every parameter [2000].")] = None,
     steps: Annotated[Count, option("N", "Stop after this many steps, converged or not [5000].")] = None,

@@ -165,5 +165,5 @@ def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], rang
     listed = [f"{column} " + ", or ".join(f"in {' or '.join(actual)} where {stated} is stated"
                                           for stated, actual in ways.items()) for column, ways in guesses.items()]
     remedy = f"are the values of {', or of '.join(listed)}?" if listed else (
-        "are the units of all columns right, and the scales of the gauges?")
+        "are the units of all columns and the scales of the gauges right?")
     return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")
