@@ -144,7 +144,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
         (("known", "outer_diameter"), "-60 mm", ("key known.outer_diameter", "positive")),
         (("known", "outer_diameter"), "60 kg", ("key known.outer_diameter", "does not measure")),
         (("known", "outer_diameter"), True, ("known.outer_diameter",)),
-        (("known", "restitution"), 1.2, ("key known.restitution", "at most at 1")),
+        (("known", "restitution"), 1.2, ("key known.restitution", "at most 1")),
     ],
 )  # fmt: skip
 def test_descriptor(tmp_path, path, value, words):

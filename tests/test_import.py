@@ -116,7 +116,7 @@ def test_compression_counted_negative(tmp_path):
     campaign = import_tests(path, **CONDITIONS)
     check(campaign, tmp_path / "campaign")
     other = write(tmp_path / "b.csv", raw_text([time, force], ["t [s]", "Fz [N]"]))
-    with pytest.raises(InputError, match="another sign"):
+    with pytest.raises(InputError, match="the opposite sign"):
         import_tests([path, other], **CONDITIONS)
 
 

@@ -80,7 +80,7 @@ def test_a_campaign_with_negative_friction_is_refused(tmp_path):
     lines = (folder / "samples.csv").read_text().splitlines()
     turned = [",".join([*line.split(",")[:-1], "-" + line.split(",")[-1]]) for line in lines[1:]]
     (folder / "samples.csv").write_text("\n".join([lines[0], *turned]) + "\n")
-    with pytest.raises(InputError, match="column tangential_force: .*negative where the slip grows; .*turn"):
+    with pytest.raises(InputError, match="column tangential_force: .*negative where the slip grows, .*reverse"):
         read_campaign(folder)
 
 
@@ -129,7 +129,7 @@ def test_conditions_that_cannot_be(tmp_path, table, words):
         (("Slip [mm]", "Ft [N]"), {"known": "elastic_modulu=7 MPa"}, "--known: .*did you mean elastic_modulus"),
         (("Slip [mm]", "Ft [N]"), {"known": "elastic_modulus=-7 MPa"}, "--known elastic_modulus: .*positive"),
         (("A [mm]", "B [mm]"), {}, "which column is the slip: .*--slip COLUMN, or --time COLUMN"),
-        (("t [s]", "Ft [N]"), {}, "there is a time and no slip: .*--slip COLUMN"),
+        (("t [s]", "Ft [N]"), {}, "there is a time but no slip: .*--slip COLUMN"),
         (("s [mm]", "Slip [mm]"), {}, "slip can be any of s, Slip; say which with --slip COLUMN"),
     ],
 )  # fmt: skip

@@ -89,7 +89,7 @@ def test_commands_know_own_effects(tmp_path, capsys):
     assert main(["effects", "--new", "rim-stop", "-o", str(place)]) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert main(["fit", "impact-f", "--effects-from", str(place / "rim_stop.py")]) == 2
-    assert "say with --effect" in capsys.readouterr().err
+    assert "give with --effect" in capsys.readouterr().err
     assert main(["discover", "impact-f", "--effects-from", str(place / "none.py")]) == 2
     assert "cannot be read" in capsys.readouterr().err
 
