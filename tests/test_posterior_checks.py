@@ -253,7 +253,7 @@ def test_weights_are_written_into_folders(tmp_path):
 
 def test_weights_that_are_no_json(tmp_path):
     (tmp_path / "weights.json").write_text("{", encoding="utf-8")
-    with pytest.raises(InputError, match="no JSON file"):
+    with pytest.raises(InputError, match="not a JSON file"):
         read_weights(tmp_path)
 
 
