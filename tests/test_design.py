@@ -185,13 +185,13 @@ def test_without_rivals_the_parameters_are_narrowed(rivals):
 
 
 @pytest.mark.parametrize("option, says", [
-    (["--limit", "slip_speed=2..1 m/s"], "begins above its end"),
+    (["--limit", "slip_speed=2..1 m/s"], "must have the lower value first"),
     (["--limit", "slip_speed=0.1..1"], "needs a unit"),
     (["--limit", "slip_speed=0.1..1 N"], "does not measure"),
     (["--limit", "slip_speed=fast"], "LOW..HIGH UNIT"),
     (["--limit", "slip_speed=-1..1 m/s"], "has to be positive"),
     (["--limit", "humidity=1..2"], "there is no condition 'humidity'"),
-    (["--channel", "pressure: 200 Pa"], "no channel that could be added"),
+    (["--channel", "pressure: 200 Pa"], "not a channel that could be added"),
     (["--length", "-1"], "has to be positive"),
 ])
 def test_bad_options(rivals, capsys, option, says):
@@ -219,10 +219,10 @@ PLAN = "normal_load [N],internal_pressure [MPa],slip_speed [m/s],repeats\n10,1,0
 
 @pytest.mark.parametrize("text, options, says", [
     (PLAN.replace("[N]", ""), [], "has no unit"),
-    (PLAN.replace("normal_load [N]", "force [N]"), [], "name no kind of test"),
+    (PLAN.replace("normal_load [N]", "force [N]"), [], "fit no kind of test"),
     (PLAN.replace("20,2", "20,x"), [], "'x' is not a number"),
     (PLAN.replace("20,2", "-20,2"), [], "must be positive"),
-    (PLAN, ["--channel", "normal_force: 1 N"], "no channel of these tests"),
+    (PLAN, ["--channel", "normal_force: 1 N"], "not a channel of these tests"),
     (PLAN, ["--value", "mass=1"], "no parameter 'mass'"),
     (PLAN, ["--uncertainty", "humidity=1 %"], "no condition 'humidity'"),
     (PLAN, ["--interval", "0 mm"], "has to be positive"),

@@ -399,7 +399,7 @@ def test_shipped_scenarios_are_read(file):
     ("force = 1000.0", "forse = 1000.0", "limits.forse"), ("[goal]", "[goal", "no TOML"),
     ("pressure = [1.0e6, 2.5e6]", "pressure = [2.5e6, 1.0e6]", "pressure has to rise"),
     ("angular_momentum = ", "angular_velocity = [0.0, 0.0, 0.0]\n#", "does not turn"),
-    ("restitution = 0.7", 'model = "nowhere"', "no folder that fit or discover wrote"),
+    ("restitution = 0.7", 'model = "nowhere"', "not a folder that fit or discover wrote"),
     ("chaser = [1.0, 0.0, 0.0]", "chaser = [0.0, 0.0, 0.0]", "must not be zero"),
 ])  # fmt: skip
 def test_faulty_scenarios_are_refused(tmp_path, capsys, old, new, says):

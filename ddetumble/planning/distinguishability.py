@@ -195,8 +195,8 @@ def preview_test(models: Sequence[FittedModel], limits: Sequence[Limit], extras:
     """
     first = models[0]
     if first.sampling is None:
-        raise InputError("the model does not say how its campaign was sampled, as an earlier version wrote it; run fit "
-                         "or discover again", file=first.folder)
+        raise InputError("the model was written by an earlier version and does not say how its campaign was sampled; "
+                         "run fit or discover again", file=first.folder)
     space = ParameterSpace(first.space.reference, tuple(dict.fromkeys(e for m in models for e in m.space.effects)),
                            first.space.commons)
     spreads, family = [m.spread() for m in models], space.family

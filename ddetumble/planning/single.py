@@ -208,7 +208,8 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         if untouched - estimate_score(problem, *ends[0][2:4]) >= FOUND * (untouched - estimate):
             break
     if not ends:
-        raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
+        raise ComputationError("no impact could be planned: the contact could not be integrated to separation from "
+                               "any start")
     _, _, face, x, values = ends[0]
     return make_plan(problem, face, x, certify(problem, face, x), tally, values, estimate=estimate,
                      scores=tuple((names[end[2]], end[1], end[0]) for end in ends))
