@@ -84,7 +84,7 @@ def test_gauge_unused(tmp_path, capsys):
     found = identify(blind)
     np.testing.assert_array_equal(found.table["normal_force"], whole.table["normal_force"])
     assert list(found.table.columns) == ["record", "time", "normal_force", "normal_force_sd"]
-    assert "no gauge" in str(found)
+    assert "no force gauge" in str(found)
     channels = {k: v for k, v in campaign.channels.items() if k != "pressure"}
     bare = identify(dc.replace(campaign, channels=channels, samples=campaign.samples.drop(columns="pressure")))
     assert 0.88 < bare.rms_z < 1.12 and "no channel `pressure`" in bare.notes[0]

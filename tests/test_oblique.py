@@ -398,7 +398,7 @@ def edit_table(name, column, change):
     (edit_known(rolling_mass="450 m"), "mass"),
     (edit_known(rolling_mass="0 kg"), "positive"),
     (edit_table("records.csv", "tangential_speed", lambda x: x.where(x.index != 3, -x)), "cannot be negative"),
-    (edit_table("samples.csv", "tangential_force", lambda x: -x), "points against its tangential speed"),
+    (edit_table("samples.csv", "tangential_force", lambda x: -x), "opposed to its tangential speed"),
 ])  # fmt: skip
 def test_campaigns_that_cannot_be(tmp_path, change, message):
     """A unit of another kind, a mass of nothing, and signs that contradict each other are refused in words."""

@@ -277,7 +277,7 @@ def test_command_tells_how_sure_a_plan_is(tmp_path, capsys):
 @pytest.mark.parametrize("table, says", [
     ("plan_for = 'luck'", "uncertainty.plan_for"), ("tail = 0.7", "uncertainty.tail"),
     ("draws = 1", "uncertainty.draws"),
-    ("", "nothing says how uncertain the contact is"), ("fit = 'nowhere'", "not a folder that fit, sample, discover or"),
+    ("", "the uncertainty of the contact is not given"), ("fit = 'nowhere'", "not a folder that fit, sample, discover"),
     ("fit = 'x'\nparameters = { restitution = { sd = 0.1 } }", "either fit or parameters"),
     ("parameters = { restitution = { mean = 0.7 } }", "uncertainty.parameters.restitution.sd"),
     ("parameters = { restitution = { mean = 1.7, sd = 0.1 } }", "restitution cannot be 1.7"),

@@ -47,7 +47,7 @@ class Ensembles(AbstractSampler):
         """
         walkers = settings.walkers or max(16, 2 * free + 4)
         if walkers % 2 or walkers < 2 * free + 2 or walkers < 6:
-            raise InputError(f"walkers has to be even and at least {max(6, 2 * free + 2)} with {free} parameters; it "
+            raise InputError(f"walkers must be even and at least {max(6, 2 * free + 2)} with {free} parameters; it "
                              f"is {walkers}", option="walkers")
         return walkers
 
