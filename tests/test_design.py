@@ -266,7 +266,7 @@ def test_map_sizes_are_found(tmp_path, capsys):
     assert main(["map", str(tmp_path / "plan.csv"), *options, "-o", str(tmp_path / "map")]) == 0
     alike = {frozenset(pair) for pair in json.loads((tmp_path / "map" / "map.json").read_text())["alike"]}
     assert frozenset(("viscous-friction", "adhesive-offset")) in alike
-    assert "could not tell apart" in capsys.readouterr().out
+    assert "could not distinguish" in capsys.readouterr().out
 
 
 @pytest.mark.study

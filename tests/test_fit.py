@@ -239,7 +239,7 @@ GOOD = 'schema = "ddetumble.fit/1"\ncampaign = "../wall"\n'
     ("", ["schema"]),
     ('schema = "ddetumble.fit/9"\n', ["schema", "ddetumble.fit/9"]),
     ('schema = "ddetumble.fit/1"\n', ["campaign: is missing"]),
-    ("schema = ", ["no TOML"]),
+    ("schema = ", ["not a TOML"]),
     (GOOD.replace("../wall", "../nowhere"), ["campaign", "nowhere"]),
     (GOOD + "colour = 1\n", ["colour", "not a key", "campaign", "nuisances"]),
     (GOOD + 'effects = "adhesion"\n', ["effects"]),

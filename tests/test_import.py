@@ -158,7 +158,7 @@ def test_three_channels_and_pressure_before_contact(tmp_path):
     assert abs(trace["depression"][trace["time"] < -1e-3].mean()) < 1e-5
     write_campaign(tmp_path / "campaign", campaign)
     moving = write(tmp_path / "b.csv", raw_text([time, force, time * 400, gas, force], headings))
-    with pytest.raises(InputError, match="arm's position"):
+    with pytest.raises(InputError, match="position of the arm"):
         import_tests(moving, speed="0.4 m/s")
 
 

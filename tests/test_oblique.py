@@ -353,7 +353,7 @@ def test_strike_takes_plain_numbers_and_refuses_the_rest():
     found = run_strike(law, GOOD, times)
     wrapped = run(law.extend(()), {k: jnp.asarray(v) for k, v in GOOD.items()}, jnp.asarray(times))
     np.testing.assert_allclose(found.tangential_force, wrapped.tangential_force, rtol=1e-9, atol=1e-12)
-    for wrong, message in ((0.01, "one-dimensional"), ([], "one time at least"), ([0.0, np.nan], "time number 2")):
+    for wrong, message in ((0.01, "one-dimensional"), ([], "at least one time"), ([0.0, np.nan], "time number 2")):
         with pytest.raises(InputError, match=message):
             run_strike(law, GOOD, wrong)
     with pytest.raises(InputError, match="needs a Striker"):

@@ -40,7 +40,7 @@ def test_the_written_test_runs(tmp_path):
 
 @pytest.mark.parametrize("name, stage, words", [
     ("Rim", "elastic", "lower-case"), ("../rim", "elastic", "lower-case"),
-    ("wall-stiffness", "elastic", "catalogue has"), ("rim", "elastics", "no stage"),
+    ("wall-stiffness", "elastic", "catalogue already has"), ("rim", "elastics", "no stage"),
     ("class", "elastic", "word of Python"),
 ])  # fmt: skip
 def test_bad_names(name, stage, words, tmp_path):
@@ -53,7 +53,7 @@ def test_bad_names(name, stage, words, tmp_path):
 def test_nothing_is_overwritten(tmp_path):
     """Not even where only the test is there."""
     (tmp_path / "test_rim.py").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match="there already"):
+    with pytest.raises(InputError, match="exists already"):
         write_template("rim", folder=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["test_rim.py"]
 
@@ -73,7 +73,7 @@ def test_effects_of_a_file(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         list_effects(tmp_path / "missing.py")
     both.write_text(source.read_text(encoding="utf-8").replace('"rim-stop"', '"gas-leak"'), encoding="utf-8")
-    with pytest.raises(InputError, match="catalogue has"):
+    with pytest.raises(InputError, match="catalogue already has"):
         list_effects(both)
 
 

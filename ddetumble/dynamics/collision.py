@@ -288,8 +288,8 @@ def simulate_collision(law: StrikeLaw | Striker, debris: Debris, attitude: Any, 
                      jnp.asarray(relaxation, dtype=float), solver, adjoint, (jnp.asarray(rtol), jnp.asarray(atol)),
                      max_steps)
     if is_known(found.approach_speed) and np.ndim(found.approach_speed) == 0 and not float(found.approach_speed) > 0:
-        raise InputError(f"collide: the ball does not approach the surface there (by {float(found.approach_speed):.3g} "
-                         "m/s along the normal); its velocity must point into the debris faster than that recedes")
+        raise InputError(f"collide: the ball does not approach the surface there (its speed along the normal is "
+                         f"{float(found.approach_speed):.3g} m/s); it must approach faster than the surface recedes")
     return found
 
 
