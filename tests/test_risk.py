@@ -271,7 +271,7 @@ def test_command_tells_how_sure_a_plan_is(tmp_path, capsys):
     assert len(one["draws"]) == 6 and one["share_left"]["mean"] == pytest.approx(np.mean(one["draws"]))
     assert one["share_left"]["q05"] < one["share_left"]["q95"] <= one["share_left"]["tail"] * (1 + 1e-9)
     assert (tmp_path / "out" / "figures" / "outlook.png").is_file()
-    assert "How sure this is" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Uncertainty of the outcome" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("table, says", [
