@@ -215,7 +215,7 @@ def test_polynomials():
     assert np.all(np.abs(values - list_coefficients(15.0)) < 4 * sd)
     assert evaluate_polynomials(fit, 5.0)[0][3] > 0
     assert any("below 5 or above 29 N" in note for note in fit.notes)
-    assert not any("Outside the range" in note for note in fit.notes)
+    assert not any("outside the range" in note for note in fit.notes)
 
 
 @pytest.mark.slow

@@ -123,11 +123,11 @@ class Comparison(_Written):
         if rows:
             parts.append("\n".join(["Refitted:", *rows]))
         if self.shifts:
-            parts.append("\n".join(["Settings moved by the fit, in stated deviations:", *(
-                f"  {s.name}: {s.rms:.2g} rms, {s.largest:+.2g} at most (record {s.record})" for s in self.shifts)]))
+            parts.append("\n".join(["Settings shifted by the fit, in stated standard deviations:", *(
+                f"  {s.name}: {s.rms:.2g} RMS, {s.largest:+.2g} largest (record {s.record})" for s in self.shifts)]))
         if np.isfinite(self.heldout_nrmse):
             predicted = "" if not np.isfinite(self.prediction_nrmse) else (
-                f"; predicted from settings as written down: {100 * self.prediction_nrmse:.2f} %, "
+                f"; prediction with settings as written down: {100 * self.prediction_nrmse:.2f} %, "
                 f"{100 * self.prediction_coverage:.0f} % of samples within the 95 % interval")
             parts.append(f"Error: {100 * self.nrmse:.2f} % fitted, {100 * self.heldout_nrmse:.2f} % cross-validated, "
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")

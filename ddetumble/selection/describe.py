@@ -150,7 +150,7 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
             smallest_detectable=detectable, indistinguishable_from=tuple(alike),
             estimates={} if absent else public_estimates(selection, fitted.solution, effect),
             heldout_difference=difference, standard_error=error, cosines=cosines,
-            text="its best amplitude has the wrong sign, or does nothing" if absent else "; ".join(map(str, beyond)),
+            text="its best amplitude has the wrong sign, or has no effect" if absent else "; ".join(map(str, beyond)),
             units={name: selection.space.unit(name, alone.solution.u) for name in detectable},
             beyond=tuple(one.name for one in beyond), prediction_nrmse=predicted.nrmse,
             prediction_coverage=predicted.coverage)
