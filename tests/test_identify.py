@@ -71,7 +71,7 @@ def test_missing_force(tmp_path):
     """A wall that carries load beside the gas: the force is not in depression and pressure, and that is said."""
     _, campaign = make(tmp_path, 3, {"wall-stiffness": {"k_w": 1500.0, "q": 1.0}}, interval=5e-4)
     found = identify(campaign)
-    assert found.rms_z > 3 and "differs from the gauge" in found.sentence and "the model is incomplete" in found.notes[0]
+    assert found.rms_z > 3 and "differs from the gauge" in found.sentence and "is incomplete" in found.notes[0]
 
 
 @pytest.mark.study

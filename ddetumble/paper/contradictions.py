@@ -304,7 +304,7 @@ def draw_restitution():
         given = printed_restitution(e)
         axes.plot([e], [given], "o", color=BEFORE)
         point_at(axes, f"{e} → {given:.3f}", (e, given), (-6, 7), ha="right", color=BEFORE)
-    axes.set(xlabel="restitution asked for", ylabel="restitution delivered", xlim=(0, 1), ylim=(0, 1.02))
+    axes.set(xlabel="restitution wanted", ylabel="restitution obtained", xlim=(0, 1), ylim=(0, 1.02))
     axes.legend(loc="lower right")
     return figure
 

@@ -127,7 +127,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
         "figure-8-growth": draw_growth(peaks, exponent), "figure-8-ladder": draw_ladder(peaks),
         "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
         "table-3-differences": draw_differences(
-            forces.pairs, "mean |error| of the first minus that of the second [points]"),
+            forces.pairs, "mean |error| of the first minus that of the second [percentage points]"),
     }  # fmt: skip
     pages, numbers = write_friction(slipped, friction, misses)
     tumbling, motion = write_tumbling()

@@ -300,9 +300,9 @@ class Bench:
             recipe, squeeze = recipes[k], contact[n, :, 2].max()
             self.fits[recipe.label] = PeakFit(recipe.free, x[k], fold_x[n], fold_cost[n], contact[n])
             outside = self._outside(recipe.free, x[k])
-            remark = f"not physical: {outside}" if outside else "" if done[k] else "the fit did not settle"
+            remark = f"not physical: {outside}" if outside else "" if done[k] else "the fit did not converge"
             if not remark and diameter > 0 and squeeze > 0.5 * diameter and model[k].min() > 0:
-                remark = f"the ball is squeezed by {1e3 * squeeze:.0f} of its {1e3 * diameter:.0f} mm"
+                remark = f"the ball is compressed by {1e3 * squeeze:.0f} of its {1e3 * diameter:.0f} mm"
             rows.append(PeakRow(self.forces, recipe.label, recipe.kind, recipe.effects, len(recipe.free), model[k],
                                 np.diagonal(held[n]), self._estimate(recipe.free, x[k], model[k], slopes[k]),
                                 not outside, remark))
