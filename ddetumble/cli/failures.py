@@ -17,7 +17,7 @@ from .._errors import ComputationError, InputError
 from .interrupts import INTERRUPTED, was_interrupted
 
 
-BAD_INPUT, FAILED, PIPE_CLOSED = 2, 1, 141
+BAD_INPUT, FAILED, PIPE_CLOSED = 2, 1, 141  # exit codes: of typer's own refusals, of Python's, 128 and SIGPIPE
 _stopped = threading.Event()
 
 

@@ -29,10 +29,13 @@ from .sliding import CoulombFriction, FrictionLaw, RubberFriction, Slide
 from .torque import RigidBody, Spin, TumbleLaw
 
 
-TOLERANCE = 1e-10  # compiled against eager, batch against loop, relative to the largest value
-MOST = 12  # combinations of starts that are tried
-STEPS = 128  # of a trial impact, even
-ALIVE = 1e-9  # smallest change of a reading by a typical change of a parameter, relative to the largest reading
+# Compiled against eager, batch against loop, relative to the largest value: rounding, in another order of sums.
+TOLERANCE = 1e-10
+MOST = 12  # combinations of starts that are tried: more find nothing new, and each integrates an impact
+STEPS = 128  # of a trial impact, even: coarse, as the checks compare like with like
+# Smallest change of a reading by a typical change of a parameter, relative to the largest reading: above rounding,
+# below any gauge.
+ALIVE = 1e-9
 _MODELS = ("gas", "geometry", "damping", "rubber")  # what only a reference model can provide
 
 Readings = dict[str, Array]

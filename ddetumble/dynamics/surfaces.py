@@ -18,7 +18,7 @@ from .bodies import AbstractBody, Box, Cylinder, Mesh, Sphere, check_faces, inte
 from .rigid import check_inertia
 
 
-FAR = 1e6  # m, distance to an edge where there is none
+FAR = 1e6  # m, distance to an edge where there is none: beyond every body, so that no limit on it binds
 
 
 @final

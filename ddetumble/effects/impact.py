@@ -27,9 +27,10 @@ from ..contact.signal import Signal, lag, low_pass
 
 
 WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
-REFERENCE_SPEED = 0.4  # m/s
-REFERENCE_PRESSURE = 1e6  # Pa
-UNLOADING_SPEED = 5e-3  # width of the change from loading to unloading [m/s]
+REFERENCE_SPEED = 0.4  # m/s, of the paper's tests, so that amplitudes are sizes at its conditions
+REFERENCE_PRESSURE = 1e6  # Pa, within the paper's 0 to 2.5 MPa, so that amplitudes are sizes at its conditions
+# M/s, width of the change from loading to unloading: about 1 % of the paper's approach speed, yet smooth to integrate.
+UNLOADING_SPEED = 5e-3
 
 
 @final

@@ -8,7 +8,7 @@ from ..contact.effect import AbstractEffect, Scalar, parameter
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, AbstractRubberEffect, Slide
 
 
-REFERENCE_LOAD = 10.0  # N
+REFERENCE_LOAD = 10.0  # N, so that the exponent turns the law about a usual load and leaves the coefficient there
 
 
 @final

@@ -16,8 +16,11 @@ from ..measurement.campaign import Campaign
 from .family import Starts
 
 
-WINDOW = 1.0  # rad, over which Euler's equations are integrated to guess the ratio of the moments
+# Rad, over which Euler's equations are integrated to guess the ratio of the moments: longer, they run out of step;
+# shorter, noise decides.
+WINDOW = 1.0
 FREE = 1e3  # standard deviation of a start over the largest rate: far more than any fit moves it
+# Steps of a mesh: few sizes, so that few programs are compiled, and close enough that little is padded.
 MESHES = (64, 96, 128, 160, 192, 256, 320, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
 
 

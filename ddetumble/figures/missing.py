@@ -12,7 +12,8 @@ from .style import NARROW, WIDTH, dress, head_figure, key_band, new_figure, styl
 
 
 _COLOURS = (AFTER, BEFORE, MORE[0])
-_SEEN = 0.02  # share of an even spread of samples below which a place counts as not visited
+# Share of an even spread of samples below which a place counts as not visited: a sample in fifty of the usual.
+_SEEN = 0.02
 
 
 @styled

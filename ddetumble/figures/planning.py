@@ -16,7 +16,7 @@ from .style import NARROW, WIDTH, dress, head_figure, key_line, new_figure, stri
 
 
 COLOURS = (AFTER, BEFORE, KIN, OTHER, GREY)
-BINS = 40  # at most
+BINS = 40  # at most: more are narrower than the spread of a posterior needs
 FEW = 4  # draws a bin on average, below which a histogram is but a comb
 CURVES = (("seen", "lack of fit detected", BEFORE, "o"), ("named", "the effect, or a set that contains it", AFTER, "s"))
 

@@ -31,12 +31,12 @@ from .style import (
 )
 
 
-_MASSES = (0.6827, 0.9545)  # inside the contours
-_MOST = 10  # parameters of a figure
-_DRAWN = 20000  # draws at most
+_MASSES = (0.6827, 0.9545)  # inside the contours: one and two standard deviations of a Gaussian
+_MOST = 10  # parameters of a figure: more have no room for their labels
+_DRAWN = 20000  # draws at most: more change no contour visibly
 _DASHED = (0, (4, 2))  # lines of the fit's Gaussian
 _MARKS = {"chi_square": ("o", AFTER), "largest": ("^", BEFORE), "lag": ("s", SHADES[6])}  # of a predictive check
-_LEAST = 1e-7  # p-values below are drawn there
+_LEAST = 1e-7  # p-values below are drawn there, so that the axis ends
 
 
 @styled

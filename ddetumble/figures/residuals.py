@@ -58,8 +58,8 @@ from .traces import (
 )
 
 
-_COLUMNS = 48  # of the map
-_ROWS = 16  # of the grid of errors at most
+_COLUMNS = 48  # of the map: more are narrower than a pixel column that one can tell
+_ROWS = 16  # of the grid of errors at most: more have no room for their labels
 STATED = 2.0  # stated deviations within which 95 % of true errors lie
 
 

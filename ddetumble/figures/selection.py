@@ -15,7 +15,7 @@ from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, OTHER, PALE
 from .style import NARROW, WIDTH, dress_rows, head_figure, key_band, key_dot, new_figure, styled, wrap_text
 
 
-CHANCE = 0.05  # p-value from which what an effect removes may be chance
+CHANCE = 0.05  # p-value from which what an effect removes may be chance: the usual 5 %
 FEWEST = 4  # bars that there is room for at least, so that one alone is not as high as the figure
 # Looks of bars of the ranking, in the order of their legend.
 KINDS = {

@@ -42,44 +42,51 @@ from .identifiability import VAST, Blend, Knowledge, analyse_jacobian, list_chan
 
 
 DAMPINGS = ("own units", "units of the start")
-TOLERANCE = 1e-10  # of Levenberg-Marquardt, relative
-MOST_STEPS = 3000  # of the same: curved valleys are long
-MOST_POLISH = 100  # Gauss-Newton steps after it
-PATIENCE = 3  # such steps without gain before they end
-SETTLED = 1e-6  # of the scatter: a last step that changes the curve less has arrived
+TOLERANCE = 1e-10  # of Levenberg-Marquardt, relative: a last Gauss-Newton polish takes it to rounding
+MOST_STEPS = 3000  # of the same: curved valleys are long, and a fit that needs more is not determined
+MOST_POLISH = 100  # Gauss-Newton steps after it: near the end each doubles the digits, in a valley it may not
+PATIENCE = 3  # such steps without gain before they end: rounding can spoil one or two
+SETTLED = 1e-6  # of the scatter: a last step that changes the curve less has arrived, as no reading shows it
 ROUNDING = 1e-13  # of the readings' size: likewise
-EPS = float(np.finfo(float).eps)
-FAINT = 1e5 * EPS  # scatter of this share of the readings is told to be near rounding
-LOST = 1e-6  # component of a direction that changes nothing, above which a parameter is not determined
+EPS = float(np.finfo(float).eps)  # spacing of doubles at 1
+# Scatter of this share of the readings is told to be near rounding: below it fewer than five digits are left of it.
+FAINT = 1e5 * EPS
+# Component of a direction that changes nothing, above which a parameter is not determined: rounding leaves less.
+LOST = 1e-6
 
 RISE = float(stats.chi2.ppf(0.95, 1))  # of chi-square at the ends of a 95 % interval
-GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are taken anew
+GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are taken anew: along a valley they change
 GOES = 4  # of a fit at most: along a curved valley one may not reach the end
-LITTLE = 0.02  # chi-square that one more Gauss-Newton step would gain: below it a fit has ended
-FLAT = 1e-4  # singular value of unit columns below which no step is taken that way
-STARTS = 12  # of a fit
-POINTS = 12  # on each side of a profile
+# Chi-square that one more Gauss-Newton step would gain: below it a fit has ended, a seventh of a deviation off at most.
+LITTLE = 0.02
+# Singular value of unit columns below which no step is taken that way: derivatives are no better than that there.
+FLAT = 1e-4
+STARTS = 12  # of a fit: of a grid of guesses the best by chi-square; more only end in the same place
+POINTS = 12  # on each side of a profile: its ends are found by bisection between two of them
 FAR = 20.0  # standard deviations after which a profile that has not risen never will
-HIGH = 25.0  # rise of chi-square at which a profile ends
-STIFF = 10.0  # weight that draws a coefficient to its value, over its deviation, at least
-BISECTIONS = 8  # in which the end of an interval is found, between two points of a profile
-MOVING = 0.02  # share of its way that a coefficient goes in the last two points of a line without an end
-AGAIN = 3  # times that a fit begins again from a better place that a profile found
-UNKNOWN = 100.0  # relative deviation of a combination beyond which nothing is known of it
-UNLIKELY = 1e-4  # probability of a misfit as large below which the curve is said not to fit
-ENOUGH = 0.2  # relative deviation at which a coefficient counts as known
-MOST_BLENDS = 2  # told one by one
-MOST_MEMBERS = 4  # of a combination, told by name
-MOST_STROKES = 1e4  # beyond it, averaging is no advice
+HIGH = 25.0  # rise of chi-square at which a profile ends: five deviations, well beyond the ends of an interval
+STIFF = 10.0  # weight that draws a coefficient to its value, over its deviation, at least: it is held to a tenth of it
+BISECTIONS = 8  # in which the end of an interval is found, between two points of a profile: to 1/256 of their distance
+# Share of its way that a coefficient goes in the last two points of a line without an end: less, and it stands.
+MOVING = 0.02
+AGAIN = 3  # times that a fit begins again from a better place that a profile found: bounded, so that it ends
+UNKNOWN = 100.0  # relative deviation of a combination beyond which nothing is known of it, its sign included
+# Probability of a misfit as large below which the curve is said not to fit: a false alarm in 10,000 fits.
+UNLIKELY = 1e-4
+ENOUGH = 0.2  # relative deviation at which a coefficient counts as known: good to 20 %
+MOST_BLENDS = 2  # told one by one: more are a list that nobody acts on
+MOST_MEMBERS = 4  # of a combination, told by name: longer sentences are not read
+MOST_STROKES = 1e4  # beyond it, averaging is no advice: nobody makes 10,000 strokes
 
-STEEPEST = 200.0  # exponent at the end of a stroke beyond which a curve is cut: it is no number soon after
+STEEPEST = 200.0  # exponent at the end of a stroke beyond which a curve is cut: it is no number soon after (exp of 710)
 FLATTEST, SHARPEST = 1e-2, 1e3  # d times the stroke beyond which it changes no curve
-FORBIDDEN = 1e4  # misfit per 1/mm of a rate above its ceiling, where a coefficient is held so
-DEGREES = {"a": 1, "b": 2, "c": 2, "d": 2, "e": 2}  # of Eq. 10's polynomials
-MODEST = (1e-3, 0.05, 1.0, 0.05, 1e-2)  # uncertainty of a...e that starts of the polynomials add
-RUNAWAY = 5.0  # |c| beyond which a curve has d = 0
-WEAK = 0.1  # share of the second exponential below which it is said to be weak
-LENGTHS = 64  # samples are padded to a multiple of it, so that few programs are compiled
+FORBIDDEN = 1e4  # misfit per 1/mm of a rate above its ceiling, where a coefficient is held so: far above any noise
+DEGREES = {"a": 1, "b": 2, "c": 2, "d": 2, "e": 2}  # of Eq. 10's polynomials, as printed
+# Uncertainty of a...e that starts of the polynomials add, so that no single curve decides them.
+MODEST = (1e-3, 0.05, 1.0, 0.05, 1e-2)
+RUNAWAY = 5.0  # |c| beyond which a curve has d = 0: c d alone is then determined
+WEAK = 0.1  # share of the second exponential below which it is said to be weak: a tenth
+LENGTHS = 64  # samples are padded to a multiple of it: larger wastes time, smaller compiles more programs
 SYMMETRY = "(c, d) and (-c, -d) give the same curve; the one with d > 0 is reported"
 PRODUCT = ("K and sigma_0/p_r enter Eq. 8 as a product only, at any pressure and load: K is known as far as "
            "sigma_0/p_r is; a tensile test for sigma_0 and the real contact area under a known load for p_r would "

@@ -25,7 +25,7 @@ from .problem import Problem, Solution
 
 FILE = "fit.json"
 SCHEMA = "ddetumble.fit-result/1"
-LEAST = 0.1  # correlations below are not printed
+LEAST = 0.1  # correlations below are not printed: they change no reading of the table (lmfit's own limit)
 NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square (two sd) what lies there may fit
 INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not written down
 

@@ -15,9 +15,11 @@ from .problem import Problem, Solution
 from .stack import condition_deviations
 
 
-CLOSE = 0.95  # a correlation beyond it is said in words
-SINGULAR = 1e-5  # singular value of unit columns below which a combination changes nothing at all
-VAST = 100.0  # typical changes beyond which nothing is known of a coordinate that has a scale
+CLOSE = 0.95  # a correlation beyond it is said in words: fixing the one then narrows the other at least threefold
+# Singular value of unit columns below which a combination changes nothing at all: derivatives are no better.
+SINGULAR = 1e-5
+# Typical changes beyond which nothing is known of a coordinate that has a scale: a hundredfold is any value.
+VAST = 100.0
 ELSEWHERE = {
     "effective_mass": "weigh the moving parts", "sensor-gain.g": "calibrate the force gauge",
     "contact_radius_coefficient": "measure the contact disc", "outer_diameter": "measure the ball",

@@ -18,8 +18,10 @@ from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .units import parse_quantity, si_unit
 
 
-DOUBT = 0.2  # share of the work above which the sign of a record's friction is beyond doubt
-STEADY = 0.1  # relative standard deviation up to which a measured load counts as one load
+# Share of the work above which the sign of a record's friction is beyond doubt: less may be an offset of the gauge.
+DOUBT = 0.2
+# Relative standard deviation up to which a measured load counts as one load: more changes the friction visibly.
+STEADY = 0.1
 
 
 @dataclass

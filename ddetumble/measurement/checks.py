@@ -15,10 +15,11 @@ from .units import role_of, si_unit
 
 
 PEAKS = ("peak_normal_force", "peak_friction_force")
-FEWEST_SAMPLES = 5
+FEWEST_SAMPLES = 5  # of a record: below it no curve can be told from noise
 GAUGE = ('; if these are gauge pressures, mark the field "reference": "gauge" and state ambient_pressure in known '
          "(for an import, give --gauge and --ambient)")
-OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
+# Share of the work of a friction below which it counts against the slip: half of it backwards is no noise about zero.
+OPPOSED = -0.5
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
     "inner_diameter", "wall_thickness", "effective_mass", "tangential_mass", "rolling_mass",

@@ -113,7 +113,7 @@ class ScreeningSettings:
 
 
 SCREENING = ScreeningSettings()
-WINDOW = 9  # samples in which a spike is looked for
+WINDOW = 9  # samples in which a spike is looked for: a smooth curve is a low polynomial in so few
 _LEFT_OUT = tuple(np.array(list(combinations(range(WINDOW), n)), dtype=int) for n in range(3))
 
 

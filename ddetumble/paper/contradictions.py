@@ -152,7 +152,7 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
 SLIPS = tuple(1e-3 * s for s in (0.0, *np.geomspace(1e-3, 5.0, 75)))  # m, slips at which Eq. 11 is tried
 UNCORRECTED = 22.6  # %, section 4: error of Eq. 8, whose column is not printed
 CORRECTED = 6.9  # %, section 4: error of Eq. 11
-LOOK = 1e-3  # m, slip at which the slip term is quoted: 1 mm
+LOOK = 1e-3  # m, slip at which the slip term is quoted: 1 mm, the unit of Eq. 10
 
 
 def slip_term(slip: np.ndarray | float, load: np.ndarray | float, printed: bool) -> np.ndarray:

@@ -242,7 +242,7 @@ def draw_scales(judged: FrictionJudgement, at: float):
     return figure
 
 
-SHOWN = 2.05e6  # Pa, Figure 11
+SHOWN = 2.05e6  # Pa, the pressure of Figure 11
 
 
 def read_friction(judged: FrictionJudgement) -> dict[str, np.ndarray]:

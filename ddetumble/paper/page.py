@@ -80,8 +80,9 @@ def correct_printed(bench: Bench, mass: float, printed: np.ndarray) -> tuple[lis
     return rows, ratios
 
 
+# Over all that a rubber ball may have, to show that peaks do not tell them apart.
 RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
-KEPT = 0.7  # restitution of our model
+KEPT = 0.7  # restitution of our model: that of `Ball` by default
 
 
 def write_paper(folder, echo: Callable[[str], object] = print) -> Path:

@@ -24,7 +24,7 @@ def draw_growth(judged: PeakJudgement, growth: tuple[float, float]):
     fine = np.geomspace(0.9 * x.min(), 1.1 * x.max(), 50)
     for power, label, colour, line in ((1 / 3, "P0 to the power 1/3: a mass on F ~ P0 δ²", AFTER, "--"),
                                        (1.0, "P0 to the power 1: a press at fixed stroke", GREY, ":"),
-                                       (exponent, f"P0 to the power {exponent:.2f} ± {error:.2f}: fitted", BEFORE, "-")):
+                                       (exponent, f"P0 to the power {exponent:.2f} ± {error:.2f} (fit)", BEFORE, "-")):
         left.plot(fine, middle[1] * (fine / middle[0]) ** power, line, color=colour, lw=1.5, label=label)
     left.plot(x, y, "o", color=INK, ms=6, label="measured", zorder=4)
     left.set(xscale="log", yscale="log")

@@ -42,9 +42,10 @@ from ..selection.settings import DEFAULT
 
 
 FILE = "map.json"
-SAME = 0.9995  # |cos| from which no size tells two effects apart
-BEFORE = 2e-3  # s, that an impact record begins before first touch
-AFTER = 1.45  # contact times that it lasts
+# |cos| from which no size tells two effects apart: above it the 0.1 % that differs is lost in linearisation.
+SAME = 0.9995
+BEFORE = 2e-3  # s, that an impact record begins before first touch, so that the time origin is seen
+AFTER = 1.45  # contact times that it lasts, so that a contact prolonged by an effect still ends within it
 
 
 @dc.dataclass(frozen=True)

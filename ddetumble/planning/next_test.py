@@ -37,12 +37,13 @@ from .setting_ranges import Extra, Limit, list_extras, set_limits
 
 
 FILE = "design.json"
-MOST = 30  # repeats beyond which a test is no proposal
-STEPS = 15  # of the refit that checks a separation
-EDGE = 5e-3  # fraction of its range within which a condition stands at a limit
-STARTS, SCAN = 8, 32  # tests that climb together, and those looked at before the climb
-CLIMB = 20  # iterations
-ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient
+MOST = 30  # repeats beyond which a test is no proposal: nobody makes more
+STEPS = 15  # of the refit that checks a separation: more end a difficult refit, at the price of time
+EDGE = 5e-3  # fraction of its range within which a condition stands at a limit: what an optimiser leaves of it
+# Tests that climb together, and those looked at before the climb: more find a better one more often, at their price.
+STARTS, SCAN = 8, 32
+CLIMB = 20  # iterations: more refine the optimum, at the price of time
+ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient: in them its step shrinks to 4 % of the first
 
 Fitted = AbstractFitted | FittedModel
 

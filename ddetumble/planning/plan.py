@@ -22,8 +22,9 @@ from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 WORTH = f"{100 * LEAST_GAIN:.0f} %"
-AXIAL = 1e-3  # share of the momentum that no normal force can take, from which it is told
-AFTERWARDS = 30.0  # s, of free motion drawn at either end
+# Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
+AXIAL = 1e-3
+AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion before and after is seen
 
 
 @dc.dataclass(frozen=True)

@@ -31,7 +31,7 @@ VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first t
              "second tangential speed", "pressure", "instant")
 SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384  # of an impact, for gradients that agree with differences to 1e-4
-TINY = 1e-7  # fraction of the momentum below which its size is rounded off
+TINY = 1e-7  # fraction of the momentum below which its size is rounded off, so that a norm at zero has a gradient
 
 
 @final

@@ -32,7 +32,8 @@ from .problem import Goal, Limits, StrikeProblem
 
 
 SCHEMA = "ddetumble.plan/1"
-CLAMPED = 1e9  # kg, rolling mass of a ball that its mount keeps from turning
+# Kg, rolling mass of a ball that its mount keeps from turning: 1e9 times a ball's own, so that it stays still.
+CLAMPED = 1e9
 # What effects may require that the impact itself provides.
 GIVEN = ("initial_pressure", "approach_speed", "tangential_speed", "tangential", "slip_speed", "internal_pressure")
 

@@ -14,8 +14,11 @@ from ..measurement.headings import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
 
 
-NARROW, WIDE = 2.0, 1.25  # by which limits reach beyond a condition that was held still, and beyond one that was not
-STILL = 1.2  # ratio of highest to lowest below which a condition counts as held still
+# By which limits reach beyond a condition that was held still, and beyond one that was not: a rig can do more than it
+# did, and what was varied needs less.
+NARROW, WIDE = 2.0, 1.25
+# Ratio of highest to lowest below which a condition counts as held still: more than scatter, less than a second level.
+STILL = 1.2
 
 
 @dc.dataclass(frozen=True)

@@ -23,8 +23,10 @@ from .single import ALLOWED, LOST, StrikePlan, Tally, compute_impact, refine
 
 
 REFERENCE = name_rival(())
-RESOLUTION = 1e-3  # share of the momentum at the start, below which no difference between models counts
-BEYOND = 1e-2  # scaled constraint by which a limit may be passed before it counts
+# Share of the momentum at the start, below which no difference between models counts: no one measures it.
+RESOLUTION = 1e-3
+# Scaled constraint by which a limit may be passed before it counts: 1 %, more than the optimiser's tolerance.
+BEYOND = 1e-2
 # Unit of a scaled constraint; of all others per cent.
 UNITS = {CONSTRAINTS.edge: (100.0, "mm"), CONSTRAINTS.next_edge: (100.0, "mm"), CONSTRAINTS.clear: (10.0, "mm")}
 

@@ -14,8 +14,9 @@ import emcee
 import numpy as np
 
 
-AGREE = 1.01  # R-hat below which ensembles agree
-TIMES = 50.0  # autocorrelation times that a chain has to be long
+AGREE = 1.01  # R-hat below which ensembles agree (Vehtari et al. 2021)
+# Autocorrelation times that a chain has to be long, for their estimate to be trusted (emcee's documentation).
+TIMES = 50.0
 FEWEST = 8  # steps, in halves of halves of which there is still a variance
 
 

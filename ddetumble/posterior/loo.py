@@ -23,8 +23,8 @@ from .proposal import Mixture, Part, describe_draws, seed_random
 from .target import AbstractTarget
 
 
-TRUSTED = 0.7  # shape of the Pareto tail up to which weights can be trusted
-REFITTED = 256  # draws about fits with and without the condition
+TRUSTED = 0.7  # shape of the Pareto tail up to which weights can be trusted (Vehtari, Gelman & Gabry 2017)
+REFITTED = 256  # draws about fits with and without the condition: for a logarithm of the density to about a tenth
 COSTLY = 4  # times fewer draws where each costs as much as the points of a sampled integral
 WAYS = {"draws": "importance weights", "refit": "refit without it"}
 

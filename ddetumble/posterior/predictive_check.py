@@ -25,11 +25,13 @@ from ..inference.problem import simulate_records
 from .target import CampaignTarget, Plan, map_blocks
 
 
-DRAWS = 96
-TRIED = 8  # nuisances of each draw among which one is chosen where the model is not linear in them
-KEPT = 24  # replicated records that are kept
-BLOCK = 96
-LEVEL = 0.01
+DRAWS = 96  # replicates of each record: fewer leave p-values too coarse for so many comparisons, more cost time
+# Nuisances of each draw among which one is chosen where the model is not linear in them: one alone would keep the fit's
+# Gaussian.
+TRIED = 8
+KEPT = 24  # replicated records that are kept: for figures, which show a band of them
+BLOCK = 96  # draws computed at once: larger takes memory, smaller more calls
+LEVEL = 0.01  # chance, over all comparisons, of calling a right model wrong
 STATISTICS = {"chi_square": "chi-square", "largest": "largest residual", "lag": "correlation of neighbours"}  # lag one
 
 

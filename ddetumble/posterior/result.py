@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 FILE, SUMMARY = "posterior.nc", "posterior.json"
 SCHEMA = "ddetumble.posterior/1"
-MOST_DRAWS = 4000  # on disk
-SCORED = (1000, 300)  # draws at which records' likelihoods are kept: nuisances integrated analytically, or sampled
+MOST_DRAWS = 4000  # on disk: for quantiles, more than autocorrelation leaves of most chains
+# Draws at which records' likelihoods are kept: nuisances integrated analytically, or sampled, which costs more.
+SCORED = (1000, 300)
 FAILING = 0.01  # share of the places tried beyond which it is said that the model could not be computed there
 CUT = 0.1  # share of the draws within half a deviation of a limit from which on the limit cuts the posterior off
 STATISTICS = {"accepted": "{:.0%} of the moves accepted", "evaluations": "{} evaluations of the density",

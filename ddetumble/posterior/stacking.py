@@ -43,10 +43,10 @@ SCHEMA = "ddetumble.weights/2"
 # which is itself too small there; above, the difference has to be large beside it.
 LEAST = 4.0
 ERRORS = 2.0  # standard errors that it has to exceed, too
-NEARLY_ALL = 0.95  # weight from which on a mixture is the one model
+NEARLY_ALL = 0.95  # weight from which on a mixture is the one model: the rest changes no prediction visibly
 FEW = 8  # conditions below which a standard error from their scatter is itself a guess
-NOTHING = 1e-4  # weights below are none
-DRAWS = 480  # about each fit
+NOTHING = 1e-4  # weights below are none: they come from the optimiser's tolerance
+DRAWS = 480  # about each fit: for a sum of weights to a few per cent
 ROUNDS = 3  # in which the draws follow the posterior, at most
 GOOD = 0.5  # shape of the tail of the weights at which their variance is finite: no further round
 TOO_FEW = "averaging needs at least two models"

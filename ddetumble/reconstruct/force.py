@@ -32,16 +32,16 @@ from ..measurement.package import read_campaign
 from .smoothing import Smooth, find_separation, inflate, smooth_samples
 
 
-FEWEST = 8  # samples in contact
-MOST = 128  # samples of a record from which the restitution is found
+FEWEST = 8  # samples in contact: below it a spline of degree 5 is not determined
+MOST = 128  # samples of a record from which the restitution is found: it is one number, and more only cost time
 BAND = 1.959964  # two-sided 95 % quantile of the normal distribution
 MEASURED = "measured_pressure"  # condition under which a law finds the measured pressure
-STEPS = 256  # of the motion
-REACH = 1.12  # how far beyond the measured separation the motion is followed
+STEPS = 256  # of the motion: finer only costs time
+REACH = 1.12  # how far beyond the measured separation the motion is followed, as the model's may come later
 TOLERANCE = 1e-4  # fall of chi-square at which the fit ends: a hundredth of a standard error
 ENDED = 1e-2  # fall of chi-square that may still be expected where the fit counts as converged
-TRIALS = 40  # of the fit, at most
-FAILED = 1e4  # deviations that stand for a sample that could not be computed
+TRIALS = 40  # of the fit, at most: it has one or two parameters and takes a few
+FAILED = 1e4  # deviations that stand for a sample that could not be computed: worse than any that can, and finite
 
 
 @dc.dataclass(frozen=True)

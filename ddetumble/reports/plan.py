@@ -28,10 +28,11 @@ from .page import Section, Table, draw_picture, read_text, write_page
 
 
 SCHEMA = "ddetumble.plan-result/2"
-PLACES = 120  # times drawn between two impacts
-ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
-SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen
-ENDED = 1e-3  # share of the score before, below which nothing is left to gain
+PLACES = 120  # times drawn between two impacts: a curve looks smooth, and a page stays small
+# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
+ROUGH = 0.02
+SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen: below it is shorter than its head
+ENDED = 1e-3  # share of the score before, below which nothing is left to gain: a tenth of the least gain of an impact
 FOUNDED = {
     "alone": "Each impact was optimised by itself from several starts, for the motion that the one before left; the "
              "sequence as a whole is not proved to be the shortest. The gradient that the binding constraints do not "

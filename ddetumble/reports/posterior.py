@@ -22,7 +22,7 @@ from ..posterior.target import CampaignTarget
 from .page import Picture, Section, Table, flatten, write_page
 
 
-HEADLINE = 105  # characters of intervals in the first sentence
+HEADLINE = 105  # characters of intervals in the first sentence: two lines of a page
 
 
 def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:

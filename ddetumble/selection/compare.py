@@ -30,8 +30,8 @@ from .series import list_channels, make_traces, nrmse, split_error
 from .text import describe_place
 
 
-BINS = 12
-MANY = 1_000_000  # samples that are looked at: a minute or two
+BINS = 12  # of a variable: fewer hide where a misfit begins, more are their own noise
+MANY = 1_000_000  # samples that are looked at: a minute or two, and 2.5 GB of memory
 
 
 class _Written(AbstractPrinted):

@@ -36,10 +36,10 @@ RATIOS = {
     "m": {"25.4 (inches and mm)": 25.4},
     "m/s": {"60 (minutes and seconds)": 60.0, "3.6 (km/h and m/s)": 3.6, "3.281 (feet and metres)": 3.2808399},
 }
-AMBIENT = 101_325.0
-FEWEST = 3  # other records whose rates show the moments
-SHORTEST = 16  # samples from which the derivative of rates is known
-PAIRS = 2_000_000  # of samples whose covariances are computed at once
+AMBIENT = 101_325.0  # Pa, the standard atmosphere: the day's differs by 3 %, which is less than what is looked for
+FEWEST = 3  # other records whose rates show the moments: of two nobody can say which is right
+SHORTEST = 16  # samples from which the derivative of rates is known: fewer give their noise
+PAIRS = 2_000_000  # of samples whose covariances are computed at once: 16 MB
 WARM = "Let the gauge warm up, and zero it before each test."
 
 

@@ -22,8 +22,8 @@ from .series import make_traces, nrmse, split_error
 
 
 WIDEST = 10.0  # standard deviations that are told, in those beyond which nothing is known
-FAINT = 0.1  # correlation of two estimates below which it is not listed
-ALIKE = 0.5  # |cosine| of two signatures below which it is not listed
+FAINT = 0.1  # correlation of two estimates below which it is not listed: it tells nothing
+ALIKE = 0.5  # |cosine| of two signatures below which it is not listed: a third of their variance in common, or less
 
 
 def list_loose(selection: SelectionProblem, solution: Solution) -> tuple[str, ...]:

@@ -29,16 +29,17 @@ from ..posterior.stacking import ModelWeights, read_weights
 
 POSITIVE = ("approach_speed", "normal_load", "slip_speed")
 NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "temperature", "slip")
-CHUNK = 48  # records a call of the compiled program
-DIRECTIONS = 8  # slots of free parameters, a multiple of this
+CHUNK = 48  # records a call of the compiled program: more take memory, fewer more calls
+DIRECTIONS = 8  # slots of free parameters, a multiple of this, so that few programs are compiled
 OPEN = ("improved", "unexplained", "undecided")  # verdicts of models that leave a misfit
-PATH = 256  # points at which the path from zero slip to the last wanted one is followed
-SAMPLES = 200  # of a record whose times are chosen, about
-BEYOND = 1.25  # contact times that such an impact record lasts
-LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
+# Points at which the path from zero slip to the last wanted one is followed: states change over many of them.
+PATH = 256
+SAMPLES = 200  # of a record whose times are chosen, about: a figure shows no more
+BEYOND = 1.25  # contact times that such an impact record lasts, so that separation is in it
+LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting: 4096 times
 SLACK = 0.02  # of a condition's value, by which it may lie outside
 SQUEEZED = 0.5  # of the diameter: farther in, the plate would be past the centre of the undeformed ball
-MOST = 6  # notes on conditions; the rest is counted
+MOST = 6  # notes on conditions; the rest is counted, as a longer list is not read
 FORCES = {"normal_force": ("peak_normal_force", "normal_impulse"),
           "tangential_force": ("peak_tangential_force", "tangential_impulse")}
 DURATION = "contact_duration"

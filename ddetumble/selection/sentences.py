@@ -17,7 +17,7 @@ from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
 
-BRIEF = 60  # characters of estimates that still go into a headline
+BRIEF = 60  # characters of estimates that still go into a headline; longer ones get a sentence of their own
 
 
 def find_longest(traces: Sequence[Trace]) -> float:

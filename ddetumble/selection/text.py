@@ -16,10 +16,11 @@ from .result import Candidate, Estimate, Place, Step, Trace
 from .settings import DEFAULT
 
 
-WIDTH = 100
-FEWEST, NEAR = 5, 0.05  # candidates that are always shown, and what others must explain to be shown too
-WHOLE = 0.995  # share from which a range is all there is
-MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it
+WIDTH = 100  # columns of a terminal: tables are cut there
+# Candidates that are always shown, and what others must explain to be shown too: less is noise to a reader.
+FEWEST, NEAR = 5, 0.05
+WHOLE = 0.995  # share from which a range is all there is, as it is printed to 1 %
+MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it: less than a bin
 _PHASES = {"loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
            "backward": " on strokes backward"}
 
