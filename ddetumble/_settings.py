@@ -79,7 +79,7 @@ def list_cache() -> list[Path]:
 
 
 def find_data() -> Path:
-    """Folder of the shipped data packages: `data/` of a checkout, `ddetumble/_data` where a wheel is installed."""
+    """Find the folder of the shipped data: `data/` of a checkout, `ddetumble/_data` where a wheel is installed."""
     package = Path(__file__).resolve().parent
     installed = package / "_data"
     return installed if installed.is_dir() else package.parent / "data"

@@ -106,7 +106,7 @@ def test_a_chain_of_something_else_is_refused(tmp_path):
     with pytest.raises(InputError, match="walkers is 16 there and 20 now"):
         run_chains(Ensembles, target, dc.replace(SHORT, walkers=20), tmp_path)
     (tmp_path / "chain.json").write_text("{}")
-    with pytest.raises(InputError, match="no description of a chain"):
+    with pytest.raises(InputError, match="not a description of a chain"):
         run_chains(Ensembles, target, SHORT, tmp_path)
     (tmp_path / "chain.json").unlink()
     with pytest.raises(InputError, match="without its plan"):

@@ -155,7 +155,7 @@ def test_derivatives_forward_and_reverse(posed):
 def test_another_speed_is_proposed(rivals, tmp_path, capsys):
     """What depends on speed is parted from what does not by a test at another speed, at the end of the range."""
     assert main(["design", str(rivals), "-o", str(tmp_path / "next")]) == 0
-    assert "To tell viscous-friction and adhesive-offset apart" in capsys.readouterr().out
+    assert "To distinguish viscous-friction and adhesive-offset" in capsys.readouterr().out
     written = json.loads((tmp_path / "next" / "design.json").read_text())
     best = written["proposals"][0]
     assert best["conditions"]["slip_speed"] == pytest.approx(2 * SPEED, rel=1e-2) and best["repeats"] == 1
@@ -170,7 +170,7 @@ def test_another_speed_is_proposed(rivals, tmp_path, capsys):
 def test_nothing_separates_is_said(rivals):
     """At the old speed no load or pressure parts them, and the design says so."""
     found = design(rivals, limits={"speed": "0.1 m/s"})
-    assert found.sentence.startswith("Nothing within these limits tells viscous-friction and adhesive-offset apart")
+    assert found.sentence.startswith("No test within these limits distinguishes viscous-friction and adhesive-offset")
     assert found.proposals[0].repeats is None and found.proposals[0].pairs[0].distance < np.sqrt(DEFAULT.decisive)
     assert draw_next_test(found).axes
 
@@ -349,7 +349,7 @@ def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
     assert main(["map", str(tmp_path / "spins.csv"), "--interval", "4 s", "--value", "inertia_ratio=0.5",
                  "-o", str(tmp_path / "map")]) == 0
     found = {e["effect"]: e for e in json.loads((tmp_path / "map" / "map.json").read_text())["effects"]}
-    assert "cannot see gyro-scale" in capsys.readouterr().out and found["gyro-scale"]["size"] is None
+    assert "cannot detect gyro-scale" in capsys.readouterr().out and found["gyro-scale"]["size"] is None
     from ddetumble.contact.torque import RigidBody
 
     size, count = found["eddy-current"]["size"], {}

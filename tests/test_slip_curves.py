@@ -357,7 +357,7 @@ def spoil(name, index, value):
 @pytest.mark.parametrize(
     "change, says",
     [
-        ({"friction": GOOD["friction"][:-1]}, "slip and friction must be of one length; they are 51 and 50 long"),
+        ({"friction": GOOD["friction"][:-1]}, "slip and friction must have the same length; they are 51 and 50 long"),
         (spoil("slip", 4, -1e-3), r"slip must not be negative; number 5 is -0\.001"),
         (spoil("friction", 2, math.nan), "friction number 3 is not a number"),
         (spoil("slip", 0, math.inf), "slip number 1 is not a number"),
@@ -366,7 +366,7 @@ def spoil(name, index, value):
         ({"sd": np.full(3, SD)}, "sd must be one number or as many as friction, which are 51"),
         ({"sd": math.nan}, "sd number 1 is not a number"),
         ({"friction": ["high"] * len(SLIPS)}, "friction must be numbers"),
-        ({"slip": SLIPS}, "slip is in metres, and 40 m is no stroke; were these millimetres"),
+        ({"slip": SLIPS}, "slip is in metres, and a stroke of 40 m is implausible; are these millimetres"),
         ({"slip": np.zeros(len(SLIPS))}, "a curve needs different slips"),
         ({"slip": [0.0, 0.01, 0.02], "friction": [0.0, 0.1, 0.2]}, "too few readings: 3, and the fit needs 4 at least"),
         ({"load": 0.0}, r"the load \[N\] must be a positive number; got 0.0"),
@@ -384,7 +384,7 @@ def test_bad_curve(change, says, force):
 @pytest.mark.parametrize(
     "change, says",
     [
-        ({"pressure": [1e6, 2e6]}, "pressure and coefficient must be of one length"),
+        ({"pressure": [1e6, 2e6]}, "pressure and coefficient must have the same length"),
         ({"pressure": [-1e6, 1e6, 2e6]}, "pressure must not be negative; number 1 is"),
         ({"coefficient": [0.1, math.nan, 0.1]}, "coefficient number 2 is not a number"),
         ({"sd": -1.0}, "sd must be positive"),

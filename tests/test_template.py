@@ -68,12 +68,12 @@ def test_effects_of_a_file(tmp_path):
     assert [effect.id for effect in list_effects(both)] == ["rim-stop", "soft-pad"]
     assert resolve_effect("soft-pad", list_effects(both)).law == "F gains k w"
     (tmp_path / "empty.py").write_text("k = 1.0\n", encoding="utf-8")
-    with pytest.raises(InputError, match="no effect"):
+    with pytest.raises(InputError, match="no class derived"):
         list_effects(tmp_path / "empty.py")
     with pytest.raises(InputError, match="cannot be read"):
         list_effects(tmp_path / "missing.py")
     both.write_text(source.read_text(encoding="utf-8").replace('"rim-stop"', '"gas-leak"'), encoding="utf-8")
-    with pytest.raises(InputError, match="catalogue already has"):
+    with pytest.raises(InputError, match="in the catalogue"):
         list_effects(both)
 
 

@@ -435,7 +435,7 @@ def check_effect(
     effect_class: type[AbstractEffect], reference: AbstractModel | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
 ) -> EffectReport:
-    """Prove by trial impacts, strokes or tumbling that an effect keeps the contract on which fits and discovery rely.
+    """Check by trial impacts, strokes or tumbling that an effect keeps the contract on which fits and discovery rely.
 
     The clauses are those of `CLAUSES`, and that every amplitude moves the readings at its null, every shape parameter
     (and every parameter whose null is singular: `coordinate="inverse"`, `singular=True`) somewhere over its starts.

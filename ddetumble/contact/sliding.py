@@ -145,7 +145,7 @@ class AdhesionHysteresis(AbstractRubberFriction):
 
 @final
 class CoulombFriction(AbstractFriction):
-    """A constant coefficient: the plainest model that a measurement can be held against."""
+    r"""A constant coefficient of friction, $f = \mu F_n$: the simplest model to compare a measurement with."""
 
     friction_coefficient: Scalar = parameter("", 0.3, kind="reference", typical=0.1, coordinate="log",
                                              bounds=(0.0, jnp.inf), text="friction over load", limits=(0.0, 10.0),

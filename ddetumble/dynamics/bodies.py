@@ -123,7 +123,7 @@ class HollowCylinder(AbstractBody):
 
 @final
 class Box(AbstractBody):
-    """Cuboid.
+    """Solid cuboid.
 
     Attributes:
         mass: [kg].

@@ -41,7 +41,7 @@ _FIRST, _SECOND = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes that each
 
 
 def propagate_torque_free(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -> Tumble:
-    r"""Motion without torque, in closed form for any inertia tensor.
+    r"""Propagate torque-free motion, $I\dot\omega + \omega \times I\omega = 0$, in closed form for any inertia tensor.
 
     With principal moments $A_1, A_2, A_3$ in order and $s, c, d$ Jacobi's functions of $p t$,
     $p^2 = (L^2 - 2 E A_1)(A_3 - A_2)/(A_1 A_2 A_3)$:

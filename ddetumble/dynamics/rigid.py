@@ -14,7 +14,7 @@ from .._rotation import rotate
 
 @final
 class Tumble(eqx.Module):
-    """Attitude motion at the wanted times.
+    r"""Attitude motion $q(t), \omega(t)$ at the wanted times.
 
     Attributes:
         time: shape (times,) [s].

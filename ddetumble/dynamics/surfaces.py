@@ -224,7 +224,7 @@ def merge_faces(vertices: Any, faces: Any) -> Polytope:
 
 @final
 class Debris(eqx.Module):
-    """What is struck: a rigid body and its surface.
+    """The debris that is struck: a rigid body and its surface.
 
     Attributes:
         mass: [kg].

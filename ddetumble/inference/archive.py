@@ -100,7 +100,7 @@ class _ModelFile(_Strict):
 
 @dc.dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A fitted model: what `predict`, `design`, `draw_laws`, another fit or a comparison goes on from.
+    """A fitted model, from which `predict`, `design`, `draw_laws`, another fit or a comparison continues.
 
     Attributes:
         folder: it was read from; None for one that is not on disk.
@@ -191,7 +191,7 @@ Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | FittedM
 def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                 noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
                 names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> FittedModel:
-    """A fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
+    """Make a fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
 
     Parameters of effects that are neither among `effects` (ids) nor away from their null are left out. `covariance` is
     that of the coordinates of `names`; both are those of the solution where not given. `extra` is anything more that
@@ -333,7 +333,7 @@ def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel
 
 
 def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
-    """The model that an argument stands for.
+    """Resolve an argument to the model that it stands for.
 
     Args:
         model: a model in hand (`Ball()`, `Ball() + Adhesion()`), a fit or a discovery, or a name: of a built-in model;

@@ -137,7 +137,7 @@ class Regression(AbstractPrinted):
 
 def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, float] | Sequence[float], sd=None
               ) -> Regression:
-    r"""Minimise $\sum_i [(f(p, x_i) - y_i)/\sigma_i]^2$ over the parameters p, and say how well they are known.
+    r"""Minimise $\sum_i [(f(p, x_i) - y_i)/\sigma_i]^2$ over the parameters p, with their standard errors.
 
     The covariance is $(J^T J)^{-1}$ with the Jacobian J of the whitened curve at the solution. Without `sd` all
     readings weigh the same, and it is multiplied by the residual variance $\sum r^2/(n - p)$.

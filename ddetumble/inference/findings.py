@@ -56,7 +56,7 @@ class Fitted:
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Fit(AbstractFitted, AbstractPrinted):
-    """A fitted model.
+    """A fit: parameters with their covariance and 95 % intervals, goodness of fit, residuals, notes.
 
     Attributes:
         campaign, title, sha256, records, samples: of the campaign, and how many it has.

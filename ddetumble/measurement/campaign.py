@@ -37,7 +37,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Measured tests of one family, all in SI units.
+    """A campaign: measured tests of one family, all in SI units.
 
     Args:
         name: Short name of the campaign.

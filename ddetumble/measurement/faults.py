@@ -49,7 +49,7 @@ _TEXTS = {  # what is seen, what was done, what to do
 
 @dc.dataclass(frozen=True)
 class Fault:
-    """One fault of the data, in words.
+    """One fault in the data, described in words.
 
     Attributes:
         kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`,

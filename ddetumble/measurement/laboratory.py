@@ -31,7 +31,7 @@ def import_tests(
     force=None, time=None, slip=None, record_column=None, keep=None, units=None, decimal=None, delimiter=None,
     onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
 ) -> Campaign:
-    """Turn raw files of a test bench into a campaign; what cannot be told is asked for, never guessed.
+    """Turn the raw files of a test bench into a campaign; what they do not show is asked for, never guessed.
 
     Args:
         paths: Files, or folders with files; one test each, or several with a record column.

@@ -79,7 +79,7 @@ class Implausibility:
 
 
 def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
-    """Find what no bench has, and which wrong unit would explain it.
+    """Find implausible magnitudes in a campaign, and the wrong units that would explain them.
 
     Every size that the campaign tells is compared with its range, in `RANGES` or of its kind of tests. One column in
     another unit than stated is the explanation where it brings all of them into their ranges; where none does, each is

@@ -131,7 +131,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
                 channels: Sequence[str] | None = None, uncertainties: Sequence[str] | None = None,
                 values: Sequence[str] | None = None, length: str | None = None, interval: str | None = None,
                 progress: Progress | None = None) -> Visibility:
-    """Say what a campaign could see, and what it could not tell apart, before any test of it.
+    """Compute which effects a planned campaign would detect, at which size, and which pairs it could not distinguish.
 
     Args:
         plan: a campaign or its folder, of which conditions, times, noise and uncertainties count; or a table of planned

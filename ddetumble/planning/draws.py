@@ -135,7 +135,7 @@ def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str
 
 def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedModel, float]],
               make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0, note: str = "") -> Laws:
-    """Draw contact laws from a posterior's samples where there are some, from a fit's covariance elsewhere.
+    """Draw contact laws from the samples of a posterior if there are any, else from the covariance of a fit.
 
     All models are drawn with the same random numbers.
 

@@ -156,7 +156,7 @@ class Design(AbstractPrinted):
 def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, str] | Sequence[str] | None = None,
            channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
            progress: Progress | None = None) -> Design:
-    """Find the test that best tells apart what a discovery could not.
+    """Find the test that best distinguishes the models that a discovery could not.
 
     Of each pair of rivals it is asked how far their predictions of the test stay apart when either is refitted, with
     the old campaign as prior and the test's own conditions and time origin free within their uncertainty. The mean of

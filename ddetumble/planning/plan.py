@@ -29,7 +29,7 @@ AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion b
 
 @dc.dataclass(frozen=True)
 class PlanSettings:
-    """How impacts are looked for; a scenario's `[goal]` and `[uncertainty]` say the same.
+    """Settings of the search for impacts; a scenario states them in `[goal]` and `[uncertainty]`.
 
     Attributes:
         impacts: at most so many, one after the other.
@@ -55,7 +55,7 @@ class PlanSettings:
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Plan(AbstractPrinted):
-    """Where, how fast, how hard and when to strike.
+    """A plan: where, how fast, how hard and when to strike.
 
     Attributes:
         problem: what was given, allowed and wanted.
@@ -137,7 +137,7 @@ class Plan(AbstractPrinted):
 
 def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedModel | str | Path | None = None, *,
          settings: PlanSettings | None = None, progress: Progress | None = None) -> Plan:
-    """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes.
+    """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum $|L|$.
 
     Args:
         problem: what is struck, allowed and wanted; or a scenario file, which says everything else too.

@@ -50,7 +50,7 @@ class Estimate:
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Posterior(AbstractPrinted):
-    """Draws from a posterior.
+    r"""Draws from a posterior $p(\theta \mid y)$, with their summary and diagnostics.
 
     Attributes:
         target: what was sampled.

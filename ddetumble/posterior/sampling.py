@@ -30,7 +30,7 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
            walkers: int | None = None, ensembles: int | None = None, burn: int | None = None,
            block: int | None = None, effective: int | None = None, most: int | None = None, seed: int | None = None,
            **fitting: Any) -> Posterior:
-    """Draw from the posterior of a model's parameters, every record's nuisances integrated out.
+    """Sample the posterior of the parameters of a model, with the nuisances of every record integrated out.
 
     Args:
         source: a campaign or its folder, a specification `fit.toml`, a fit of a campaign or of a friction

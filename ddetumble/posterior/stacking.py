@@ -139,7 +139,7 @@ class ModelWeights(AbstractPrinted):
 def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], models: Rivals = (), model: Model = "paper",
             *, campaign: Campaign | str | Path | None = None, progress: Progress | None = None, seed: int = 0,
             **fitting: Any) -> ModelWeights:
-    r"""Stacking weights $w_k$ of rival models: by how well they predict conditions that they have not seen.
+    r"""Compute the stacking weights $w_k$ of rival models from their predictive densities of left-out conditions.
 
     Args:
         source: fits of one campaign (`[found.best, *found.rivals]`); a discovery, or a folder that `discover` wrote,

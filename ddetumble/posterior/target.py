@@ -254,7 +254,7 @@ def _know_fit(problem: Problem, found: Bounded, room: np.ndarray) -> tuple[Solut
 
 
 def pose_fit(fit: Fit) -> CampaignTarget:
-    """The posterior of a campaign's fit.
+    """Build the log-posterior of a fit to a campaign.
 
     Whether a record's nuisances can be integrated as if the model were linear in them is tried at draws from the fit's
     Gaussian; where not, they are sampled.
@@ -396,7 +396,7 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
                coordinates=None, bounds: Mapping[str, tuple[float, float]] | None = None,
                priors: Mapping[str, tuple[float, float]] | None = None, identity: Mapping[str, Any] | None = None,
                parts: Sequence[Any] | None = None) -> CurveTarget:
-    """The posterior of a curve's coefficients.
+    """Build the log-posterior of the coefficients of a curve.
 
     Args:
         rows: whitened residual, `rows(x, data)` with x of shape (free,), in JAX.

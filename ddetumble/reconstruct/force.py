@@ -106,7 +106,7 @@ class _Contact:
 
 
 def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identification:
-    """Find the force from measured depression and pressure, and hold it against the gauge where there is one.
+    """Reconstruct the normal force $F_n$ from measured depression and pressure, and compare it with the force gauge.
 
     Depression and pressure become smooth curves over each contact; Eqs. 4 and 5 (or the law of a fitted model) then
     give the force. Its uncertainty holds the noise of both, the record's own speed and pressure, and the restitution.

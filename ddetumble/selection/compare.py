@@ -50,7 +50,7 @@ class _Written(AbstractPrinted):
 
 @dc.dataclass(frozen=True)
 class Comparison(_Written):
-    """A model held against a campaign; errors are rms over rms signal.
+    """A model compared with a campaign; errors are RMS residuals over the RMS of the signal.
 
     Attributes:
         campaign, title, sha256, model: names; `fitted` the parameters that were refitted.
@@ -146,7 +146,7 @@ class Comparison(_Written):
 
 @dc.dataclass(frozen=True)
 class Comparisons(Sequence[Comparison], _Written):
-    """Several models held against one campaign, in the order in which they were given: the loop by hand.
+    """Several models compared with one campaign, in the order in which they were given: the loop by hand.
 
     Attributes:
         models: the comparison of each.
@@ -210,7 +210,7 @@ def compare(campaign: Campaign | str | Path, model: Model, second: Model, /, *ot
 
 
 def compare(campaign, *models, refit=True, progress=None):
-    """Hold models against a campaign.
+    """Compare models with a campaign: residuals, lack of fit, and cross-validated errors.
 
     A reference model has mass, restitution and whatever else it leaves free fitted to the campaign first; so has one
     with effects that stand at their null, such as `Ball() + Adhesion()`, effects and all, as by `fit`. A fitted model

@@ -176,7 +176,7 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
 
 def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
             conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
-    """Predict records at new conditions.
+    """Predict records at new conditions: mean, its standard deviation, and that of a new measurement.
 
     Args:
         model: what `fit`, `discover` or `average` returned, or a folder that they wrote; with weights, predictions are

@@ -49,7 +49,7 @@ WHOLE = 0.9  # share that it removes where nothing but noise and details are lef
 def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
                        effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
                        keep_all: bool = False, progress: Progress | None = None) -> MissingForce:
-    """Draw the force that a model lacks, fitted inside the equation of motion.
+    """Estimate the force that a model lacks by splines inside the equation of motion.
 
     Args:
         campaign: a campaign with samples, or its folder.
