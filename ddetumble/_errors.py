@@ -10,7 +10,7 @@ def _plain(text: str) -> str:
 
 
 class InputError(ValueError):
-    """Bad input, told in one sentence that says where it is and what to do (exit code 2).
+    """Bad input, described in one sentence that says where it is and what to do (exit code 2).
 
     Args:
         problem: What is wrong and what to do about it.

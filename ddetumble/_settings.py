@@ -79,7 +79,7 @@ def list_cache() -> list[Path]:
 
 
 def find_data() -> Path:
-    """Folder of the shipped data packages: `data/` of a checkout, `ddetumble/_data` where a wheel is installed."""
+    """Find the folder of the shipped data: `data/` of a checkout, `ddetumble/_data` where a wheel is installed."""
     package = Path(__file__).resolve().parent
     installed = package / "_data"
     return installed if installed.is_dir() else package.parent / "data"
@@ -104,8 +104,8 @@ def locate_campaign(path: str | Path) -> Path:
         return find_data() / given
     shipped = list_shipped()
     near = [name for name in shipped if name.rpartition("/")[2] == given.as_posix()]
-    raise InputError(f"there is no such folder; did you mean {near[0]}, which comes with the toolkit?" if near else
-                     f"there is no such folder; check the path, or name a campaign that comes with the toolkit: "
+    raise InputError(f"this folder does not exist; did you mean {near[0]}, which comes with the toolkit?" if near else
+                     f"this folder does not exist; check the path, or name a campaign that comes with the toolkit: "
                      f"{', '.join(shipped)}",
                      file=str(path))
 
@@ -125,7 +125,7 @@ def find_memory() -> float:
         return _SHARE * _measure_machine()
     size = re.fullmatch(r"(\d+\.?\d*)\s*([MGT])i?B", chosen)
     if size is None:
-        raise InputError(f"is {chosen!r}; give a size such as 4 GB", file="DDETUMBLE_MEMORY")
+        raise InputError(f"the value {chosen!r} is not a size; give one such as 4 GB", file="DDETUMBLE_MEMORY")
     return float(size[1]) * {"M": 1e6, "G": 1e9, "T": 1e12}[size[2]]
 
 
@@ -133,9 +133,9 @@ def refuse_memory(size: float, what: str) -> None:
     """Raise `InputError` where `what` (the subject of a sentence) would take more memory [bytes] than is allowed."""
     allowed = find_memory()
     if size > allowed:
-        raise InputError(f"{what} would take about {size / 1e9:.2g} GB of memory, and {allowed / 1e9:.2g} GB are "
-                         "allowed (DDETUMBLE_MEMORY, by default half of what the machine has): take fewer records, or "
-                         "every so many-th sample of them, or allow more")
+        raise InputError(f"{what} would take about {size / 1e9:.2g} GB of memory, but only {allowed / 1e9:.2g} GB are "
+                         "allowed (DDETUMBLE_MEMORY, by default half of the machine's memory): use fewer records, or "
+                         "every n-th sample of them, or allow more")
 
 
 @contextmanager

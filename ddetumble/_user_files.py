@@ -92,8 +92,8 @@ def require_trust(path: Path, named_by: Path) -> None:
         return
     digest, place = hashlib.sha256(_read(path)).hexdigest(), str(path.resolve())
     if not any(line.startswith(digest) or line.partition(" ")[2] == place for line in _list_lines()):
-        raise InputError(f"it names the Python file {path}, which would be run, and which you have never named "
-                         f"yourself; read it, and if it may be run: ddetumble trust {path}", file=named_by)
+        raise InputError(f"it names the Python file {path}, which would be run, but which you have never named "
+                         f"yourself; read it and, if it may be run, enter: ddetumble trust {path}", file=named_by)
 
 
 _TRUSTED: set[str] = set()  # of this process, whether or not they could be written down

@@ -28,27 +28,28 @@ def run_demo(folder: Path | str, echo: Callable[[str], None] = print) -> Path:
             echo(f"   {line}")
 
     folder = Path(folder)
-    echo("1. The paper. Its printed peaks, and what eleven numbers can say (Table 3):")
+    echo("1. The paper: its printed peaks, and what eleven numbers can show (Table 3):")
     echo("   " + judge_campaign(read_campaign(find_data() / "paper" / "table-3")).sentence)
     page = write_paper(folder / "paper", echo=lambda line: None)
-    tell([f"Its contradictions, each with two numbers and a figure: {page}"])
+    tell([f"Its contradictions, each with two numbers and a figure, are in {page}"])
     echo("")
     campaign = read_campaign(find_data() / "impact-a")
     count = len(campaign.record_keys)
-    echo(f"2. A campaign of {count} impacts ({campaign.name}). The paper's model beside it:")
+    echo(f"2. A campaign of {count} impacts ({campaign.name}), compared with the paper's model:")
     tell(str(compare(campaign)).splitlines()[:12])
     echo("")
-    echo("3. Which effect is missing? Every one of the catalogue is added in turn, refitted and tried on left-out "
+    echo("3. Which effect is missing? Every effect of the catalogue is added in turn, refitted and cross-validated on "
+         "left-out "
          "tests:")
     found = discover(campaign)
     tell(str(found).splitlines())
     found.save(folder / "discovery")
     report = write_report(found, folder / "discovery")
     echo("")
-    echo(f"4. The grown model predicts other tests:  ddetumble predict {folder / 'discovery'} CONDITIONS.csv "
+    echo(f"4. The extended model predicts other tests:  ddetumble predict {folder / 'discovery'} CONDITIONS.csv "
          "-o predictions.csv")
     echo("")
-    echo("5. One strike with this ball, on the stage of Table 6:")
+    echo("5. One strike with this ball on the stage of Table 6:")
     tell(_plan_one(folder, count))
     echo(f"Report: {report}")
     return report
@@ -70,7 +71,8 @@ def _plan_one(folder: Path, number: int) -> list[str]:
         return [found.sentence]
     page = write_plan(found, folder / "plan")
     left = found.assessment.whole.momentum
-    told = (f"It takes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum out (90 % of the "
+    told = (f"It removes {100 * (1 - left.mean):.2f} ± {100 * left.sd:.2f} % of the angular momentum (90 % of the "
             f"draws: {100 * (1 - left.q95):.2f} to {100 * (1 - left.q05):.2f} %).")
     beyond = warn_of_extrapolation(list_extrapolations(found.ranges, found.impacts, found.problem.conditions))
-    return [told, *found.assessment.sentences[1:], *filter(None, [beyond]), f"Where, how fast and when: {page}"]
+    return [told, *found.assessment.sentences[1:], *filter(None, [beyond]), f"The page says where, how fast and when: "
+                                                                            f"{page}"]

@@ -154,8 +154,8 @@ def _edit(**changes):
 
 
 @pytest.mark.parametrize(("spoil", "part"), [
-    (_cut, "no JSON file"),
-    (lambda text: "", "no JSON file"),
+    (_cut, "not a JSON file"),
+    (lambda text: "", "not a JSON file"),
     (lambda text: "[]", "schema"),
     (_edit(schema="ddetumble.model/9"), "schema"),
     (_edit(covariance=[[1.0]]), "covariance"),

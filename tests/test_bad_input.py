@@ -40,14 +40,14 @@ def refused(folder, *words):
         ("r01,0.0,0.25", "r01,0.0,inf", ("line 4", "'inf' is not a number")),
         ("r01,0.0,0.25", "r01,0.0,1e999", ("line 4", "too large")),
         ("r01,0.0,0.25", "r01,,0.25", ("line 4", "column time", "empty")),
-        ("r01,0.0,0.25", "r01,0.0", ("line 4", "2 cells", "header 3")),
+        ("r01,0.0,0.25", "r01,0.0", ("line 4", "2 cells", "header has 3")),
         ("r01,0.0,0.25", "", ("line 4", "empty; remove")),
         ("r01,0.0,0.25", "r07,0.0,0.25", ("line 4", "column record", "'r07' is not in the records table")),
         ("r01,0.0,0.25", ",0.0,0.25", ("line 4", "record key is empty")),
         ("r01,0.0,0.25", "r01,0.9,0.25", ("line 5", "column time", "goes back", "sort")),
         ("r01,0.0,0.25", "r01,-0.25,0.25", ("line 4", "column time", "twice")),
         ("r01,0.0,0.25", 'r01,0.0,"0.25', ("line 4", "quot")),
-        ("record,time", "record,record", ("line 1", "'record' is there 2 times")),
+        ("record,time", "record,record", ("line 1", "'record' occurs 2 times")),
         ("record,time", "record,", ("line 1", "column 2 has no name")),
         ("record,time", "record,Zeit", ("there is no column 'time'", "Zeit")),
         ("normal_force\n", "normal_force;\n", ("there is no column 'normal_force'",)),
@@ -72,7 +72,7 @@ def test_samples(tmp_path, old, new, words):
         ("0.41", "0", ("line 3", "column approach_speed", "positive")),
         ("0.41", "-0.4", ("line 3", "column approach_speed", "positive")),
         ("0.41", "", ("line 3", "column approach_speed", "empty")),
-        ("r02,2", "r01,2", ("line 3", "column record", "'r01' has a row already on line 2")),
+        ("r02,2", "r01,2", ("line 3", "column record", "'r01' already has a row on line 2")),
         ("r02,2", "r02,1.5", ("line 3", "column sequence", "whole number")),
         ("r02,2", "r02,0", ("line 3", "column sequence", "whole number")),
         ("r02,2,1.5,0.41\n", "r02,2,1.5,0.41\nr03,3,1,1\n", ("line 4", "'r03' has no samples")),
@@ -105,7 +105,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (("family",), "crash", ("family is impact, slip", "'crash'")),
+        (("family",), "crash", ("family must be impact, slip", "'crash'")),
         (("family",), None, ("family is missing", "impact, slip, tumble or FILE.py:NAME")),
         (("resources",), [], ("resources",)),
         (("resources",), None, ("resources is missing",)),
@@ -118,14 +118,14 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
         (("resources", 1, "path"), "/etc/hostname", ("leaves the campaign's folder",)),
         (("resources", 1, "path"), "https://example.org/s.csv", ("not a plain relative path",)),
         (("resources", 1, "path"), "a\\b.csv", ("not a plain relative path",)),
-        (("resources", 1, "path"), "gone.csv", ("gone.csv", "no such file")),
+        (("resources", 1, "path"), "gone.csv", ("gone.csv", "does not exist")),
         (("resources", 1, "path"), ".", ("folder",)),
         (("resources", 1, "encoding"), "latin-1", ("latin-1", "UTF-8")),
         (("resources", 1, "dialect"), {"header": False}, ("dialect.header",)),
         (("resources", 1, "dialect"), {"delimiter": "ab"}, ("dialect.delimiter",)),
         ((*SAMPLE_FIELDS, 0), None, ("no field record",)),
         ((*SAMPLE_FIELDS, 2, "unit"), None, ("column normal_force", "no unit", '"unit": "N"')),
-        ((*SAMPLE_FIELDS, 2, "unit"), "Nwt", ("column normal_force", "unit 'Nwt' is not known")),
+        ((*SAMPLE_FIELDS, 2, "unit"), "Nwt", ("column normal_force", "unit 'Nwt' is unknown")),
         ((*SAMPLE_FIELDS, 2, "unit"), "kg", ("column normal_force", "'kg' does not measure normal_force", "(N)")),
         ((*SAMPLE_FIELDS, 1, "unit"), "m", ("column time", "'m' does not measure time")),
         ((*SAMPLE_FIELDS, 2, "type"), "string", ("column normal_force", '"type": "number"')),
@@ -144,7 +144,7 @@ RECORD_FIELDS = ("resources", 0, "schema", "fields")
         (("known", "outer_diameter"), "-60 mm", ("key known.outer_diameter", "positive")),
         (("known", "outer_diameter"), "60 kg", ("key known.outer_diameter", "does not measure")),
         (("known", "outer_diameter"), True, ("known.outer_diameter",)),
-        (("known", "restitution"), 1.2, ("key known.restitution", "at most at 1")),
+        (("known", "restitution"), 1.2, ("key known.restitution", "at most 1")),
     ],
 )  # fmt: skip
 def test_descriptor(tmp_path, path, value, words):
@@ -172,7 +172,7 @@ def test_samples_need_time_and_a_channel(tmp_path, i, word):
         ("[]", ("JSON object",)),
         ('{"family": "impact",\n "known": {', ("line 2", "character", "cut off")),
         ('{"family": impact}', ("line 1", "character 12", "not valid JSON")),
-        ('{"family": "impact", "family": "slip"}', ("'family' is there twice",)),
+        ('{"family": "impact", "family": "slip"}', ("'family' occurs twice",)),
         ('{"known": {"x": NaN}}', ("NaN",)),
         ("[" * 100_000, ("deep",)),
         ('{"known": {"x": ' + "9" * 5000 + "}}", ("descriptor",)),
@@ -192,7 +192,7 @@ def test_paths(tmp_path):
     refused(folder / "records.csv", "is a file", "folder")
     refused("a\0b", "path")
     (folder / "samples.csv").unlink()
-    refused(folder, "samples.csv", "no such file")
+    refused(folder, "samples.csv", "does not exist")
     outside = tmp_path / "outside.csv"
     outside.write_text(SAMPLES)
     (folder / "samples.csv").symlink_to(outside)

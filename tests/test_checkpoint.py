@@ -61,7 +61,7 @@ def test_a_write_that_was_cut_off_is_swept_away(tmp_path):
 
 
 def test_two_writers_are_one_too_many(tmp_path):
-    with open_chain(tmp_path, {"a": 1}), pytest.raises(InputError, match="another process is sampling"):
+    with open_chain(tmp_path, {"a": 1}), pytest.raises(InputError, match="another process is writing"):
         with open_chain(tmp_path, {"a": 1}):
             raise AssertionError
     with open_chain(tmp_path, {"a": 1}):  # free again
@@ -75,7 +75,7 @@ def test_a_writer_in_another_process_is_seen(tmp_path):
         assert process.stdout is not None
         while process.stdout.readline().strip() not in ("1", "2"):
             assert process.poll() is None
-        with pytest.raises(InputError, match="another process is sampling"):
+        with pytest.raises(InputError, match="another process is writing"):
             run_chains(Ensembles, make_target(), SHORT, tmp_path)
     finally:
         process.send_signal(signal.SIGKILL)
@@ -106,7 +106,7 @@ def test_a_chain_of_something_else_is_refused(tmp_path):
     with pytest.raises(InputError, match="walkers is 16 there and 20 now"):
         run_chains(Ensembles, target, dc.replace(SHORT, walkers=20), tmp_path)
     (tmp_path / "chain.json").write_text("{}")
-    with pytest.raises(InputError, match="no description of a chain"):
+    with pytest.raises(InputError, match="not a description of a chain"):
         run_chains(Ensembles, target, SHORT, tmp_path)
     (tmp_path / "chain.json").unlink()
     with pytest.raises(InputError, match="without its plan"):

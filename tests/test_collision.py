@@ -321,9 +321,9 @@ def test_bad_input_is_refused(change, says):
 
 def test_debris_is_refused():
     """A surface that is not known, a mesh that is not convex, a mass that is none."""
-    with pytest.raises(InputError, match="surface is not known"):
+    with pytest.raises(InputError, match="surface is not defined"):
         make_debris(HollowCylinder(100.0, 0.9, 1.0, 3.0))
-    with pytest.raises(InputError, match="mass of debris must be positive"):
+    with pytest.raises(InputError, match="mass of the debris must be positive"):
         Debris(0.0, np.eye(3), CylinderSurface(1.0, 3.0))
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.2, 0.2, 0.1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [2, 3, 4], [3, 1, 4]])

@@ -155,7 +155,7 @@ def test_derivatives_forward_and_reverse(posed):
 def test_another_speed_is_proposed(rivals, tmp_path, capsys):
     """What depends on speed is parted from what does not by a test at another speed, at the end of the range."""
     assert main(["design", str(rivals), "-o", str(tmp_path / "next")]) == 0
-    assert "To tell viscous-friction and adhesive-offset apart" in capsys.readouterr().out
+    assert "To distinguish viscous-friction and adhesive-offset" in capsys.readouterr().out
     written = json.loads((tmp_path / "next" / "design.json").read_text())
     best = written["proposals"][0]
     assert best["conditions"]["slip_speed"] == pytest.approx(2 * SPEED, rel=1e-2) and best["repeats"] == 1
@@ -170,7 +170,7 @@ def test_another_speed_is_proposed(rivals, tmp_path, capsys):
 def test_nothing_separates_is_said(rivals):
     """At the old speed no load or pressure parts them, and the design says so."""
     found = design(rivals, limits={"speed": "0.1 m/s"})
-    assert found.sentence.startswith("Nothing within these limits tells viscous-friction and adhesive-offset apart")
+    assert found.sentence.startswith("No test within these limits distinguishes viscous-friction and adhesive-offset")
     assert found.proposals[0].repeats is None and found.proposals[0].pairs[0].distance < np.sqrt(DEFAULT.decisive)
     assert draw_next_test(found).axes
 
@@ -185,13 +185,13 @@ def test_without_rivals_the_parameters_are_narrowed(rivals):
 
 
 @pytest.mark.parametrize("option, says", [
-    (["--limit", "slip_speed=2..1 m/s"], "begins above its end"),
+    (["--limit", "slip_speed=2..1 m/s"], "must have the lower value first"),
     (["--limit", "slip_speed=0.1..1"], "needs a unit"),
     (["--limit", "slip_speed=0.1..1 N"], "does not measure"),
     (["--limit", "slip_speed=fast"], "LOW..HIGH UNIT"),
     (["--limit", "slip_speed=-1..1 m/s"], "has to be positive"),
     (["--limit", "humidity=1..2"], "there is no condition 'humidity'"),
-    (["--channel", "pressure: 200 Pa"], "no channel that could be added"),
+    (["--channel", "pressure: 200 Pa"], "not a channel that could be added"),
     (["--length", "-1"], "has to be positive"),
 ])
 def test_bad_options(rivals, capsys, option, says):
@@ -219,10 +219,10 @@ PLAN = "normal_load [N],internal_pressure [MPa],slip_speed [m/s],repeats\n10,1,0
 
 @pytest.mark.parametrize("text, options, says", [
     (PLAN.replace("[N]", ""), [], "has no unit"),
-    (PLAN.replace("normal_load [N]", "force [N]"), [], "name no kind of test"),
+    (PLAN.replace("normal_load [N]", "force [N]"), [], "fit no kind of test"),
     (PLAN.replace("20,2", "20,x"), [], "'x' is not a number"),
     (PLAN.replace("20,2", "-20,2"), [], "must be positive"),
-    (PLAN, ["--channel", "normal_force: 1 N"], "no channel of these tests"),
+    (PLAN, ["--channel", "normal_force: 1 N"], "not a channel of these tests"),
     (PLAN, ["--value", "mass=1"], "no parameter 'mass'"),
     (PLAN, ["--uncertainty", "humidity=1 %"], "no condition 'humidity'"),
     (PLAN, ["--interval", "0 mm"], "has to be positive"),
@@ -266,7 +266,7 @@ def test_map_sizes_are_found(tmp_path, capsys):
     assert main(["map", str(tmp_path / "plan.csv"), *options, "-o", str(tmp_path / "map")]) == 0
     alike = {frozenset(pair) for pair in json.loads((tmp_path / "map" / "map.json").read_text())["alike"]}
     assert frozenset(("viscous-friction", "adhesive-offset")) in alike
-    assert "could not tell apart" in capsys.readouterr().out
+    assert "could not distinguish" in capsys.readouterr().out
 
 
 @pytest.mark.study
@@ -349,7 +349,7 @@ def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
     assert main(["map", str(tmp_path / "spins.csv"), "--interval", "4 s", "--value", "inertia_ratio=0.5",
                  "-o", str(tmp_path / "map")]) == 0
     found = {e["effect"]: e for e in json.loads((tmp_path / "map" / "map.json").read_text())["effects"]}
-    assert "cannot see gyro-scale" in capsys.readouterr().out and found["gyro-scale"]["size"] is None
+    assert "cannot detect gyro-scale" in capsys.readouterr().out and found["gyro-scale"]["size"] is None
     from ddetumble.contact.torque import RigidBody
 
     size, count = found["eddy-current"]["size"], {}

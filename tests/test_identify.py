@@ -71,7 +71,7 @@ def test_missing_force(tmp_path):
     """A wall that carries load beside the gas: the force is not in depression and pressure, and that is said."""
     _, campaign = make(tmp_path, 3, {"wall-stiffness": {"k_w": 1500.0, "q": 1.0}}, interval=5e-4)
     found = identify(campaign)
-    assert found.rms_z > 3 and "differs from the gauge" in found.sentence and "something is missing" in found.notes[0]
+    assert found.rms_z > 3 and "differs from the gauge" in found.sentence and "is incomplete" in found.notes[0]
 
 
 @pytest.mark.study
@@ -84,7 +84,7 @@ def test_gauge_unused(tmp_path, capsys):
     found = identify(blind)
     np.testing.assert_array_equal(found.table["normal_force"], whole.table["normal_force"])
     assert list(found.table.columns) == ["record", "time", "normal_force", "normal_force_sd"]
-    assert "no gauge" in str(found)
+    assert "no force gauge" in str(found)
     channels = {k: v for k, v in campaign.channels.items() if k != "pressure"}
     bare = identify(dc.replace(campaign, channels=channels, samples=campaign.samples.drop(columns="pressure")))
     assert 0.88 < bare.rms_z < 1.12 and "no channel `pressure`" in bare.notes[0]

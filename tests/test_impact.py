@@ -303,7 +303,7 @@ def test_simulate_takes_plain_numbers_and_refuses_the_rest():
     found = simulate_impact(Ball(), GOOD, times)
     wrapped = strike(ContactLaw(Ball()), collect(1.2e6, 0.4), jnp.asarray(times))
     np.testing.assert_allclose(found.normal_force, wrapped.normal_force, rtol=1e-9, atol=1e-9)
-    for wrong, message in ((0.01, "one-dimensional"), ([], "one time at least"), ([0.0, np.nan], "time number 2")):
+    for wrong, message in ((0.01, "one-dimensional"), ([], "at least one time"), ([0.0, np.nan], "time number 2")):
         with pytest.raises(InputError, match=message):
             simulate_impact(Ball(), GOOD, wrong)
     with pytest.raises(InputError, match="needs a ContactLaw"):

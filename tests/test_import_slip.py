@@ -70,7 +70,7 @@ def test_friction_that_counts_negative_is_turned(tmp_path, over_time):
     campaign = import_tests(turned, **OPTIONS)
     np.testing.assert_allclose(campaign.trace("a")["tangential_force"], columns[-1], atol=1e-6)
     other = stroke(tmp_path / "b.csv", columns, headings)
-    with pytest.raises(InputError, match="record 'a' has another sign than that of record 'b'"):
+    with pytest.raises(InputError, match="record 'a' has the opposite sign to that of record 'b'"):
         import_tests([turned, other], **OPTIONS)
 
 
@@ -80,7 +80,7 @@ def test_a_campaign_with_negative_friction_is_refused(tmp_path):
     lines = (folder / "samples.csv").read_text().splitlines()
     turned = [",".join([*line.split(",")[:-1], "-" + line.split(",")[-1]]) for line in lines[1:]]
     (folder / "samples.csv").write_text("\n".join([lines[0], *turned]) + "\n")
-    with pytest.raises(InputError, match="column tangential_force: .*negative where the slip grows; .*turn"):
+    with pytest.raises(InputError, match="column tangential_force: .*negative where the slip grows, .*reverse"):
         read_campaign(folder)
 
 
@@ -106,7 +106,7 @@ def test_a_load_measured_along_the_stroke_is_averaged(tmp_path):
         (TABLE.replace("[bar]", "[barg]"), "settings.csv, column p: 'barg' is a gauge pressure; give --unit"),
         (TABLE.replace(" [N]", ""), r"column Load: the column has no unit; .*'Load \[N\]'"),
         (TABLE.replace("[N]", "[kg]"), "column Load: .*did you mean kgf"),
-        (TABLE.replace("[bar]", "[N]"), "column p: .*N is of a force: correct the unit, or take the column"),
+        (TABLE.replace("[bar]", "[N]"), "column p: .*N is a unit of force: correct it, or choose the column"),
     ],
 )
 def test_conditions_that_cannot_be(tmp_path, table, words):
@@ -129,8 +129,8 @@ def test_conditions_that_cannot_be(tmp_path, table, words):
         (("Slip [mm]", "Ft [N]"), {"known": "elastic_modulu=7 MPa"}, "--known: .*did you mean elastic_modulus"),
         (("Slip [mm]", "Ft [N]"), {"known": "elastic_modulus=-7 MPa"}, "--known elastic_modulus: .*positive"),
         (("A [mm]", "B [mm]"), {}, "which column is the slip: .*--slip COLUMN, or --time COLUMN"),
-        (("t [s]", "Ft [N]"), {}, "there is a time and no slip: .*--slip COLUMN"),
-        (("s [mm]", "Slip [mm]"), {}, "slip can be any of s, Slip; say which with --slip COLUMN"),
+        (("t [s]", "Ft [N]"), {}, "there is a time but no slip: .*--slip COLUMN"),
+        (("s [mm]", "Slip [mm]"), {}, "several columns may be the slip: s, Slip; choose one with --slip COLUMN"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_told_of_a_friction_test(tmp_path, headings, options, words):

@@ -81,7 +81,7 @@ class Spring(AbstractElasticEffect):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("limits", "reason", "holds"), [
-    ((0.0, 5e3), "it resists", True), (None, "", True), ((0.0, 5e3), "", False), ((5e3, 0.0), "upside down", False),
+    ((0.0, 5e3), "a wall resists", True), (None, "", True), ((0.0, 5e3), "", False), ((5e3, 0.0), "upside down", False),
     ((1.0, 5e3), "without its null", False), ((0.0, 500.0), "without its start", False),
 ])  # fmt: skip
 def test_contract_checks_them(limits, reason, holds):

@@ -64,7 +64,7 @@ def test_story_runs(tmp_path, kernel):
     text, pictures = collect(notebook)
     assert len(pictures) == 5
     assert "Campaign impact-b (impact): 18 records" in text
-    assert "something is missing" in text
+    assert "the model is incomplete" in text
     assert "found: {'adhesion.tau_a'" in text
     errors = {name: [float(x) for x in re.findall(rf"{name} +is off by +([\d.]+)", text)]
               for name in ("paper's model", "grown model")}  # fmt: skip

@@ -353,7 +353,7 @@ def test_strike_takes_plain_numbers_and_refuses_the_rest():
     found = run_strike(law, GOOD, times)
     wrapped = run(law.extend(()), {k: jnp.asarray(v) for k, v in GOOD.items()}, jnp.asarray(times))
     np.testing.assert_allclose(found.tangential_force, wrapped.tangential_force, rtol=1e-9, atol=1e-12)
-    for wrong, message in ((0.01, "one-dimensional"), ([], "one time at least"), ([0.0, np.nan], "time number 2")):
+    for wrong, message in ((0.01, "one-dimensional"), ([], "at least one time"), ([0.0, np.nan], "time number 2")):
         with pytest.raises(InputError, match=message):
             run_strike(law, GOOD, wrong)
     with pytest.raises(InputError, match="needs a Striker"):
@@ -398,7 +398,7 @@ def edit_table(name, column, change):
     (edit_known(rolling_mass="450 m"), "mass"),
     (edit_known(rolling_mass="0 kg"), "positive"),
     (edit_table("records.csv", "tangential_speed", lambda x: x.where(x.index != 3, -x)), "cannot be negative"),
-    (edit_table("samples.csv", "tangential_force", lambda x: -x), "points against its tangential speed"),
+    (edit_table("samples.csv", "tangential_force", lambda x: -x), "opposed to its tangential speed"),
 ])  # fmt: skip
 def test_campaigns_that_cannot_be(tmp_path, change, message):
     """A unit of another kind, a mass of nothing, and signs that contradict each other are refused in words."""

@@ -130,7 +130,7 @@ def test_peaks(tmp_path):
     assert list(campaign.select(["r01"]).peaks.index) == ["r01"]
     for spoilt, words in [
         (rows.replace("54.669", ""), "line 2.*no measured peak"),
-        (rows.replace("r02", "r01", 1), "line 3.*row already.*repeats for a mean"),
+        (rows.replace("r02", "r01", 1), "line 3.*already has a row.*repeats for a mean"),
         (rows.replace(",16", ",1.5", 1), "line 2, column repeats.*whole"),
         (rows.replace("48.519", "-48"), "line 3, column peak_normal_force.*positive"),
         ("record,peak_normal_force,printed_normal_force,repeats\nr02,54.669,,16\n", "r01.*no samples or peak"),
@@ -187,7 +187,7 @@ def test_written_packages_come_back_and_satisfy_frictionless(tmp_path):
 
 def test_writing_never_harms_what_is_there(tmp_path):
     campaign = read_campaign(write_small(tmp_path / "small"))
-    with pytest.raises(InputError, match="holds a campaign already"):
+    with pytest.raises(InputError, match="already contains a campaign"):
         write_campaign(tmp_path / "small", campaign)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")

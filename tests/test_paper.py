@@ -271,7 +271,7 @@ def test_models_by_name(tmp_path):
     assert resolve_model(f"{file}:Ball").text
     assert len(resolve_model(f"{file}:law").effects) == 1
     for bad, words in (("papr", "did you mean"), (f"{file}", "NAME"), (f"{file}:none", "no 'none'"),
-                       (f"{file}:other", "no reference model"), (f"{tmp_path}/absent.py:x", "cannot be read")):
+                       (f"{file}:other", "not a reference model"), (f"{tmp_path}/absent.py:x", "cannot be read")):
         with pytest.raises(InputError, match=words):
             resolve_model(bad)
     file.write_text("this is no Python")

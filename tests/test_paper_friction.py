@@ -161,7 +161,7 @@ def test_nothing_beats_a_constant(judged):
         gap = np.abs(find_row(judged, pair.first).held / MEASURED - 1) - plain
         assert pair.difference == pytest.approx(gap.mean(), abs=1e-6)
         assert pair.difference > -2 * pair.standard_error or pair.standard_error < 1e-5
-    assert "No model does better than the constant" in " ".join(judged.notes)
+    assert "No model is better than the constant" in " ".join(judged.notes)
     assert judged.verdict == "unexplained" and judged.effects == ()
     json.dumps(judged.to_dict(), allow_nan=False)
     assert len(judged.table()) == len(judged.rows)

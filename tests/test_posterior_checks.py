@@ -253,14 +253,14 @@ def test_weights_are_written_into_folders(tmp_path):
 
 def test_weights_that_are_no_json(tmp_path):
     (tmp_path / "weights.json").write_text("{", encoding="utf-8")
-    with pytest.raises(InputError, match="no JSON file"):
+    with pytest.raises(InputError, match="not a JSON file"):
         read_weights(tmp_path)
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", '{"campaign": "x", "model": "paper", "sha256": "", "steps": []}', "{"])
 def test_damaged_discovery(tmp_path, content):
     (tmp_path / "result.json").write_text(content, encoding="utf-8")
-    with pytest.raises(InputError, match="no result of discover"):
+    with pytest.raises(InputError, match="not a result of discover"):
         average(tmp_path)
     assert main(["average", str(tmp_path)]) == 2
 

@@ -246,7 +246,7 @@ def test_ranking_greys_what_cannot_be_seen():
     labels = {label.get_text(): label for label in axes.get_yticklabels()}
     assert labels["adhesion"].get_fontweight() == "bold"
     assert labels["sensor-lag"].get_color() != labels["gas-leak"].get_color()
-    assert sum(text.get_text() == "cannot be seen" for text in axes.texts) == 2
+    assert sum(text.get_text() == "undetectable" for text in axes.texts) == 2
 
 
 def test_settings_of_the_user_stay():

@@ -271,20 +271,20 @@ def test_command_tells_how_sure_a_plan_is(tmp_path, capsys):
     assert len(one["draws"]) == 6 and one["share_left"]["mean"] == pytest.approx(np.mean(one["draws"]))
     assert one["share_left"]["q05"] < one["share_left"]["q95"] <= one["share_left"]["tail"] * (1 + 1e-9)
     assert (tmp_path / "out" / "figures" / "outlook.png").is_file()
-    assert "How sure this is" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Uncertainty of the outcome" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("table, says", [
     ("plan_for = 'luck'", "uncertainty.plan_for"), ("tail = 0.7", "uncertainty.tail"),
     ("draws = 1", "uncertainty.draws"),
-    ("", "nothing says how uncertain the contact is"), ("fit = 'nowhere'", "no folder that fit, sample, discover or"),
+    ("", "the uncertainty of the contact is not given"), ("fit = 'nowhere'", "not a folder that fit, sample, discover"),
     ("fit = 'x'\nparameters = { restitution = { sd = 0.1 } }", "either fit or parameters"),
     ("parameters = { restitution = { mean = 0.7 } }", "uncertainty.parameters.restitution.sd"),
     ("parameters = { restitution = { mean = 1.7, sd = 0.1 } }", "restitution cannot be 1.7"),
     ("parameters = { bounce = { sd = 0.1 } }", "there is no parameter 'bounce'"),
-    ("parameters = { effective_mass = { sd = 0.1 } }", "the arm's mass is given as known"),
+    ("parameters = { effective_mass = { sd = 0.1 } }", "arm.mass gives this as known"),
     ("parameters = { restitution = { sd = 0.1 } }\ncorrelation = [['restitution', 'friction_coefficient', 0.1]]",
-     "have to stand under parameters"),
+     "must be under parameters"),
 ])  # fmt: skip
 def test_faulty_tables_are_refused(tmp_path, capsys, table, says):
     """One sentence that names the key, exit code 2, nothing written."""

@@ -324,7 +324,7 @@ def test_what_cannot_be_sampled_is_said():
 
 def test_a_parameter_without_data_has_no_posterior(folder):
     loose = fit(read_campaign(folder), effects=["stribeck"])
-    with pytest.raises(InputError, match="say nothing about stribeck"):
+    with pytest.raises(InputError, match="contain no information on stribeck"):
         pose_fit(loose)
 
 
@@ -356,7 +356,7 @@ def test_the_command_writes_what_arviz_reads(folder, tmp_path, capsys):
     assert {"versions", "settings", "priors", "state"} <= set(tree.attrs) and (place / "model.json").is_file()
     tree.close()
     assert main(["sample", str(folder), "--effect", "adhesive-offset", "-o", str(place), "--effective", "300"]) == 0
-    assert "taken over" in capsys.readouterr().out
+    assert "continued" in capsys.readouterr().out
     assert main(["sample", str(folder), "--effect", "adhesive-offset", "-o", str(place), "--seed", "9"]) == 2
     assert "something else: seed is 0 there and 9 now" in capsys.readouterr().err
 

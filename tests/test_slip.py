@@ -175,7 +175,7 @@ def test_one_pressure_cannot_tell_k_from_the_loss_angle():
     text = " ".join(found.cannot_tell_apart)
     assert "adhesion_constant" in text and "loss_factor" in text and "pressure" in text
     both = fit(campaign)
-    assert not any("adhesion_constant" in t and "cannot be told apart" in t for t in both.cannot_tell_apart)
+    assert not any("adhesion_constant" in t and "cannot be distinguished" in t for t in both.cannot_tell_apart)
 
 
 def test_loads_beyond_the_polynomials_are_flagged(tmp_path):

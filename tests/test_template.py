@@ -40,7 +40,7 @@ def test_the_written_test_runs(tmp_path):
 
 @pytest.mark.parametrize("name, stage, words", [
     ("Rim", "elastic", "lower-case"), ("../rim", "elastic", "lower-case"),
-    ("wall-stiffness", "elastic", "catalogue has"), ("rim", "elastics", "no stage"),
+    ("wall-stiffness", "elastic", "catalogue already has"), ("rim", "elastics", "no stage"),
     ("class", "elastic", "word of Python"),
 ])  # fmt: skip
 def test_bad_names(name, stage, words, tmp_path):
@@ -53,7 +53,7 @@ def test_bad_names(name, stage, words, tmp_path):
 def test_nothing_is_overwritten(tmp_path):
     """Not even where only the test is there."""
     (tmp_path / "test_rim.py").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match="there already"):
+    with pytest.raises(InputError, match="exists already"):
         write_template("rim", folder=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["test_rim.py"]
 
@@ -68,12 +68,12 @@ def test_effects_of_a_file(tmp_path):
     assert [effect.id for effect in list_effects(both)] == ["rim-stop", "soft-pad"]
     assert resolve_effect("soft-pad", list_effects(both)).law == "F gains k w"
     (tmp_path / "empty.py").write_text("k = 1.0\n", encoding="utf-8")
-    with pytest.raises(InputError, match="no effect"):
+    with pytest.raises(InputError, match="no class derived"):
         list_effects(tmp_path / "empty.py")
     with pytest.raises(InputError, match="cannot be read"):
         list_effects(tmp_path / "missing.py")
     both.write_text(source.read_text(encoding="utf-8").replace('"rim-stop"', '"gas-leak"'), encoding="utf-8")
-    with pytest.raises(InputError, match="catalogue has"):
+    with pytest.raises(InputError, match="in the catalogue"):
         list_effects(both)
 
 
@@ -89,7 +89,7 @@ def test_commands_know_own_effects(tmp_path, capsys):
     assert main(["effects", "--new", "rim-stop", "-o", str(place)]) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert main(["fit", "impact-f", "--effects-from", str(place / "rim_stop.py")]) == 2
-    assert "say with --effect" in capsys.readouterr().err
+    assert "give with --effect" in capsys.readouterr().err
     assert main(["discover", "impact-f", "--effects-from", str(place / "none.py")]) == 2
     assert "cannot be read" in capsys.readouterr().err
 

@@ -58,7 +58,7 @@ def test_what_the_user_names_is_run(foreign, tmp_path):
     with pytest.raises(dd.InputError, match="THING"):
         dd.compare("impact-a", f"{file}:THING")
     assert mark.exists()
-    with pytest.raises(dd.InputError, match="no kind of tests"):
+    with pytest.raises(dd.InputError, match="not a kind of tests"):
         dd.read_campaign(write_campaign(tmp_path / "tests", "../own.py:THING"))
 
 

@@ -45,7 +45,7 @@ def test_hints_and_gauges():
         check_unit("pa", "initial_pressure")  # pint alone: picoyears
     with pytest.raises(InputError, match="degC"):
         check_unit("C", "temperature")
-    with pytest.raises(InputError, match="take the column that holds the force$"):
+    with pytest.raises(InputError, match="choose the column with the force$"):
         check_unit("mm", "normal_force")
     with pytest.raises(InputError, match="gauge"):
         parse_unit("barg")

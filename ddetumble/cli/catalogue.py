@@ -16,17 +16,17 @@ from .places import check_file, write_bytes
          "effects --new rim-stop --stage elastic -o mine")
 def show_effects(
     effect: Annotated[
-        str | None, typer.Argument(metavar="[ID]", help="One effect, in full; all of them in short if not given.")
+        str | None, typer.Argument(metavar="[ID]", help="An effect to show in full; if none is given, all are listed.")
     ] = None,
     family: Family = None,
     effects_from: OwnFile = None,
-    new: Annotated[str | None, option("NAME", "Write an effect of your own to begin with, and its test.")] = None,
-    stage: Annotated[str, option("STAGE", "Where a new one acts; a wrong name lists them all.")] = "elastic",
-    output: Annotated[Path, place("Folder for a new one.")] = Path(),
+    new: Annotated[str | None, option("NAME", "Write a file for an effect of your own, and its test.")] = None,
+    stage: Annotated[str, option("STAGE", "Stage at which it acts; a wrong name lists all stages.")] = "elastic",
+    output: Annotated[Path, place("Folder for the new effect.")] = Path(),
     overwrite: Overwrite = False,
 ):
-    """The catalogue of effects that a model may be missing: law, parameters, units, null, reference. `--new` writes one
-    of your own.
+    """The catalogue of effects that a model may be missing: law, parameters, units, null, reference. `--new` writes a
+    file for one of your own.
     """
     if new is not None:
         from ..effects.template import write_template
@@ -38,7 +38,7 @@ def show_effects(
                 check_file(file, overwrite)
             for file, target in zip(made, written, strict=True):
                 write_bytes(file.read_bytes(), target)
-        typer.echo(f"Written: {source}, which works as it is, to be given your law, and {test}, its contract test.\n"
+        typer.echo(f"Written to {source}, which runs as it is and awaits your law, and {test}, its contract test.\n"
                    f"Next: ddetumble discover CAMPAIGN --effects-from {source}")
         return
     from ..contact.effect import parameters_of, stage_of
@@ -57,7 +57,7 @@ def show_effects(
                 typer.echo(f"  {entry.id:{width}}  {entry.law}")
             others = [other for one in chosen if one.name == name for other in one.accepts if other != name]
             if others:
-                typer.echo(f"  (the effects on {' and '.join(others)} records act on these too)")
+                typer.echo(f"  (the effects for {' and '.join(others)} records also apply to these)")
         return
     if effect not in effects:
         raise InputError(f"there is no effect {effect!r}; there are {', '.join(effects)}")
@@ -69,16 +69,16 @@ def show_effects(
     typer.echo(f"  reference  {entry.reference}")
 
 
-@command("models", "The reference models to begin with: law, parameters, source.", "models", "models power-law",
+@command("models", "The reference models to start from: law, parameters, source.", "models", "models power-law",
          "models --family slip")
 def show_models(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="One model, in full; all of them in short if not given.")
+        str | None, typer.Argument(metavar="[NAME]", help="A model to show in full; if none is given, all are listed.")
     ] = None,
     family: Family = None,
 ):
     """The reference models that come with the toolkit, by family of records: what `--model NAME` stands for. With a
-    name its law, its parameters with what physics allows of them, and its source.
+    name: its law, its parameters with their physical limits, and its source.
     """
     families = {one.name: one.models for one in _choose_families(family)}
     if name is None:
@@ -127,5 +127,5 @@ def _describe_parameter(parameter, start: str, limited: bool) -> str:
     if not limited:
         return text
     (low, high), unit = parameter.limits, f" {parameter.unit}" if parameter.unit else ""
-    span = f"{low:g} to {high:g}{unit}" if high < float("inf") else f"from {low:g}{unit}"
+    span = f"{low:g} to {high:g}{unit}" if high < float("inf") else f"at least {low:g}{unit}"
     return f"{text}\n    limits   {span}: {parameter.limits_reason}"

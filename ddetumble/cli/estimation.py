@@ -11,7 +11,7 @@ from .places import check_file, write_bytes, write_table
 from .progress import show_progress
 
 
-@command("fit", "Fit parameters, with uncertainty and what cannot be told apart.",
+@command("fit", "Fit parameters, with their uncertainty and identifiability.",
          "fit data/impact-b --effect adhesion -o fit",
          "fit data/impact-h -e arm-servo -e wall-stiffness --free wall-stiffness.q -o fit",
          'fit data/impact-b --fix "effective_mass=1.2 kg" --prior restitution=0.7+-0.05 -o fit',
@@ -24,11 +24,11 @@ def fit_parameters(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
-    output: Annotated[Path | None, place("Folder for result and model; a specification's own.")] = None,
+    output: Annotated[Path | None, place("Folder for result and model; for fit.toml, its own by default.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Fit parameters: with uncertainty, and in words which of them the data cannot tell apart. The model is the paper's
-    if none is named.
+    """Fit parameters, with their uncertainty and a statement of which of them the data cannot distinguish. If no model
+    is named, it is the paper's.
     """
     read = read_source(source, output, "fit", effects_from, model=model, effects=effect, free=free, fixed=fix,
                        priors=prior)
@@ -43,20 +43,22 @@ def fit_parameters(
     typer.echo(f"Written to {read.folder}")
 
 
-@command("predict", "A fitted model at new conditions, with uncertainty.",
+@command("predict", "Predict with a fitted model at new conditions, with uncertainty.",
          "predict fit conditions.csv -o predictions.csv")
 def predict_records(
     model: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that fit, discover or average wrote.")],
     conditions: Annotated[Path, typer.Argument(
-        metavar="CONDITIONS.csv", help="Columns record, the conditions, and time (slip): one row a wanted sample, in "
-        "SI or in the unit of the heading, 'initial_pressure [MPa]'. Without time (slip), one row a record.")],
+        metavar="CONDITIONS.csv", help="Table with the columns record, the conditions and time (or slip): one row per "
+        "sample, in SI or in the unit of the heading, 'initial_pressure [MPa]'. Without time (slip), one row per "
+        "record.")],
     output: Annotated[Path | None, place(
-        "Predictions, a figure OUT.png, and of impacts OUT-pulses.csv; without it, the predictions are printed.",
+        "File for the predictions, with a figure OUT.png and, for impacts, OUT-pulses.csv; if not given, they are "
+        "printed.",
         "OUT.csv")] = None,
     overwrite: Overwrite = False,
 ):
-    """A fitted model at new conditions: mean, its uncertainty, and that of a new measurement, for each channel; of
-    impacts also peak force, contact duration and impulse.
+    """Predict with a fitted model at new conditions: for each channel the mean, its uncertainty and that of a new
+    measurement; for impacts also the peak force, the contact duration and the impulse.
     """
     for path in (model, conditions):
         if not path.exists():
@@ -84,8 +86,8 @@ def predict_records(
         write_table(pulses, values)
     write_table(table, file)
     if pulses is not None:
-        typer.echo(f"{format_pulses(pulses)}\n± of the mean; in brackets, of a new test", err=file is None)
+        typer.echo(f"{format_pulses(pulses)}\n± sd of the mean; in brackets, sd of a new test", err=file is None)
     for note in (*table.attrs["notes"], *(() if pulses is None else pulses.attrs["notes"])):
         typer.echo(f"ddetumble: note: {note}", err=True)
     if file is not None:
-        typer.echo(f"Written to {file}: {len(table)} samples; drawn in {picture}")
+        typer.echo(f"Written to {file} ({len(table)} samples) and drawn in {picture}")

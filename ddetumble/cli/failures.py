@@ -17,7 +17,7 @@ from .._errors import ComputationError, InputError
 from .interrupts import INTERRUPTED, was_interrupted
 
 
-BAD_INPUT, FAILED, PIPE_CLOSED = 2, 1, 141
+BAD_INPUT, FAILED, PIPE_CLOSED = 2, 1, 141  # exit codes: of typer's own refusals, of Python's, 128 and SIGPIPE
 _stopped = threading.Event()
 
 
@@ -81,7 +81,7 @@ def _explain(error: Any, words: Sequence[str]) -> int:
         message = _join(error.format_message()).rstrip(".")
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "ddetumble"
-        return tell(f"{message[:1].lower()}{message[1:]}; `{command} --help` shows what it takes, with an example.",
+        return tell(f"{message[:1].lower()}{message[1:]}; `{command} --help` shows the arguments, with an example.",
                     BAD_INPUT)
     if isinstance(error, MemoryError):
         return tell("there is not enough memory for this.", FAILED)

@@ -15,7 +15,7 @@ Text = str | None
 
 
 @command(
-    "import", "A laboratory's CSV files to a checked campaign.",
+    "import", "Turn a laboratory's CSV files into a checked campaign.",
     "import run*.csv --conditions settings.csv -o campaign",
     'import "P1.0MPa_v0.4.csv" --name-pattern "P{initial_pressure}MPa_v{approach_speed:m/s}" -o campaign',
     'import all.csv --record-column Test --force "Fz [N]" --uncertainty "force=0.25 N" -o campaign',
@@ -25,49 +25,52 @@ def import_files(
     raw: Annotated[list[Path], typer.Argument(metavar="RAW", help="CSV files, or folders with CSV files.")],
     output: Annotated[Path, place("Folder of the new campaign.", "CAMPAIGN")],
     conditions: Annotated[
-        Path | None, option("FILE.csv", "Table of conditions: one row a file or record, units in the headings.")
+        Path | None, option("FILE.csv", "Table of conditions: one row per file or record, with units in the headings.")
     ] = None,
     name_pattern: Annotated[
-        Text, option("TEXT", "Conditions in file names: '{initial_pressure}MPa_{approach_speed:m/s}'.")] = None,
+        Text, option("TEXT", "Pattern of the conditions in file names: "
+                             "'{initial_pressure}MPa_{approach_speed:m/s}'.")] = None,
     pressure: Annotated[
         Text, option("QUANTITY", "Initial (slip: internal) pressure of all tests: '1.0 MPa'.")] = None,
     speed: Annotated[Text, option("QUANTITY", "Approach (slip: sliding) speed of all tests: '0.4 m/s'.")] = None,
     load: Annotated[Text, option("QUANTITY", "Normal load of all tests of the family slip: '20 N'.")] = None,
     gauge: Annotated[
-        bool | None, typer.Option("--gauge/--absolute", help="Whether pressures count from the ambient pressure.")
+        bool | None, typer.Option("--gauge/--absolute", help="Whether pressures are gauge pressures or absolute.")
     ] = None,
     ambient: Annotated[Text, option("QUANTITY", "Ambient pressure of the day: '101.3 kPa'.")] = None,
     force: Annotated[Text, option("COLUMN", "Column with the force (slip: friction).")] = None,
     time: Annotated[Text, option("COLUMN", "Column with the time.")] = None,
-    slip: Annotated[Text, option("COLUMN", "Column with the slip (family slip), over it or over time.")] = None,
+    slip: Annotated[Text, option("COLUMN", "Column with the slip (family slip), with or without time.")] = None,
     record_column: Annotated[Text, option("COLUMN", "Column that says which test a row belongs to.")] = None,
     keep: Annotated[
         Texts, option("[NAME=]COLUMN", "A further column, or the column of a quantity; may be repeated.")] = None,
-    unit: Annotated[Texts, option("NAME=UNIT", "Unit where a heading has none; may be repeated.")] = None,
+    unit: Annotated[Texts, option("NAME=UNIT", "Unit of a quantity whose heading has none; may be repeated.")] = None,
     uncertainty: Annotated[
-        Texts, option("NAME=QUANTITY", "One standard deviation: 'force=0.25 N'; may be repeated.")] = None,
+        Texts, option("NAME=QUANTITY", "Standard deviation of a quantity: 'force=0.25 N'; may be repeated.")] = None,
     common_uncertainty: Annotated[
-        Texts, option("NAME=QUANTITY", "The same of an error that all records share: 'pressure=2 %'.")] = None,
+        Texts, option("NAME=QUANTITY", "Standard deviation of an error common to all records: 'pressure=2 %'.")] = None,
     known: Annotated[Texts, option(
         "NAME=QUANTITY", "Parameter of the model: 'outer_diameter=60 mm' (slip: 'elastic_modulus=7.8 MPa'), or null to "
         "have it fitted.")] = None,
     onset: Annotated[
-        Text, option("TIME|COLUMN", "Impacts: contact onset, or the conditions' column with it; else it is found.")
+        Text, option("TIME|COLUMN", "Impacts: time of the contact onset, or its column in the conditions; if not "
+                                    "given, it is detected.")
     ] = None,
     symmetry_axis: Annotated[
-        Text, option("x|y|z", "Tumbling: the body's axis of symmetry in the columns; made z.")] = None,
+        Text, option("x|y|z", "Tumbling: the body's axis of symmetry in the columns, which becomes z.")] = None,
     decimal: Annotated[Text, option("SIGN", "Decimal sign: . or ,")] = None,
     delimiter: Annotated[Text, option("SIGN", "Delimiter: , ; | tab or space")] = None,
     family: Annotated[Text, option(
-        "NAME", "impact (where not given), slip (friction over slip or over time) or tumble, or FILE.py:NAME for a "
-        "kind of tests of your own.")] = None,
+        "NAME", "Kind of tests: impact (the default), slip (friction over slip or over time) or tumble, or "
+                "FILE.py:NAME "
+        "for one of your own.")] = None,
     title: Annotated[Text, option("TEXT", "Title of the campaign.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Turn a laboratory's CSV files into a checked campaign: one file a test, or one long file.
+    """Turn a laboratory's CSV files into a checked campaign: one file per test, or one long file.
 
-    What can be read off the files (delimiter, decimal sign, units, columns, contact onset, sign of the friction) is,
-    and every decision is told. What cannot is not guessed: the message names the option that settles it.
+    What the files show (delimiter, decimal sign, units, columns, contact onset, sign of the friction) is read from
+    them, and every decision is reported. What they do not show is not guessed: the message names the option to give.
     """
     # All but where to write are arguments of `import_tests`, most of them by the same name.
     given = {name: value for name, value in locals().items() if name not in ("raw", "output", "overwrite", "unit")}

@@ -44,24 +44,26 @@ Texts = list[str] | None
 CampaignName = Annotated[str, typer.Argument(
     metavar="CAMPAIGN", help="Folder of a campaign, or the name of a shipped one.")]
 Fittable = Annotated[str, typer.Argument(
-    metavar="CAMPAIGN|fit.toml", help="A campaign, or a complete specification of a fit.")]
+    metavar="CAMPAIGN|fit.toml", help="Campaign (folder or name of a shipped one), or a complete specification of a "
+                                      "fit.")]
 Model = Annotated[str, _MODEL]
 OptionalModel = Annotated[str | None, _MODEL]
 Effects = Annotated[Texts, option(
     "ID", "Add this effect of the catalogue, or of --effects-from; may be repeated.", "-e", "--effect")]
-OwnFile = Annotated[Path | None, option("FILE.py", "A file of yours with effects, known by their ids then.",
+OwnFile = Annotated[Path | None, option("FILE.py", "File with effects of your own, which their ids then name.",
                                         "--effects-from")]
 Free = Annotated[Texts, option(
-    "NAME[=VALUE]", "Fit this parameter too, or start it there: 'wall-stiffness.q=1.5'; may be repeated.")]
-Fix = Annotated[Texts, option("NAME=VALUE", "Hold this parameter: 'effective_mass=1.3 kg'; may be repeated.")]
+    "NAME[=VALUE]", "Fit this parameter too, starting at the value if given: 'wall-stiffness.q=1.5'; may be repeated.")]
+Fix = Annotated[Texts, option("NAME=VALUE", "Hold this parameter fixed: 'effective_mass=1.3 kg'; may be repeated.")]
 Prior = Annotated[Texts, option(
     "NAME=MEAN+-SD", "Gaussian prior of a fitted parameter: 'restitution=0.7+-0.05'; may be repeated.")]
 Family = Annotated[str | None, option(
-    "NAME", "Family of records: impact, slip, oblique or tumble, or FILE.py:NAME for your own; all if not given.")]
+    "NAME", "Family of records: impact, slip, oblique or tumble, or FILE.py:NAME for one of your own; if not given, "
+            "all.")]
 KeepAll = Annotated[bool, typer.Option(
-    "--keep-all", help="Leave out no record and no sample: faults are only reported.")]
+    "--keep-all", help="Keep every record and every sample: faults are only reported.")]
 Overwrite = Annotated[bool, typer.Option(
-    "--overwrite", help="Replace what is in the place that -o names; without it, only a new or empty one is taken.")]
+    "--overwrite", help="Replace what is at the place that -o names; without it, that place must be new or empty.")]
 
 
 class Source(NamedTuple):
@@ -93,11 +95,12 @@ def read_source(text: str, output: Path | None, ending: str, own: Path | None, *
     """
     if text.endswith(".toml"):
         if own or any(given.values()):
-            raise InputError("the specification says all about the fit; leave out --model, --effect, --effects-from, "
-                             "--free, --fix and --prior", file=text)
+            raise InputError("the specification is complete; leave out --model, --effect, --effects-from, --free, "
+                             "--fix "
+                             "and --prior", file=text)
         path = Path(text)
         if not path.is_file():
-            raise InputError("there is no such file", file=path)
+            raise InputError("this file does not exist", file=path)
         return Source(path.resolve().parent.name, path, {}, output or path.parent, output is None)
     from ..families import name_family
     from ..inference.models import list_effects
@@ -105,7 +108,7 @@ def read_source(text: str, output: Path | None, ending: str, own: Path | None, *
 
     if own is not None and not given["effects"]:
         ids = ", ".join(one.id for one in list_effects(own))
-        raise InputError(f"say with --effect which of its effects to add: {ids}", file=own)
+        raise InputError(f"give with --effect which of the file's effects to add: {ids}", file=own)
     path = locate_campaign(text)
     name, measured = path.resolve().name, read_campaign(path)
     chosen = _read_choice(name_family(measured), own, **given)
@@ -160,7 +163,7 @@ def _read_choice(family: str, own: Path | None, model: str | None, effects: Sequ
 def _find_unit(option: str, name: str, units: dict[str, str]) -> str:
     if name not in units:
         near = difflib.get_close_matches(name, units, n=1)
-        hint = f"; did you mean {near[0]}?" if near else f"; it has {', '.join(units)}"
+        hint = f"; did you mean {near[0]}?" if near else f"; its parameters are {', '.join(units)}"
         raise InputError(f"--{option}: there is no parameter {name!r} in this model{hint}")
     return units[name]
 
@@ -175,14 +178,15 @@ def _read_numbers(option: str, name: str, text: str, units: dict[str, str], coun
     match = re.fullmatch(rf"\s*{form}", text, re.ASCII if "±" not in text else 0)
     shape = "NAME=VALUE" if count == 1 else "NAME=MEAN+-SD"
     if match is None:
-        raise InputError(f"--{option} is given as {shape}{f', in {own}' if own else ''}; {name}={text!r} is not")
+        raise InputError(f"--{option} takes {shape}{f', in {own}' if own else ''}; {name}={text!r} does not have this "
+                         f"form")
     numbers = [float(match[k + 1]) for k in range(count)]
     if count == 2 and not numbers[1] > 0:
-        raise InputError(f"--{option}: the standard deviation of {name} has to be positive")
+        raise InputError(f"--{option}: the standard deviation of {name} must be positive")
     if match[count + 1]:
         unit, wanted = parse_unit(match[count + 1].strip()), parse_unit(own or "1")
         if unit.dimension != wanted.dimension or unit.offset:
-            raise InputError(f"--{option}: {match[count + 1].strip()!r} is no unit of {name}, which is "
+            raise InputError(f"--{option}: {match[count + 1].strip()!r} is not a unit of {name}, which is "
                              + (f"in {own}" if own else "a pure number"))
         numbers = [float(unit.convert(x)) for x in numbers]
     return tuple(numbers)

@@ -37,7 +37,7 @@ def locate_campaign(text: str) -> Path:
     """Path of a campaign: as given, or, said so, of the shipped campaign of that name."""
     path = _settings.locate_campaign(text)
     if path != Path(text):
-        print(f"ddetumble: note: {text} is the campaign that comes with the toolkit.", file=sys.stderr)
+        print(f"ddetumble: note: {text} is the campaign of that name that comes with the toolkit.", file=sys.stderr)
     return path
 
 
@@ -143,16 +143,16 @@ def _refuse_taken(path: Path, overwrite: bool, beside: Sequence[str], resumes: S
     whole = Path(os.path.abspath(path))
     nearest = next(folder for folder in (whole, *whole.parents) if os.path.lexists(folder))
     if not nearest.is_dir():
-        raise InputError("is a file; -o takes a folder" if nearest == whole else
+        raise InputError("this is a file; -o takes a folder" if nearest == whole else
                          f"the folder cannot be made ({nearest.name} is a file)", file=path)
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError("nothing can be written to this folder", file=path if nearest == whole else nearest)
+        raise InputError("this folder is not writable", file=path if nearest == whole else nearest)
     if overwrite or nearest != whole or any((path / name).exists() for name in resumes):
         return
     found = sorted(one.name for one in path.iterdir() if one.name != RECORD)
     taken = [name for name in beside if name in found] if beside else found
     if taken:
-        raise InputError(f"the folder holds {taken[0]}{' and more' if len(taken) > 1 else ''} already; name a new "
+        raise InputError(f"the folder already holds {taken[0]}{' and more' if len(taken) > 1 else ''}; name a new "
                          "folder with -o, or replace what is there with --overwrite", file=path)
 
 
@@ -214,10 +214,10 @@ def check_file(path: Path | None, overwrite: bool) -> Path | None:
     if path is None or str(path) == "-":
         return None
     if path.is_dir():
-        raise InputError("is a folder; -o takes a file here", file=path)
+        raise InputError("this is a folder; -o takes a file here", file=path)
     _refuse_taken(path.parent, True, (), ())
     if path.exists() and not overwrite:
-        raise InputError("is there already; name another file with -o, or replace it with --overwrite", file=path)
+        raise InputError("this file exists already; name another with -o, or replace it with --overwrite", file=path)
     return path
 
 

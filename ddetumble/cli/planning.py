@@ -12,21 +12,22 @@ from .places import locate_campaign, locate_fit, open_folder, open_optional
 from .progress import show_progress
 
 
-@command("design", "The next test that best separates what is still confounded.", "design discovery",
+@command("design", "Design the next test, which best separates what is still confounded.", "design discovery",
          'design discovery --limit "approach_speed=0.2..2 m/s" --channel "pressure: 200 Pa" -o next')
 def design_test(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that discover or fit wrote.")],
     limit: Annotated[Texts, option(
-        "NAME=LOW..HIGH UNIT", "Range of a condition, or one value; may be repeated. The campaign's own range, "
-        "extended, where not given.")] = None,
+        "NAME=LOW..HIGH UNIT", "Range of a condition, or one value; may be repeated. If not given, the campaign's "
+        "own range, extended.")] = None,
     channel: Annotated[Texts, option("NAME: NOISE UNIT", "A channel that could be added; may be repeated.")] = None,
     length: Annotated[
-        float | None, option("X", "Of the test's record, in s (of slip in m); as in the campaign.")] = None,
+        float | None, option("X", "Length of the test's record, in s (for slip in m); if not given, as in the "
+                                  "campaign.")] = None,
     output: Annotated[Path | None, place("Also write design.json and a figure here.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Find the conditions, or the channel to add, that best tell apart what a discovery could not, and how many tests
-    that takes. Where nothing is confounded: the test that narrows the parameters most.
+    """Find the conditions, or the channel to add, that best distinguish what a discovery could not, and how many tests
+    that takes. Where nothing is confounded: the test that reduces the uncertainty of the parameters most.
     """
     with open_optional(output, "design", overwrite) as out:
         from ..planning.next_test import design
@@ -43,33 +44,36 @@ def design_test(
         typer.echo(f"Written to {output}")
 
 
-@command("map", "What a planned campaign could see, and what it could not tell apart.", "map plan.csv -o map",
+@command("map", "Map the effects that a planned campaign could detect and distinguish.", "map plan.csv -o map",
          "map data/impact-c", 'map plan.csv --value "effective_mass=1.4 kg" --channel "normal_force: 0.1 N"')
 def map_campaign(
     plan: Annotated[str, typer.Argument(
-        metavar="CAMPAIGN|PLAN.csv", help="A campaign, or a table of planned tests: one row a test, conditions with "
-        "units in the headings, optionally `repeats`.")],
+        metavar="CAMPAIGN|PLAN.csv", help="A campaign, or a table of planned tests: one row per test, conditions with "
+        "units in the headings, and optionally `repeats`.")],
     model: Model = "paper",
-    channel: Annotated[Texts, option("NAME: NOISE UNIT", "What a planned test measures; may be repeated.")] = None,
-    uncertainty: Annotated[Texts, option("NAME=VALUE", "Of a condition, or of the time origin.")] = None,
-    value: Annotated[Texts, option("NAME=VALUE UNIT", "Of a parameter of the reference model.")] = None,
+    channel: Annotated[Texts, option("NAME: NOISE UNIT", "Channel that a planned test measures, with its noise; may "
+                                                         "be repeated.")] = None,
+    uncertainty: Annotated[Texts, option(
+        "NAME=VALUE", "Standard deviation of a condition, or of the time origin; may be repeated.")] = None,
+    value: Annotated[Texts, option(
+        "NAME=VALUE UNIT", "Value of a parameter of the reference model; may be repeated.")] = None,
     effects_from: Annotated[Path | None, option(
-        "FILE.py", "A file of yours with effects, which are mapped beside the catalogue.")] = None,
-    length: Annotated[str | None, option("'30 ms'", "Of a record.")] = None,
-    interval: Annotated[str | None, option("'0.1 ms'", "Between samples.")] = None,
+        "FILE.py", "File with effects of your own, which are mapped as well as the catalogue.")] = None,
+    length: Annotated[str | None, option("'30 ms'", "Length of a record.")] = None,
+    interval: Annotated[str | None, option("'0.1 ms'", "Interval between samples.")] = None,
     output: Annotated[Path | None, place("Also write map.json and a figure here.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Say before any test which effects a campaign would show, at which size, and which pairs it could not tell
-    apart.
+    """Find, before any test is made, which effects a campaign would detect, at which size, and which pairs it could not
+    distinguish.
     """
     table = plan.lower().endswith(".csv")
     path = Path(plan) if table else locate_campaign(plan)
     if table and not path.is_file():
-        raise InputError("there is no such file", file=path)
+        raise InputError("this file does not exist", file=path)
     if not table and any((channel, uncertainty, value, length, interval)):
-        raise InputError("a campaign says itself what it measures; --channel, --uncertainty, --value, --length and "
-                         "--interval go with a table of planned tests", file=path)
+        raise InputError("a campaign already says what it measures; --channel, --uncertainty, --value, --length "
+                         "and --interval apply to a table of planned tests only", file=path)
     with open_optional(output, "map", overwrite) as out:
         from ..inference.models import list_effects
         from ..planning.detectability import map_effects
@@ -88,15 +92,16 @@ def map_campaign(
         typer.echo(f"Written to {output}")
 
 
-@command("plan", "Where, how fast and when to strike tumbling debris.", "plan data/scenarios/flat-spin.toml -o plan",
+@command("plan", "Plan where, how fast and when to strike tumbling debris.",
+         "plan data/scenarios/flat-spin.toml -o plan",
          "plan flat-spin.toml")
 def plan_impacts(
     scenario: Annotated[Path, typer.Argument(
-        metavar="SCENARIO.toml", help="What is struck, by what, and what is wanted.")],
+        metavar="SCENARIO.toml", help="Scenario: the debris, the ball and its arm, and the goal.")],
     output: Annotated[Path | None, place("Folder for plan.json and report.html.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes."""
+    """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum."""
     shipped = find_data() / "scenarios" / scenario.name
     path = scenario if scenario.exists() or scenario.parent.name or not shipped.is_file() else shipped
     from ..planning.plan import plan

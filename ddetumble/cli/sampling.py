@@ -29,7 +29,7 @@ from .progress import show_progress
 Count = int | None
 
 
-@command("sample", "Draw from the posterior of the parameters; resumable.",
+@command("sample", "Sample the posterior of the parameters; resumable.",
          "sample data/impact-b --effect adhesion -o posterior", "sample fits/impact-b/fit.toml",
          "sample data/slip-a --effect adhesive-offset --nuts -o nuts")
 def sample_posterior(
@@ -40,19 +40,19 @@ def sample_posterior(
     free: Free = None,
     fix: Fix = None,
     prior: Prior = None,
-    output: Annotated[Path | None, place("Folder for draws and report; a specification's own.")] = None,
-    nuts: Annotated[bool, typer.Option("--nuts", help="NUTS in place of emcee; needs the extra `nuts`.")] = False,
-    effective: Annotated[Count, option("N", "Independent draws wanted of every parameter [2000].")] = None,
-    steps: Annotated[Count, option("N", "Stop after so many steps whatever was reached [5000].")] = None,
-    walkers: Annotated[Count, option("N", "Walkers of an ensemble, even.")] = None,
-    ensembles: Annotated[Count, option("N", "Independent ensembles, or chains of NUTS [4].")] = None,
-    burn: Annotated[Count, option("N", "First steps, to be left out [100].")] = None,
-    checkpoint: Annotated[Count, option("N", "Steps between two writings of the chain [50].")] = None,
-    seed: Annotated[Count, option("N", "Of the random numbers [0].")] = None,
+    output: Annotated[Path | None, place("Folder for draws and report; for fit.toml, its own by default.")] = None,
+    nuts: Annotated[bool, typer.Option("--nuts", help="Use NUTS instead of emcee; needs the extra `nuts`.")] = False,
+    effective: Annotated[Count, option("N", "Effective sample size wanted of every parameter [2000].")] = None,
+    steps: Annotated[Count, option("N", "Stop after this many steps, converged or not [5000].")] = None,
+    walkers: Annotated[Count, option("N", "Number of walkers of an ensemble; even.")] = None,
+    ensembles: Annotated[Count, option("N", "Number of independent ensembles, or of chains of NUTS [4].")] = None,
+    burn: Annotated[Count, option("N", "Steps of the burn-in, which are discarded [100].")] = None,
+    checkpoint: Annotated[Count, option("N", "Number of steps after which the chain is saved [50].")] = None,
+    seed: Annotated[Count, option("N", "Seed of the random numbers [0].")] = None,
     overwrite: Overwrite = False,
 ):
-    """Draw from the posterior: parameters with their uncertainty where it is no Gaussian. What stopped it, the same
-    command goes on.
+    """Sample the posterior: the parameters with their uncertainty, which need not be Gaussian. If the command was
+    stopped, the same command continues.
     """
     read = read_source(source, output, "posterior", effects_from, model=model, effects=effect, free=free, fixed=fix,
                        priors=prior)
@@ -75,7 +75,7 @@ def sample_posterior(
     typer.echo(f"Report: {page}")
 
 
-@command("average", "Weights of rival models, by conditions left out.",
+@command("average", "Compute the weights of rival models from left-out conditions.",
          "average data/slip-a --effect adhesive-offset --effect viscous-friction --effect none",
          "average data/impact-b --effect adhesion --effect wall-stiffness,sensor-lag -o w",
          "predict slip-a-weights conditions.csv")
@@ -84,25 +84,25 @@ def average_models(
         metavar="CAMPAIGN|DIR", help="A campaign, or a folder that discover wrote.")],
     model: OptionalModel = None,
     effect: Annotated[Texts, option(
-        "ID[,ID...]", "One rival: its effects with commas between them, or `none` for the reference model alone.",
+        "ID[,ID...]", "A rival model: its effects separated by commas, or `none` for the reference model alone.",
         "-e", "--effect")] = None,
     effects_from: OwnFile = None,
-    campaign: Annotated[str | None, option("CAMPAIGN", "The campaign that discover looked at.")] = None,
+    campaign: Annotated[str | None, option("CAMPAIGN", "The campaign that discover analysed.")] = None,
     output: Annotated[Path | None, place(
-        "Folder for weights.json and every rival's fit; NAME-weights, if not given.")] = None,
+        "Folder for weights.json and the fit of every rival; if not given, NAME-weights.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Weigh rival models by how well each predicts conditions that it has not seen. `predict` on the folder averages
-    over them. A folder of discover has rivals where its sentence names effects that it could not tell apart.
+    """Weight rival models by how well each predicts conditions that were left out (stacking). `predict` on the folder
+    averages over them. A folder of discover has rivals where its verdict names effects that it cannot distinguish.
     """
     found = (Path(source) / "result.json").is_file()
     if found and (effect or model or effects_from):
         raise InputError("the folder says which models are rivals; leave out --effect, --effects-from and --model",
                          file=source)
     if not found and campaign is not None:
-        raise InputError("--campaign goes with a folder that discover wrote", file=source)
+        raise InputError("--campaign applies only to a folder that discover wrote", file=source)
     if not found and len(effect or ()) < 2:
-        raise InputError("there have to be at least two models to average; give --effect for each, `none` for the "
+        raise InputError("averaging needs at least two models; give --effect for each, `none` for the "
                          "reference model alone", file=source)
     from ..measurement.package import read_campaign
     from ..posterior.stacking import average

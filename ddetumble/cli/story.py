@@ -10,13 +10,13 @@ from .places import open_folder
 from .progress import show_progress
 
 
-@command("demo", "The whole story on shipped data, with the report.", "demo -o demo")
+@command("demo", "Show the whole analysis on shipped data, with its report.", "demo -o demo")
 def tell_story(
     output: Annotated[Path, place("Folder for the report and its figures.")] = Path("ddetumble-demo"),
     overwrite: Overwrite = False,
 ):
-    """The whole story on shipped data: the paper's tables, a campaign with a hidden effect, and a strike planned with
-    what was found; writes the reports.
+    """Show the whole analysis on shipped data: the paper's tables, a campaign with a hidden effect, and a strike
+    planned with the model that was found. Writes the reports.
     """
     with open_folder(output, "demo", overwrite) as out:
         from ..demo import run_demo
@@ -24,13 +24,13 @@ def tell_story(
         run_demo(out.draft, lambda line: typer.echo(line.replace(str(out.draft), str(out.path))))
 
 
-@command("paper", "The paper beside the toolkit, contradiction by contradiction.", "paper -o paper")
+@command("paper", "Compare the paper with the toolkit, contradiction by contradiction.", "paper -o paper")
 def examine_paper(
     output: Annotated[Path, place("Folder for the figures and tables.")] = Path("ddetumble-paper"),
     overwrite: Overwrite = False,
 ):
-    """The paper beside the toolkit: each contradiction with its two numbers, each table and figure that the printed
-    data allow, and what they do not allow.
+    """Compare the paper with the toolkit: each contradiction with its two numbers, each table and figure that the
+    printed data allow, and what they do not allow.
     """
     lines: list[str] = []
     with open_folder(output, "paper", overwrite) as out, show_progress("comparing the paper with the toolkit"):

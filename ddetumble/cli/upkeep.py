@@ -11,34 +11,35 @@ from .places import open_folder
 from .progress import show_progress
 
 
-@command("exam", "Sealed exam of discover on simulated cases, with a scorecard.",
+@command("exam", "Run a blind exam of discover on simulated cases, with a scorecard.",
          "exam --family slip --cases 40 --seed 1 -o exam",
          "exam --family impact --cases 200 --truth nothing --noise ar1 -o nulls",
          "exam --family slip --cases 10 --truth nothing --bench proportional -o bench")
 def sit_exam(
     family: Annotated[str, option("NAME", "Family of records: impact, slip, oblique or tumble.")],
-    cases: Annotated[int, option("N", "How many cases.", min=1)],
+    cases: Annotated[int, option("N", "Number of cases.", min=1)],
     output: Annotated[Path, place("Folder for cases.jsonl, scorecard.json, report.html.")],
-    seed: Annotated[int, option("S", "Of everything that is drawn.")] = 0,
+    seed: Annotated[int, option("S", "Seed of everything that is drawn.")] = 0,
     first: Annotated[int, option("N", "Number of the first case.")] = 0,
     truth: Annotated[Texts, option("KIND", "Hide only this: nothing, one, two or outside; may be repeated.")] = None,
-    noise: Annotated[str, option("KIND", "white, ar1, or drawn: either.")] = "drawn",
+    noise: Annotated[str, option("KIND", "Kind of noise: white, ar1, or drawn (one of the two at random).")] = "drawn",
     fault: Annotated[
-        str, option("KIND", "none, clipping, drop-out, wrong-record, or drawn: one in a quarter.")] = "drawn",
+        str, option("KIND", "Fault in the data: none, clipping, drop-out, wrong-record, or drawn (in a quarter "
+                            "of the cases).")] = "drawn",
     bench: Annotated[str, option(
         "KIND", "stated: noise and settings are as the campaign says; drawn: they are not, in one or two ways; or one "
         "way: proportional, bursts, uneven-records, tails, coarse, wander, hum, time-stamps, where the family has it "
         "ringing, loose-settings, jitter, biased-setting, biased-gauge.")] = "stated",
     plan: Annotated[str, option(
         "KIND", "full, or few (with --truth nothing): 3 to 8 tests, often at one pressure, speed or load.")] = "full",
-    workers: Annotated[int | None, option("N", "Processes; as many as there are cores if not given.", min=1)] = None,
+    workers: Annotated[int | None, option("N", "Number of processes; if not given, that of the cores.", min=1)] = None,
     scheduler: Annotated[
-        str | None, option("ADDRESS", "Dask scheduler whose workers do the cases (ddetumble[cluster]).")] = None,
-    keep: Annotated[bool, typer.Option(help="Leave campaign, discovery and truth of every case in DIR/kept.")] = False,
+        str | None, option("ADDRESS", "Dask scheduler whose workers run the cases (ddetumble[cluster]).")] = None,
+    keep: Annotated[bool, typer.Option(help="Keep campaign, discovery and truth of every case in DIR/kept.")] = False,
     overwrite: Overwrite = False,
 ):
-    """Put discover to a sealed exam: hidden truths of known strength, simulated by a second implementation and judged
-    blind. Writes a scorecard; what stopped it, the same command goes on.
+    """Examine discover blind: hidden truths of known strength, simulated by a second implementation. Writes a
+    scorecard; if the command was stopped, the same command continues.
     """
     from ..exam.cases import TRUTHS, Exam
 
@@ -69,14 +70,14 @@ def trust(files: Annotated[list[Path], typer.Argument(metavar="FILE.py...", help
     """Allow Python files to be run that campaigns or saved models name: effects, models or kinds of tests of one's own.
 
     What you name on the command line or in Python yourself, or have saved, is allowed anyway, there and wherever it
-    is copied as it is. What came from elsewhere is not run before you say so here. DDETUMBLE_TRUST names the file that
-    keeps the list.
+    is copied unchanged. What comes from elsewhere is not run until you allow it here. DDETUMBLE_TRUST names the file
+    that keeps the list.
     """
     from .._user_files import find_trusted, trust_file
 
     for file in files:
         trust_file(file)
-    typer.echo(f"May be run: {', '.join(map(str, files))} (listed in {find_trusted()}).")
+    typer.echo(f"These files may now be run: {', '.join(map(str, files))} (listed in {find_trusted()}).")
 
 
 cache = typer.Typer(rich_markup_mode=None)
@@ -85,14 +86,14 @@ app.add_typer(cache, name="cache", epilog=show_examples("ddetumble cache clear")
 
 @cache.callback(invoke_without_command=True)
 def choose_action(context: typer.Context):
-    """Compiled programs kept on disk: show or clear them."""
+    """Show or clear the compiled programs kept on disk."""
     if context.invoked_subcommand is None:
         show_cache()
 
 
 @cache.command("show", epilog=show_examples("ddetumble cache show"))
 def show_cache():
-    """Say where compiled programs are kept, how many there are, and their size. DDETUMBLE_CACHE=off keeps none."""
+    """Show where compiled programs are kept, how many there are, and their size. DDETUMBLE_CACHE=off keeps none."""
     from .._settings import describe_cache
 
     typer.echo(describe_cache())
@@ -100,7 +101,7 @@ def show_cache():
 
 @cache.command("clear", epilog=show_examples("ddetumble cache clear"))
 def remove_cache():
-    """Remove all compiled programs; the next commands take longer and fill the cache again."""
+    """Remove all compiled programs; the next commands take longer and refill the cache."""
     from .._settings import clear_cache, find_cache
 
     count, size = clear_cache()

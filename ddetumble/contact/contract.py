@@ -29,10 +29,13 @@ from .sliding import CoulombFriction, FrictionLaw, RubberFriction, Slide
 from .torque import RigidBody, Spin, TumbleLaw
 
 
-TOLERANCE = 1e-10  # compiled against eager, batch against loop, relative to the largest value
-MOST = 12  # combinations of starts that are tried
-STEPS = 128  # of a trial impact, even
-ALIVE = 1e-9  # smallest change of a reading by a typical change of a parameter, relative to the largest reading
+# Compiled against eager, batch against loop, relative to the largest value: rounding, in another order of sums.
+TOLERANCE = 1e-10
+MOST = 12  # combinations of starts that are tried: more find nothing new, and each integrates an impact
+STEPS = 128  # of a trial impact, even: coarse, as the checks compare like with like
+# Smallest change of a reading by a typical change of a parameter, relative to the largest reading: above rounding,
+# below any gauge.
+ALIVE = 1e-9
 _MODELS = ("gas", "geometry", "damping", "rubber")  # what only a reference model can provide
 
 Readings = dict[str, Array]
@@ -77,7 +80,7 @@ class EffectReport:
     def __str__(self) -> str:
         width = max(len(check.name) for check in self.checks)
         lines = [f"{'ok    ' if c.ok else 'BROKEN'}  {c.name:<{width}}  {c.sentence}" for c in self.checks]
-        verdict = "keeps its contract" if self.ok else f"breaks its contract in {len(self.failures)} clauses"
+        verdict = "keeps its contract" if self.ok else f"breaks its contract (checks failed: {len(self.failures)})"
         return "\n".join([f"{self.effect} {verdict}", *lines])
 
 
@@ -316,16 +319,16 @@ def _check_limits(bench: Bench) -> Found:
     for one in bench.parameters:
         low, high = one.limits
         if not low < high:
-            return f"limits of {one.name} begin at {low:g} and end at {high:g}: give the lower first."
+            return f"the limits of {one.name} begin at {low:g} and end at {high:g}: give the lower first."
         if (low, high) == (-np.inf, np.inf):
             continue
         if not one.limits_reason.strip():
-            return f"limits of {one.name} have no reason: say why in `limits_reason`."
+            return f"the limits of {one.name} have no reason: give it in `limits_reason`."
         for value in map(one.transform.publish, (one.default, *one.starts)):
             if not low <= value <= high:
-                return f"limits of {one.name} leave out {value:g}, its null or a start of its fits."
+                return f"the limits of {one.name} exclude {value:g}, its null or a start of its fits."
         stated.append(f"{one.name} {low:g} to {high:g}")
-    return True, (", ".join(stated) or "none stated") + "."
+    return True, (", ".join(stated) or "no limits are stated") + "."
 
 
 def _check_flattening(bench: Bench) -> Found:
@@ -333,10 +336,10 @@ def _check_flattening(bench: Bench) -> Found:
     effect = bench.kind(**{p.field: v for p, v in zip(bench.parameters, bench.starts[0], strict=True)})
     leaves, structure = jax.tree.flatten(effect)
     if len(leaves) != len(bench.parameters):
-        return f"it has {len(leaves)} leaves and {len(bench.parameters)} parameters."
+        return f"it has {len(leaves)} leaves but {len(bench.parameters)} parameters."
     jax.tree.unflatten(structure, [object()] * len(leaves))  # JAX does this too
     same = bool(eqx.tree_equal(effect, jax.tree.unflatten(structure, leaves)))
-    return same, "flatten and unflatten keep it." if same else "flatten and unflatten change it."
+    return same, "it survives flattening and unflattening." if same else "flattening and unflattening change it."
 
 
 def _compare_eager(bench: Bench) -> Found:
@@ -353,8 +356,8 @@ def _count_traces(bench: Bench) -> Found:
     bench.run_one([int(v) if float(v).is_integer() else float(v) for v in bench.null], 0)
     bench.run_one(bench.starts[-1], -1)
     if bench.traces > before:
-        return "a new value compiles the program anew; `parameter(...)` makes a field an array, which does not."
-    return True, "new values meet the program that is there already."
+        return "a new value recompiles the program; declare the field by `parameter(...)`, which makes it an array."
+    return True, "new values reuse the compiled program."
 
 
 def _find_infinite(bench: Bench) -> Found:
@@ -387,7 +390,7 @@ def _compare_null(bench: Bench) -> Found:
                     where = ", ".join(f"{p.name} = {v:g}" for p, v in zip(bench.parameters, values, strict=True))
                     change = np.abs(extended[name] - bare[name]).max()
                     return f"the {name} changes by up to {change:.3g} [SI] at {where}."
-    return True, "every reading is that without it, to the last bit."
+    return True, "every reading equals that without the effect, to the last bit."
 
 
 def _find_slope(bench: Bench, k: int) -> Found:
@@ -407,10 +410,10 @@ def _find_slope(bench: Bench, k: int) -> Found:
             best = max(best, float(np.abs(slope).max() * one.typical / max(largest, 1e-300)))
     place = "over its starts" if scanned else "at its null"
     if best <= ALIVE:
-        remedy = "nothing reads it" if scanned else "let the law start linearly in its amplitude"
-        return f"no reading moves with it {place}: {remedy}."
+        remedy = "let the law use it" if scanned else "let the law start linearly in its amplitude"
+        return f"no reading depends on it {place}: {remedy}."
     change = f"{one.typical:g} {one.unit}".rstrip()
-    return True, f"a typical change ({change}) moves a reading by {best:.1e} of its largest value {place}."
+    return True, f"a typical change ({change}) changes a reading by {best:.1e} of its largest value {place}."
 
 
 def _compare(one: Mapping[str, Any], other: Mapping[str, Any]) -> Found:
@@ -432,7 +435,7 @@ def check_effect(
     effect_class: type[AbstractEffect], reference: AbstractModel | None = None,
     conditions: Mapping[str, Sequence[float]] | None = None,
 ) -> EffectReport:
-    """Prove by trial impacts, strokes or tumbling that an effect keeps the contract on which fits and discovery rely.
+    """Check by trial impacts, strokes or tumbling that an effect keeps the contract on which fits and discovery rely.
 
     The clauses are those of `CLAUSES`, and that every amplitude moves the readings at its null, every shape parameter
     (and every parameter whose null is singular: `coordinate="inverse"`, `singular=True`) somewhere over its starts.
@@ -468,7 +471,7 @@ def _explain(error: Exception) -> str:
     """One line about an exception, with the remedy for the commonest two."""
     text = (str(error).strip().splitlines() or [""])[0]
     if isinstance(error, jax.errors.TracerBoolConversionError):
-        return "Python's `if` or `and` meets a value known only when the program runs; write `jnp.where(...)` instead."
+        return "Python's `if` or `and` is used on a traced value, unknown at compilation; write `jnp.where(...)`."
     if isinstance(error, KeyError):
-        return f"it asks for {text}, which no record has; name the condition in `requires`."
+        return f"it reads {text}, which no record has; name the condition in `requires`."
     return f"{type(error).__name__}: {text}"

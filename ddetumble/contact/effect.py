@@ -244,9 +244,9 @@ class AbstractLaw(eqx.Module):
         if isinstance(effect, type) and issubclass(effect, AbstractEffect):
             effect = cast(Callable[[], AbstractEffect], effect)()
         if not isinstance(effect, AbstractEffect):
-            raise TypeError(f"a model is extended by effects; {effect!r} is none")
+            raise TypeError(f"a model is extended by effects; {effect!r} is not an effect")
         if effect.id in [own.id for own in self.effects]:
-            raise TypeError(f"the model has the effect {effect.id!r} already")
+            raise TypeError(f"the model already has the effect {effect.id!r}")
         return dc.replace(self, effects=(*self.effects, effect))
 
 

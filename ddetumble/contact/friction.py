@@ -79,5 +79,5 @@ def describe_range(load: float) -> str:
     if load > CHANGES_SIGN_AT:
         return f"a(F_n) of Eq. 10 is negative above {CHANGES_SIGN_AT:.1f} N, and the curve diverges with slip"
     if load > DIVERGES_ABOVE:
-        return f"the curve of Eqs. 9 and 10 diverges with slip from {DIVERGES_ABOVE:.1f} N on"
+        return f"the curve of Eqs. 9 and 10 diverges with slip above {DIVERGES_ABOVE:.1f} N"
     return ""

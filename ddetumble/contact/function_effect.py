@@ -54,7 +54,7 @@ def effect(stage: str, *, id: str = "", law: str = "", reference: str = "", requ
         TypeError: The arguments of the function are not state and parameters.
     """
     if stage not in STAGES:
-        raise ValueError(f"there is no stage {stage!r}; there are {', '.join(STAGES)}.")
+        raise ValueError(f"there is no stage {stage!r}; the stages are {', '.join(STAGES)}.")
 
     def decorate(function: Callable[..., Any]) -> type[Any]:
         name, text = function.__name__, inspect.getdoc(function) or ""

@@ -93,19 +93,21 @@ class Striker(AbstractModel):
     ball: AbstractReference
     friction: AbstractFriction
     tangential_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                        bounds=(1e-2, 1e2), text="mass felt along the plate",
-                                        limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
+                                        bounds=(1e-2, 1e2), text="effective mass along the plate",
+                                        limits=(1e-3, 1e5), limits_reason="from a drop test with one gram to a "
+                                                                          "spacecraft")
     rolling_mass: Scalar = parameter("kg", 0.5, kind="reference", typical=0.2, coordinate="log", bounds=(0.0, jnp.inf),
                                      free=False, text="moment of inertia of the turning ball over its height squared",
-                                     limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
+                                     limits=(1e-3, 1e5), limits_reason="from a drop test with one gram to a spacecraft")
     creep_speed: Scalar = parameter("m/s", 0.01, kind="reference", typical=0.005, coordinate="log",
                                     bounds=(1e-5, 10.0), free=False, text="speed below which the patch creeps",
-                                    limits=(1e-6, 1.0), limits_reason="far below the speed of sliding")
+                                    limits=(1e-6, 1.0), limits_reason="it must be far below the speed of sliding")
     family: ClassVar[str] = "oblique"
 
     def __check_init__(self):
         if not isinstance(self.ball, AbstractReference) or not isinstance(self.friction, AbstractFriction):
-            raise TypeError("`Striker(ball, friction)` takes a normal model and a friction model, in this order; it is "
+            raise TypeError("`Striker(ball, friction)` takes a normal model and a friction model, in this order; it "
+                            "was "
                             f"given a {type(self.ball).__name__} and a {type(self.friction).__name__}.")
 
     @property
@@ -118,7 +120,7 @@ class Striker(AbstractModel):
         listed = effects if isinstance(effects, (tuple, list)) else None
         wrong = [effects] if listed is None else [e for e in listed if not isinstance(e, AbstractEffect)]
         if wrong:
-            raise TypeError("`extend` takes a tuple of effects, such as `(TangentialCompliance(5e-5),)`; it is given "
+            raise TypeError("`extend` takes a tuple of effects, such as `(TangentialCompliance(5e-5),)`; it was given "
                             f"{wrong[0]!r:.60}.")
         return StrikeLaw(self, effects)
 

@@ -77,8 +77,9 @@ class AbstractDamped(AbstractReference):
     """A reference model with a mass and a coefficient of restitution, which Hunt-Crossley damping realises exactly."""
 
     effective_mass: Scalar = parameter("kg", 1.2, kind="reference", typical=1.0, coordinate="log",
-                                       bounds=(0.0, jnp.inf), text="mass felt along the normal",
-                                       limits=(1e-3, 1e5), limits_reason="a drop test of a gram to a spacecraft")
+                                       bounds=(0.0, jnp.inf), text="effective mass along the normal",
+                                       limits=(1e-3, 1e5), limits_reason="from a drop test with one gram to a "
+                                                                         "spacecraft")
     restitution: Scalar = parameter("", 0.7, kind="reference", typical=0.3, coordinate="logit",
                                     bounds=RESTITUTIONS, text="coefficient of restitution",
                                     limits=(0.0, 1.0), limits_reason="a passive contact returns no more than it takes")
@@ -107,11 +108,13 @@ class Ball(AbstractDamped):
     """
 
     outer_diameter: Scalar = parameter("m", 0.060, kind="reference", typical=0.01, coordinate="log",
-                                       bounds=(0.0, jnp.inf), free=False, text="ball before deformation",
-                                       limits=(1e-3, 10.0), limits_reason="a ball of a millimetre to one of ten metres")
+                                       bounds=(0.0, jnp.inf), free=False, text="diameter of the ball before "
+                                                                               "deformation",
+                                       limits=(1e-3, 10.0), limits_reason="from a ball of a millimetre to one of ten "
+                                                                          "metres")
     contact_radius_coefficient: Scalar = parameter(
         "", jnp.pi / 4, kind="reference", typical=0.3, coordinate="log", bounds=(0.0, jnp.inf), free=False,
-        text="b over depression", limits=(0.1, 3.0),
+        text="contact radius b over depression", limits=(0.1, 3.0),
         limits_reason="1/4 as printed, pi/4 for a constant perimeter; a patch is no wider than the ball")
     volume_coefficient: float | None = eqx.field(static=True, default=None)
     doubled_core: bool = eqx.field(static=True, default=False)
@@ -158,7 +161,8 @@ class PowerLaw(AbstractDamped):
 
     stiffness_force: Scalar = parameter("N", 100.0, kind="reference", typical=50.0, coordinate="log",
                                         bounds=(0.0, jnp.inf), text="elastic force at 10 mm", limits=(1e-6, 1e6),
-                                        limits_reason="it resists; 10 mm of foam to 10 mm of a vehicle buffer")
+                                        limits_reason="a passive body resists; 10 mm of foam to 10 mm of a vehicle "
+                                                      "buffer")
     exponent: Scalar = parameter("", 1.5, kind="reference", typical=0.5, coordinate="log", bounds=(0.5, 6.0),
                                  text="power of the depression", limits=(0.5, 5.0),
                                  limits_reason="a dimple of a thin shell 1/2, Hertz 3/2, a cone 2, a membrane 3, foam "

@@ -98,18 +98,18 @@ class AbstractRubberFriction(AbstractFriction):
         limits=(0.0, 20.0), limits_reason="20 would be a coefficient of friction of 1.2 at a loss factor of 0.15")
     loss_factor: Scalar = parameter("", 0.15, kind="reference", typical=0.1, coordinate="log", bounds=(0.0, jnp.inf),
                                     text="tan of the loss angle", limits=(0.0, 3.0),
-                                    limits_reason="rubber has 0.05 to 0.3, at its glass transition 3")
+                                    limits_reason="rubber has 0.05 to 0.3, and 3 at its glass transition")
     tensile_strength: Scalar = parameter("Pa", 10e6, kind="reference", typical=1e6, coordinate="log",
                                          bounds=(0.0, jnp.inf), free=False, text="sigma_0 of Eq. 8",
-                                         limits=(1e4, 1e9), limits_reason="a gel to a stiff plastic")
+                                         limits=(1e4, 1e9), limits_reason="from a gel to a stiff plastic")
     real_contact_pressure: Scalar = parameter("Pa", 20e6, kind="reference", typical=2e6, coordinate="log",
                                               bounds=(0.0, jnp.inf), free=False, text="p_r of Eq. 8",
-                                              limits=(1e4, 1e10), limits_reason="a gel to the hardness of steel")
+                                              limits=(1e4, 1e10), limits_reason="from a gel to the hardness of steel")
     elastic_modulus: Scalar = parameter("Pa", 7.8e6, kind="reference", typical=1e6, coordinate="log",
-                                        bounds=(0.0, jnp.inf), free=False, text="E of the rubber",
-                                        limits=(1e4, 1e10), limits_reason="a gel to a stiff plastic")
+                                        bounds=(0.0, jnp.inf), free=False, text="Young's modulus E of the rubber",
+                                        limits=(1e4, 1e10), limits_reason="from a gel to a stiff plastic")
     poisson_ratio: Scalar = parameter("", 0.47, kind="reference", typical=0.05, bounds=(-1.0, 0.5), free=False,
-                                      text="of the rubber",
+                                      text="Poisson's ratio of the rubber",
                                       limits=(-1.0, 0.5), limits_reason="an isotropic solid is stable within these")
     provides: ClassVar[tuple[str, ...]] = ("rubber",)
 
@@ -129,7 +129,7 @@ class RubberFriction(AbstractRubberFriction):
 
     slip_scale: Scalar = parameter("", 1.0, kind="reference", typical=0.3, text="factor on the slip term",
                                    limits=(0.0, 10.0),
-                                   limits_reason="Eq. 10 as printed is 1; slip does not drive itself")
+                                   limits_reason="Eq. 10 as printed has 1; friction does not drive the slip")
     printed: bool = eqx.field(static=True, default=False)
     valid: ClassVar[Mapping[str, tuple[float, float]]] = {"normal_load": (0.0, DIVERGES_ABOVE)}
 
@@ -145,11 +145,12 @@ class AdhesionHysteresis(AbstractRubberFriction):
 
 @final
 class CoulombFriction(AbstractFriction):
-    """A constant coefficient: the plainest model that a measurement can be held against."""
+    r"""A constant coefficient of friction, $f = \mu F_n$: the simplest model to compare a measurement with."""
 
     friction_coefficient: Scalar = parameter("", 0.3, kind="reference", typical=0.1, coordinate="log",
                                              bounds=(0.0, jnp.inf), text="friction over load", limits=(0.0, 10.0),
-                                             limits_reason="lubricated 0.01, dry rubber 1 to 4, the softest some 10")
+                                             limits_reason="0.01 if lubricated, dry rubber 1 to 4, the softest about "
+                                                           "10")
     provides: ClassVar[tuple[str, ...]] = ("rubber",)
 
     def rubber(self, slide: Slide) -> Scalar:

@@ -114,7 +114,7 @@ class RigidBody(AbstractModel):
                                       limits_reason="a body of revolution: a thin rod has 0, a flat disc 2")
     orbit_rate: Scalar = parameter("rad/s", 0.0, kind="reference", typical=1e-3, free=False,
                                    text="angular velocity of the orbit", limits=(0.0, 2e-3),
-                                   limits_reason="at the surface of a planet as dense as the Earth 1.24e-3")
+                                   limits_reason="1.24e-3 at the surface of a planet as dense as the Earth")
     family: ClassVar[str] = "tumble"
 
     def moments(self) -> Vector:

@@ -123,7 +123,7 @@ class HollowCylinder(AbstractBody):
 
 @final
 class Box(AbstractBody):
-    """Cuboid.
+    """Solid cuboid.
 
     Attributes:
         mass: [kg].
@@ -135,7 +135,7 @@ class Box(AbstractBody):
 
     def __check_init__(self):
         if np.shape(self.lengths) != (3,):
-            raise InputError(f"lengths of a Box must be three [m]; got the shape {np.shape(self.lengths)}")
+            raise InputError(f"a Box must have three lengths [m]; got the shape {np.shape(self.lengths)}")
 
     def inertia(self) -> Array:
         r"""$I_x = m (l_y^2 + l_z^2)/12$ and so on, shape (3, 3) [kg m²]."""
@@ -224,13 +224,13 @@ def read_mesh(file: str | Path, mass: Any, scale: Any = 1.0) -> Mesh:
     except ImportError:
         raise InputError('reading a mesh needs trimesh; install it with pip install "ddetumble[meshes]"') from None
     if not Path(file).is_file():
-        raise InputError("no such file", file=file)
+        raise InputError("this file does not exist", file=file)
     try:
         loaded = trimesh.load(str(file), force="mesh")
         loaded.merge_vertices()
         vertices, faces = np.asarray(loaded.vertices, dtype=float), np.asarray(loaded.faces)
     except Exception as problem:  # whatever its readers raise for a damaged file
-        raise InputError(f"trimesh cannot read a mesh from it ({problem})", file=file) from None
+        raise InputError(f"trimesh cannot read a mesh from this file ({problem})", file=file) from None
     try:
         return Mesh(mass, scale * vertices, faces)
     except InputError as problem:
@@ -246,7 +246,8 @@ def check_faces(faces: np.ndarray, shape: tuple[int, ...]) -> None:
         raise InputError(f"a mesh needs vertices of shape (vertices, 3) and faces of shape (faces, 3); got {shape} and "
                          f"{faces.shape}")
     if not np.issubdtype(faces.dtype, np.integer) or faces.min() < 0 or faces.max() >= shape[0]:
-        raise InputError(f"faces of a mesh must be whole numbers from 0 to {shape[0] - 1}, the rows of its vertices")
+        raise InputError(f"the faces of a mesh must be whole numbers from 0 to {shape[0] - 1}, the rows of its "
+                         f"vertices")
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     forward, backward = edges @ [shape[0], 1], edges @ [1, shape[0]]
     wrong = ~np.isin(forward, backward)
@@ -254,4 +255,4 @@ def check_faces(faces: np.ndarray, shape: tuple[int, ...]) -> None:
     if wrong.any() or doubled:
         count = int(wrong.sum()) + doubled
         raise InputError(f"a mesh must be closed, each edge shared by two faces of the same sense; {count} of its "
-                         f"{len(edges)} edges are not: close its holes, or make the sense the same everywhere")
+                         f"{len(edges)} edges are not: close its holes, or give all faces the same sense")

@@ -38,12 +38,14 @@ from .impact import measure_error
 from .surfaces import Debris
 
 
-RTOL, ATOL = 1e-9, 1e-11
-MAX_STEPS = 2048
-SPAN = 1.0  # s, after which a contact that has not ended is given up
-RELAXATION = 2e-5  # s, of a compliant patch
-PROBE = 5e-3  # m, depression at which the stiffness is estimated
-SHARES = 0.5 - 0.5 * np.cos(np.pi * np.arange(49) / 48)  # of the contact at which its course is read
+RTOL, ATOL = 1e-9, 1e-11  # finer than for records: the planner's gradients are compared with differences
+MAX_STEPS = 2048  # more than a plain impact has, as the tangential motion may stick and slip
+SPAN = 1.0  # s, after which a contact that has not ended is given up: long against any strike
+# S, of a compliant patch: a thousandth of a contact, so that it follows, and not too stiff to integrate.
+RELAXATION = 2e-5
+PROBE = 5e-3  # m, depression at which the stiffness is estimated: within a usual strike
+# Of the contact at which its course is read, denser at its ends, where it changes fastest.
+SHARES = 0.5 - 0.5 * np.cos(np.pi * np.arange(49) / 48)
 
 
 @final
@@ -288,8 +290,8 @@ def simulate_collision(law: StrikeLaw | Striker, debris: Debris, attitude: Any, 
                      jnp.asarray(relaxation, dtype=float), solver, adjoint, (jnp.asarray(rtol), jnp.asarray(atol)),
                      max_steps)
     if is_known(found.approach_speed) and np.ndim(found.approach_speed) == 0 and not float(found.approach_speed) > 0:
-        raise InputError(f"collide: the ball does not approach the surface there (by {float(found.approach_speed):.3g} "
-                         "m/s along the normal); its velocity must point into the debris faster than that recedes")
+        raise InputError(f"collide: the ball does not approach the surface there (its speed along the normal is "
+                         f"{float(found.approach_speed):.3g} m/s); it must approach faster than the surface recedes")
     return found
 
 

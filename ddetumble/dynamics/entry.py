@@ -24,7 +24,7 @@ def read_law(law: Any, kind: type[Law], example: str, verb: str) -> tuple[Law, t
     """
     found = law.extend(()) if isinstance(law, AbstractModel) else law
     if not isinstance(found, kind):
-        raise InputError(f"{verb} needs {example}; it is given a {type(law).__name__}")
+        raise InputError(f"{verb} needs {example}; it was given a {type(law).__name__}")
     return found, (("initial_pressure",) if "gas" in found.reference.provides else ())
 
 
@@ -36,7 +36,7 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
     """
     missing = [name for name in needs if name not in conditions]
     if missing:
-        raise InputError(f"{verb} needs the condition {missing[0]!r}; it is given {', '.join(conditions) or 'none'}")
+        raise InputError(f"{verb} needs the condition {missing[0]!r}; it was given {', '.join(conditions) or 'none'}")
     found = {}
     for name, value in conditions.items():
         try:
@@ -44,7 +44,7 @@ def read_conditions(conditions: Mapping[str, Any], needs: Sequence[str], verb: s
         except (TypeError, ValueError):
             raise InputError(f"{verb}: {name} must be a number in SI units; got {value!r}") from None
         if array.ndim and not name.startswith(PLAN):
-            raise InputError(f"{verb}: {name} has shape {array.shape}, and one impact has one value; batch impacts by "
+            raise InputError(f"{verb}: {name} has shape {array.shape}, but one impact has one value; batch impacts by "
                              "jax.vmap")
         if is_known(array) and not np.all(np.isfinite(array)):
             raise InputError(f"{verb}: {name} is {float(np.ravel(array)[np.argmin(np.isfinite(array))])}")
@@ -59,7 +59,7 @@ def read_times(times: Any, verb: str) -> Array:
     except (TypeError, ValueError):
         raise InputError(f"{verb}: times must be numbers in seconds; got {type(times).__name__}") from None
     if array.ndim != 1 or array.shape[0] == 0:
-        raise InputError(f"{verb}: times must be one-dimensional with one time at least; their shape is {array.shape}")
+        raise InputError(f"{verb}: times must be one-dimensional with at least one time; their shape is {array.shape}")
     if is_known(array) and not np.isfinite(array).all():
         raise InputError(f"{verb}: time number {int(np.argmin(np.isfinite(array))) + 1} is not a number")
     return array

@@ -18,10 +18,15 @@ from .elliptic import SMALLEST, first_kind, integrate_pulses, jacobi, quarter_pe
 from .rigid import Tumble, read_start
 
 
-EQUAL = 1e-8  # relative difference below which two moments count as equal in derivatives by the inertia tensor
-SHORT = 1e-3  # square of the elliptic argument below which its Taylor series is used
-NARROW = 1e-2  # complement below which the integral is summed over pulses, not over harmonics
-_HARMONICS, _SAMPLES = 30, 64
+# Relative difference below which two moments count as equal in derivatives by the inertia tensor: differences are lost
+# in rounding there.
+EQUAL = 1e-8
+# Square of the elliptic argument below which its Taylor series is used: larger, the series errs; smaller, the general
+# formula loses digits.
+SHORT = 1e-3
+# Complement below which the integral is summed over pulses, not over harmonics, which converge slowly there.
+NARROW = 1e-2
+_HARMONICS, _SAMPLES = 30, 64  # and samples of a period: for the series above that complement; more only cost time
 _NODES, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(6), (1.0, 0.0), strict=True))
 _ORDER = np.arange(1, _HARMONICS + 1)
 _PHASES = 2.0 * np.pi * np.outer(_ORDER, np.arange(_SAMPLES)) / _SAMPLES
@@ -36,7 +41,7 @@ _FIRST, _SECOND = np.array([1, 2, 0]), np.array([2, 0, 1])  # the axes that each
 
 
 def propagate_torque_free(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -> Tumble:
-    r"""Motion without torque, in closed form for any inertia tensor.
+    r"""Propagate torque-free motion, $I\dot\omega + \omega \times I\omega = 0$, in closed form for any inertia tensor.
 
     With principal moments $A_1, A_2, A_3$ in order and $s, c, d$ Jacobi's functions of $p t$,
     $p^2 = (L^2 - 2 E A_1)(A_3 - A_2)/(A_1 A_2 A_3)$:

@@ -19,13 +19,14 @@ from .entry import read_conditions, read_law, read_times, refuse_values
 
 
 CHANNELS = ("normal_force", "depression", "pressure")
-RTOL, ATOL = 5e-8, 5e-10
-MAX_STEPS = 256
+RTOL, ATOL = 5e-8, 5e-10  # relative and absolute: errors far below the noise of any gauge; tighter only costs steps
+MAX_STEPS = 256  # larger follows stiffer contacts before it gives up, at the price of memory
 
 
+# Fractions of the contact, denser at its ends, and of the time after it, denser at separation, as sensors change there.
 _CONTACT_GRID = 0.5 - 0.5 * np.cos(np.pi * np.arange(65) / 64)
 # Steps of the classical Runge-Kutta method and the rate after them: reach, weight, whether a step ends.
-_SUBSTEPS = 8
+_SUBSTEPS = 8  # more are finer and slower
 _STAGES = tuple(np.append(np.tile(column, _SUBSTEPS), 0.0) for column in (
     np.array([0, 0.5, 0.5, 1]), np.array([1, 2, 2, 1]) / 6.0, np.array([0, 0, 0, 1.0])))
 _FORCE_GRID = np.concatenate([_CONTACT_GRID, 0.5 * (_CONTACT_GRID[1:] + _CONTACT_GRID[:-1])])

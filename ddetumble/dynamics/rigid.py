@@ -14,7 +14,7 @@ from .._rotation import rotate
 
 @final
 class Tumble(eqx.Module):
-    """Attitude motion at the wanted times.
+    r"""Attitude motion $q(t), \omega(t)$ at the wanted times.
 
     Attributes:
         time: shape (times,) [s].
@@ -88,13 +88,13 @@ def read_start(inertia: Any, attitude: Any, angular_velocity: Any, times: Any) -
     if is_known(inertia):
         check_inertia(np.asarray(inertia, dtype=float))
     if is_known(attitude) and not np.any(np.asarray(attitude)):
-        raise InputError("attitude must be a quaternion that is not zero; (1, 0, 0, 0) is no turn")
+        raise InputError("attitude must be a non-zero quaternion; (1, 0, 0, 0) is no rotation")
     if np.ndim(times) != 1 or not np.size(times):
         raise InputError(f"times must be a row of at least one time; got the shape {np.shape(times)}")
     if is_known(times):
         known = np.asarray(times, dtype=float)
         if not np.all(np.isfinite(known)) or np.any(np.diff(known) < 0):
-            raise InputError("times must be finite and ascend [s]")
+            raise InputError("times must be finite and ascending [s]")
     quaternion = jnp.asarray(attitude, dtype=float)
     return (to_tensor(inertia), quaternion / jnp.linalg.norm(quaternion),
             jnp.asarray(angular_velocity, dtype=float), jnp.asarray(times, dtype=float))

@@ -13,7 +13,7 @@ from ..contact.effect import Scalar
 from ..contact.sliding import FrictionLaw, Slide
 
 
-SUBSTEPS = 2  # of the Runge-Kutta method between two samples
+SUBSTEPS = 2  # of the Runge-Kutta method between two samples: friction states change over many samples, so that two do
 
 
 @final

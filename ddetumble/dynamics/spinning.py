@@ -14,7 +14,9 @@ from .._rotation import from_rotation_vector, normalise, rotate_back, turn
 from ..contact.torque import Spin, TumbleLaw
 
 
-STEP = 0.8  # rad, by which a body turns at most in one step of the mesh
+# Rad, by which a body turns at most in one step of the mesh: larger, the method of order 8 errs; smaller, it takes more
+# steps.
+STEP = 0.8
 RATES = ("angular_velocity_x", "angular_velocity_y", "angular_velocity_z")
 ATTITUDES = ("attitude_w", "attitude_x", "attitude_y", "attitude_z", *(f"attitude_{k}" for k in range(4)))
 START = ("angular_velocity_x0", "angular_velocity_y0", "angular_velocity_z0")

@@ -25,12 +25,12 @@ from .entry import read_conditions, read_law, read_times, refuse_values
 from .impact import ATOL, MAX_STEPS, RTOL, AbstractImpact, Course, follow, read_motion
 
 
-INTERVALS = 160  # steps of the tangential motion over the contact
+INTERVALS = 160  # steps of the tangential motion over the contact: stick and slip change a few times in it
 GAMMA = 0.43586652150845899942  # root of x**3 - 3 x**2 + 3 x/2 - 1/6
 _MIDDLE = 0.5 * (1.0 + GAMMA)  # where the second stage is; the third is at the end of the step
 _FIRST, _SECOND = -0.25 * (6.0 * GAMMA**2 - 16.0 * GAMMA + 1.0), 0.25 * (6.0 * GAMMA**2 - 20.0 * GAMMA + 5.0)
 _NEXT = (_MIDDLE - GAMMA, _SECOND, GAMMA)  # weight of each stage's rate in what the next one starts from
-NODES = 97  # at which the normal motion is read, over the contact
+NODES = 97  # at which the normal motion is read, over the contact: it is smooth, and read by interpolation
 
 
 @final

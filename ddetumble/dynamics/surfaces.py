@@ -18,7 +18,7 @@ from .bodies import AbstractBody, Box, Cylinder, Mesh, Sphere, check_faces, inte
 from .rigid import check_inertia
 
 
-FAR = 1e6  # m, distance to an edge where there is none
+FAR = 1e6  # m, distance to an edge where there is none: beyond every body, so that no limit on it binds
 
 
 @final
@@ -224,7 +224,7 @@ def merge_faces(vertices: Any, faces: Any) -> Polytope:
 
 @final
 class Debris(eqx.Module):
-    """What is struck: a rigid body and its surface.
+    """The debris that is struck: a rigid body and its surface.
 
     Attributes:
         mass: [kg].
@@ -239,7 +239,7 @@ class Debris(eqx.Module):
     def __check_init__(self):
         if is_known((self.mass, self.inertia)) and np.ndim(self.mass) == 0:
             if not float(self.mass) > 0:
-                raise InputError(f"mass of debris must be positive [kg]; got {float(self.mass):g}")
+                raise InputError(f"the mass of the debris must be positive [kg]; got {float(self.mass):g}")
             check_inertia(np.asarray(self.inertia))
 
 
@@ -261,6 +261,7 @@ def make_debris(body: AbstractBody) -> Debris:
         centre = integrate_mesh(body.vertices, body.faces)[1]
         surface = merge_faces(np.asarray(body.vertices) - np.asarray(centre), body.faces)
     else:
-        raise InputError(f"a {type(body).__name__} cannot be struck: its surface is not known; there are Cylinder, "
-                         "Sphere, Box and convex Mesh")
+        raise InputError(f"a {type(body).__name__} cannot be struck, because its surface is not defined; use a "
+                         f"Cylinder, "
+                         "Sphere, Box or convex Mesh")
     return Debris(body.mass, body.inertia(), surface)

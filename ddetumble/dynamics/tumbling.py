@@ -14,8 +14,8 @@ from .._rotation import normalise, turn
 from .rigid import Tumble, accelerate, read_start
 
 
-RTOL, ATOL = 1e-14, 1e-14
-MAX_STEPS = 1_000_000
+RTOL, ATOL = 1e-14, 1e-14  # near rounding: the integrator is the reference that the closed form is compared with
+MAX_STEPS = 1_000_000  # large, so that it ends only what would not end
 
 Torque = Callable[[Array, Array, Array], Array]
 

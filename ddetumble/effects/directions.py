@@ -24,7 +24,9 @@ from ..contact.function_effect import declare_function
 
 Directions = tuple[type[AbstractEffect], ...]
 
-SPAN = 1000.0  # s in which the amplitudes of what grows on tumbling records count
+# S in which the amplitudes of what grows on tumbling records count: of the order of a record's length, so that they are
+# sizes at its end.
+SPAN = 1000.0
 SHARE = parameter("", typical=0.05, starts=(0.05,))
 FORCE = parameter("N", typical=1.0, starts=(0.5,))
 WAVE = parameter("", typical=0.02, starts=(0.01,))

@@ -38,10 +38,10 @@ from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, Slide
 from ..contact.torque import AbstractTorque, Spin
 
 
-COUNT = 48  # splines that one program holds
-LAWS = 2  # simple laws that one program holds
-HARMONICS = 6  # of a sawtooth
-TURN = 0.02  # m/s, rate over which loading turns into unloading
+COUNT = 48  # splines that one program holds: the finest term needs 45 and some for its degree
+LAWS = 2  # simple laws that one program holds: laws are tried alone and in pairs
+HARMONICS = 6  # of a sawtooth: fewer round its edge, more ripple within a sample's spacing
+TURN = 0.02  # m/s, rate over which loading turns into unloading: far below approach speeds, yet smooth to integrate
 FORMS = ("power", "signed power", "sine", "sawtooth", "decay", "saturation")
 PLAN = "free-term"  # prefix of the arrays that come with the records
 

@@ -27,9 +27,10 @@ from ..contact.signal import Signal, lag, low_pass
 
 
 WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
-REFERENCE_SPEED = 0.4  # m/s
-REFERENCE_PRESSURE = 1e6  # Pa
-UNLOADING_SPEED = 5e-3  # width of the change from loading to unloading [m/s]
+REFERENCE_SPEED = 0.4  # m/s, of the paper's tests, so that amplitudes are sizes at its conditions
+REFERENCE_PRESSURE = 1e6  # Pa, within the paper's 0 to 2.5 MPa, so that amplitudes are sizes at its conditions
+# M/s, width of the change from loading to unloading: about 1 % of the paper's approach speed, yet smooth to integrate.
+UNLOADING_SPEED = 5e-3
 
 
 @final
@@ -103,7 +104,7 @@ class WallStiffness(AbstractElasticEffect):
 
     k_w: Scalar = parameter("N/m^q", 0.0, typical=1000.0, sign=1, starts=(1000.0,), text="stiffness of the wall",
                             limits=(0.0, float("inf")),
-                            limits_reason="it resists; how stiff a wall may be has no bound, and the unit changes "
+                            limits_reason="a wall resists; its stiffness has no upper bound, and the unit changes "
                                           "with q")
     q: Scalar = parameter("", 1.0, kind="shape", typical=0.5, bounds=(0.5, 4.0), coordinate="log", free=False,
                           text="power of the depression", limits=(0.5, 3.0),
@@ -160,7 +161,7 @@ class ViscoelasticWall(AbstractContactForce, AbstractStatefulEffect):
 
     k_v: Scalar = parameter("N/m", 0.0, typical=2000.0, sign=1, starts=(1500.0,),
                             text="stiffness of the Maxwell branch", limits=(0.0, 1e6),
-                            limits_reason="it resists; at 1e6 N/m one millimetre would take a kilonewton")
+                            limits_reason="a passive branch resists; at 1e6 N/m one millimetre would take a kilonewton")
     tau: Scalar = parameter("s", 5e-3, kind="shape", typical=3e-3, bounds=(5e-4, 2.0), coordinate="log",
                             starts=(1.5e-3, 6e-3, 2.5e-2), text="relaxation time",
                             limits=(1e-6, 1e4), limits_reason="rubber relaxes over microseconds to hours")
@@ -191,7 +192,7 @@ class ViscousDashpot(AbstractContactForce):
 
     c_v: Scalar = parameter(
         "N s/m", 0.0, typical=5.0, sign=1, starts=(5.0,), text="dashpot constant", limits=(0.0, 1e3),
-        limits_reason="it resists; 1.2 kg on 1e4 N/m, damped by more than 220 N s/m, would not rebound")
+        limits_reason="a dashpot resists; 1.2 kg on 1e4 N/m with more than 220 N s/m would not rebound")
     id: ClassVar[str] = "viscous-dashpot"
     law: ClassVar[str] = "F_n gains c_v w in contact"
     reference: ClassVar[str] = "Kelvin-Voigt contact; the force jumps at first touch"
@@ -207,10 +208,11 @@ class StressSoftening(AbstractStiffnessEffect):
 
     sigma_m: Scalar = parameter("", 0.0, typical=0.1, sign=1, bounds=(-1.0, 0.95), starts=(0.1,),
                                 text="share of the stiffness lost in a long series", limits=(0.0, 0.9),
-                                limits_reason="filled rubber loses up to some nine tenths of its stiffness (Mullins)")
+                                limits_reason="filled rubber loses up to about nine tenths of its stiffness (Mullins)")
     j_0: Scalar = parameter("", 3.0, kind="shape", typical=2.0, bounds=(0.1, 300.0), coordinate="log",
-                            starts=(1.5, 5.0, 15.0), text="impacts until it has softened by 63 %", limits=(0.3, 100.0),
-                            limits_reason="rubber softens in the first few impacts, within some tens at the latest")
+                            starts=(1.5, 5.0, 15.0), text="number of impacts until it has softened by 63 %",
+                            limits=(0.3, 100.0),
+                            limits_reason="rubber softens in the first few impacts, within a few tens at the latest")
     id: ClassVar[str] = "stress-softening"
     law: ClassVar[str] = "F_k times 1 - sigma_m (1 - exp(-(j - 1)/j_0)) at the j-th impact of a series"
     reference: ClassVar[str] = "Mullins effect of filled rubber"
@@ -228,7 +230,7 @@ class ArmServo(AbstractDriveEffect):
 
     k_s: Scalar = parameter("N/m", 0.0, typical=200.0, sign=1, starts=(200.0,), text="stiffness of the arm's servo",
                             limits=(0.0, 1e6),
-                            limits_reason="it follows its command; the stiffest arms reach some 1e6 N/m")
+                            limits_reason="a servo follows its command; the stiffest arms reach about 1e6 N/m")
     id: ClassVar[str] = "arm-servo"
     law: ClassVar[str] = "m_eff dw/dt gains k_s (v1 t - delta)"
     reference: ClassVar[str] = "position-controlled arm; what so long an impact needs, row 9 of `ddetumble paper`"
@@ -261,7 +263,7 @@ class PressureDependentRestitution(AbstractRestitutionEffect):
 
     p: Scalar = parameter("", 0.0, typical=0.1, bounds=(-2.0, 2.0), starts=(0.1,), text="power of the pressure",
                           limits=(-1.0, 1.0),
-                          limits_reason="at 1 restitution falls as 1/pressure, 2.5 times from 1 to 2.5 MPa")
+                          limits_reason="at 1 it falls as 1/pressure, by a factor of 2.5 from 1 to 2.5 MPa")
     id: ClassVar[str] = "pressure-dependent-restitution"
     law: ClassVar[str] = "e = e0 (P0 / 1 MPa)^(-p)"
     reference: ClassVar[str] = "the share of the wall in the losses changes with inflation"
@@ -296,7 +298,7 @@ class SensorLag(AbstractSensorEffect):
 
     T: Scalar = parameter("s", 0.0, typical=5e-4, sign=1, bounds=(-1e-4, 0.5), starts=(8e-4,), text="time constant",
                           limits=(0.0, 0.05),
-                          limits_reason="a gauge slower than an impact, some 50 ms, does not show one")
+                          limits_reason="a gauge slower than an impact, about 50 ms, does not show one")
     id: ClassVar[str] = "sensor-lag"
     law: ClassVar[str] = "T dF_m/dt = F - F_m"
     reference: ClassVar[str] = "first-order sensor or anti-aliasing filter"
@@ -312,7 +314,7 @@ class SensorGain(AbstractSensorEffect):
     r"""Wrong calibration: measured $= g F$."""
 
     g: Scalar = parameter("", 1.0, typical=0.05, bounds=(0.05, 20.0), starts=(1.05,), text="gain",
-                          limits=(0.5, 2.0), limits_reason="further off it is a wrong unit or range, not a calibration")
+                          limits=(0.5, 2.0), limits_reason="beyond these it is a wrong unit or range")
     id: ClassVar[str] = "sensor-gain"
     law: ClassVar[str] = "measured = g F"
     reference: ClassVar[str] = "calibration of the force gauge"
@@ -328,7 +330,7 @@ class Adhesion(AbstractSurfaceForce):
     r"""The disc sticks while it unloads: $F_n$ loses $\tau_a \pi b^2 \cdot \frac12 (1 - \tanh(w/5\,\mathrm{mm/s}))$."""
 
     tau_a: Scalar = parameter("Pa", 0.0, typical=2e4, sign=1, starts=(2e4,), text="adhesive stress",
-                              limits=(0.0, 1e6), limits_reason="tack of rubber is some 0.1 to 1 MPa")
+                              limits=(0.0, 1e6), limits_reason="the tack of rubber is about 0.1 to 1 MPa")
     id: ClassVar[str] = "adhesion"
     law: ClassVar[str] = "F_n loses tau_a pi b^2 (1 - tanh(w / 5 mm/s))/2: tension is possible"
     reference: ClassVar[str] = "adhesion hysteresis of rubber: work is needed to separate, none is gained in touching"

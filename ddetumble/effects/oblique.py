@@ -14,7 +14,7 @@ class TangentialCompliance(AbstractComplianceEffect):
 
     compliance: Scalar = parameter("m/N", 0.0, typical=5e-5, sign=1, starts=(2e-5, 1e-4), bounds=(0.0, 1.0),
                                    singular=True, text="tangential compliance of the patch", limits=(0.0, 1e-2),
-                                   limits_reason="some 1.4 times that along the normal (Mindlin): 1e-4 m/N for 1e4 N/m")
+                                   limits_reason="about 1.4 times that along the normal (Mindlin): 1e-4 m/N at 1e4 N/m")
     id: ClassVar[str] = "tangential-compliance"
     law: ClassVar[str] = "the patch grips on a tangential spring until mu F_n, so friction can reverse"
     reference: ClassVar[str] = "Maw, Barber & Fawcett 1976, Wear 38, 101; Cross 2002, Am. J. Phys. 70, 1093"

@@ -8,7 +8,7 @@ from ..contact.effect import AbstractEffect, Scalar, parameter
 from ..contact.sliding import AbstractFrictionForce, AbstractLoadEffect, AbstractRubberEffect, Slide
 
 
-REFERENCE_LOAD = 10.0  # N
+REFERENCE_LOAD = 10.0  # N, so that the exponent turns the law about a usual load and leaves the coefficient there
 
 
 @final
@@ -37,7 +37,7 @@ class ViscousFriction(AbstractFrictionForce):
 
     c_t: Scalar = parameter("N*s/m", 0.0, typical=1.0, sign=1, starts=(0.5,), text="viscous coefficient",
                             limits=(0.0, 100.0),
-                            limits_reason="it resists; at 0.1 m/s 100 N s/m is 10 N, as much as dry friction")
+                            limits_reason="friction resists; at 0.1 m/s 100 N s/m gives 10 N, as much as dry friction")
     id: ClassVar[str] = "viscous-friction"
     law: ClassVar[str] = "f gains c_t u"
     reference: ClassVar[str] = "Armstrong-Helouvry et al. 1994, Automatica 30, 1083"
@@ -86,8 +86,8 @@ class FrictionalHeating(AbstractRubberEffect):
     r"""Rubber that warms loses friction: the Eq. 8 part times $e^{-\kappa W}$, $W = \int f\,ds$ of the total f."""
 
     kappa: Scalar = parameter(
-        "1/J", 0.0, typical=2.0, sign=1, starts=(2.0,), text="loss a unit of friction work", limits=(0.0, 200.0),
-        limits_reason="rubber that loses 1 % a kelvin, in 0.03 mg of it: 10 micrometres under 3 square millimetres")
+        "1/J", 0.0, typical=2.0, sign=1, starts=(2.0,), text="loss per unit of friction work", limits=(0.0, 200.0),
+        limits_reason="rubber loses 1 % per kelvin, and 0.03 mg is heated: 10 micrometres under 3 square millimetres")
     id: ClassVar[str] = "frictional-heating"
     law: ClassVar[str] = "the Eq. 8 part of mu times exp(-kappa W), W = integral of f ds"
     reference: ClassVar[str] = "Persson 2006, J. Phys.: Condens. Matter 18, 7789"
@@ -104,7 +104,7 @@ class AdhesiveOffset(AbstractFrictionForce):
 
     f_a: Scalar = parameter(
         "N", 0.0, typical=0.3, sign=1, starts=(0.2,), text="friction without load", limits=(0.0, 50.0),
-        limits_reason="shear strength of a rubber contact, some 0.3 MPa, over 1.5 square centimetres")
+        limits_reason="shear strength of a rubber contact, about 0.3 MPa, over 1.5 square centimetres")
     id: ClassVar[str] = "adhesive-offset"
     law: ClassVar[str] = "f gains f_a, independent of load"
     reference: ClassVar[str] = "Derjaguin 1934; Roberts & Thomas 1975, Wear 33, 45"

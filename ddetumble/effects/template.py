@@ -58,19 +58,19 @@ def write_template(name: str, stage: str = "elastic", folder: Path | str = ".") 
     from . import CATALOGUE
 
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
-        raise InputError(f"{name!r} is no name for an effect: lower-case words with hyphens, such as rim-stop")
+        raise InputError(f"{name!r} is not a name for an effect: use lower-case words with hyphens, such as rim-stop")
     if any(name == effect.id for effect in CATALOGUE):
-        raise InputError(f"the catalogue has an effect {name!r} already; choose another name")
+        raise InputError(f"the catalogue already has an effect {name!r}; choose another name")
     if stage not in LAWS:
-        raise InputError(f"there is no stage {stage!r}; there are {', '.join(LAWS)}")
+        raise InputError(f"there is no stage {stage!r}; the stages are {', '.join(LAWS)}")
     module = name.replace("-", "_")
     if keyword.iskeyword(module):
-        raise InputError(f"{name!r} is a word of Python's own; choose another name")
+        raise InputError(f"{name!r} is a reserved word of Python; choose another name")
     kind = "".join(word.capitalize() for word in name.split("-"))
     paths = Path(folder) / f"{module}.py", Path(folder) / f"test_{module}.py"
     for path in paths:
         if path.exists():
-            raise InputError("is there already; nothing was written", file=path)
+            raise InputError("this file exists already; nothing was written", file=path)
     paths[0].parent.mkdir(parents=True, exist_ok=True)
     for path, text in zip(paths, (_write_effect(name, kind, stage), _write_test(module, kind)), strict=True):
         draft = path.with_name(f".{path.name}.part")

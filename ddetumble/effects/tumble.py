@@ -73,7 +73,7 @@ class InertiaAsymmetry(AbstractInertiaEffect):
 class AxisMisalignment(AbstractGyroEffect):
     r"""Gyroscopes in a frame turned by `angle` about body y: $R_y(angle)^T \omega$."""
 
-    angle: Scalar = parameter("rad", 0.0, typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), text="about body y",
+    angle: Scalar = parameter("rad", 0.0, typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), text="angle about body y",
                               limits=(-0.8, 0.8),
                               limits_reason="beyond an eighth of a turn the axes are exchanged, not misaligned")
     id: ClassVar[str] = "axis-misalignment"
@@ -97,10 +97,10 @@ class InternalDamper(AbstractInnerTorque):
     """
 
     c: Scalar = parameter("1/s", 0.0, typical=1e-3, sign=1, starts=(1e-5,), text="coupling", limits=(0.0, 10.0),
-                          limits_reason="it brakes; a fluid that couples within 0.1 s moves with the body")
+                          limits_reason="the coupling brakes; a fluid that couples within 0.1 s moves with the body")
     I_d: Scalar = parameter("", 0.03, kind="shape", typical=0.02, coordinate="log", bounds=(1e-4, 10.0),
                             starts=(0.01, 0.05, 0.25), text="moment of the sphere over the transverse one",
-                            limits=(1e-4, 2.0), limits_reason="propellant or a ball: at most some twice the body")
+                            limits=(1e-4, 2.0), limits_reason="propellant or a ball: at most about twice the body")
     id: ClassVar[str] = "internal-damper"
     law: ClassVar[str] = "torque -c (omega - omega_d), I_d (domega_d/dt + omega x omega_d) = c (omega - omega_d)"
     reference: ClassVar[str] = "Kane & Levinson 1980, J. Guidance and Control 3, 37"
@@ -123,7 +123,7 @@ class InternalDamper(AbstractInnerTorque):
 class GravityGradient(AbstractTorque):
     r"""Gravity gradient: `scale` times $3 n^2\, \hat o \times I \hat o$, $\hat o$ the local vertical."""
 
-    scale: Scalar = parameter("", 0.0, typical=1.0, sign=1, starts=(0.5,), text="1 is the full torque",
+    scale: Scalar = parameter("", 0.0, typical=1.0, sign=1, starts=(0.5,), text="scale; 1 is the full torque",
                               limits=(0.0, 60.0),
                               limits_reason="1 on a circular orbit, (1 - e)^-3 at perigee: 57 on a Molniya orbit")
     id: ClassVar[str] = "gravity-gradient"
@@ -139,7 +139,7 @@ class GravityGradient(AbstractTorque):
 def _declare_bias(k: int) -> Any:
     return parameter("rad/s", 0.0, name=f"bias.{k}", typical=1e-3, starts=(3e-5,), text=f"of the {'xyz'[k]} rate",
                      limits=(-0.5, 0.5),
-                     limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees a second, 0.35 rad/s")
+                     limits_reason="zero-rate offset of consumer gyroscopes, up to 20 degrees per second, 0.35 rad/s")
 
 
 @final

@@ -33,7 +33,7 @@ def find_family(name: str, verb: str = "this") -> Family:
     """
     known = {family.name: family for family in list_families()}
     if name not in known:
-        raise InputError(f"the campaign is of family {name!r}; {verb} reads {' and '.join(known)} so far")
+        raise InputError(f"the campaign is of the family {name!r}; so far {verb} supports {' and '.join(known)}")
     return known[name]
 
 

@@ -245,5 +245,5 @@ class Family:
             InputError: It is of another one.
         """
         if type(reference).family != self.name:
-            raise InputError(f"the model is of the family {type(reference).family!r}, and campaign {campaign!r} of "
-                             f"{self.name!r}; take a model of that family{self.model_hint}")
+            raise InputError(f"the model is of the family {type(reference).family!r}, but campaign {campaign!r} of "
+                             f"{self.name!r}; use a model of the latter family{self.model_hint}")

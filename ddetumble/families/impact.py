@@ -19,6 +19,7 @@ from .family import SPLINES, Family, Observation, PlannedTests, Span, View
 from .pulses import list_guesses
 
 
+# Samples that records are padded to: few sizes, so that few programs are compiled.
 SIZES = (768, 1536, 2048, 4096, 8192, 16384, 32768)
 
 

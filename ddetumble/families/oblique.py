@@ -25,17 +25,17 @@ def check_directions(campaign: Campaign) -> None:
     speeds = campaign.records["tangential_speed"].to_numpy(dtype=float)
     for key, speed in zip(campaign.record_keys, speeds, strict=True):
         if speed < 0:
-            raise InputError(f"the tangential speed of record {key!r} is {speed:g} m/s, and it cannot be negative; "
-                             "turn the axis along the plate, and the sign of the tangential force with it", file=file,
-                             column="tangential_speed")
+            raise InputError(f"the tangential speed of record {key!r} is {speed:g} m/s, but it cannot be negative; "
+                             "reverse the axis along the plate, and with it the sign of the tangential force",
+                             file=file, column="tangential_speed")
         force = campaign.trace(key)["tangential_force"].to_numpy(dtype=float)
         force = force[np.isfinite(force)]
         uncertainty = campaign.channels["tangential_force"].uncertainty
         largest = np.abs(force).max(initial=0.0, keepdims=True)
         noise = 0.0 if uncertainty is None else float(np.max(uncertainty.sd(largest)))
         if force.sum() < -10.0 * noise * np.sqrt(len(force)) - 0.02 * np.abs(force).sum():
-            raise InputError(f"the tangential force of record {key!r} points against its tangential speed on the "
-                             "whole, and friction on the plate acts in the direction of motion; turn the sign of one",
+            raise InputError(f"the tangential force of record {key!r} is mostly opposed to its tangential speed, but "
+                             "friction on the plate acts in the direction of motion; reverse the sign of one of them",
                              file=None if campaign.path is None else campaign.path / "samples.csv",
                              column="tangential_force")
 

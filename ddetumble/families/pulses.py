@@ -16,13 +16,13 @@ from ..contact.law import ContactLaw
 from ..measurement.campaign import Campaign
 
 
-MOST = 64  # records that are read
-EDGE = 0.05  # of the peak: a pulse begins and ends where the force passes it
+MOST = 64  # records that are read: a start needs no more
+EDGE = 0.05  # of the peak: a pulse begins and ends where the force passes it, above the noise and close to first touch
 CLEAR = 0.2  # of the peak: forces below it are too noisy for a logarithm
-POINTS = 16  # forces a record that the elastic law is matched to
-TYPICAL = 0.7  # restitution of a rubber ball, where the pulse does not tell
-POSSIBLE = (0.2, 0.98)  # restitutions that a fit begins with
-OTHERS = (0.9, 0.5)  # restitutions tried beside the one that was read off
+POINTS = 16  # forces a record that the elastic law is matched to: a law has a few parameters
+TYPICAL = 0.7  # restitution where the pulse does not tell: a rubber ball's
+POSSIBLE = (0.2, 0.98)  # restitutions that a fit begins with: nearer to 0 or 1 it hardly moves away
+OTHERS = (0.9, 0.5)  # restitutions tried beside the one that was read off: one on either side of a rubber ball's 0.7
 SLIGHT = 0.05  # of the elastic force, that damping leaves at least where a reconstructed rate runs off
 
 

@@ -16,8 +16,11 @@ from ..measurement.campaign import Campaign
 from .family import Starts
 
 
-WINDOW = 1.0  # rad, over which Euler's equations are integrated to guess the ratio of the moments
+# Rad, over which Euler's equations are integrated to guess the ratio of the moments: longer, they run out of step;
+# shorter, noise decides.
+WINDOW = 1.0
 FREE = 1e3  # standard deviation of a start over the largest rate: far more than any fit moves it
+# Steps of a mesh: few sizes, so that few programs are compiled, and close enough that little is padded.
 MESHES = (64, 96, 128, 160, 192, 256, 320, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 8192, 16384)
 
 
@@ -73,7 +76,7 @@ def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarr
     """
     missing = [rate for rate in RATES if rate not in campaign.channels]
     if missing:
-        raise InputError(f"campaign {campaign.name!r} has no channel {missing[0]!r}; it has: "
+        raise InputError(f"campaign {campaign.name!r} has no channel {missing[0]!r}; its channels are: "
                          + ", ".join(campaign.channels))
     table = None if campaign.path is None else campaign.path / "samples.csv"
     times, rates = [], []
@@ -88,7 +91,7 @@ def read_rates(campaign: Campaign, groups: Sequence[Any]) -> tuple[list[np.ndarr
         values = group[list(RATES)].to_numpy(dtype=float)
         empty = ~np.isfinite(values).any(axis=0)
         if empty.any():
-            raise InputError(f"record {key!r} has no value of this rate, and the model needs all three", file=table,
+            raise InputError(f"record {key!r} has no value of this rate, but the model needs all three", file=table,
                              column=RATES[int(np.argmax(empty))])
         times.append(time)
         rates.append(fill_gaps(time, values))
@@ -159,7 +162,7 @@ def _list_attitudes(campaign: Campaign) -> tuple[str, ...]:
             return names
         if there:
             missing = next(name for name in names if name not in there)
-            raise InputError(f"campaign {campaign.name!r} has the channel {there[0]!r} and not {missing!r}; an "
+            raise InputError(f"campaign {campaign.name!r} has the channel {there[0]!r} but not {missing!r}; an "
                              "attitude is a unit quaternion of four numbers, scalar first", column=missing,
                              file=None if campaign.path is None else campaign.path / "datapackage.json")
     return ()
@@ -170,7 +173,7 @@ def _guess_attitude(group: Any, names: tuple[str, ...], rate: np.ndarray, key: s
     values = group[list(names)].to_numpy(dtype=float)
     there = np.isfinite(values).all(axis=1)
     if not there.any():
-        raise InputError(f"record {key!r} has no attitude; leave it out, or the channels", file=table, column=names[0])
+        raise InputError(f"record {key!r} has no attitude; leave it or the channels out", file=table, column=names[0])
     size = np.sqrt(np.sum(values[there] ** 2, axis=1))
     if np.abs(size - 1.0).max() > 0.1:
         bad = size[np.argmax(np.abs(size - 1.0))]

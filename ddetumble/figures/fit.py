@@ -40,9 +40,9 @@ from .traces import (
 )
 
 
-KEY = 18  # characters of a record's name
-BINS = 40  # of a record, for the mean of what is left
-MOST, COLUMNS = 12, 4  # predicted records that are drawn
+KEY = 18  # characters of a record's name: what a panel's title has room for
+BINS = 40  # of a record, for the mean of what is left: fewer hide its shape, more its mean
+MOST, COLUMNS = 12, 4  # predicted records that are drawn, and in a row: more are too small to read
 LINES = (AFTER, BEFORE, MORE[0])  # channels of one unit in one panel
 
 

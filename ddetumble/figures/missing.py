@@ -12,7 +12,8 @@ from .style import NARROW, WIDTH, dress, head_figure, key_band, new_figure, styl
 
 
 _COLOURS = (AFTER, BEFORE, MORE[0])
-_SEEN = 0.02  # share of an even spread of samples below which a place counts as not visited
+# Share of an even spread of samples below which a place counts as not visited: a sample in fifty of the usual.
+_SEEN = 0.02
 
 
 @styled
@@ -50,7 +51,7 @@ def draw_missing_rivals(missing: MissingForce, narrow: bool = False):
     for k, shape in enumerate(shapes):
         axes = figure.add_subplot(rows, columns, k + 1)
         _draw_curves(axes, shape)
-        axes.set_title(f"{clean(shape.way, 24)}: {f'{format_number(shape.difference)} behind' if k else 'best'}")
+        axes.set_title(f"{clean(shape.way, 24)}: {f'{format_number(shape.difference)} worse' if k else 'best'}")
     return figure
 
 
@@ -70,7 +71,7 @@ def _draw_curves(axes, shape: Shape, law: Law | None = None):
         axes.fill_between(x, low, high, color=colour, alpha=0.2, lw=0)
         line, = axes.plot(x[seen], factor * f[seen], color=colour, lw=1.8)
         handles.append(line)
-        labels.append(clean(part, 20) or "free force, ±2 sd")
+        labels.append(clean(part, 20) or "non-parametric force, ± 2 sd")
         values = None if law is None else sketch_law(law, shape, k)
         if law is None or values is None:
             continue
@@ -84,7 +85,7 @@ def _draw_curves(axes, shape: Shape, law: Law | None = None):
     if shape.begins is not None:
         axes.axvspan(shown.scale * shape.begins, x[-1], color=PLACE, lw=0, zorder=0)
         handles.append(key_band(PLACE, None))
-        labels.append(f"differs from zero, from {shown.format(shape.begins)} {shown.unit}".rstrip())
+        labels.append(f"differs from zero from {shown.format(shape.begins)} {shown.unit}".rstrip())
     top = shape.visited / max(shape.visited.max(), 1e-300)
     axes.fill_between(x, 0, 0.06 * top, step="mid", color=PALE, lw=0, transform=axes.get_xaxis_transform(), zorder=0)
     return handles, labels
@@ -115,7 +116,7 @@ def _draw_bars(axes, missing: MissingForce):
     if missing.ceiling is not None:
         rows.append(("ceiling", missing.ceiling[1], INK))
     shares = [missing.share(loss) for _, loss, _ in rows]
-    dress(axes, "x", xlim=(0, 118), xticks=[0, 50, 100], xlabel="share of the held-out misfit removed [%]")
+    dress(axes, "x", xlim=(0, 118), xticks=[0, 50, 100], xlabel="share of the held-out misfit explained [%]")
     bars = axes.barh(range(len(rows)), [100 * s for s in shares], color=[colour for *_, colour in rows], height=0.6)
     axes.bar_label(bars, list(map(format_share, shares)), padding=3, fontsize=8.5)
     axes.set_yticks(range(len(rows)), [text for text, *_ in rows])

@@ -16,9 +16,9 @@ from .style import NARROW, WIDTH, dress, head_figure, key_line, new_figure, stri
 
 
 COLOURS = (AFTER, BEFORE, KIN, OTHER, GREY)
-BINS = 40  # at most
+BINS = 40  # at most: more are narrower than the spread of a posterior needs
 FEW = 4  # draws a bin on average, below which a histogram is but a comb
-CURVES = (("seen", "something is missing", BEFORE, "o"), ("named", "the effect, or a set that holds it", AFTER, "s"))
+CURVES = (("seen", "lack of fit detected", BEFORE, "o"), ("named", "the effect, or a set that contains it", AFTER, "s"))
 
 
 @styled
@@ -89,8 +89,8 @@ def draw_map(found: Visibility):
     axes.xaxis.tick_top()
     strip(axes)
     unseen = [e.effect for e in found.effects if e.size is None]
-    text = "|cos| between what can be seen of two effects; found from the stated size on, with 95 % power."
-    text += f" Cannot be seen: {', '.join(unseen)}." if unseen else ""
+    text = "|cos| between the visible signatures of two effects; each is detected at the stated size with 95 % power."
+    text += f" Undetectable: {', '.join(unseen)}." if unseen else ""
     axes.set_xlabel(wrap_text(clean(text, 300), WIDTH - 4.2), loc="left", color=INK, multialignment="left")
     return figure
 
@@ -104,7 +104,7 @@ def draw_power(bins: Sequence[Mapping[str, Any]], level: float = 0.01, narrow: b
         level: of the test for a lack of fit, drawn in.
     """
     figure = new_figure(3.6, NARROW if narrow else WIDTH)
-    label = "strength: rms over noise that the refitted reference model leaves"
+    label = "strength: RMS residual of the refitted reference model over noise"
     axes = dress(figure.add_subplot(), "both", xscale="log", ylim=(-0.03, 1.12), yticks=np.linspace(0.0, 1.0, 6),
                  xlabel=wrap_text(label, 3.2) if narrow else label, ylabel="share of single effects")
     axes.axhline(level, color=FLOOR, lw=1.0, ls=(0, (4, 3)))
@@ -193,7 +193,7 @@ def draw_prospect(best: np.ndarray, low: np.ndarray, high: np.ndarray, tail: np.
     best, low, high, tail = (100 * np.concatenate([[1.0], one]) for one in (best, low, high, tail))
     axes.fill_between(number, low, high, color=SHADES[0], alpha=0.3, lw=0, label="5 to 95 % of the draws")
     axes.plot(number, best, color=INK, lw=1.4, marker="o", ms=3, label="best estimate")
-    axes.plot(number, tail, color=INK, lw=1.4, ls="--", label="mean of the bad tail")
+    axes.plot(number, tail, color=INK, lw=1.4, ls="--", label="mean of the worst draws")
     axes.axhline(100 * share, color=INK, lw=0.8, ls=":", label="wanted")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -223,7 +223,7 @@ def draw_outlook(shares: Mapping[str, np.ndarray], nominal: float, tail: float, 
         axes.stairs(height, edges, fill=True, color=colour, alpha=0.35, label=clean(name, 60))
         axes.stairs(height, edges, color=colour, lw=1.4)
     axes.axvline(100 * nominal, color=INK, lw=1.4, label="best estimate")
-    axes.axvline(100 * tail, color=INK, lw=1.4, ls="--", label="mean of the bad tail")
+    axes.axvline(100 * tail, color=INK, lw=1.4, ls="--", label="mean of the worst draws")
     axes.set_ylim(0, 1.12 * axes.get_ylim()[1])
     head_figure(figure, *axes.get_legend_handles_labels())
     return figure

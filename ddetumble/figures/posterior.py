@@ -31,12 +31,12 @@ from .style import (
 )
 
 
-_MASSES = (0.6827, 0.9545)  # inside the contours
-_MOST = 10  # parameters of a figure
-_DRAWN = 20000  # draws at most
+_MASSES = (0.6827, 0.9545)  # inside the contours: one and two standard deviations of a Gaussian
+_MOST = 10  # parameters of a figure: more have no room for their labels
+_DRAWN = 20000  # draws at most: more change no contour visibly
 _DASHED = (0, (4, 2))  # lines of the fit's Gaussian
 _MARKS = {"chi_square": ("o", AFTER), "largest": ("^", BEFORE), "lag": ("s", SHADES[6])}  # of a predictive check
-_LEAST = 1e-7  # p-values below are drawn there
+_LEAST = 1e-7  # p-values below are drawn there, so that the axis ends
 
 
 @styled
@@ -87,7 +87,7 @@ def draw_corner(posterior: Posterior):
         if column == 0 < row:
             axes.set_ylabel(_label(posterior, row, wide), fontsize=font)
     head_figure(figure, [key_band(KIN, None, edgecolor=AFTER, lw=None), key_line(BEFORE, 1.4, ls=_DASHED)],
-                ["draws; contours hold 68 and 95 %" if count > 1 else "draws", "the fit's Gaussian"])
+                ["draws; contours contain 68 and 95 %" if count > 1 else "draws", "Gaussian of the fit"])
     return figure
 
 
@@ -116,7 +116,7 @@ def draw_traces(posterior: Posterior, count: int = 600):
     panels[-1].set(xlabel="step after the burn-in", xlim=(0, max(steps - 1, 1)))
     word = "ensemble" if walkers > 1 else "chain"
     labels = [f"{word} {e + 1}" for e in range(len(shades))]
-    labels[0] += ": mean of its walkers, 90 % of them shaded" if walkers > 1 else ""
+    labels[0] += ": mean of its walkers, central 90 % shaded" if walkers > 1 else ""
     head_figure(figure, list(map(key_line, shades)), labels)
     return figure
 
@@ -154,7 +154,7 @@ def draw_ranks(posterior: Posterior, bins: int = 20):
         _set_ticks(axes.yaxis, 4)
     word = "ensemble" if walkers > 1 else "chain"
     head_figure(figure, [*map(key_line, shades), key_band(lw=None)],
-                [*(f"{word} {e + 1}" for e in range(len(shades))), "99 % of even draws"])
+                [*(f"{word} {e + 1}" for e in range(len(shades))), "99 % band of uniform ranks"])
     return figure
 
 
@@ -214,7 +214,7 @@ def draw_predictive(checks: Checks, family: str = DEFAULT_FAMILY, count: int = 4
             axes.set_xlabel(along.label)
     head_figure(figure, [*(key_dot(colour, 5, mark) for mark, colour in _MARKS.values()), key_band(lw=None),
                          key_line(INK, 1.0), key_band(KIN, 0.5, lw=None)],
-                [*STATISTICS.values(), "stands out by itself", "measured", "90 % of replicates"])
+                [*STATISTICS.values(), "stands out individually", "measured", "90 % of replicates"])
     return figure
 
 
@@ -245,7 +245,7 @@ def draw_left_out(scores: Sequence[Scores], names: Sequence[str] = ()):
     words = [clean(name, 40) for name in names][: len(handles)] or ["left-out condition"]
     if any(not score.trusted for one in scores for score in one.scores):
         handles.append(key_dot(GREY, 6, mfc="white"))
-        words.append("weights not to be trusted")
+        words.append("unreliable importance weights")
     head_figure(figure, handles, words)
     return figure
 

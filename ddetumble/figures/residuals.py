@@ -58,8 +58,8 @@ from .traces import (
 )
 
 
-_COLUMNS = 48  # of the map
-_ROWS = 16  # of the grid of errors at most
+_COLUMNS = 48  # of the map: more are narrower than a pixel column that one can tell
+_ROWS = 16  # of the grid of errors at most: more have no room for their labels
 STATED = 2.0  # stated deviations within which 95 % of true errors lie
 
 
@@ -297,7 +297,7 @@ def _mark_places(axes, places: Sequence[Place], shown: Quantity, width: float) -
         x, side = (low, "left") if share < 0.4 else (high, "right") if share > 0.6 else (middle, "center")
         text = f"{format_share(place.share)} of the misfit"
         if place.removes is not None and place.share > 0.995:  # a range that is all there is says nothing
-            text = f"{format_share(place.removes)} of the misfit removed by a simple force"
+            text = f"{format_share(place.removes)} of the misfit explained by a simple force"
         if place.period is not None and math.isfinite(place.period):
             text += f", every {format_number(shown.scale * place.period)} {shown.unit}".rstrip()
         axes.annotate(wrap_text(text, width, 8), (x, 1), xycoords=("data", "axes fraction"), ha=side, va="bottom",
@@ -446,5 +446,5 @@ def draw_shifts(models: Mapping[str, Sequence[SettingShift]], narrow: bool = Fal
     panels[-1].margins(x=0.02)
     panels[-1].xaxis.get_major_locator().set_params(integer=True)
     head_figure(figure, [*(key_dot(colour, 5, mark) for _, colour, mark in looks), key_band(edgecolor=PALE, lw=None)],
-                [*(clean(label, 80) for label, *_ in looks), "two stated deviations"])
+                [*(clean(label, 80) for label, *_ in looks), "two stated standard deviations"])
     return figure

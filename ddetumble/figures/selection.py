@@ -15,14 +15,14 @@ from .palette import AFTER, BEFORE, FAINT, FLOOR, GREY, INK, KIN, OTHER, PALE
 from .style import NARROW, WIDTH, dress_rows, head_figure, key_band, key_dot, new_figure, styled, wrap_text
 
 
-CHANCE = 0.05  # p-value from which what an effect removes may be chance
+CHANCE = 0.05  # p-value from which what an effect removes may be chance: the usual 5 %
 FEWEST = 4  # bars that there is room for at least, so that one alone is not as high as the figure
 # Looks of bars of the ranking, in the order of their legend.
 KINDS = {
     "added": {"facecolor": AFTER, "edgecolor": "none"},
-    "cannot be told from it": {"facecolor": KIN, "edgecolor": "white", "hatch": "///"},
+    "indistinguishable from it": {"facecolor": KIN, "edgecolor": "white", "hatch": "///"},
     "not added": {"facecolor": OTHER, "edgecolor": "none"},
-    "cannot be seen by this campaign": {"facecolor": FAINT, "edgecolor": PALE},
+    "undetectable by this campaign": {"facecolor": FAINT, "edgecolor": PALE},
 }
 ADDED, ALIKE, IDLE, UNSEEN = KINDS
 
@@ -51,7 +51,7 @@ def draw_error_by_step(names: Sequence[str], steps: Sequence[Step | Comparison],
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     else:
         left, right, beside = 0.0, (1 + room * 5 / 6) * top, 1.05 * top
-    axes.set(xlim=(left, right), xlabel="rms residual in per cent of the signal's rms")
+    axes.set(xlim=(left, right), xlabel="RMS residual in per cent of the RMS of the signal")
     if noise > 0:
         axes.axvspan(left, noise, color=FLOOR, alpha=0.18, lw=0)
         axes.axvline(noise, color=FLOOR, lw=1.2)
@@ -121,11 +121,11 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
         if math.isfinite(candidate.visible):
             axes.plot(100 * candidate.visible, row, marker="D", ms=5.5, mfc="white", mec=GREY if unseen else INK,
                       mew=1.2, zorder=4, clip_on=False)
-        text = "cannot be seen" if unseen else say_p(candidate.p_value) if share > 0 else "–"
+        text = "undetectable" if unseen else say_p(candidate.p_value) if share > 0 else "–"
         axes.text(110 if narrow else 103, row, text, va="center", fontsize=8.5,
                   color=GREY if unseen or candidate.p_value > CHANCE else INK)
         name.set(color=GREY if kind == UNSEEN else INK, fontweight="bold" if kind == ADDED else "normal")
-    label = "share of the misfit above noise that it removes (bars) [%]"
+    label = "share of the misfit above noise that it explains (bars) [%]"
     axes.set(xlim=(-4 if narrow else -1.5, 175 if narrow else 118),  # a diamond at 0 stays clear of the names
              xticks=range(0, 101, 50 if narrow else 20), xlabel=wrap_text(label, 2.3) if narrow else label)
     axes.spines["bottom"].set_bounds(0, 100)
@@ -133,7 +133,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     kinds = [kind for kind in KINDS if kind in used]
     head_figure(figure, [*(key_band(None, None, **{"lw": None} | KINDS[kind]) for kind in kinds),
                          key_dot(INK, 5.5, "D", mfc="white", mew=1.2)],
-                [*kinds, "share of its own signature that can be seen [%]"])
+                [*kinds, "visible share of its own signature [%]"])
     return figure
 
 

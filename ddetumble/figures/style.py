@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 
 WIDTH = 10.0  # of every figure [inch]; a report shows it about 1000 pixels wide
-NARROW = 4.2  # of a figure for a telephone [inch]
-TICKS = 8.5  # size of the numbers along axes [point]
+NARROW = 4.2  # of a figure for a telephone [inch]: about 440 pixels in a report
+TICKS = 8.5  # size of the numbers along axes [point]: a size below the text's, and still legible
 STEPS = (1, 2, 2.5, 5, 10)  # between numbers along axes, times a power of ten
 _EM = 0.64  # mean width of a character over the size of its type, of DejaVu Sans, the widest of the fonts
 _FONTS = ("Source Sans 3", "Helvetica Neue", "Arial", "Liberation Sans", "DejaVu Sans")

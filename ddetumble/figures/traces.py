@@ -13,8 +13,8 @@ from ..selection.result import Trace
 
 MOST, SHOWN = 120, 40  # turning points of a curve that fill its panel with colour, and those drawn in their stead
 MISSED = 1.3  # rms of the residual over the noise, above which a record is worth showing
-FEWEST = 5  # samples of a bin
-GAP = 0.04  # of a setting's value, between two nominal ones
+FEWEST = 5  # samples of a bin: the mean of fewer is their noise
+GAP = 0.04  # of a setting's value, between two nominal ones: more than a rig's scatter, less than a step of a plan
 
 
 class Bins(NamedTuple):

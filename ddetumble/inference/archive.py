@@ -92,15 +92,15 @@ class _ModelFile(_Strict):
     def _agree(self):
         count = len(self.free)
         if len(set(self.free)) < count or not set(self.free) <= set(self.coordinates):
-            raise ValueError("free: every name has to be one of coordinates, and there once")
+            raise ValueError("free: every name must be one of coordinates, and occur once")
         if len(self.covariance) != count or any(len(row) != count for row in self.covariance):
-            raise ValueError(f"covariance: has to have {count} rows of {count} numbers, one for each free parameter")
+            raise ValueError(f"covariance: must have {count} rows of {count} numbers, one for each free parameter")
         return self
 
 
 @dc.dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A fitted model: what `predict`, `design`, `draw_laws`, another fit or a comparison goes on from.
+    """A fitted model, from which `predict`, `design`, `draw_laws`, another fit or a comparison continues.
 
     Attributes:
         folder: it was read from; None for one that is not on disk.
@@ -172,7 +172,8 @@ class FittedModel:
             value = conditions.get(name)
             if value is not None and name != "sequence" and not low - slack * abs(low) <= value <= high * (1 + slack):
                 unit = "" if self.units[name] == "1" else f" {self.units[name]}"
-                found.append(f"{name} = {value:g}{unit} lies outside the {low:g} to {high:g}{unit} of the campaign")
+                found.append(f"{name} = {value:g}{unit} lies outside the range of the campaign, {low:g} to "
+                             f"{high:g}{unit}")
         return found
 
 
@@ -190,7 +191,7 @@ Model = str | Path | AbstractModel | type[AbstractModel] | AbstractLaw | FittedM
 def make_fitted(*, campaign: Campaign, model_name: str, space: ParameterSpace, solution: Solution,
                 noise: Mapping[str, Noise], effects: Sequence[str], covariance: np.ndarray | None = None,
                 names: Sequence[str] | None = None, extra: Mapping[str, Any] | None = None) -> FittedModel:
-    """A fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
+    """Make a fitted model from a solution of a campaign, whose reference model `resolve_model` finds by `model_name`.
 
     Parameters of effects that are neither among `effects` (ids) nor away from their null are left out. `covariance` is
     that of the coordinates of `names`; both are those of the solution where not given. `extra` is anything more that
@@ -279,8 +280,8 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
         """`FILE.py:NAME` as seen from here; a file that has changed since is noted."""
         file, _, name = source.rpartition(":")
         if digest is not None and (path.parent / file).is_file() and hash_file(path.parent / file) != digest:
-            notes[f"{Path(file).name} has changed since the model was fitted; the parameters may not belong to it any "
-                  "more."] = None
+            notes[f"{Path(file).name} has changed since the model was fitted; the parameters may no longer belong to "
+                  "it."] = None
         return f"{path.parent / file}:{name}"
 
     own = split_name(content.family)
@@ -325,13 +326,14 @@ def take_fitted(model: str | Path | FittedModel | AbstractFitted) -> FittedModel
     if isinstance(model, FittedModel):
         return model
     if not isinstance(model, (str, Path)):
-        raise InputError(f"{type(model).__name__} is no fitted model: give what fit or discover returned, or a folder "
+        raise InputError(f"{type(model).__name__} is not a fitted model: give what fit or discover returned, or a "
+                         f"folder "
                          "that they wrote")
     return load(model)
 
 
 def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
-    """The model that an argument stands for.
+    """Resolve an argument to the model that it stands for.
 
     Args:
         model: a model in hand (`Ball()`, `Ball() + Adhesion()`), a fit or a discovery, or a name: of a built-in model;
@@ -346,7 +348,7 @@ def resolve_model(model: Model, family: str = DEFAULT_FAMILY) -> ResolvedModel:
     if is_model(model):
         return wrap_model(model)
     if not isinstance(model, (str, Path, FittedModel, AbstractFitted)):
-        raise InputError(f"{model!r} is no model: give a name, a folder, a model such as Ball(), or a fit", key="model")
+        raise InputError(f"{model!r} is not a model: give a name, a folder, a model like Ball(), or a fit", key="model")
     if isinstance(model, (str, Path)) and not is_fitted(str(model)):
         return find_model(str(model), family)
     saved = take_fitted(model)

@@ -57,8 +57,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     family.require_model(reference, campaign.name)
     for effect in extra:
         if family_of(effect) not in family.accepts:
-            raise InputError(f"effect {effect.id!r} acts on {family_of(effect)} records, and campaign "
-                             f"{campaign.name!r} is of family {family.name!r}; there are: "
+            raise InputError(f"effect {effect.id!r} acts on {family_of(effect)} records, but campaign "
+                             f"{campaign.name!r} is of the family {family.name!r}, whose effects are: "
                              + ", ".join(e.id for e in family.catalogue))
     reference = adapt_reference(campaign, reference)
     family.check(campaign)
@@ -73,7 +73,7 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
         low, high = space.parameter(name).bounds
         if not low <= value <= high or not space.parameter(name).transform.allows(value):
             edge = "above 0" if low == 0 and high == np.inf else f"{low:g} to {high:g}"
-            raise InputError(f"{value:g} is outside what {name} can be ({edge})", file=file, key=f"known.{name}")
+            raise InputError(f"{value:g} is outside the range of {name} ({edge})", file=file, key=f"known.{name}")
     start = space.coordinates(known)
     fixed = {"condition_exponent"} if any(isinstance(m, PowerLaw) and not m.condition
                                           for m in parts_of(reference)) else set()
@@ -86,8 +86,8 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
 def require_samples(campaign: Campaign) -> None:
     """Refuse a campaign of peaks only."""
     if campaign.samples is None:
-        raise InputError(f"campaign {campaign.name!r} holds peaks only, and this needs sampled records: force over "
-                         "time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
+        raise InputError(f"campaign {campaign.name!r} contains only peaks, but this needs sampled records: force "
+                         "over time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
 
 
 def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:
@@ -99,20 +99,21 @@ def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: Abstrac
     for name in unknown:
         near = difflib.get_close_matches(name, sorted(names - set(campaign.known)), n=1, cutoff=0.85)
         if near:
-            raise InputError(f"there is no parameter {name!r}; did you mean {near[0]}? Correct or remove it",
+            raise InputError(f"there is no parameter {name!r}; did you mean {near[0]}? Correct it or remove it",
                              file=campaign.path and campaign.path / "datapackage.json", key=f"known.{name}")
     if unknown:
-        is_are = "is" if len(unknown) == 1 else "are"
-        found.append(f"Known, and of no use here: {', '.join(map(repr, unknown))} {is_are} no parameter of the model.")
+        is_are = "is not a parameter" if len(unknown) == 1 else "are not parameters"
+        found.append(f"Under known, {', '.join(map(repr, unknown))} {is_are} of the model and had no effect.")
     if isinstance(reference, Striker) and campaign.known.get("rolling_mass") is None:
-        found.append(f"rolling_mass is not in known: {float(reference.rolling_mass):g} kg is taken, and what the ball "
-                     "does once it grips depends on it. It is two thirds of the mass of a thin hollow ball, two fifths "
-                     "of a solid one's, 1e6 kg where the ball cannot turn.")
+        found.append(f"The rolling_mass is not under known, so {float(reference.rolling_mass):g} kg is assumed; the "
+                     f"motion "
+                     "of the ball once it grips depends on it. It is two thirds of the mass of a thin hollow ball, two "
+                     "fifths of that of a solid one, and 1e6 kg where the ball cannot turn.")
     if isinstance(reference, RubberFriction):
         outside: dict[str, list[str]] = {}
         for key, load in zip(campaign.record_keys, campaign.records["normal_load"].to_numpy(dtype=float), strict=True):
             outside.setdefault(describe_range(float(load)), []).append(str(key))
-        found += [f"Outside the range of Eq. 10 ({len(keys)} records, {keys[0]} among them): {phrase}."
+        found += [f"Some loads are outside the range of Eq. 10 ({len(keys)} records, {keys[0]} among them): {phrase}."
                   for phrase, keys in outside.items() if phrase]
     return found
 
@@ -129,13 +130,13 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
 
     def require(pressure: str, why: str, other: str) -> None:
         if pressure not in records:
-            raise InputError(f"campaign {campaign.name!r} has no condition {pressure!r}, and {why}; give the pressure, "
-                             f"or take --model {other}")
+            raise InputError(f"campaign {campaign.name!r} has no condition {pressure!r}, but {why}; give the pressure, "
+                             f"or use --model {other}")
 
     if isinstance(reference, Striker):
         if isinstance(reference.friction, RubberFriction):
-            raise InputError("the loads of an oblique impact pass through the whole range in which Eq. 10 breaks down; "
-                             "take AdhesionHysteresis (Eq. 8 alone) or CoulombFriction as its friction")
+            raise InputError("the loads of an oblique impact include those at which Eq. 10 breaks down; use "
+                             "AdhesionHysteresis (Eq. 8 alone) or CoulombFriction as its friction")
         if isinstance(reference.friction, AbstractRubberFriction):
             require("initial_pressure", "Eq. 8 needs it", "power-law")
         return dc.replace(reference, ball=adapt_reference(campaign, reference.ball))
@@ -155,7 +156,7 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
             raise InputError(f"campaign {campaign.name!r}: record {empty[0]!r} has no absolute pressure "
                              f"({records.loc[empty[0], 'initial_pressure']:g} Pa), and without gas this model gives no "
                              "force at all; mark gauge pressures with \"reference\": \"gauge\", leave the record out, "
-                             "or take --model power-law")
+                             "or use --model power-law")
     return reference
 
 

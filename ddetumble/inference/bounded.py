@@ -9,11 +9,13 @@ from scipy import stats
 from .problem import Problem, Solution
 
 
-ROUNDS = 8
-FINAL = 1e-3  # fits at a looser tolerance only scout
-PATIENCE = 3
-NEAR = 2e-3  # of its scale: so near to a limit of the model, a parameter counts as stopped by it
-LITTLE = 0.1  # of the signal's sum of squares: a model that removes less does not meet it
+ROUNDS = 8  # of holding and releasing parameters at their limits: each settles one or more
+FINAL = 1e-3  # fits at a looser tolerance only scout, and are not tried again
+PATIENCE = 3  # further fits from where one ended short: one that does not end in them is not determined
+# Of its scale: so near to a limit of the model, a parameter counts as stopped by it; smaller misses those whose last
+# step fell short.
+NEAR = 2e-3
+LITTLE = 0.1  # of the signal's sum of squares: a model that removes less does not meet it, whatever its misfit
 LOUD = 4.0  # noise variances a sample: where less is left, a model that removes nothing is one of a silent record
 
 

@@ -42,50 +42,58 @@ from .identifiability import VAST, Blend, Knowledge, analyse_jacobian, list_chan
 
 
 DAMPINGS = ("own units", "units of the start")
-TOLERANCE = 1e-10  # of Levenberg-Marquardt, relative
-MOST_STEPS = 3000  # of the same: curved valleys are long
-MOST_POLISH = 100  # Gauss-Newton steps after it
-PATIENCE = 3  # such steps without gain before they end
-SETTLED = 1e-6  # of the scatter: a last step that changes the curve less has arrived
+TOLERANCE = 1e-10  # of Levenberg-Marquardt, relative: a last Gauss-Newton polish takes it to rounding
+MOST_STEPS = 3000  # of the same: curved valleys are long, and a fit that needs more is not determined
+MOST_POLISH = 100  # Gauss-Newton steps after it: near the end each doubles the digits, in a valley it may not
+PATIENCE = 3  # such steps without gain before they end: rounding can spoil one or two
+SETTLED = 1e-6  # of the scatter: a last step that changes the curve less has arrived, as no reading shows it
 ROUNDING = 1e-13  # of the readings' size: likewise
-EPS = float(np.finfo(float).eps)
-FAINT = 1e5 * EPS  # scatter of this share of the readings is told to be near rounding
-LOST = 1e-6  # component of a direction that changes nothing, above which a parameter is not determined
+EPS = float(np.finfo(float).eps)  # spacing of doubles at 1
+# Scatter of this share of the readings is told to be near rounding: below it fewer than five digits are left of it.
+FAINT = 1e5 * EPS
+# Component of a direction that changes nothing, above which a parameter is not determined: rounding leaves less.
+LOST = 1e-6
 
 RISE = float(stats.chi2.ppf(0.95, 1))  # of chi-square at the ends of a 95 % interval
-GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are taken anew
+GO = 300  # steps of Levenberg-Marquardt in one go, after which its units are taken anew: along a valley they change
 GOES = 4  # of a fit at most: along a curved valley one may not reach the end
-LITTLE = 0.02  # chi-square that one more Gauss-Newton step would gain: below it a fit has ended
-FLAT = 1e-4  # singular value of unit columns below which no step is taken that way
-STARTS = 12  # of a fit
-POINTS = 12  # on each side of a profile
+# Chi-square that one more Gauss-Newton step would gain: below it a fit has ended, a seventh of a deviation off at most.
+LITTLE = 0.02
+# Singular value of unit columns below which no step is taken that way: derivatives are no better than that there.
+FLAT = 1e-4
+STARTS = 12  # of a fit: of a grid of guesses the best by chi-square; more only end in the same place
+POINTS = 12  # on each side of a profile: its ends are found by bisection between two of them
 FAR = 20.0  # standard deviations after which a profile that has not risen never will
-HIGH = 25.0  # rise of chi-square at which a profile ends
-STIFF = 10.0  # weight that draws a coefficient to its value, over its deviation, at least
-BISECTIONS = 8  # in which the end of an interval is found, between two points of a profile
-MOVING = 0.02  # share of its way that a coefficient goes in the last two points of a line without an end
-AGAIN = 3  # times that a fit begins again from a better place that a profile found
-UNKNOWN = 100.0  # relative deviation of a combination beyond which nothing is known of it
-UNLIKELY = 1e-4  # probability of a misfit as large below which the curve is said not to fit
-ENOUGH = 0.2  # relative deviation at which a coefficient counts as known
-MOST_BLENDS = 2  # told one by one
-MOST_MEMBERS = 4  # of a combination, told by name
-MOST_STROKES = 1e4  # beyond it, averaging is no advice
+HIGH = 25.0  # rise of chi-square at which a profile ends: five deviations, well beyond the ends of an interval
+STIFF = 10.0  # weight that draws a coefficient to its value, over its deviation, at least: it is held to a tenth of it
+BISECTIONS = 8  # in which the end of an interval is found, between two points of a profile: to 1/256 of their distance
+# Share of its way that a coefficient goes in the last two points of a line without an end: less, and it stands.
+MOVING = 0.02
+AGAIN = 3  # times that a fit begins again from a better place that a profile found: bounded, so that it ends
+UNKNOWN = 100.0  # relative deviation of a combination beyond which nothing is known of it, its sign included
+# Probability of a misfit as large below which the curve is said not to fit: a false alarm in 10,000 fits.
+UNLIKELY = 1e-4
+ENOUGH = 0.2  # relative deviation at which a coefficient counts as known: good to 20 %
+MOST_BLENDS = 2  # told one by one: more are a list that nobody acts on
+MOST_MEMBERS = 4  # of a combination, told by name: longer sentences are not read
+MOST_STROKES = 1e4  # beyond it, averaging is no advice: nobody makes 10,000 strokes
 
-STEEPEST = 200.0  # exponent at the end of a stroke beyond which a curve is cut: it is no number soon after
+STEEPEST = 200.0  # exponent at the end of a stroke beyond which a curve is cut: it is no number soon after (exp of 710)
 FLATTEST, SHARPEST = 1e-2, 1e3  # d times the stroke beyond which it changes no curve
-FORBIDDEN = 1e4  # misfit per 1/mm of a rate above its ceiling, where a coefficient is held so
-DEGREES = {"a": 1, "b": 2, "c": 2, "d": 2, "e": 2}  # of Eq. 10's polynomials
-MODEST = (1e-3, 0.05, 1.0, 0.05, 1e-2)  # uncertainty of a...e that starts of the polynomials add
-RUNAWAY = 5.0  # |c| beyond which a curve has d = 0
-WEAK = 0.1  # share of the second exponential below which it is said to be weak
-LENGTHS = 64  # samples are padded to a multiple of it, so that few programs are compiled
-SYMMETRY = "(c, d) and (-c, -d) make the same curve: the one with d > 0 is given"
+FORBIDDEN = 1e4  # misfit per 1/mm of a rate above its ceiling, where a coefficient is held so: far above any noise
+DEGREES = {"a": 1, "b": 2, "c": 2, "d": 2, "e": 2}  # of Eq. 10's polynomials, as printed
+# Uncertainty of a...e that starts of the polynomials add, so that no single curve decides them.
+MODEST = (1e-3, 0.05, 1.0, 0.05, 1e-2)
+RUNAWAY = 5.0  # |c| beyond which a curve has d = 0: c d alone is then determined
+WEAK = 0.1  # share of the second exponential below which it is said to be weak: a tenth
+LENGTHS = 64  # samples are padded to a multiple of it: larger wastes time, smaller compiles more programs
+SYMMETRY = "(c, d) and (-c, -d) give the same curve; the one with d > 0 is reported"
 PRODUCT = ("K and sigma_0/p_r enter Eq. 8 as a product only, at any pressure and load: K is known as far as "
-           "sigma_0/p_r is; a tensile test for sigma_0 and the real contact area under a known load for p_r would tell "
-           "them apart.")
-ONE_PRESSURE = ("There is one pressure only, at which Eq. 8 is a single number for both K and tan delta_L: readings at "
-                "a second pressure, or the loss factor from a rheometer, would tell them apart.")
+           "sigma_0/p_r is; a tensile test for sigma_0 and the real contact area under a known load for p_r would "
+           "distinguish them.")
+ONE_PRESSURE = ("There is only one pressure, at which Eq. 8 gives a single number for both K and tan delta_L: "
+                "readings at "
+                "a second pressure, or the loss factor from a rheometer, would distinguish them.")
 
 
 @dc.dataclass(frozen=True)
@@ -129,7 +137,7 @@ class Regression(AbstractPrinted):
 
 def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, float] | Sequence[float], sd=None
               ) -> Regression:
-    r"""Minimise $\sum_i [(f(p, x_i) - y_i)/\sigma_i]^2$ over the parameters p, and say how well they are known.
+    r"""Minimise $\sum_i [(f(p, x_i) - y_i)/\sigma_i]^2$ over the parameters p, with their standard errors.
 
     The covariance is $(J^T J)^{-1}$ with the Jacobian J of the whitened curve at the solution. Without `sd` all
     readings weigh the same, and it is multiplied by the residual variance $\sum r^2/(n - p)$.
@@ -149,21 +157,21 @@ def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, 
     """
     begin = _take_numbers("start", list(start.values()) if isinstance(start, Mapping) else start)
     if begin.ndim != 1 or not begin.size:
-        raise InputError(f"start is a list of numbers; its shape is {begin.shape}")
+        raise InputError(f"start must be a list of numbers; its shape is {begin.shape}")
     names = tuple(map(str, start)) if isinstance(start, Mapping) else tuple(f"p{k + 1}" for k in range(len(begin)))
     if not np.isfinite(begin).all():
-        raise InputError(f"start of {names[int(np.argmin(np.isfinite(begin)))]} is not a number")
+        raise InputError(f"the start of {names[int(np.argmin(np.isfinite(begin)))]} is not a number")
     x, y, dev = _check_readings(x, y, 1.0 if sd is None else sd, ("x", "y", "sd"), most_rows=2)
     count, scale = len(names), sd is None
     if len(y) < count + scale:
-        raise InputError(f"too few readings: {len(y)}, and {count} parameters need {count + scale} at least"
-                         + ("; standard errors from the scatter take one more" if scale else ""))
+        raise InputError(f"there are too few readings: {len(y)}, but {count} parameters need at least {count + scale}"
+                         + ("; standard errors from the scatter need one more" if scale else ""))
     weights = 1.0 / dev
     size = float(np.sqrt(np.mean((weights * y) ** 2))) or 1.0  # so that the fit does not depend on the readings' unit
     data = (jnp.asarray(x), jnp.asarray(y), jnp.asarray(weights / size))
     struct = jax.eval_shape(model, jnp.asarray(begin), data[0])
     if getattr(struct, "shape", None) != y.shape:
-        raise InputError(f"the model must return one number a reading, shape {y.shape}; it returns "
+        raise InputError(f"the model must return one number per reading, shape {y.shape}; it returns "
                          f"{getattr(struct, 'shape', type(struct).__name__)}")
     residual = np.asarray(_linearise(model, jnp.asarray(begin), *data)[0])
     if not np.all(np.isfinite(residual)):
@@ -184,12 +192,12 @@ def fit_curve(model: Callable[[Array, Array], Array], x, y, start: Mapping[str, 
     covariance[lost, lost] = np.inf
     settled = place.gain <= SETTLED * (spread if scale else 1.0 / size) + ROUNDING * math.sqrt(count)
     message = "Converged" if settled else f"Not converged after {steps} steps"
-    message += f": one more step would change the curve by {place.gain * size:.2g} in all"
+    message += f": one more step would change the curve by {place.gain * size:.2g} in total"
     if lost.any():
         message += f"; the readings do not determine {', '.join(n for n, out in zip(names, lost, strict=True) if out)}"
     elif scale and spread < FAINT:
         message += (f"; the scatter is {spread / EPS:.0f} times the rounding of the readings, and the standard errors "
-                    f"that rest on it are good to about {max(0, round(math.log10(max(spread / EPS, 1.0))))} digits")
+                    f"based on it are accurate to about {max(0, round(math.log10(max(spread / EPS, 1.0))))} digits")
     return Regression(names, place.values, np.sqrt(np.diag(covariance)), covariance, squares * size**2, spread * size,
                       degrees, steps, DAMPINGS[best], bool(settled and not lost.any()), message + ".")
 
@@ -280,11 +288,12 @@ def _check_readings(x, y, sd, names: tuple[str, str, str], most_rows: int = 1, l
     sd = sd.reshape(()) if sd.size == 1 else sd
     if y.ndim != 1 or not 1 <= x.ndim <= most_rows:
         several = " or several of its length" if most_rows > 1 else ""
-        raise InputError(f"{names[1]} is a list of numbers, and {names[0]} is one too{several}; they have the shapes "
+        raise InputError(f"{names[1]} must be a list of numbers, and so must {names[0]}{several}; they have the shapes "
                          f"{y.shape} and {x.shape}")
     if x.shape[-1] != len(y):
-        order = "; several predictors stand one a row" if x.ndim == 2 else ""
-        raise InputError(f"{names[0]} and {names[1]} must be of one length; they are {x.shape[-1]} and {len(y)} long"
+        order = "; several predictors take one row each" if x.ndim == 2 else ""
+        raise InputError(f"{names[0]} and {names[1]} must have the same length; they are {x.shape[-1]} and {len(y)} "
+                         f"long"
                          f"{order}")
     if sd.shape not in ((), y.shape):
         raise InputError(f"{names[2]} must be one number or as many as {names[1]}, which are {len(y)}; its shape is "
@@ -298,7 +307,7 @@ def _check_readings(x, y, sd, names: tuple[str, str, str], most_rows: int = 1, l
         k = int(np.argmax(sd <= 0))
         raise InputError(f"{names[2]} must be positive; number {k + 1} is {sd[k]:g}")
     if len(y) < least:
-        raise InputError(f"too few readings: {len(y)}, and the fit needs {least} at least")
+        raise InputError(f"there are too few readings: {len(y)}, but the fit needs at least {least}")
     return [x, y, sd]
 
 
@@ -634,14 +643,15 @@ class _Fitter:
             lines = self.go(x)
             best = _Settled(*(part[int(np.argmin(lines.chi2))] for part in lines))
             if not np.isfinite(best.chi2):
-                raise ComputationError(f"The fit of {self.subject} failed: from none of {len(x)} starts is its misfit "
-                                       "a number; check the values and their standard deviations")
+                raise ComputationError(f"the fit of {self.subject} failed: chi-square is finite at none of {len(x)} "
+                                       f"starts; "
+                                       "check the values and their standard deviations")
             taken += int(best.steps)
             if best.gain <= LITTLE * max(1.0, 1e-3 * best.chi2):
                 return best._replace(steps=taken)
             x = np.where(np.isfinite(lines.chi2)[:, None], lines.x, best.x)
-        raise ComputationError(f"The fit of {self.subject} did not end after {taken} steps: chi-square is "
-                               f"{best.chi2:.6g} and one more step would take {best.gain:.2g} off it")
+        raise ComputationError(f"the fit of {self.subject} did not converge in {taken} steps: chi-square is "
+                               f"{best.chi2:.6g} and one more step would reduce it by {best.gain:.2g}")
 
     def measure(self, coefficients: np.ndarray, data: Any = None) -> tuple[Knowledge, np.ndarray]:
         """What the Jacobian at a fit says, in coordinates, and its whitened columns, shape (rows, coefficients)."""
@@ -649,7 +659,7 @@ class _Fitter:
         columns = np.asarray(_differentiate(curve, jnp.asarray(coefficients), data))
         columns = columns * np.where(curve.logs, coefficients, 1.0)
         if not np.all(np.isfinite(columns)):
-            raise ComputationError("the derivatives of the curve at its fit are not all numbers")
+            raise ComputationError("the derivatives of the fitted curve are not all finite")
         vast = np.where(curve.logs, TRANSFORMS["log"].unknown, VAST * np.array(curve.typical))
         return analyse_jacobian(curve.names, columns, np.ones(len(curve.names)), vast), columns
 
@@ -763,18 +773,19 @@ class _Fitter:
         told, degrees = [], readings - len(curve.names)
         if not _fits_noise(fit.chi2, degrees):
             told.append(f"The curve does not fit: chi-square is {fit.chi2:.5g} where about {degrees} is expected (p = "
-                        f"{stats.chi2.sf(fit.chi2, degrees):.1g}), so that no interval here can be relied on.")
+                        f"{stats.chi2.sf(fit.chi2, degrees):.1g}), so no interval here can be relied on.")
         if doubtful:
-            told.append(f"The readings do not determine {list_words(doubtful)}: there may be other places, far from "
-                        "this estimate, that fit as well. No interval is given for any coefficient.")
+            told.append(f"The readings do not determine {list_words(doubtful)}: other values, far from this "
+                        "estimate, may fit as well. No interval is given for any coefficient.")
         told += notes(fit.coefficients)
-        told += [f"These readings say nothing about {name}: it changes them less than their noise."
+        told += [f"These readings contain no information on {name}: it changes them by less than their noise."
                  for name in known.silent]
         told += [self._describe(fit, columns, blend, tests, elsewhere, unit) for blend in known.blends[:MOST_BLENDS]]
         rest = len(known.blends) - MOST_BLENDS
         if rest > 0:
-            told.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} loose too: rely on the curve "
-                        "rather than on single coefficients.")
+            told.append(f"{rest} further combination{'s are' if rest > 1 else ' is'} poorly determined too: rely on "
+                        f"the "
+                        "curve rather than on single coefficients.")
         told += [_describe_openness(profile) for profile in profiles if not all(profile.bounded)]
         return CurveFit(self.subject, coefficients, derived, dict(fixed), known.covariance, known.correlations,
                         known.singular, float(fit.chi2), readings, int(fit.steps), profiles, tuple(told), curve,
@@ -798,10 +809,10 @@ class _Fitter:
             members = list_words([*blend.names[:MOST_MEMBERS], f"{others} other{'s' if others > 1 else ''}"])
             change += ", and the others with them,"
         if blend.singular:
-            text = f"{members} cannot be told apart: {change} changes no reading beyond its noise"
+            text = f"{members} cannot be distinguished: {change} changes no reading beyond its noise"
         else:
             part = "one standard deviation" if share == 1 else f"{share:.2g} of a standard deviation"
-            text = f"{members} are hard to tell apart: {change} changes the readings by {part} only"
+            text = f"{members} are hard to distinguish: {change} changes the readings by only {part}"
 
         now = measure_spread(columns, columns, blend)
         gains = [(measure_spread(np.concatenate([columns, self.measure(fit.coefficients, data)[1]]), columns, blend)
@@ -810,20 +821,20 @@ class _Fitter:
         # The largest relative deviation of a member along the combination, and what averages it away.
         size = float(np.max(np.abs(steps) / np.where(logs, 1.0, np.maximum(np.abs(fit.coefficients[places]), typical))))
         strokes = (size / ENOUGH) ** 2
-        average = f"the average of about {strokes:.2g} such {unit} would fix them to {100 * ENOUGH:g} %"
+        average = f"the average of about {strokes:.2g} such {unit} would determine them to {100 * ENOUGH:g} %"
         if blend.singular and left * size < 0.5:
-            remedy = f"{test} would tell them apart"
+            remedy = f"{test} would distinguish them"
         elif not blend.singular and size <= ENOUGH:
             remedy = f"these steps are at most {100 * ENOUGH:g} % of each"
         elif not blend.singular and left < 0.5:
-            gain = "tell them apart" if left < 0.1 else f"make their difference {1 / left:.1f} times as certain"
+            gain = "distinguish them" if left < 0.1 else f"reduce this uncertainty by a factor of {1 / left:.1f}"
             remedy = f"{test} would {gain}" + (f", and {average}" if strokes < MOST_STROKES else "")
         elif not blend.singular and strokes < MOST_STROKES:
             remedy = average
         else:
             known = next((elsewhere[n] for n in blend.names if n in elsewhere), "the value of one of them from "
                          "elsewhere")
-            remedy = f"{known} would tell them apart"
+            remedy = f"{known} would distinguish them"
         return f"{text}; {remedy}."
 
 
@@ -832,12 +843,12 @@ def _describe_openness(profile: Profile) -> str:
     name, values, largest = profile.name, profile.values, float(np.max(profile.rise))
     if any(profile.bounded):
         bound, end = ("below", "upper") if profile.bounded[0] else ("above", "lower")
-        return f"These readings bound {name} from {bound} only: its interval has no {end} end."
+        return f"These readings bound {name} only from {bound}: its interval has no {end} end."
     if largest < RISE:
         return (f"These readings do not bound {name} at all: with it held anywhere from {values[0]:.3g} to "
-                f"{values[-1]:.3g} and the rest refitted, chi-square rises by {largest:.2g} at most.")
-    return (f"These readings do not bound {name} at all: far from its estimate, with the other coefficients elsewhere "
-            "too, the fit is as good.")
+                f"{values[-1]:.3g} and the rest refitted, chi-square rises by at most {largest:.2g}.")
+    return (f"These readings do not bound {name} at all: the fit is as good far from its estimate, where the other "
+            "coefficients differ too.")
 
 
 def _find_spacing(slip: np.ndarray) -> float:
@@ -944,7 +955,7 @@ def fit_slip_curve(slip, friction, load: float, sd, *, force: bool = False, free
     ceiling = -1.0 / float(data.stroke[0]) if levels else math.inf
     data = _pick(data, 0, ceiling)
     spans = np.array([100 * np.abs(value).max(), 10 / _find_spacing(slips), 1e4, 14.0, 1e4])[:len(curve.names)]
-    level = f"That the curve levels off within the stroke, b + d < {ceiling:.2g} 1/mm, is assumed and not found."
+    level = f"It is assumed, not found, that the curve levels off within the stroke (b + d < {ceiling:.2g} 1/mm)."
     fit = _Fitter(curve, data, f"the slip curve at {load:g} N").fit(
         _guess_slip(slips, value, weight, bool(free_e), ceiling), readings=len(slips),
         fixed={} if free_e else {"e": 1.0}, spans=spans if profile else None, unit="strokes",
@@ -993,7 +1004,9 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
         columns[:, 3] /= fit.coefficients[3]
         fits.append((load, fit.coefficients, columns.T @ columns))
     if len(fits) < 3:
-        raise ComputationError("The polynomials have no start: fewer than three of the curves could be fitted alone")
+        raise ComputationError("the polynomials have no starting values: fewer than three of the curves could be "
+                               "fitted "
+                               "alone")
     fit = _Fitter(curve, data, f"Eq. 10's polynomials from {loads[0]:g} to {loads[-1]:g} N").fit(
         _guess_polynomials(curve, fits), readings=sum(len(part[0]) for part in parts),
         fixed={} if free_e else {"e": 1.0}, spans=1e3 * np.array(curve.typical) if profile else None,
@@ -1001,11 +1014,12 @@ def fit_slip_polynomials(records: Sequence[SlipRecord], *, free_e: bool = False,
                "as many samples again in the first fifth of the strokes": data._replace(at=data.at / 5)},
         elsewhere={}, unit="sets of strokes",
         notes=lambda p: [f"{SYMMETRY}, at {loads[0]:g} N.",
-                         f"Nothing here tests the polynomials below {loads[0]:g} or above {loads[-1]:g} N."])
+                         f"These readings do not test the polynomials below {loads[0]:g} or above {loads[-1]:g} N."])
     beyond: dict[str, list[str]] = {}
     for load in dict.fromkeys(loads):
         beyond.setdefault(describe_range(load), []).append(f"{load:g} N")
-    outside = [f"Outside the range of Eq. 10, at {', '.join(at)}: {trouble}." for trouble, at in beyond.items()
+    outside = [f"At {', '.join(at)} the load is outside the range of Eq. 10: {trouble}." for trouble, at in
+               beyond.items()
                if trouble]
     return dc.replace(fit, notes=(*fit.notes, *outside))
 
@@ -1061,11 +1075,12 @@ def _describe_shape(p: np.ndarray, free_e: bool) -> list[str]:
         weak, strong = ("b - d", "b + d") if abs(p[2] + e) < abs(p[2] - e) else ("b + d", "b - d")
         share, sign = 100 * sizes[0] / sizes[1], "-" if weak == "b - d" else ""
         found.append("The curve is a constant and two exponentials, with rates b + d and b - d; the one with "
-                     f"{weak} is {share:.2g} % of the other (c is near {sign}e), so that {strong} is known well and b "
-                     "and d each badly.")
+                     f"{weak} is {share:.2g} % of the other (c is close to {sign}e), so {strong} is well determined "
+                     "but b and d individually are not.")
     if free_e:
-        found.append("a (1 - e) is friction at zero slip, where Eq. 8's part adds to it: the two cannot be told apart "
-                     "in one curve; strokes at several pressures would, as Eq. 8 depends on them and e does not.")
+        found.append("The friction at zero slip is a (1 - e) plus the part of Eq. 8: one curve cannot distinguish the "
+                     "two; "
+                     "strokes at several pressures would, as Eq. 8 depends on the pressure but e does not.")
     return found
 
 
@@ -1093,9 +1108,10 @@ def _stack(records: Sequence[SlipRecord], least: int
                                           least=least)
         _refuse_negative(slip, "slip")
         if np.ptp(slip) == 0:
-            raise InputError(f"all slips at {float(record.load):g} N are {slip[0]:g} m; a curve needs different ones")
+            raise InputError(f"all slips at {float(record.load):g} N are {slip[0]:g} m; a curve needs different slips")
         if slip.max() > 1.0:
-            raise InputError(f"slip is in metres, and {slip.max():g} m is no stroke; were these millimetres?")
+            raise InputError(f"slip is in metres, and a stroke of {slip.max():g} m is implausible; are these "
+                             f"millimetres?")
         parts.append((slip / SLIP_UNIT, value, 1.0 / sd))
     length = max(len(part[0]) for part in parts)
     slip, value, weight = (jnp.stack([_pad(part[k], length) for part in parts]) for k in range(3))

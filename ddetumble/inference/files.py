@@ -86,7 +86,7 @@ def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> No
         found = json.loads(path.read_text(encoding="utf-8"))
         there, now = ({"schema": one.get("schema"), **one[key]} for one in (found, content))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(f"this is no description of {what}, or a damaged one; name another folder", file=path
+        raise InputError(f"this is not a description of {what}, or it is damaged; name another folder", file=path
                          ) from None
     different = []
     for name in sorted({*there, *now}):
@@ -95,8 +95,8 @@ def claim_folder(path: Path, what: str, key: str, asked: Any, **more: Any) -> No
             short = all(len(str(x)) < 40 for x in (a, b))
             different.append(f"{name} is {a!r} there and {b!r} now" if short else f"{name} differs")
     if different:
-        raise InputError(f"the folder holds {what} of something else: {'; '.join(different)}. Take the same "
-                         "settings to go on, name another folder, or remove this one to begin again", file=path)
+        raise InputError(f"the folder contains {what} of something else: {'; '.join(different)}. Use the same "
+                         "settings to continue, name another folder, or remove this one to start again", file=path)
 
 
 def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Content:
@@ -106,7 +106,7 @@ def read_json(path: Path, schema: str, kind: type[Content], again: str) -> Conte
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"this is no JSON file, or only a part of one; {again}", file=path,
+        raise InputError(f"this is not a JSON file, or only part of one; {again}", file=path,
                          row=getattr(error, "lineno", None)) from None
     found = content.get("schema") if isinstance(content, dict) else None
     if found != schema:
@@ -124,7 +124,7 @@ def check_folder(folder: str | Path, what: str) -> Path:
     """The folder that a result is to be written into; refused where it is a file."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"is a file; name a folder for the {what}", file=folder)
+        raise InputError(f"this is a file; name a folder for the {what}", file=folder)
     return folder
 
 
@@ -164,5 +164,5 @@ def refuse_peaks(folder: Path) -> None:
     except (OSError, ValueError, AttributeError, RecursionError):
         return
     if kind == "peaks":
-        raise InputError("discover judged a campaign of peaks here, which leaves no fitted model to go on from; this "
-                         "needs one with sampled records", file=folder)
+        raise InputError("discover judged a campaign of peaks here, which yields no fitted model; this needs a "
+                         "campaign with sampled records", file=folder)

@@ -25,7 +25,7 @@ from .problem import Problem, Solution
 
 FILE = "fit.json"
 SCHEMA = "ddetumble.fit-result/1"
-LEAST = 0.1  # correlations below are not printed
+LEAST = 0.1  # correlations below are not printed: they change no reading of the table (lmfit's own limit)
 NEXT, LIKELY = 0.03, 4.0  # of the distance to a null; and how much worse in chi-square (two sd) what lies there may fit
 INSIDE = ("source", "problem", "bounded", "gaussians")  # what of a fit is not written down
 
@@ -56,7 +56,7 @@ class Fitted:
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Fit(AbstractFitted, AbstractPrinted):
-    """A fitted model.
+    """A fit: parameters with their covariance and 95 % intervals, goodness of fit, residuals, notes.
 
     Attributes:
         campaign, title, sha256, records, samples: of the campaign, and how many it has.
@@ -137,9 +137,10 @@ class Fit(AbstractFitted, AbstractPrinted):
             InputError: It is no fitted parameter, or the level is not between 0 and 1.
         """
         if name not in self.parameters:
-            raise InputError(f"{name!r} is not fitted; there are: {', '.join(self.parameters)}", option="name")
+            raise InputError(f"{name!r} is not fitted; the fitted parameters are: "
+                             f"{', '.join(self.parameters)}", option="name")
         if not 0 < level < 1:
-            raise InputError(f"the level has to be between 0 and 1; it is {level:g}", option="level")
+            raise InputError(f"the level must be between 0 and 1; it is {level:g}", option="level")
         return self.space.parameter(name).transform.interval(*truncate_normal(*self.gaussians[name], level)[1:])
 
     def __str__(self) -> str:
@@ -177,7 +178,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         if pulls:
             lines.append("[[Settings]] (largest shifts, in their stated standard deviations)")
             lines += [f"    {place}: {pull:+.2f}" for pull, place in pulls]
-        for title, sentences in (("Cannot be told apart", self.cannot_tell_apart), ("Notes", self.notes)):
+        for title, sentences in (("Not distinguishable", self.cannot_tell_apart), ("Notes", self.notes)):
             if sentences:
                 lines += [f"[[{title}]]", *(f"    {s}" for s in sentences)]
         return "\n".join(lines)
@@ -230,10 +231,10 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))
     degrees = counted + sum(name in found.names for name in problem.priors) - len(solution.names)
     notes = [*warnings, *(f"{n} was stopped at its {p.at_bound} bound: its own uncertainty is one-sided, and those of "
-                          "the others hold it there." for n, p in parameters.items() if p.at_bound),
-             *(f"{n}: {p.text}." for n, p in parameters.items() if p.text and not p.at_bound)]
+                          "the others assume it held there." for n, p in parameters.items() if p.at_bound),
+             *(f"{n} is {p.text}." for n, p in parameters.items() if p.text and not p.at_bound)]
     if not nuisances:
-        notes.append("Conditions and time origins were taken as exact.")
+        notes.append("The conditions and time origins were taken as exact.")
     stopped, fixed, scales = [], {}, space.scales()
     for k, slot in enumerate(space.slots):
         name, p, u = slot.name, slot.parameter, solution.u[k]
@@ -247,8 +248,8 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     steps = f"after {solution.steps} step{'s' * (solution.steps != 1)}"
     converged = solution.converged and not stopped
     state = (f"converged {steps}" if converged else
-             f"stopped {steps} at a bound of {' and '.join(stopped)}: there is no minimum inside" if stopped else
-             f"not converged {steps}: the values may move further")
+             f"stopped {steps} at a bound of {' and '.join(stopped)}: no minimum was found inside" if stopped else
+             f"not converged {steps}: the values may change further")
     if known.undetermined:
         state += "; not all parameters are determined by these records"
     shifts = _list_nuisances(problem, solution)
@@ -303,9 +304,9 @@ def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, star
             text = "not determined by these records"
         elif p.sign and p.sign * (u - p.default) < 0:
             text = "on the side of its null that physics does not allow" + (
-                ", and no farther than noise explains" if abs(u - p.default) < 2 * sd else "")
+                ", but no further than noise explains" if abs(u - p.default) < 2 * sd else "")
         elif p.excludes(*ends):
-            text = f"beyond what physics allows, {p.limits[0]:g} to {p.limits[1]:g}: {p.limits_reason}"
+            text = f"beyond its physical limits, {p.limits[0]:g} to {p.limits[1]:g} ({p.limits_reason})"
         parameters[name] = Fitted(
             value, p.transform.slope(value) * sd if math.isfinite(sd) else math.inf, *ends,
             space.unit(name, solution.u), p.transform.from_unconstrained(start[space.index[name]]), side,

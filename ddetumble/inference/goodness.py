@@ -47,13 +47,13 @@ class GoodnessOfFit:
         told = {
             (False, False): "",
             (True, False): f"The model does not describe the data within their noise: {left}.",
-            (False, True): "The model describes the data only with settings that were moved further than their stated "
+            (False, True): "The model describes the data only with settings shifted further than their stated "
                            f"uncertainty allows: {far}.",
             (True, True): "The model does not describe the data within their noise and the stated uncertainty of the "
-                          f"settings: {left}, and the fit moved {far}.",
+                          f"settings: {left}, and the fit shifted {far}.",
         }[self.misfit, self.moved]
-        return told and (f"{told} The uncertainties of the parameters do not allow for that; `ddetumble discover` "
-                         "looks for what is missing.")
+        return told and (f"{told} The uncertainties of the parameters do not allow for this misfit; `ddetumble "
+                         "discover` looks for what is missing.")
 
 
 def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, float]]) -> GoodnessOfFit:

@@ -15,9 +15,11 @@ from .problem import Problem, Solution
 from .stack import condition_deviations
 
 
-CLOSE = 0.95  # a correlation beyond it is said in words
-SINGULAR = 1e-5  # singular value of unit columns below which a combination changes nothing at all
-VAST = 100.0  # typical changes beyond which nothing is known of a coordinate that has a scale
+CLOSE = 0.95  # a correlation beyond it is said in words: fixing the one then narrows the other at least threefold
+# Singular value of unit columns below which a combination changes nothing at all: derivatives are no better.
+SINGULAR = 1e-5
+# Typical changes beyond which nothing is known of a coordinate that has a scale: a hundredfold is any value.
+VAST = 100.0
 ELSEWHERE = {
     "effective_mass": "weigh the moving parts", "sensor-gain.g": "calibrate the force gauge",
     "contact_radius_coefficient": "measure the contact disc", "outer_diameter": "measure the ball",
@@ -138,34 +140,35 @@ def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, c
     """What the records of a fit cannot tell apart, in sentences, and the tests that would resolve it."""
     remedies: list[Remedy] = []
     names, columns, told = solution.names, solution.flattened()[0], [set(blend.names) for blend in known.blends]
-    found = [f"These records say nothing about {name}: it changes them less than their noise." for name in known.silent]
+    found = [f"These records contain no information on {name}: it changes them by less than their noise."
+             for name in known.silent]
     for k, blend in enumerate(known.blends):
         change, members = _format_change(problem.space, solution, blend), list_words(blend.names)
         if blend.singular:
-            text = (f"{members} cannot be told apart: {change} changes no record beyond its noise, so that only "
-                    "their combination is known, and the single values are not")
+            text = (f"{members} cannot be distinguished: {change} changes no record beyond its noise, so only "
+                    "their combination is determined, not the single values")
         else:
             places = [names.index(name) for name in blend.names]
             worst = np.max(np.abs(known.correlations[np.ix_(places, places)] - np.eye(len(places))))
-            text = (f"{members} are hard to tell apart (correlation up to {worst:.3f}): {change} changes the records "
-                    "by one standard deviation only")
+            text = (f"{members} are hard to distinguish (correlation up to {worst:.3f}): {change} changes the records "
+                    "by only one standard deviation")
         remedy = _find_remedy(problem, solution, columns, blend, campaign) if k < 2 else None
         elsewhere = [ELSEWHERE[name] for name in blend.names if name in ELSEWHERE]
         if remedy is not None:
             remedies.append(remedy)
             advice = _format_remedy(remedy, blend)
         elif elsewhere:
-            advice = f"{' or '.join(elsewhere)}, and fix what that gives"
+            advice = f"{' or '.join(elsewhere)}, and fix the parameter at the result"
         else:
-            advice = f"fix one of them ({' or '.join(blend.names)}) at what is known from elsewhere"
+            advice = f"fix one of them ({' or '.join(blend.names)}) at a value known from elsewhere"
         found.append(f"{text}; {advice}.")
     for i, a in enumerate(names):
         for b, value in zip(names[:i], known.correlations[i], strict=False):
             if abs(value) > CLOSE and not any({a, b} <= t for t in told) and not {a, b} & {*known.silent}:
-                found.append(f"{b} and {a} are hard to tell apart (correlation {value:+.3f}).")
+                found.append(f"{b} and {a} are hard to distinguish (correlation {value:+.3f}).")
     for name in known.undetermined:
         if name not in known.silent and not any(name in t for t in told):
-            found.append(f"These records hardly determine {name}: its uncertainty is wider than any likely value.")
+            found.append(f"These records hardly determine {name}: its uncertainty exceeds any likely value.")
     return tuple(found), tuple(remedies)
 
 
@@ -195,11 +198,11 @@ def _format_remedy(remedy: Remedy, blend: Blend) -> str:
     else:
         unit, factor = ("MPa", 1e-6) if remedy.setting.endswith("pressure") else (si_unit(remedy.setting), 1.0)
         values, name = [f"{factor * value:.2g}" for value in remedy.values], remedy.setting.replace("_", " ")
-        what = f"as many records again, {'half ' if len(values) > 1 else ''}at the {name} {values[0]} {unit}"
+        what = f"as many records again, {'half ' if len(values) > 1 else ''}at a {name} of {values[0]} {unit}"
         what += f" and half at {values[1]} {unit}," if len(values) > 1 else ","
     times = f"{remedy.gain:.1f}" if remedy.gain < 10 else "more than ten"
-    return f"{what} would " + ("tell them apart" if blend.singular else
-                               f"make their difference {times} times as certain")
+    return f"{what} would " + ("distinguish them" if blend.singular else
+                               f"reduce the uncertainty of this combination by a factor of {times}")
 
 
 def _find_remedy(problem: Problem, solution: Solution, columns: np.ndarray, blend: Blend, campaign: Campaign

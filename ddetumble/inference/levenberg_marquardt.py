@@ -16,8 +16,8 @@ import optimistix as optx
 from jaxtyping import Array, Bool
 
 
-STALLED = 1e-5  # of the sum of squares
-FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations
+STALLED = 1e-5  # of the sum of squares, gained by a step: less changes no digit of a result; smaller takes more steps
+FIRST_DAMPING = 1e-3  # relative to the diagonal of the normal equations: nearly Gauss-Newton, as starts are good
 FAINT, DEAD = 1.0, 1e-6  # sum of squares by a typical change of a parameter, at least, as damped and as solved for
 
 

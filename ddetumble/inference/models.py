@@ -87,13 +87,13 @@ def find_model(name: str, family: str = DEFAULT_FAMILY) -> ResolvedModel:
         raise InputError(f"name the model in the file too: {name}:NAME", file=name)
     other = [one.name for one in list_families() if name in one.models]
     if other:
-        raise InputError(f"the model {name!r} is one for {' and '.join(other)} records, and these are of the family "
-                         f"{family!r}: for them there is {', '.join(models)}, a folder that fit or discover wrote, or "
+        raise InputError(f"the model {name!r} is for {' and '.join(other)} records, but these are of the family "
+                         f"{family!r}, whose models are {', '.join(models)}, a folder that fit or discover wrote, or "
                          "FILE.py:NAME")
     if not models:
         raise InputError(f"there is no model {name!r} of {family} records; give a folder that fit or discover wrote, "
                          "or FILE.py:NAME")
-    raise InputError(f"there is no model {name!r}{_suggest(name, models)}; it is one of {', '.join(models)}, a folder "
+    raise InputError(f"there is no model {name!r}{_suggest(name, models)}; give one of {', '.join(models)}, a folder "
                      "that fit or discover wrote, or FILE.py:NAME")
 
 
@@ -153,12 +153,12 @@ def list_effects(path: Path | str) -> tuple[type[AbstractEffect], ...]:
     found = [one for one in module.__dict__.values() if isinstance(one, type) and issubclass(one, AbstractEffect)
              and one.__module__ == module.__name__ and not one.__name__.startswith(("_", "Abstract"))]
     if not found:
-        raise InputError("the file holds no effect: no class made from one of ddetumble's effect classes", file=path)
+        raise InputError("the file defines no class derived from one of ddetumble's effect classes", file=path)
     taken = {effect.id for effect in list_known() if effect not in found}
     for one in found:
         if one.id in taken:
-            raise InputError(f"the class {one.__name__} has the id {one.id!r}, which the catalogue has or another "
-                             "class of the file; give it one of its own", file=path)
+            raise InputError(f"the class {one.__name__} has the id {one.id!r}, which is in the catalogue or belongs to "
+                             "another class of the file; give it one of its own", file=path)
         taken.add(one.id)
     return tuple(found)
 
@@ -180,11 +180,11 @@ def resolve_effect(name: str, own: Sequence[type[AbstractEffect]] = ()) -> type[
     own_file = split_name(name)
     if own_file is None:
         raise InputError(f"there is no effect {name!r}{_suggest(str(name), known)}; `ddetumble effects` lists them, "
-                         "and FILE.py:NAME is one of your own")
+                         "and FILE.py:NAME names one of your own")
     path, attribute = own_file
     found = run_file(path).__dict__.get(attribute)
     if not isinstance(found, type) or not issubclass(found, AbstractEffect):
-        raise InputError(f"there is no effect {attribute!r} in the file: it has to be a class made from one of "
+        raise InputError(f"there is no effect {attribute!r} in the file: it must be a class derived from one of "
                          "ddetumble's effect classes", file=path)
     return found
 
@@ -195,16 +195,17 @@ def _import_model(name: str, path: Path, attribute: str) -> ResolvedModel:
     if attribute not in module.__dict__:
         here = [key for key, value in module.__dict__.items() if is_model(value) and not key.startswith("_")
                 and getattr(value, "__module__", module.__name__) == module.__name__]
-        offer = f"; it has {', '.join(here)}" if here else ""
+        offer = f"; it defines {', '.join(here)}" if here else ""
         raise InputError(f"there is no {attribute!r} in the file{offer}", file=path)
     found = module.__dict__[attribute]
     if not is_model(found):
-        raise InputError(f"{attribute} is no reference model: it has to be a subclass of ddetumble's "
+        raise InputError(f"{attribute} is not a reference model: it must be a subclass of ddetumble's "
                          "AbstractReference, an instance of one, or a ContactLaw", file=path)
     try:
         made = cast(Callable[[], Any], found)() if isinstance(found, type) else found
     except Exception as error:
-        raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters defaults",
+        raise InputError(f"{attribute}() cannot be made without arguments ({error}); give its parameters default "
+                         f"values",
                          file=path) from error
     own = f"{attribute} of {path.name}"
     if isinstance(made, AbstractLaw):

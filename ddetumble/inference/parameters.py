@@ -42,7 +42,7 @@ class Common:
     def slot(self) -> Slot:
         """Its parameter: zero at the null, with a Gaussian prior of its standard deviation."""
         what = "shift of the time origin" if self.column == "time" else f"error of {self.column}"
-        text = f"{what} that all records share" + (", as a fraction" if self.relative else "")
+        text = f"{what} common to all records" + (", as a fraction" if self.relative else "")
         unit = "" if self.relative else self.unit
         return Slot(f"{self.column}_shift", None, Parameter(f"{self.column}_shift", "", unit, 0.0, "reference",
                                                             self.sd, text=text))
@@ -93,7 +93,8 @@ class ParameterSpace:
         values = values or {}
         for name in values:
             if name not in self.index:
-                raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(self.index)}")
+                raise InputError(f"there is no parameter {name!r} in this model; its parameters are: "
+                                 f"{', '.join(self.index)}")
         return np.array([s.parameter.transform.from_field(values.get(s.name, s.parameter.default))
                          for s in self.slots])
 

@@ -15,11 +15,11 @@ from .problem import Problem, Solution
 from .stack import Stack
 
 
-FIRST = 2.5  # rad, of the first horizon
-GROWTH = 3.0
-FEWEST = 8  # samples in it
-MOST = 1024  # samples a record, of those up to a horizon
-LOST = 100.0  # chi-square a sample beyond which a model is out of step, or poor enough to become so
+FIRST = 2.5  # rad, of the first horizon: less than half a turn, so that no start is out of step there
+GROWTH = 3.0  # from horizon to horizon: larger, the model may be out of step at the next; smaller, there are more fits
+FEWEST = 8  # samples in it: more than a record has free starts
+MOST = 1024  # samples a record, of those up to a horizon: a fit on the way need not be the best
+LOST = 100.0  # chi-square a sample beyond which a model is out of step, or poor enough to become so: ten deviations
 
 
 def is_lost(problem: Problem, solution: Solution) -> bool:

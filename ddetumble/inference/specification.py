@@ -15,8 +15,8 @@ from .._user_files import split_name
 
 SCHEMA = "ddetumble.fit/1"
 SECTIONS = {  # whose keys are parameters, and what stands there
-    "free": "has to be a number (its start) or true", "fixed": "has to be a number",
-    "priors": "has to be { mean = number, sd = positive number }", "bounds": "has to be [low, high]",
+    "free": "must be a number (its start) or true", "fixed": "must be a number",
+    "priors": "must be { mean = number, sd = positive number }", "bounds": "must be [low, high]",
 }  # fmt: skip
 Number = StrictFloat | StrictInt
 
@@ -85,7 +85,7 @@ class Specification(_Strict):
     def _order(cls, value):
         for name, (low, high) in value.items():
             if not low < high:
-                raise ValueError(f"{name}: the lower bound {low:g} has to be below the upper one, {high:g}")
+                raise ValueError(f"{name}: the lower bound {low:g} must be below the upper one, {high:g}")
         return value
 
 
@@ -106,16 +106,16 @@ def read_specification(path) -> tuple[Specification, str]:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise InputError("there is no such file" if isinstance(error, FileNotFoundError) else
+        raise InputError("this file does not exist" if isinstance(error, FileNotFoundError) else
                          f"the file cannot be read ({error.strerror or error})", file=path) from None
     try:
         content = tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError:
         raise InputError("the file is not text in UTF-8", file=path) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"this is no TOML file: {error}", file=path) from None
+        raise InputError(f"this is not a TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
-        raise InputError(f"the schema has to be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
+        raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path, key="schema")
     try:
         found = Specification.model_validate(content | {
             section: _join_names(content[section], section == "priors") for section in SECTIONS
@@ -132,7 +132,8 @@ def read_specification(path) -> tuple[Specification, str]:
 
     places = [place for place in (path.parent / found.campaign, find_data() / found.campaign) if place.exists()]
     if not places:
-        raise InputError(f"there is no campaign {found.campaign!r}, neither from this file's folder on nor among those "
+        raise InputError(f"there is no campaign {found.campaign!r}, neither relative to this file's folder nor among "
+                         f"those "
                          "that come with the toolkit", file=path, key="campaign")
     update = {"campaign": str(places[0]), "model": see(found.model), "effects": [see(name) for name in found.effects]}
     return found.model_copy(update=update), hashlib.sha256(data).hexdigest()
@@ -157,7 +158,7 @@ def _list_faults(error: pydantic.ValidationError) -> str:
         section = place[0] in SECTIONS
         if kind == "extra_forbidden":
             known = Sampler if len(place) > 1 and place[0] == "sampler" else Prior if section else Specification
-            message = "is not a key that a fit has; there are " + ", ".join(
+            message = "is not a key of a fit; the keys are " + ", ".join(
                 field.alias or name for name, field in known.model_fields.items())
         elif kind == "missing":
             message = "is missing"

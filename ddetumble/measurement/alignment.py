@@ -18,8 +18,10 @@ from .onset import FEWEST_BEFORE, Onsets, find_onsets
 from .units import parse_quantity, si_unit
 
 
-DOUBT = 0.2  # share of the work above which the sign of a record's friction is beyond doubt
-STEADY = 0.1  # relative standard deviation up to which a measured load counts as one load
+# Share of the work above which the sign of a record's friction is beyond doubt: less may be an offset of the gauge.
+DOUBT = 0.2
+# Relative standard deviation up to which a measured load counts as one load: more changes the friction visibly.
+STEADY = 0.1
 
 
 @dataclass
@@ -57,7 +59,7 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
     else:
         contacts = [(times[test.key], "") for test in tests]
         clock = float(np.median([np.median(np.diff(test.values["time"])) for test in tests])) / math.sqrt(12)
-        notes.append(f"The time origin was given; its uncertainty is that of the sampling, {clock * 1e3:.3g} ms.")
+        notes.append(f"The time origin was given; its uncertainty is due to the sampling, {clock * 1e3:.3g} ms.")
     squares, before, moving = {}, {}, []
     for test, (contact, error) in zip(tests, contacts, strict=True):
         test.values["time"] = t = test.values["time"] - contact
@@ -77,17 +79,17 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
                 if offset:
                     test.values[name] = values - offset
                     shown.append(f"{name} {offset:.4g} {si_unit(name)}")
-        offset = f"offsets taken off: {', '.join(shown)}" if shown else "no offset to take off"
-        notes.append(f"Record {test.key}: contact at {contact * 1e3:.6g} ms{error} of the raw time; {offset}.")
+        offset = f"offsets subtracted: {', '.join(shown)}" if shown else "no offset subtracted"
+        notes.append(f"Record {test.key}: contact begins at {contact * 1e3:.6g} ms{error} of the raw time; {offset}.")
     if "initial_pressure" not in plan.conditions and len(before) == len(tests):
         plan.add("initial_pressure", before, "Pa", "the pressure channel")
         notes.append("initial_pressure is the mean of the pressure channel before contact.")
     shared = {} if times is not None else {"time": common}
     if moving:
         squares["depression"], shared["depression"] = _zero_position(moving, tests, math.hypot(clock, common))
-        notes.append("The depression moves before contact, like the position of the arm: it is zero at the onset, and "
-                     "what lies before contact and after separation was left out. Its zero shares the onsets' error, "
-                     f"{shared['depression'] * 1e3:.3g} mm.")
+        notes.append("The depression moves before contact, as the position of the arm does: it was set to zero at the "
+                     "onset, and samples before contact and after separation were left out. The error of its zero is "
+                     f"that of the onsets, {shared['depression'] * 1e3:.3g} mm.")
     spreads = {name: math.sqrt(float(np.mean(v))) for name, v in squares.items() if len(v) == len(tests)}
     return spreads | {"time": clock}, shared
 
@@ -101,15 +103,15 @@ def _find_onsets(tests: list[RawTest], notes: list[str]) -> Onsets:
     except InputError as error:
         file = next((file for label, file in files.items() if error.problem.startswith(label)), None)
         raise InputError(error.problem, file=file) from None
-    notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms: how the force begins, "
-                 "and the delay of the measuring chain, which the force itself does not show.")
+    notes.append(f"All contact onsets share an uncertainty of {found.common_sd * 1e3:.3g} ms, from the shape of the "
+                 "rise and the delay of the measuring chain, which the force itself does not show.")
     if found.start != "curved":
-        how = "with a jump, as a dashpot's does" if found.start == "stepped" else "as a straight line, as a wall's does"
-        notes.append(f"The force begins {how}, not as the square of time; the onsets were found accordingly.")
+        how = "with a jump, as of a dashpot" if found.start == "stepped" else "linearly in time, as of a wall"
+        notes.append(f"The force begins {how}, not as the square of time; the onsets were found on this basis.")
     if found.ringing is not None:
         frequency, damping = found.ringing
         notes.append(f"The force gauge rings at {frequency:.3g} Hz (damping ratio {damping:.2g}); the onsets allow for "
-                     "it, but the samples still hold it, and it can look like missing physics.")
+                     "it, but it is still in the samples and can look like missing physics.")
     return found
 
 
@@ -118,11 +120,11 @@ def _turn_sign(tests: list[RawTest], name: str, signs: list[float], usual: str, 
     if min(signs) < 0:
         against = tests[signs.index(min(signs))]
         if max(signs) > 0:
-            raise InputError(f"the {name} of record {against.key!r} has another sign than that of record "
-                             f"{tests[signs.index(max(signs))].key!r}; export all alike", file=against.file)
+            raise InputError(f"the {name} of record {against.key!r} has the opposite sign to that of record "
+                             f"{tests[signs.index(max(signs))].key!r}; export all with one sign", file=against.file)
         for test in tests:
             test.values[name] = -test.values[name]
-        notes.append(f"The {name} does not count positive {usual} in the raw files; its sign was turned.")
+        notes.append(f"The {name} is negative {usual} in the raw files; its sign was reversed.")
 
 
 def _given_onsets(tests: list[RawTest], plan: Plan, onset) -> dict[str, float] | None:
@@ -169,8 +171,8 @@ def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) ->
     """
     if len(moving) < len(tests):
         other = next(test for test in tests if test not in moving)
-        problem = f"the depression moves before contact in record {moving[0].key!r} and not in {other.key!r}"
-        raise InputError(f"{problem}; export all alike", file=moving[0].file)
+        problem = f"the depression moves before contact in record {moving[0].key!r} but not in {other.key!r}"
+        raise InputError(f"{problem}; export all in the same way", file=moving[0].file)
     zeros, slopes, variances = [], [], []
     for test in moving:
         t, x = test.values["time"], test.values["depression"]
@@ -180,8 +182,8 @@ def _zero_position(moving: list[RawTest], tests: list[RawTest], clock: float) ->
         sign = math.copysign(1.0, slope)
         pressed = np.where(t >= 0, sign * (x - zero), np.nan)
         if not np.isfinite(pressed).any() or np.nanargmax(pressed) >= np.flatnonzero(np.isfinite(pressed))[-1] - 2:
-            problem = f"the depression of record {test.key!r} moves before contact and does not turn back: is it the "
-            problem += "arm's position as commanded? Rename its heading to leave it out, or export the depression"
+            problem = f"the depression of record {test.key!r} moves before contact and does not reverse: is it the "
+            problem += "commanded position of the arm? Rename its heading to leave it out, or export the depression"
             raise InputError(problem, file=test.file)
         test.values["depression"] = sign * x
         zeros.append(sign * zero)
@@ -214,7 +216,7 @@ def take_means(tests: list[RawTest], name: str, headings: dict[str, str]) -> dic
         means[test.key] = mean = float(values.mean()) if len(values) else float("nan")
         spread = float(values.std()) / abs(mean) if mean else float("inf")
         if not spread < STEADY:
-            shown = f"{values.min():.4g} to {values.max():.4g} {si_unit(name)}" if len(values) else "no value at all"
+            shown = f"{values.min():.4g} to {values.max():.4g} {si_unit(name)}" if len(values) else "no values"
             problem = f"{name} changes too much within record {test.key!r} ({shown}) to be one condition; cut the "
             problem += "record to where it is steady, or give the nominal value as a condition and rename this column"
             raise InputError(problem, file=test.file, column=headings.get(name))
@@ -229,19 +231,19 @@ def start_clocks(tests: list[RawTest], notes: list[str]) -> None:
     if moved:
         first = next(iter(moved))
         more = f" (and likewise in {len(moved) - 1} more)" if len(moved) > 1 else ""
-        notes.append(f"Time counts from the first sample of each record: {moved[first]:g} s was taken off in record "
+        notes.append(f"Time counts from the first sample of each record: {moved[first]:g} s was subtracted in record "
                      f"{first}{more}.")
 
 
 def turn_axes(tests: list[RawTest], axis: str | None, notes: list[str]) -> None:
     """Make the axis of symmetry body z by a cyclic exchange of the axes, which keeps them right-handed, in place."""
     if axis is None:
-        notes.append("The body's axis of symmetry is taken as z; --symmetry-axis x or y says otherwise.")
+        notes.append("The body's axis of symmetry is taken as z; give --symmetry-axis x or y if it is not.")
         return
     orders = {"x": "yzx", "y": "zxy", "z": "xyz"}  # old axes in the places of x, y and z
     axis = str(axis).strip().lower()
     if axis not in orders:
-        raise InputError(f"--symmetry-axis is x, y or z, not {axis!r}")
+        raise InputError(f"--symmetry-axis must be x, y or z, not {axis!r}")
     order = orders[axis]
     for test in tests:
         old = dict(test.values)
@@ -255,5 +257,5 @@ def turn_axes(tests: list[RawTest], axis: str | None, notes: list[str]) -> None:
                                  file=test.file)
             test.values[name] = old[wanted]
     if axis != "z":
-        notes.append(f"The body's axis of symmetry, {axis} in the raw files, was made z: x, y, z here are "
-                     f"{', '.join(order)} there.")
+        notes.append(f"The body's axis of symmetry, {axis} in the raw files, is z in the campaign: its x, y, z are "
+                     f"{', '.join(order)} of the files.")

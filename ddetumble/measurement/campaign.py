@@ -37,7 +37,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Measured tests of one family, all in SI units.
+    """A campaign: measured tests of one family, all in SI units.
 
     Args:
         name: Short name of the campaign.
@@ -103,7 +103,7 @@ class Campaign:
             InputError: There is no such record, or the campaign holds peaks only.
         """
         if self.samples is None:
-            raise InputError(f"campaign {self.name} holds peaks only, no samples")
+            raise InputError(f"campaign {self.name} contains only peaks, no samples")
         self._check_keys([key])
         return self.samples.loc[self.samples["record"] == key].drop(columns="record").reset_index(drop=True)
 
@@ -133,7 +133,7 @@ class Campaign:
         keys = [str(key) for key in ([keys] if isinstance(keys, str) else keys)]
         self._check_keys(keys)
         if not keys or len(set(keys)) < len(keys):
-            raise InputError(f"select from campaign {self.name} at least one record, and each only once")
+            raise InputError(f"select at least one record of campaign {self.name}, and each only once")
         samples = self.samples
         if samples is not None:
             samples = arrange_samples(samples.loc[samples["record"].isin(keys)], keys)
@@ -171,4 +171,4 @@ def thin_campaign(campaign: Campaign, most: int) -> tuple[Campaign, str]:
     kept = campaign.samples.loc[groups.cumcount().to_numpy() % step == 0].reset_index(drop=True)
     return replace(campaign, samples=kept), (
         f"Of {len(campaign.samples):,} samples {len(kept):,} were taken, one in {int(np.max(step))} of the longest "
-        f"record: more than {most:,} would take too long here. `fit` takes all of them.")
+        f"record, as more than {most:,} would take too long here. `fit` uses all of them.")

@@ -15,10 +15,11 @@ from .units import role_of, si_unit
 
 
 PEAKS = ("peak_normal_force", "peak_friction_force")
-FEWEST_SAMPLES = 5
-GAUGE = ('; if the gauge counts from the ambient pressure, mark the field "reference": "gauge" and state '
-         "ambient_pressure in known; to an import give --gauge and --ambient")
-OPPOSED = -0.5  # share of the work of a friction below which it counts against the slip
+FEWEST_SAMPLES = 5  # of a record: below it no curve can be told from noise
+GAUGE = ('; if these are gauge pressures, mark the field "reference": "gauge" and state ambient_pressure in known '
+         "(for an import, give --gauge and --ambient)")
+# Share of the work of a friction below which it counts against the slip: half of it backwards is no noise about zero.
+OPPOSED = -0.5
 _POSITIVE = {
     "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
     "inner_diameter", "wall_thickness", "effective_mass", "tangential_mass", "rolling_mass",
@@ -43,7 +44,7 @@ def check_known(name: str, value: float | None) -> None:
     if name in _POSITIVE and value <= 0:
         raise InputError(f"the value must be positive; it is {value:g} {si_unit(name)}")
     if name == "restitution" and not 0 < value <= 1:
-        raise InputError(f"restitution lies above 0 and at most at 1; it is {value:g}")
+        raise InputError(f"the restitution must be above 0 and at most 1; it is {value:g}")
 
 
 def refuse_rows(bad, rows, column: str, explain: str | Callable[[int], str]) -> None:
@@ -58,7 +59,7 @@ def check_keys(keys: Sequence[str], rows, column: str = "record") -> None:
     """Refuse a record key that is empty or cannot be printed."""
     refuse_rows([not key for key in keys], rows, column, "the record key is empty; name the test")
     refuse_rows([not key.isprintable() for key in keys], rows, column,
-                "the record key holds control characters; name the test")
+                "the record key contains control characters; rename the test")
 
 
 def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty, column: str = "",
@@ -75,9 +76,9 @@ def check_values(name: str, values: np.ndarray, rows, resource: str, uncertainty
     def refuse(bad, what):
         refuse_rows(bad, rows, column, lambda i: f"{what}; it is {values[i]:g} {si_unit(name)} in SI units{hint}")
 
-    refuse_rows(np.isinf(values), rows, column, "the number is too large in SI units; check number and unit")
+    refuse_rows(np.isinf(values), rows, column, "the number is too large in SI units; check the number and its unit")
     if name in _COUNTS:
-        refuse((values < 1) | (values != np.round(values)), "must be a whole number from 1 on")
+        refuse((values < 1) | (values != np.round(values)), "must be a whole number from 1 upwards")
     elif resource != "samples" and name in _POSITIVE:
         refuse(values <= 0, "must be positive")
     elif resource != "samples" and name in _NOT_NEGATIVE or name == "pressure":
@@ -93,12 +94,12 @@ def check_record(key: str, values: Mapping[str, np.ndarray], independent: str, r
     `rows` says where they stand, `remedy` what else may help where they do not increase.
     """
     x = values[independent]
-    strokes = "" if independent == "time" else "; for strokes back and forth give the time too"
+    strokes = "" if independent == "time" else "; for strokes back and forth, give the time as well"
 
     def explain(i):
         before, now = x[i - 1], x[i]
-        what = "is there twice" if before == now else f"goes back from {before:g} to {now:g} {si_unit(independent)}"
-        return (f"within record {key!r} the {independent} {what}; sort the rows of each record and keep each "
+        what = "occurs twice" if before == now else f"goes back from {before:g} to {now:g} {si_unit(independent)}"
+        return (f"within record {key!r} the {independent} {what}; sort the rows of each record and keep each value "
                 f"once{remedy}{strokes}")
 
     refuse_rows(np.diff(x, prepend=-np.inf) <= 0, rows, independent, explain)
@@ -134,8 +135,8 @@ def check_samples(samples, keys: Sequence[str], kind: RecordKind) -> str:
     # Any model would have such friction drive the motion. Where only some records are so, the force may hold more than
     # friction, such as a pressure on the rod of a seal.
     if len(shares) == len(keys) and max(shares) < OPPOSED:
-        problem = "the friction is negative where the slip grows; it counts positive along the slip: turn the sign of "
-        raise InputError(f"{problem}the column", file=samples.file, column=kind.main)
+        problem = "the friction is negative where the slip grows, but must be positive along the slip: reverse the sign"
+        raise InputError(f"{problem} of the column", file=samples.file, column=kind.main)
     return independent
 
 
@@ -156,16 +157,16 @@ def check_peaks(peaks, keys: Sequence[str]) -> None:
     names = [name for name in PEAKS if name in peaks.values]
     if not names:
         raise InputError(f"there is no column {' or '.join(PEAKS)}; add what was measured", file=peaks.file)
-    check_unique(peaks, "give one row a record, with repeats for a mean")
+    check_unique(peaks, "give one row per record, with repeats for a mean")
     _link(peaks, keys)
     refuse_rows(np.all([np.isnan(peaks.values[name]) for name in names], axis=0), peaks, names[0],
-                "the row holds no measured peak; fill it in or remove the row")
+                "the row has no measured peak; fill it in or remove the row")
 
 
 def check_unique(rows, remedy: str) -> None:
     """Refuse a second row of one record."""
     refuse_rows(pd.Index(rows.keys).duplicated(), rows, "record", lambda i: (
-        f"the record {rows.keys[i]!r} has a row already on line {rows.lines[rows.keys.index(rows.keys[i])]}; {remedy}"))
+        f"the record {rows.keys[i]!r} already has a row on line {rows.lines[rows.keys.index(rows.keys[i])]}; {remedy}"))
 
 
 def _link(table, keys: Sequence[str]) -> dict[str, np.ndarray]:

@@ -14,7 +14,7 @@ from .units import Unit, check_unit, parse_unit, si_unit
 
 
 FRICTION_TEST = "if it is a friction test, give --family " + next(kind.name for kind in KINDS.values() if kind.path)
-WEIGHED = "--known 'effective_mass=1.2 kg' makes a force of"
+WEIGHED = "--known 'effective_mass=1.2 kg' converts"
 
 
 @dataclass
@@ -83,7 +83,8 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     for role, found in guesses.items():
         if len(found) > 1:
             option = options.get(role, f"--keep {role}=COLUMN")
-            raise InputError(f"{role} can be any of {', '.join(found)}; say which with {option}", file=raw.file)
+            raise InputError(f"several columns may be the {role}: {', '.join(found)}; choose one with "
+                             f"{option}", file=raw.file)
         roles[role] = found[0]
     if not set(kind.independents) & set(roles):
         option = "--slip COLUMN, or --time COLUMN for a time series" if kind.path else "--time COLUMN"
@@ -92,10 +93,10 @@ def choose_columns(raw: RawFile, plan: Plan) -> dict[str, str]:
     if kind.main and kind.main not in roles:
         roles[kind.main] = _choose_by_unit(raw, kind.main, roles, "--force COLUMN", plan)
     if kind.path and kind.path not in roles:
-        problem = f"there is a time and no slip: the file has {', '.join(raw.columns)}; give --slip COLUMN, or export "
+        problem = f"there is a time but no slip: the file has {', '.join(raw.columns)}; give --slip COLUMN, or export "
         raise InputError(problem + "how far the rubber has slid", file=raw.file)
     if kind.rates and not any(name in roles for name in kind.rates):
-        problem = "no column is an angular velocity; choose with --keep angular_velocity_x=COLUMN and so on"
+        problem = "no column is an angular velocity; name the columns with --keep angular_velocity_x=COLUMN and so on"
         raise InputError(problem, file=raw.file)
     for heading, name in plan.keep.items():
         column = _find_column(raw, heading)
@@ -137,11 +138,11 @@ def _choose_by_unit(raw: RawFile, role: str, roles: dict[str, str], option: str,
     if any(name.casefold() == "file" for name in raw.columns):
         hint = f"; if it is the table of conditions, give --conditions {raw.file}"
     elif role == "normal_force" and not weighed and accelerations:
-        hint = f"; {WEIGHED} an acceleration"
+        hint = f"; {WEIGHED} an acceleration to a force"
     elif role in ("time", "normal_force") and any(
             kind.path and guess_role(column, kind) == kind.path for kind in KINDS.values() for column in raw.columns):
         hint = f", or, {FRICTION_TEST}"
-    raise InputError(f"cannot tell which column is the {role}: the file has {', '.join(raw.columns)}; give {option}"
+    raise InputError(f"it is unclear which column is the {role}: the file has {', '.join(raw.columns)}; give {option}"
                      + hint, file=raw.file)
 
 
@@ -153,20 +154,20 @@ def find_unit(raw: RawFile, role: str, column: str, plan: Plan) -> Unit:
     text = "1" if text is None and role == "sequence" else text
     name = "force" if role == plan.kind.main else role
     if text is None:
-        problem = f"the unit is not stated; give it with --unit {name}={si_unit(role)} or what it is"
+        problem = f"the unit is not stated; give it, such as --unit {name}={si_unit(role)}"
         raise InputError(problem, file=raw.file, column=column)
     if role == "normal_force" and _measures(text, "m/s^2"):
         if plan.mass is None:
-            raise InputError(f"the column holds an acceleration; {WEIGHED} it", file=raw.file, column=column)
-        plan.notes.append(f"normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
+            raise InputError(f"the column holds an acceleration; {WEIGHED} it to a force", file=raw.file, column=column)
+        plan.notes.append(f"The normal_force is {plan.mass:g} kg times the acceleration {column!r}.")
         return Unit(text, parse_unit(text).scale * plan.mass, 0.0, parse_unit("N").dimension, "N")
-    unit = read_unit(text, role, raw.file, column, name, f" (--unit {name}=… sets another)")
+    unit = read_unit(text, role, raw.file, column, name, f" (or set the unit with --unit {name}=…)")
     if stated is not None and _measures(stated, text):
         other = parse_unit(stated)
         ratio = unit.scale / other.scale
         if (ratio, unit.offset) != (1.0, other.offset):
             times = f"{max(ratio, 1 / ratio):.4g} times {'less' if ratio > 1 else 'more'}"
-            plan.notes.append(f"Units: --unit {name}={text} was taken although the heading says {stated}, {times}; "
+            plan.notes.append(f"The unit --unit {name}={text} was used although the heading says {stated}, {times}; "
                               "leave the option out if the heading is right.")
     return unit
 

@@ -22,17 +22,17 @@ def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
         if not links and guess_role(name, plan.kind) == "record":
             links = {"record": name}
     if not links:
-        raise InputError("the table needs a column file or record that says which test a row is for", file=path)
+        raise InputError("the table needs a column named file or record, for the test of each row", file=path)
     rows = _match(table, links, records)
-    plan.notes += [f"Conditions were read from {Path(path).name}.", *table.notes]
+    plan.notes += [f"The conditions were read from {Path(path).name}.", *table.notes]
     unused = len(table) - len(set(rows.values()))
     if unused:
-        plan.notes.append(f"{Path(path).name}: {unused} rows belong to no test that was imported.")
+        plan.notes.append(f"In {Path(path).name}, {unused} rows belong to no imported test.")
     for column in table.columns:
         if column in links.values():
             continue
         if is_counter(column):
-            plan.notes.append(f"The column {column} only counts repeats: it is no condition and was left out.")
+            plan.notes.append(f"The column {column} only counts repeats, so it is not a condition and was left out.")
             continue
         role = guess_role(column, plan.kind)
         role = (plan.kind.pressure or None) if role == "pressure" else role
@@ -67,9 +67,9 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
             continue
         unit = plan.units.get(name) or unit or _unit_after(after, name)
         if name in units:
-            raise InputError(f"--name-pattern {pattern!r} has {name} twice")
+            raise InputError(f"--name-pattern {pattern!r} contains {name} twice")
         if unit is None:
-            raise InputError(f"--name-pattern does not say the unit of {name}: write {{{name}:MPa}} or the like")
+            raise InputError(f"--name-pattern does not state the unit of {name}: write {{{name}:MPa}} or similar")
         units[name] = read_unit(unit, name, "--name-pattern", name)
         expression += r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)" + re.escape(after)
     found = {}
@@ -81,7 +81,7 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
     for i, (name, unit) in enumerate(units.items()):
         values = {key: float(unit.convert(numbers[i])) for key, numbers in found.items()}
         plan.add(name, values, unit.si, "--name-pattern", {key: {"file": file} for key, file in records.items()})
-    plan.notes.append(f"From the file names: {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
+    plan.notes.append(f"The file names gave {', '.join(f'{name} in {unit.text}' for name, unit in units.items())}.")
 
 
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
@@ -92,11 +92,11 @@ def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict
         found = [i for i in range(len(table))
                  if all(table.columns[column][i] in names[link] for link, column in links.items())]
         if len(found) > 1:
-            problem = f"record {key!r} has a row already on line {table.lines[found[0]]}; keep one"
+            problem = f"record {key!r} already has a row on line {table.lines[found[0]]}; keep one"
             raise InputError(problem, file=table.file, row=table.lines[found[1]])
         if not found:
             what = f"record {key!r}" + ("" if Path(file).stem == key else f" of {Path(file).name}")
-            raise InputError(f"no row is for {what}; add one (columns {', '.join(links.values())})", file=table.file)
+            raise InputError(f"{what} has no row; add one (columns {', '.join(links.values())})", file=table.file)
         rows[key] = found[0]
     return rows
 

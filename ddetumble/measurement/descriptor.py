@@ -102,12 +102,12 @@ def find_descriptor(path) -> Path:
             if not path.exists():
                 raise InputError("there is no such campaign folder; check the path")
             if path.suffix != ".json":
-                raise InputError("is a file; a campaign is a folder with a datapackage.json")
+                raise InputError("this is a file; a campaign is a folder with a datapackage.json")
             return path
         except InputError:
             raise
         except (OSError, ValueError):
-            raise InputError("is not a usable path") from None
+            raise InputError("this is not a usable path") from None
 
 
 def parse_descriptor(data: bytes, file: str) -> DescriptorModel:
@@ -122,16 +122,16 @@ def parse_descriptor(data: bytes, file: str) -> DescriptorModel:
             if isinstance(tree, dict):
                 return DescriptorModel.model_validate(tree)
         except json.JSONDecodeError as error:
-            cut = "; the file seems cut off" if error.pos >= len(text.rstrip()) - 1 else ""
-            problem = f"is not valid JSON at character {error.colno} of the line: {error.msg}{cut}"
+            cut = "; the file seems to be cut off" if error.pos >= len(text.rstrip()) - 1 else ""
+            problem = f"this is not valid JSON at character {error.colno} of the line: {error.msg}{cut}"
             raise InputError(problem, row=error.lineno) from None
         except ValidationError as error:
             raise InputError(_explain(error, tree)) from None
         except RecursionError:
-            raise InputError("is nested too deeply to be a descriptor") from None
+            raise InputError("this is nested too deeply to be a descriptor") from None
         except ValueError as error:
-            raise InputError(f"is not a valid descriptor: {error}") from None
-        raise InputError("must be a JSON object with family, known and resources")
+            raise InputError(f"this is not a valid descriptor: {error}") from None
+        raise InputError("the descriptor must be a JSON object with family, known and resources")
 
 
 def locate_resource(resource: ResourceModel, descriptor: Path) -> Path:
@@ -159,7 +159,7 @@ def _refuse_constant(word: str):
 def _refuse_repeated(pairs: list) -> dict:
     again = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
     if again:
-        raise ValueError(f"the key {again[0]!r} is there twice in one object; keep one")
+        raise ValueError(f"the key {again[0]!r} occurs twice in one object; keep one")
     return dict(pairs)
 
 

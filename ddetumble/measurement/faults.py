@@ -24,30 +24,32 @@ from .units import choose_time_unit
 STAYING = ("missing", "uneven", "truncated")  # kinds that are reported and change nothing
 _TEXTS = {  # what is seen, what was done, what to do
     "missing": ("{share:.2g} % of all samples of {channel} are missing, in {records}.",
-                "The fit does without them; nothing is filled in.", "Nothing to do, unless they should be there."),
+                "The fit does without them; nothing is filled in.",
+                "Nothing need be done, unless they should be there."),
     "blind": ("Nothing is left of {channel} in {records}.", "{they_are} left out.",
               "Repeat {them} with a wider range."),
-    "clipped": ("{channel} is cut off {where} in {records}: equal readings follow one another there, and none lies "
-                "beyond.", "{gone}: those at the limit, and those beside them that may have been cut.",
+    "clipped": ("{channel} is clipped {where} in {records}: equal readings follow one another there, and none lies "
+                "beyond.", "{gone}: those at the limit, and neighbours that may have been clipped.",
                 "Choose a wider range of the gauge or the amplifier."),
-    "held": ("{channel} stands still for a while in {records}, which noise does not allow.", "{gone}.",
-             "Look at the gauge, its cable and the logger."),
-    "spike": ("{single} of {channel} in {records} {stand} more than {deviations:g} deviations off the neighbours.",
-              "{gone}.", "Look for interference or a loose contact."),
-    "uneven": ("The sampling of {records} is uneven: {low:.3g} to {high:.3g} {unit} from one to the next.",
-               "Every sample is taken where it stands, and the noise's correlation from pairs of samples.",
-               "Nothing to do, unless samples should be there."),
-    "copied": ("Records {same} hold the same samples, noise included.", "{kept}", "Export them again."),
-    "truncated": ("The normal force is still {end} % of its peak where the readings end, in mid-contact, in {records}.",
-                  "The model is compared with what there is; the restitution, which the unloading tells, and whatever "
-                  "acts late in the contact are the less certain, and duration and impulse are not measured.",
-                  "Record until the force is back at nought, or look for what cut the file off."),
+    "held": ("{channel} is constant for a while in {records}, which is impossible with noise.", "{gone}.",
+             "Check the gauge, its cable and the logger."),
+    "spike": ("{single} of {channel} in {records} {stand} more than {deviations:g} standard deviations from "
+              "neighbouring samples.", "{gone}.", "Look for interference or a loose contact."),
+    "uneven": ("The sampling of {records} is uneven: {low:.3g} to {high:.3g} {unit} from one sample to the next.",
+               "Every sample is used where it lies, and the correlation of the noise comes from pairs of samples.",
+               "Nothing need be done, unless samples are missing."),
+    "copied": ("Records {same} contain the same samples, noise included.", "{kept}", "Export them again."),
+    "truncated": ("The normal force is still {end} % of its peak where the readings end, during contact, in {records}.",
+                  "The model is compared with the samples that there are; the restitution, which the unloading "
+                  "determines, and whatever acts late in the contact are less certain, and duration and impulse are "
+                  "not measured.",
+                  "Record until the force has returned to zero, or find out what cut the file off."),
 }
 
 
 @dc.dataclass(frozen=True)
 class Fault:
-    """One fault of the data, in words.
+    """One fault in the data, described in words.
 
     Attributes:
         kind: `clipped`, `held`, `spike`, `missing`, `uneven`, `truncated`, `copied`, `unit`, `setting`, `clock`,
@@ -111,7 +113,7 @@ class ScreeningSettings:
 
 
 SCREENING = ScreeningSettings()
-WINDOW = 9  # samples in which a spike is looked for
+WINDOW = 9  # samples in which a spike is looked for: a smooth curve is a low polynomial in so few
 LOCAL = 61  # samples over which the size of the noise is taken: most of them by far are none of a spike's
 LOUDER = 1.5  # times the usual size, from which on it is another: a median of so few scatters by a sixth
 NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal variable
@@ -268,8 +270,8 @@ def _find_copies(campaign: Campaign, screened: list[str], groups: dict, settings
     for keys in (keys for keys in alike.values() if len(keys) > 1):
         same = len({groups[key] for key in keys}) == 1 or not len(campaign.records.columns)
         out = keys[1:] if same else keys
-        kept = f"{keys[0]} is kept, {join_words(out)} left out." if same else (
-            "Which is the original cannot be told, and all of them are left out.")
+        kept = f"{keys[0]} is kept, and {join_words(out)} left out." if same else (
+            "It is unclear which is the original, so all of them are left out.")
         found.append(_tell("copied", out, "", left_out=True, same=join_words(keys), kept=kept))
     return found
 

@@ -52,7 +52,7 @@ def read_pairs(option: str, given) -> dict[str, str]:
     for entry in [given] if isinstance(given, str) else given or ():
         name, _, value = map(str.strip, str(entry).partition("="))
         if not name or not value:
-            raise InputError(f"--{option} is given as NAME=VALUE, not {entry!r}")
+            raise InputError(f"--{option} takes NAME=VALUE, not {entry!r}")
         if name in pairs:
             raise InputError(f"--{option} gives {name!r} twice")
         pairs[name] = value

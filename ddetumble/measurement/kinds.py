@@ -115,7 +115,8 @@ SLIP = RecordKind(
     load="normal_load",
     averaged=("normal_load", "pressure"),
     described=(
-        _RUBBER, f"The rubber is not described ({', '.join(_RUBBER)}): the paper's is taken; --known states another."),
+        _RUBBER, f"The rubber is not described ({', '.join(_RUBBER)}), so the paper's is assumed; --known states "
+                 f"another."),
     options={"internal_pressure": ("--pressure '1.0 MPa'", "p [MPa]"), "slip_speed": ("--speed '20 mm/s'", "v [mm/s]"),
              "normal_load": ("--load '20 N'", "Load [N]")},
     path="slip",
@@ -139,7 +140,7 @@ TUMBLE = RecordKind(
 KINDS: dict[str, RecordKind] = {kind.name: kind for kind in (IMPACT, SLIP, TUMBLE)}
 DEFAULT_KIND = IMPACT.name  # where nothing says which
 ELSEWHERE = {  # names that are no kind of records, and how such records are given
-    "oblique": "oblique impacts are of the family impact, with a tangential speed among the conditions and "
+    "oblique": "oblique impacts belong to the family impact, with a tangential speed among the conditions and "
     "--keep tangential_force=COLUMN"}
 
 
@@ -189,15 +190,16 @@ def take_kind(given: Any, folder: Path | None = None) -> str:
         if given not in list_kinds():
             *first, last = list_kinds()
             more = f"; {ELSEWHERE[given]}" if given in ELSEWHERE else ""
-            raise InputError(f"family is {', '.join(first)} or {last}, or FILE.py:NAME for one of your own, not "
+            raise InputError(f"the family must be {', '.join(first)} or {last}, or FILE.py:NAME for one of your own, "
+                             f"not "
                              f"{given!r}{more}")
         return given
     file, variable = own
     if folder is not None:
         file = folder / file
         if not file.is_file():
-            raise InputError(f"the kind of tests is {given!r}, counted from this folder, and that file is not there; "
-                             "move it along, or correct the path", file=folder, key="family")
+            raise InputError(f"the kind of tests is {given!r}, relative to this folder, but that file does not exist; "
+                             "move it along with the folder, or correct the path", file=folder, key="family")
         require_trust(file, folder)
     found = run_file(file).__dict__.get(variable)
     if found is None:
@@ -209,7 +211,8 @@ def _take(own: _Own) -> str:
     kind = getattr(own.given, "kind", None)
     with error_place(file=own.file or None):
         if not isinstance(kind, RecordKind) or getattr(own.given, "name", None) != kind.name:
-            raise InputError(f"{own.variable or own.given!r} is no kind of tests: it has to be a `Family` whose `kind` "
+            raise InputError(f"{own.variable or own.given!r} is not a kind of tests: it must be a `Family` whose "
+                             f"`kind` "
                              "has the same name")
         before = _TAKEN.get(kind.name)
         if kind.name in KINDS or kind.name in ELSEWHERE or before is not None and before.file != own.file:
@@ -229,7 +232,7 @@ def write_kind(name: str, folder: Path) -> str:
     if own is None:
         return name
     if not own.file:
-        raise InputError(f"the kind of tests {name!r} stands in no file that could be named beside the data; give it "
+        raise InputError(f"the kind of tests {name!r} is defined in no file that the data could name; give it "
                          "as FILE.py:NAME")
     trust_file(Path(own.file))
     return f"{place_file(Path(own.file), folder)}:{own.variable}"

@@ -31,7 +31,7 @@ def import_tests(
     force=None, time=None, slip=None, record_column=None, keep=None, units=None, decimal=None, delimiter=None,
     onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
 ) -> Campaign:
-    """Turn raw files of a test bench into a campaign; what cannot be told is asked for, never guessed.
+    """Turn the raw files of a test bench into a campaign; what they do not show is asked for, never guessed.
 
     Args:
         paths: Files, or folders with files; one test each, or several with a record column.
@@ -71,7 +71,7 @@ def import_tests(
     for option, (given, applies) in (options | useful).items():
         if given is not None and not applies:
             hint = f"; {FRICTION_TEST}" if option in ("slip", "load") else ""
-            hint = ": there is no contact to begin with" if option == "onset" else hint
+            hint = ", whose tests have no contact" if option == "onset" else hint
             raise InputError(f"--{option} does not apply to the family {kind.name}{hint}")
     parameters = _read_known(known, ambient, kind)
     plan = make_plan(kind, force, time, slip, record_column, units, keep, parameters.get("effective_mass"))
@@ -82,13 +82,13 @@ def import_tests(
         plan.notes.append(f"The ambient pressure of {plan.ambient:g} Pa was added to the gauge pressures.")
     elif kind.pressure:
         asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
-        plan.notes.append(f"Pressures were taken as absolute{asked}.")
+        plan.notes.append(f"The pressures were taken as absolute{asked}.")
     tests = [test for file in _list_files(paths, conditions)
              for test in _read_tests(read_layout(file, delimiter=delimiter, decimal=decimal), plan)]
     files: dict[str, str] = {}
     for test in tests:
         if test.key in files:
-            problem = f"the record {test.key!r} is there twice; rename the file or the record in its column"
+            problem = f"the record {test.key!r} occurs twice; rename the file or the record in its column"
             raise InputError(problem, file=test.file)
         files[test.key] = test.file
     means = _collect_constants(tests, plan)
@@ -104,10 +104,10 @@ def import_tests(
             plan.notes.append(f"{name} is {value:g} {si_unit(name)} for all records, as given with --{option}.")
     for name, found in means.items():
         if name not in plan.conditions:
-            plan.add(name, found, si_unit(name), "its column along the tests")
+            plan.add(name, found, si_unit(name), "its column over the tests")
             plan.notes.append(f"{name} is the mean of its column over each test.")
         else:
-            plan.notes.append(f"{name} is that of {plan.sources[name]}; its column along the tests was left out.")
+            plan.notes.append(f"{name} is taken from {plan.sources[name]}; its column over the tests was left out.")
     noise, common = {}, {}
     if kind.has_contact:
         noise, common = align_tests(tests, plan, onset)
@@ -131,11 +131,11 @@ def import_tests(
         plan.notes.append(undescribed)
     if "tangential_speed" in kind.conditions and "tangential_speed" in plan.conditions:
         if not any("tangential_force" in test.values for test in tests):
-            plan.notes.append("The tests have a tangential speed and no tangential force was taken, so the friction "
-                              "stays unused; --keep tangential_force=COLUMN takes it.")
+            plan.notes.append("The tests have a tangential speed, but no column was read as the tangential force, so "
+                              "the friction is not used; give the column with --keep tangential_force=COLUMN.")
         elif "rolling_mass" not in parameters:
             plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
-                              "the ball cannot turn): 0.5 kg is taken; --known 'rolling_mass=0.4 kg' states it.")
+                              "the ball cannot turn), so 0.5 kg is assumed; --known 'rolling_mass=0.4 kg' states it.")
     stated = {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}
     campaign = replace(_assemble(tests, plan, stated, noise, common), known=parameters,
                        title=title or f"Imported {kind.name} tests")
@@ -181,7 +181,7 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         values[role] = unit.convert(convert_column(raw, column, decimal=raw.decimal,
                                                    allow_missing=role not in (independent, "sequence")))
         if plan.si.setdefault(role, unit.si) != unit.si:
-            raise InputError("the unit is of another kind than in the files before", file=raw.file, column=column)
+            raise InputError("the unit is of a different kind from that in earlier files", file=raw.file, column=column)
     used = ", ".join(f"{role} from {column!r}" for role, column in roles.items())
     left = ", ".join(column for column in raw.columns if column not in roles.values())
     stem = Path(raw.file).stem
@@ -229,7 +229,8 @@ def _collect_constants(tests: list[RawTest], plan: Plan) -> dict[str, dict[str, 
                 raise InputError(problem, file=varying.file)
             for test in tests:
                 test.values.pop(name)
-            plan.notes.append(f"The column for {name} changes within a test: it is no condition and was left out.")
+            plan.notes.append(f"The column for {name} changes within a test, so it is not a condition and was left "
+                              f"out.")
     return means
 
 
@@ -288,8 +289,8 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
     exact = [name for name in plan.conditions if name not in own and name != "sequence"]
     if exact:
         count, their = ("it counts", "its error") if len(exact) == 1 else ("they count", "their errors")
-        plan.notes.append(f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, and {their} can look "
-                          f"like missing physics; --uncertainty {exact[0]}='0.5 %' states one.")
+        plan.notes.append(f"No uncertainty is stated for {', '.join(exact)}: {count} as exact, so {their} can look "
+                          f"like missing physics; give one, such as --uncertainty {exact[0]}='0.5 %'.")
     for test in tests:
         for name in channels:
             if name in test.values:

@@ -39,18 +39,18 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
     file, short = str(path), Path(path).name
     data, encoding, notes = read_bytes(path), "utf-8", []
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding, notes = "utf-16", [f"{short}: read as UTF-16."]
+        encoding, notes = "utf-16", [f"{short} was read as UTF-16."]
     try:
         text = decode(data, file, encoding)
     except InputError as error:
         if "NUL" in error.problem:
             raise
-        text, notes = decode(data, file, "windows-1252"), [f"{short}: not UTF-8, read as Windows-1252."]
+        text, notes = decode(data, file, "windows-1252"), [f"{short} is not UTF-8 and was read as Windows-1252."]
     delimiter = {"tab": "\t", "\\t": "\t", "space": " "}.get(delimiter or "", delimiter)
     if delimiter not in (None, *DELIMITERS):
-        raise InputError(f"the delimiter {delimiter!r} is not known; give --delimiter as , ; | tab or space", file=file)
+        raise InputError(f"the delimiter {delimiter!r} is unknown; --delimiter takes , ; | tab or space", file=file)
     if decimal not in (None, ".", ","):
-        raise InputError(f"the decimal sign is '.' or ',', not {decimal!r}; give it with --decimal", file=file)
+        raise InputError(f"the decimal sign must be '.' or ',', not {decimal!r}; give it with --decimal", file=file)
     if delimiter is None:  # the first of those under which most cells are numbers
         head = "\n".join(text.splitlines()[:500])
         shares = {sign: _count_columns(_split(head, sign, file))[1] for sign in DELIMITERS}
@@ -146,7 +146,7 @@ def _find_data(rows, file: str) -> tuple[int, int, list[int]]:
     while first > 0 and any(map(_is_number, rows[first - 1][1])):
         first -= 1
     if regular[0] < first and len(numeric) > 1:
-        problem = f"text interrupts the numbers (data stand already on line {rows[regular[0]][0]}); remove or split it"
+        problem = f"text interrupts the numbers (data begin on line {rows[regular[0]][0]}); remove it or split the file"
         raise InputError(problem, file=file, row=rows[first - 1][0])
     return first, width, numeric
 
@@ -170,7 +170,7 @@ def _find_header(above, width: int, file: str) -> tuple[list[str], list[str | No
     names = [cells[j] if names.count(name) > 1 else name for j, name in enumerate(names)]
     for name, unit, (_, own) in zip(names, units, split, strict=True):
         if names.count(name) > 1:
-            raise InputError(f"the heading {name!r} is there twice; give each column its own", file=file, row=line)
+            raise InputError(f"the heading {name!r} occurs twice; give each column its own", file=file, row=line)
         if unit and own and unit != own:
             problem = f"the heading says {own!r} and the unit row {unit!r}; correct one"
             raise InputError(problem, file=file, column=name, row=line)
@@ -184,11 +184,11 @@ def _find_decimal(cells: list[str], file: str) -> str:
         return "."
     both = next((cell for cell in commas if "." in cell), None)
     if both:
-        raise InputError(f"{both!r} has thousands separators; export the numbers without them", file=file)
+        raise InputError(f"{both!r} has a thousands separator; export the numbers without them", file=file)
     if any("." in cell for cell in cells):
         problem = f"some numbers have points and some commas ({commas[0]!r}); export them alike, or give --decimal"
         raise InputError(problem, file=file)
     if all(_THOUSANDS.fullmatch(cell) for cell in commas):
-        problem = f"{commas[0]!r} can be a decimal comma or thousands; say which with --decimal , or --decimal ."
+        problem = f"{commas[0]!r} may have a decimal comma or a thousands separator; give --decimal , or --decimal ."
         raise InputError(problem, file=file)
     return ","

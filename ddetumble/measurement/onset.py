@@ -22,7 +22,7 @@ REACH = 0.5  # of the peak: up to there, speed and gas pressure have changed too
 # the reference model at 0.3 to 3 MPa, 0.1 to 0.9 m/s, 0.3 to 3 kg and restitutions of 0.4 to 0.98, b₃ (growing volume,
 # damping) is -0.058 ± 0.021, b₅ (falling speed) -0.087 ± 0.008, and the curve is met within 1e-4 of the peak.
 ORDERS, BEND, BEND_SD = (3, 5), np.array([-0.058, -0.087]), np.array([0.03, 0.015])
-SHAPE_ERROR = 2e-4  # of the peak, that the curve itself may miss
+SHAPE_ERROR = 2e-4  # of the peak, that the curve itself may miss: twice what it did in the cases above
 
 
 @dataclass(frozen=True)
@@ -156,10 +156,11 @@ def _cut_rise(time, force, label: str) -> _Rise:
     there = np.isfinite(time) & np.isfinite(force)
     time, force = time[there], force[there]
     if len(time) < 2 * FEWEST_BEFORE:
-        _refuse(label, f"only {len(time)} samples: too few to find the contact onset")
+        _refuse(label, f"there are only {len(time)} samples, too few to find the contact onset")
     last = int(np.argmax(force))
     if last < FEWEST_BEFORE:
-        _refuse(label, f"the force peaks within the first {FEWEST_BEFORE} samples: no time before contact")
+        _refuse(label, f"the force peaks within the first {FEWEST_BEFORE} samples, so the record does not begin "
+                       f"before contact")
 
     def climb(level: float) -> int:  # the sample from which on the force is above a level until the peak
         return int(np.max(np.flatnonzero(force[:last] < level), initial=-1)) + 1
@@ -172,12 +173,12 @@ def _cut_rise(time, force, label: str) -> _Rise:
         spread = float(1.4826 * np.median(np.abs(calm - offset))) or float(calm.std())
     peak = force[last] - offset
     if peak < max(8 * spread, 1e-12):
-        _refuse(label, f"no force stands out of the noise ({spread:.3g} N) enough to find contact")
+        _refuse(label, f"no force exceeds the noise ({spread:.3g} N) by enough to find the contact")
     first = climb(offset + max(5 * spread, 1e-3 * peak))
     if first < FEWEST_BEFORE:
-        _refuse(label, f"only {first} samples before contact: too few to tell the onset")
+        _refuse(label, f"there are only {first} samples before contact, too few to determine the onset")
     if last - first < 3:
-        _refuse(label, f"only {last - first + 1} samples on the rise: too few to tell the onset")
+        _refuse(label, f"there are only {last - first + 1} samples on the rise, too few to determine the onset")
     noise = float(np.hypot(spread, SHAPE_ERROR * peak))
     half = _cross(time, force - offset - REACH * peak, first, last, noise)
     # The foot of the parabola through the points where the force reaches a tenth and four tenths of its peak.
@@ -248,10 +249,10 @@ class _Rises:
         """Refuse onsets that the rises do not tell."""
         for i, rise in enumerate(self.rises):
             if not sd[i] < 0.3 * (self.half[i] - time[i]):
-                _refuse(rise.label, "the force rises too little above its noise to tell the onset")
+                _refuse(rise.label, "the force rises too little above its noise to determine the onset")
             before = rise.earlier + int(np.sum(rise.time < time[i]))
             if before < FEWEST_BEFORE:
-                _refuse(rise.label, f"only {before} samples before contact: too few to tell the onset")
+                _refuse(rise.label, f"there are only {before} samples before contact, too few to determine the onset")
 
     def scan(self, start: _Start) -> _Located:
         """Onsets by a search around the foot."""

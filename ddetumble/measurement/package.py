@@ -74,7 +74,7 @@ def _read_package(descriptor: Path) -> Campaign:
         if resource.name not in ("records", "samples", "peaks"):
             notes.append(f"The resource {resource.name} is not part of a campaign and was left out.")
     if "records" not in resources:
-        raise InputError("there is no resource named records; add the table with one row a test")
+        raise InputError("there is no resource named records; add the table with one row per test")
     if not {"samples", "peaks"} & set(resources):
         raise InputError("there is no resource named samples or peaks; add the table with the measurements")
     family = take_kind(model.family, descriptor.parent)
@@ -86,7 +86,7 @@ def _read_package(descriptor: Path) -> Campaign:
     tables = {name: _read_resource(resources[name], descriptor, known, digest, notes)
               for name in ("records", "samples", "peaks") if name in resources}
     records, samples, peaks = tables["records"], tables.get("samples"), tables.get("peaks")
-    checks.check_unique(records, "give every test its own key")
+    checks.check_unique(records, "give every test a key of its own")
     parts: dict[str, Any] = {}
     if samples is not None:
         independent = checks.check_samples(samples, records.keys, kind)
@@ -98,7 +98,7 @@ def _read_package(descriptor: Path) -> Campaign:
         checks.check_peaks(peaks, records.keys)
         for name, column in peaks.columns.items():
             if column.common is not None:
-                problem = "common_uncertainty of a peak is not read; state that of a condition"
+                problem = "the common_uncertainty of a peak is not used; state that of a condition"
                 raise InputError(problem, column=name)
         parts |= {"peaks": peaks.frame(), "peak_columns": peaks.columns}
     measured = {key for table in (samples, peaks) if table is not None for key in table.keys}
@@ -118,7 +118,7 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
         for field in resource.table.fields:
             with error_place(column=field.name):
                 if field.name in fields:
-                    raise InputError("there are two fields of that name; keep one")
+                    raise InputError("there are two fields with this name; keep one")
                 if field.name != "record" and role_of(field.name) and not field.numeric:
                     raise InputError(f'declare the field as "type": "number" (now {field.type or "no type"})')
             fields[field.name] = field
@@ -132,7 +132,7 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
                     or far.get("resource") != "records":
                 raise InputError('a foreign key must lead from "record" to the resource records')
         if resource.encoding.lower().replace("_", "-") not in ("utf-8", "utf8", "utf-8-sig", "ascii"):
-            raise InputError(f"the encoding {resource.encoding!r} is not read; save the table as UTF-8")
+            raise InputError(f"the encoding {resource.encoding!r} is not supported; save the table as UTF-8")
         delimiter, quote = resource.dialect.delimiter, resource.dialect.quoteChar
         if resource.format == "tsv" and "delimiter" not in resource.dialect.model_fields_set:
             delimiter = "\t"
@@ -164,7 +164,7 @@ def _read_resource(resource: ResourceModel, descriptor: Path, known: dict, diges
             values = check_unit(field.unit or "1", column).convert(values) + offset
         checks.check_values(column, values, table, name, about.uncertainty)
         if column in ("initial_pressure", "internal_pressure") and not np.all(values):
-            notes.append(f"The column {column} holds absolute pressures of zero: a ball without gas.")
+            notes.append(f"The column {column} contains absolute pressures of zero, that is, a ball without gas.")
         numbers.columns[column], numbers.values[column] = about, values
     return numbers
 
@@ -175,7 +175,7 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
     with error_place(f"resource {resource}: "):
         if field.unit is None and name not in UNITLESS and role_of(name) != "pure number":
             wanted = si_unit(name) if role_of(name) else "mm"
-            raise InputError(f'the field has no unit; add "unit": "{wanted}" or what it is ("1" for a ratio)')
+            raise InputError(f'the field has no unit; add it, such as "unit": "{wanted}" ("1" for a ratio)')
         unit = check_unit(field.unit or "1", name)
     uncertainty, common = (None if text is None else parse_uncertainty(text, unit, name)
                            for text in (field.uncertainty, field.common_uncertainty))
@@ -184,7 +184,8 @@ def _describe_field(field: FieldModel, resource: str, known: dict, notes: list[s
             raise InputError('only a pressure can have "reference": "gauge"')
         offset = known.get("ambient_pressure")
         if offset is None:
-            raise InputError('gauge pressures need the ambient pressure: add "ambient_pressure": "101.3 kPa" or as '
+            raise InputError('gauge pressures need the ambient pressure: add "ambient_pressure", such as "101.3 kPa", '
+                             'as '
                              "measured")
         if any(one is not None and one.relative is not None for one in (uncertainty, common)):
             raise InputError('the uncertainty of a gauge pressure must be absolute, like "2 kPa" (per cent of what?)')
@@ -215,12 +216,13 @@ def write_campaign(folder, campaign: Campaign, *, overwrite: bool = False) -> Ca
     folder = Path(os.path.abspath(folder))
     with error_place(file=folder):
         if folder.exists() and not folder.is_dir():
-            raise InputError("is a file; name a folder for the campaign")
+            raise InputError("this is a file; name a folder for the campaign")
         if folder.is_dir() and any(folder.iterdir()):
             if not (folder / "datapackage.json").is_file():
-                raise InputError("the folder holds other files; name a new folder for the campaign")
+                raise InputError("the folder contains other files; name a new folder for the campaign")
             if not overwrite:
-                raise InputError("the folder holds a campaign already; name a new one, or replace it with --overwrite")
+                raise InputError("the folder already contains a campaign; name a new one, or replace it with "
+                                 "--overwrite")
     texts = format_campaign(replace(campaign, name=campaign.name or folder.name), folder)
     draft = folder.parent / f".{folder.name}-{uuid.uuid4().hex[:8]}"
     try:
@@ -295,9 +297,9 @@ def _describe(column: Column) -> dict:
         elif uncertainty.relative is not None and uncertainty.absolute is None:
             field[key] = f"{float(f'{uncertainty.relative * 100:.15g}')!r} %"
         else:
-            raise InputError("an uncertainty is written either as absolute or as relative, not as both")
+            raise InputError("an uncertainty must be either absolute or relative, not both")
     if column.assumed:
         field["assumed"] = True
-    gauge = "Measured against the ambient pressure; absolute here."
+    gauge = "Measured relative to the ambient pressure; absolute here."
     description = f"{column.description} {gauge if column.gauge and 'gauge' not in column.description else ''}".strip()
     return field | ({"description": description} if description else {})

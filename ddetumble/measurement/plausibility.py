@@ -79,7 +79,7 @@ class Implausibility:
 
 
 def check_plausibility(campaign: Campaign) -> tuple[Implausibility, ...]:
-    """Find what no bench has, and which wrong unit would explain it.
+    """Find implausible magnitudes in a campaign, and the wrong units that would explain them.
 
     Every size that the campaign tells is compared with its range, in `RANGES` or of its kind of tests. One column in
     another unit than stated is the explanation where it brings all of them into their ranges; where none does, each is
@@ -165,5 +165,5 @@ def _ask(name: str, size: Size, mistakes: tuple[tuple[str, str, str], ...], rang
     listed = [f"{column} " + ", or ".join(f"in {' or '.join(actual)} where {stated} is stated"
                                           for stated, actual in ways.items()) for column, ways in guesses.items()]
     remedy = f"are the values of {', or of '.join(listed)}?" if listed else (
-        "are the units of all columns right, and the scales of the gauges?")
+        "are the units of all columns and the scales of the gauges right?")
     return Implausibility(name, size.value, low, high, size.unit, mistakes, f"Units: {seen}; {remedy}")

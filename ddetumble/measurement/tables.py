@@ -21,9 +21,9 @@ CELLS = 20  # bytes of memory a byte of a table takes while it is read, as text 
 _DIGITS = frozenset("0123456789+-.eE")
 # Cells that are no numbers, and what to do about them; at first those with the other decimal sign.
 _OTHER_SIGN = {
-    ".": (r"[-+]?\d*,\d+([eE][-+]?\d+)?", "has a comma; write a decimal point, and no thousands separators"),
+    ".": (r"[-+]?\d*,\d+([eE][-+]?\d+)?", "contains a comma; write a decimal point, and no thousands separators"),
     ",": (r"[-+]?\d*\.\d+([eE][-+]?\d+)?",
-          "has a point where decimals are written with commas; write all numbers alike"),
+          "contains a point where decimals are written with commas; write all numbers alike"),
 }
 _MISTAKES = (
     (r"[-+]?\d{1,3}([,.'’\s_]\d{3})+([.,]\d*)?", "has thousands separators; write the number without them"),
@@ -53,23 +53,23 @@ def read_bytes(path) -> bytes:
     path = Path(path)
     try:
         if path.exists() and not path.is_file():
-            what = "is a folder; a file is needed here" if path.is_dir() else "is not a plain file"
+            what = "this is a folder; a file is needed here" if path.is_dir() else "this is not a plain file"
             raise InputError(what, file=path)
         refuse_memory(CELLS * path.stat().st_size, f"reading {path}")
         return path.read_bytes()
     except FileNotFoundError:
-        raise InputError("there is no such file; check the path", file=path) from None
+        raise InputError("this file does not exist; check the path", file=path) from None
     except InputError:
         raise
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
+        raise InputError(f"this file cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
 
 
 def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
     """Bytes as text, without a byte-order mark; NUL and bytes that are not in that encoding are refused by line."""
     if b"\0" in data and encoding != "utf-16":
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise InputError("holds a NUL byte: the file is damaged, or is not text", file=file, row=line)
+        raise InputError("the line contains a NUL byte: the file is damaged, or is not text", file=file, row=line)
     try:
         return data.decode("utf-8-sig" if encoding == "utf-8" else encoding)
     except UnicodeDecodeError as error:
@@ -88,7 +88,8 @@ def split_rows(text: str, file: str, delimiter: str, quote: str = '"', strict: b
             rows.append((start, cells))
             start = reader.line_num + 1
     except csv.Error as error:
-        raise InputError(f"broken quoting or an endless cell ({error}); mend the line", file=file, row=start) from None
+        raise InputError(f"a quotation mark is not closed, or a cell is too long ({error}); correct the line",
+                         file=file, row=start) from None
     return rows
 
 
@@ -118,7 +119,7 @@ def parse_table(text: str, file: str, delimiter: str = ",", quote: str = '"') ->
                 hint = "; complete the row (was the file cut off?)"
             elif delimiter == ",":
                 hint = "; if numbers are written with commas, write decimal points and no thousands separators"
-            problem = f"the row has {len(cells)} cell{'s' * (len(cells) > 1)} and the header {len(header)}{hint}"
+            problem = f"the row has {len(cells)} cell{'s' * (len(cells) > 1)} but the header has {len(header)}{hint}"
             raise InputError(problem, file=file, row=line)
     lines, data = zip(*rows, strict=True)
     return Table(file, dict(zip(header, map(list, zip(*data, strict=True)), strict=True)), np.array(lines))
@@ -126,12 +127,12 @@ def parse_table(text: str, file: str, delimiter: str = ",", quote: str = '"') ->
 
 def _check_header(header: list[str], file: str, line: int, delimiter: str) -> None:
     if not header:
-        raise InputError("the first line is empty; it must hold the column names", file=file, row=line)
+        raise InputError("the first line is empty; it must contain the column names", file=file, row=line)
     for i, name in enumerate(header):
         if not name:
             raise InputError(f"column {i + 1} has no name in the header; name it or remove it", file=file, row=line)
         if header.count(name) > 1:
-            problem = f"the heading {name!r} is there {header.count(name)} times; give each column its own name"
+            problem = f"the heading {name!r} occurs {header.count(name)} times; give each column its own name"
             raise InputError(problem, file=file, row=line)
     other = next((sign for sign in ";\t|," if sign != delimiter and sign in header[0]), None)
     if other and len(header) == 1:

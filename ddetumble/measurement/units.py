@@ -103,7 +103,7 @@ def parse_unit(text: str) -> Unit:
                          '"reference": "gauge" and state ambient_pressure')
     spelling = _spell(text)
     if spelling is None:
-        raise InputError(f"unit {text!r} is not one I can read; write it like N, MPa, m/s, N*s/m or kg*m^2")
+        raise InputError(f"unit {text!r} cannot be read; write it like N, MPa, m/s, N*s/m or kg*m^2")
     registry = _registry()
     try:
         unit = registry.parse_units(spelling)
@@ -113,7 +113,7 @@ def parse_unit(text: str) -> Unit:
     except Exception as error:  # pint raises many kinds, some of them bare AssertionErrors
         hint = _HINTS.get(text.casefold())
         hint = f"did you mean {hint}?" if hint else "write it like N, MPa, m/s or mm"
-        raise InputError(f"unit {text!r} is not known; {hint}") from error
+        raise InputError(f"unit {text!r} is unknown; {hint}") from error
     if not all(map(math.isfinite, (low, middle, high))) or middle == low:
         raise InputError(f"unit {text!r} has no finite size in SI units")
     if abs((high - middle) - (middle - low)) > 1e-9 * abs(high - middle):
@@ -135,7 +135,7 @@ def check_unit(text: str, quantity: str) -> Unit:
         if spelt and parse_unit(spelt.split()[0]).dimension == wanted.dimension:
             hint = f"; did you mean {spelt}?"
         elif measured != "pure number":
-            hint = f"; {unit.text} is of a {measured}: correct the unit, or take the column that holds the {kind}"
+            hint = f"; {unit.text} is a unit of {measured}: correct it, or choose the column with the {kind}"
         raise InputError(f"unit {unit.text!r} does not measure {quantity}, which is a {kind} ({wanted.text}){hint}")
     if kind == "angular velocity" and re.search("Hz|hertz", unit.text):
         raise InputError(f"unit {unit.text!r} leaves open whether {quantity} counts turns; write rad/s, deg/s or rpm")
@@ -169,7 +169,7 @@ def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertain
         raise InputError(f"the uncertainty of {quantity} needs a unit: write it like '{text} {unit.text}' or '0.5 %'")
     own = check_unit(rest, quantity)
     if own.dimension != unit.dimension:
-        raise InputError(f"the uncertainty of {quantity} is in {own.text!r} and its values are in {unit.text!r}")
+        raise InputError(f"the uncertainty of {quantity} is in {own.text!r}, but its values are in {unit.text!r}")
     return Uncertainty(float(replace(own, offset=0.0).convert(number)))
 
 

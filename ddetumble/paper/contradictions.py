@@ -152,7 +152,7 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
 SLIPS = tuple(1e-3 * s for s in (0.0, *np.geomspace(1e-3, 5.0, 75)))  # m, slips at which Eq. 11 is tried
 UNCORRECTED = 22.6  # %, section 4: error of Eq. 8, whose column is not printed
 CORRECTED = 6.9  # %, section 4: error of Eq. 11
-LOOK = 1e-3  # m, slip at which the slip term is quoted: 1 mm
+LOOK = 1e-3  # m, slip at which the slip term is quoted: 1 mm, the unit of Eq. 10
 
 
 def slip_term(slip: np.ndarray | float, load: np.ndarray | float, printed: bool) -> np.ndarray:
@@ -304,7 +304,7 @@ def draw_restitution():
         given = printed_restitution(e)
         axes.plot([e], [given], "o", color=BEFORE)
         point_at(axes, f"{e} → {given:.3f}", (e, given), (-6, 7), ha="right", color=BEFORE)
-    axes.set(xlabel="restitution asked for", ylabel="restitution delivered", xlim=(0, 1), ylim=(0, 1.02))
+    axes.set(xlabel="restitution wanted", ylabel="restitution obtained", xlim=(0, 1), ylim=(0, 1.02))
     axes.legend(loc="lower right")
     return figure
 

@@ -36,8 +36,8 @@ from .tumbling import DURATION, STEP, UNTURNED, Momentum, measure_angle, read_mo
 IMPACT_TIME = 0.4  # s, section 5
 SPEED, FASTEST = 0.4, 2.0  # m/s: of the tests, and what Table 1 gives the arm
 LEVERS = {"side wall, at the rim": 1.5, "end face, at the rim": 1.0}  # m, of a normal force on the stage
-MASSES = (1.2, 4.0, 10.0, 20.0)  # kg
-TOUCH = 1.4  # m, height of the toolkit's own impacts on the side wall
+MASSES = (1.2, 4.0, 10.0, 20.0)  # kg, over the apparent masses that an arm may have
+TOUCH = 1.4  # m, height of the toolkit's own impacts on the side wall: just inside its rim at 1.5 m
 
 
 def find_demand(table: Momentum, printed: np.ndarray, friction: float) -> dict[str, Any]:
@@ -243,7 +243,7 @@ def draw_displacement(passage: Tumble, velocity: np.ndarray):
     return figure
 
 
-SHOWN = 300.0  # s, on either side of the impact
+SHOWN = 300.0  # s, on either side of the impact: more would draw the curves too densely to read
 
 
 def write_detumbling(peaks: np.ndarray, measured: np.ndarray, theory: np.ndarray, friction: float):

@@ -364,15 +364,15 @@ def gather_forces(conditions: Mapping[str, np.ndarray], along: str, peaks: np.nd
     if repeats >= 3:
         means = np.array([peaks[group == g].mean() for g in group])
         share, left = float(np.sqrt(np.sum((peaks / means - 1.0) ** 2) / repeats)), repeats
-        text = f"From the scatter of repeats at equal conditions, {100 * share:.1f} % of the value."
+        text = f"The scatter of repeats at equal conditions gives an error of {100 * share:.1f} % of the value."
     else:
         degree = choose_degree(conditions[along], peaks, 1.0 / peaks)
         left = len(peaks) - degree - 1
         fitted, _ = fit_linear(polynomial(conditions[along], degree), peaks, 1.0 / peaks)
         share = float(np.sqrt(np.sum((fitted / peaks - 1.0) ** 2) / left)) if left >= 1 else float("nan")
-        text = "There are too few peaks to tell how large their errors are." if left < 1 else (
+        text = "There are too few peaks to estimate their errors." if left < 1 else (
             f"No uncertainty is stated: the scatter about a polynomial of degree {degree} in {WORDS[along]}, "
-            f"{100 * share:.1f} % of the value with {left} degrees of freedom, stands in for it.")
+            f"{100 * share:.1f} % of the value with {left} degrees of freedom, takes its place.")
     return Forces(conditions, along, peaks, np.full(len(peaks), share), float(max(left, 0)), text)
 
 

@@ -37,7 +37,7 @@ from .forces import (
 from .peaks import choose_effects
 
 
-LEAST = 1e-6  # the smallest tan(delta) that is tried: K is a quotient by it
+LEAST = 1e-6  # the smallest tan(delta) that is tried: K is a quotient by it, and still finite there
 SCALED, RELEASED = "Eq. 8 times one scale, K as the toolkit has it", "Eq. 8, weights of either sign"
 SYMBOLS = {"loss_factor": "tan δ", "adhesion": "K tan δ"}
 

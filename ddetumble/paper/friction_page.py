@@ -220,7 +220,7 @@ def draw_coefficient(judged: FrictionJudgement):
     right.annotate("negative:\nnot physical", (-0.145, 11.6), color=GREY, fontsize=8.5, va="top")
     right.plot(tangents, worst, color=INK, lw=1.6)
     right.plot([0], [np.interp(0, tangents, worst)], "o", color=AFTER)
-    dress(right).set(xlim=(-0.15, 0.4), ylim=(0, 12), xlabel="tan δ, kept there", ylabel="rms error with K fitted [%]")
+    dress(right).set(xlim=(-0.15, 0.4), ylim=(0, 12), xlabel="tan δ, held", ylabel="RMS error with K fitted [%]")
     return figure
 
 
@@ -242,7 +242,7 @@ def draw_scales(judged: FrictionJudgement, at: float):
     return figure
 
 
-SHOWN = 2.05e6  # Pa, Figure 11
+SHOWN = 2.05e6  # Pa, the pressure of Figure 11
 
 
 def read_friction(judged: FrictionJudgement) -> dict[str, np.ndarray]:
@@ -300,7 +300,7 @@ def write_friction(judged: FrictionJudgement, table: Mapping[str, np.ndarray], m
     far = next(pair for pair in judged.pairs if pair.first == SCALED)
     against = draw_differences(
         [pair for pair in judged.pairs if pair is not far],
-        "mean |error| of the first minus that of the constant [points]; > 0: the constant is better")
+        "mean |error| of the first minus that of the constant [percentage points]; > 0: the constant is better")
     best = describe_best(judged)
     shown = [(column, GREY, "--^"), (judged.constant, AFTER, "-s"), (judged.polynomial, KIN, "-D"),
              (rows[RELEASED], BEFORE, "-v"), (rows[SCALED], BEFORE, ":x")]

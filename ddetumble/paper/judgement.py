@@ -89,8 +89,8 @@ def judge_campaign(campaign, model: str = "paper", *, reference: Any = None, **o
     slip = "peak_friction_force" in measured and "normal_load" in campaign.conditions
     name = "peak_friction_force" if slip else "peak_normal_force"
     if name not in measured:
-        raise InputError(f"campaign {campaign.name} holds no column peak_normal_force, nor peak_friction_force with "
-                         "normal_load, to judge")
+        raise InputError(f"campaign {campaign.name} has nothing to judge: it has no column peak_normal_force, and no "
+                         "peak_friction_force with normal_load")
     frame = campaign.records.join(campaign.peaks, how="inner").dropna(subset=[name])
     peaks, stated = frame[name].to_numpy(), campaign.uncertainty(name)
     options.setdefault("assumed", tuple(n for n, column in campaign.conditions.items() if column.assumed))
@@ -105,8 +105,8 @@ def judge_campaign(campaign, model: str = "paper", *, reference: Any = None, **o
         judged = judge_peaks(conditions, peaks, repeats=frame.get("repeats"), **options)
     if not extra:
         return judged
-    left = (f"The model's own effects ({', '.join(e.id for e in extra)}) are left out: peaks are held against its "
-            "reference model, fitted anew.")
+    left = (f"The model's own effects ({', '.join(e.id for e in extra)}) are left out: the peaks are compared "
+            "with its reference model, fitted anew.")
     return dc.replace(judged, notes=(left, *judged.notes))
 
 

@@ -80,8 +80,9 @@ def correct_printed(bench: Bench, mass: float, printed: np.ndarray) -> tuple[lis
     return rows, ratios
 
 
+# Over all that a rubber ball may have, to show that peaks do not tell them apart.
 RESTITUTIONS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.99)
-KEPT = 0.7  # restitution of our model
+KEPT = 0.7  # restitution of our model: that of `Ball` by default
 
 
 def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
@@ -127,7 +128,7 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
         "figure-8-growth": draw_growth(peaks, exponent), "figure-8-ladder": draw_ladder(peaks),
         "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
         "table-3-differences": draw_differences(
-            forces.pairs, "mean |error| of the first minus that of the second [points]"),
+            forces.pairs, "mean |error| of the first minus that of the second [percentage points]"),
     }  # fmt: skip
     pages, numbers = write_friction(slipped, friction, misses)
     tumbling, motion = write_tumbling()

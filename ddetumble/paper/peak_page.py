@@ -22,9 +22,9 @@ def draw_growth(judged: PeakJudgement, growth: tuple[float, float]):
     x, y = judged.forces.x / 1e6, judged.peaks
     middle = np.exp(np.mean(np.log(x))), np.exp(np.mean(np.log(y)))
     fine = np.geomspace(0.9 * x.min(), 1.1 * x.max(), 50)
-    for power, label, colour, line in ((1 / 3, "P0 to the 1/3: a mass on F ~ P0 δ²", AFTER, "--"),
-                                       (1.0, "P0 to the 1: a press at fixed stroke", GREY, ":"),
-                                       (exponent, f"P0 to the {exponent:.2f} ± {error:.2f}: fitted", BEFORE, "-")):
+    for power, label, colour, line in ((1 / 3, "P0 to the power 1/3: a mass on F ~ P0 δ²", AFTER, "--"),
+                                       (1.0, "P0 to the power 1: a press at fixed stroke", GREY, ":"),
+                                       (exponent, f"P0 to the power {exponent:.2f} ± {error:.2f} (fit)", BEFORE, "-")):
         left.plot(fine, middle[1] * (fine / middle[0]) ** power, line, color=colour, lw=1.5, label=label)
     left.plot(x, y, "o", color=INK, ms=6, label="measured", zorder=4)
     left.set(xscale="log", yscale="log")
@@ -71,7 +71,7 @@ def draw_ladder(judged: AbstractJudgement, most: int = 26, narrow: bool = False)
     axes.set(xscale="log", xlim=(0.8, 300), xticks=[1, 2, 5, 10, 20, 50, 100])
     axes.xaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
-    label = "rms error of what was left out [%]; dashed: the low polynomial"
+    label = "RMS error on left-out values [%]; dashed: the low polynomial"
     axes.set_xlabel(wrap_text(label, NARROW - 0.4) if narrow else label)
     return figure
 

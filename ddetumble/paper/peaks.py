@@ -22,9 +22,9 @@ from .forces import Forces, PeakRow, compare_rows, has_power, judge_gain, measur
 
 
 WINDOW = 0.27  # s, the paper's impact time: where the arm pushes on, the peak is sought up to here
-SAMPLES = 128
-CHUNK = 64  # impacts a call of the compiled program
-DIRECTIONS = 4  # parameters that one model may free
+SAMPLES = 128  # in a window, denser at its start, in which the peak is sought
+CHUNK = 64  # impacts a call of the compiled program: more fill the memory, fewer idle the processor
+DIRECTIONS = 4  # parameters that one model may free: eleven peaks determine no more
 NONE = np.full((1, DIRECTIONS), -1)  # free coordinates of a model that is only evaluated
 
 
@@ -89,9 +89,10 @@ def _costs(model: np.ndarray, peaks: np.ndarray, weights: np.ndarray) -> np.ndar
     return np.where(np.isfinite(total), total, np.inf)
 
 
-ATMOSPHERE = 101325.0  # Pa
-VISIBLE = 0.05  # share of a parameter's signature that must survive for it to be fitted
-FINALISTS = 8  # pairs of effects whose held-out errors are computed
+ATMOSPHERE = 101325.0  # Pa, the standard atmosphere
+# Share of a parameter's signature that must survive for it to be fitted: below it a fit only trades it for others.
+VISIBLE = 0.05
+FINALISTS = 8  # pairs of effects whose held-out errors are computed, best in sample first: each takes eleven fits
 
 
 @dc.dataclass(frozen=True)
@@ -300,9 +301,9 @@ class Bench:
             recipe, squeeze = recipes[k], contact[n, :, 2].max()
             self.fits[recipe.label] = PeakFit(recipe.free, x[k], fold_x[n], fold_cost[n], contact[n])
             outside = self._outside(recipe.free, x[k])
-            remark = f"not physical: {outside}" if outside else "" if done[k] else "the fit did not settle"
+            remark = f"not physical: {outside}" if outside else "" if done[k] else "the fit did not converge"
             if not remark and diameter > 0 and squeeze > 0.5 * diameter and model[k].min() > 0:
-                remark = f"the ball is squeezed by {1e3 * squeeze:.0f} of its {1e3 * diameter:.0f} mm"
+                remark = f"the ball is compressed by {1e3 * squeeze:.0f} of its {1e3 * diameter:.0f} mm"
             rows.append(PeakRow(self.forces, recipe.label, recipe.kind, recipe.effects, len(recipe.free), model[k],
                                 np.diagonal(held[n]), self._estimate(recipe.free, x[k], model[k], slopes[k]),
                                 not outside, remark))

@@ -26,9 +26,10 @@ from .section import write_section
 
 DURATION, STEP = 2000.0, 0.2  # s, section 5: 10,000 steps
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+# Relative differences of the transverse moments, from the printed cylinder to a plainly unequal stage.
 ASYMMETRIES = (0.0, 0.02, 0.05, 0.1, 0.2)
 DRAWN = 0.1  # relative difference of the transverse moments in the figures, an assumption
-SHOWN = 300.0  # s
+SHOWN = 300.0  # s, of the simulated 2000: more would draw the curves too densely to read
 
 
 @dc.dataclass(frozen=True)

@@ -19,8 +19,10 @@ from ..dynamics.collision import Collision
 from .problem import Design, StrikeProblem, read_design, score, strike_debris
 
 
-MISSED = 1e-3  # fraction of the least approach speed, below which a ball strikes nothing
-PATH = np.linspace(0.1, 1.0, 6)  # fractions of the clearance time at which the ball's path is looked at
+# Fraction of the least approach speed, below which a ball strikes nothing: positive, so that closed forms stay finite.
+MISSED = 1e-3
+# Fractions of the clearance time at which the ball's path is looked at: a path is nearly straight in so short a time.
+PATH = np.linspace(0.1, 1.0, 6)
 
 
 class Constraints(NamedTuple):

@@ -42,9 +42,10 @@ from ..selection.settings import DEFAULT
 
 
 FILE = "map.json"
-SAME = 0.9995  # |cos| from which no size tells two effects apart
-BEFORE = 2e-3  # s, that an impact record begins before first touch
-AFTER = 1.45  # contact times that it lasts
+# |cos| from which no size tells two effects apart: above it the 0.1 % that differs is lost in linearisation.
+SAME = 0.9995
+BEFORE = 2e-3  # s, that an impact record begins before first touch, so that the time origin is seen
+AFTER = 1.45  # contact times that it lasts, so that a contact prolonged by an effect still ends within it
 
 
 @dc.dataclass(frozen=True)
@@ -106,12 +107,12 @@ class Visibility(AbstractPrinted):
     def __str__(self) -> str:
         """The map for a terminal."""
         width = max(len(e.effect) for e in self.effects)
-        rows = [f"{'effect':<{width}}  {'found from':<28}  most like"]
+        rows = [f"{'effect':<{width}}  {'detected from':<28}  most similar"]
         for e in self.effects:
             size = f"{e.parameter} = {e.size:.3g} {e.unit}".rstrip().removesuffix(" 1") if e.size is not None else (
-                "cannot be seen")
+                "undetectable")
             near = "" if e.closest is None else f"{e.closest} ({e.cosine:.2f}), " + (
-                "never told from it" if e.told is None else f"told from it at {e.told:.2g} times that")
+                "never distinguishable" if e.told is None else f"distinguishable at {e.told:.2g} times that")
             rows.append(f"{e.effect:<{width}}  {size:<28}  {near}")
         return "\n".join([self.sentence, "", *rows, "", *(f"- {note}" for note in self.notes)])
 
@@ -130,7 +131,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
                 channels: Sequence[str] | None = None, uncertainties: Sequence[str] | None = None,
                 values: Sequence[str] | None = None, length: str | None = None, interval: str | None = None,
                 progress: Progress | None = None) -> Visibility:
-    """Say what a campaign could see, and what it could not tell apart, before any test of it.
+    """Compute which effects a planned campaign would detect, at which size, and which pairs it could not distinguish.
 
     Args:
         plan: a campaign or its folder, of which conditions, times, noise and uncertainties count; or a table of planned
@@ -250,18 +251,18 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
 
     unseen = [e.effect for e in effects if e.size is None]
     shown = f"{len(effects) - len(unseen)} of {len(effects)}"
-    sentence = f"These {bench.records.count} records would show {shown} effects of the catalogue"
-    sentence += f"; they cannot see {', '.join(unseen)}" if unseen else ""
-    sentence += (f". They could not tell apart: {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
-                 if alike else ". No two of these would look alike.")
+    sentence = f"These {bench.records.count} records would detect {shown} effects of the catalogue"
+    sentence += f"; they cannot detect {', '.join(unseen)}" if unseen else ""
+    sentence += (f". They could not distinguish {'; '.join(f'{a} and {b}' for a, b in alike)}: {bench.family.remedies}."
+                 if alike else ". They could distinguish any two of these.")
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
                        for v in [bench.space.public(n, bench.start, 0.0)])
     notes = (
-        f"Found with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}); noise white and "
-        "as stated, nuisances as stated.",
-        f"Two effects look alike from |cos| {DEFAULT.collinear:g} on; told apart from {DEFAULT.decisive:.0f} noise "
-        "variances on.",
-        *([f"The reference model stands at {values}, or where samples that are there put it."] if values else []),
+        f"The sizes are detected with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}), "
+        "with white noise and nuisances as stated.",
+        f"Two effects count as similar from |cos| = {DEFAULT.collinear:g}, and as distinguishable from "
+        f"Δχ² = {DEFAULT.decisive:.0f}.",
+        *([f"The reference model has {values}, or what was fitted to samples if there are any."] if values else []),
         *bench.warnings)
     return Visibility(bench.campaign.name, bench.family.name, model, bench.records.count,
                       int(bench.records.lengths.sum()), tuple(effects), names, cosines, goal, alike, sentence, notes)
@@ -294,8 +295,8 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
     fitting = [f for f in list_families() if set(f.needs or f.starts[:1]) <= there]
     if not fitting:
         needs = "; ".join(f"{f.name}: {', '.join(f.needs or f.starts)}" for f in list_families())
-        raise InputError("the columns name no kind of test, and each needs some of its own (of the family "
-                         f"{needs}); the file has {', '.join(name for name, _ in names.values())}", file=table.file)
+        raise InputError("the columns fit no kind of test; the kinds need these columns (by family: "
+                         f"{needs}), but the file has {', '.join(name for name, _ in names.values())}", file=table.file)
     family = max(fitting, key=lambda one: len(one.needs))
     columns, repeats = {}, np.ones(len(table), dtype=int)
     for heading, (name, unit) in names.items():
@@ -327,14 +328,15 @@ def read_plan(path: Path | str, model: Model = "paper", *, channels: Sequence[st
              **{expand_role(k, family.kind): v for k, v in read_pairs("uncertainty", uncertainties).items()}}
     strange = [n for n in given if n not in columns and n != "time" and n not in family.plan.uncertainties]
     if strange:
-        raise InputError(f"--uncertainty: the plan has no condition {strange[0]!r}; it has {', '.join(columns)}")
+        raise InputError(f"--uncertainty: the plan has no condition {strange[0]!r}; its conditions are "
+                         f"{', '.join(columns)}")
     stated = {n: parse_uncertainty(v, check_unit(si_unit(n), n), n) for n, v in given.items()}
     noise = _read_channels(channels, family)
     abscissa, length = family.independent, length or family.plan.length
     step = parse_quantity(interval or family.plan.interval, abscissa)
     last = None if length is None else parse_quantity(length, abscissa)
     if not step > 0 or (last is not None and not last > 3 * step):
-        raise InputError("the interval has to be positive and the length longer than a few of them")
+        raise InputError("the interval must be positive and the length must exceed a few intervals")
 
     records = pd.DataFrame({n: v for n, v in columns.items() if n not in family.starts},
                            index=pd.Index([f"r{k + 1:02d}" for k in range(repeats.sum())], name="record"))
@@ -363,11 +365,11 @@ def _read_channels(channels: Sequence[str] | None, family: Family) -> dict[str, 
     found = {}
     for name in (*family.main, *pairs):
         if name not in family.channels:
-            raise InputError(f"--channel: {name!r} is no channel of these tests; they are "
+            raise InputError(f"--channel: {name!r} is not a channel of these tests, which are "
                              + ", ".join(family.channels))
         noise = parse_uncertainty(pairs.get(name) or usual.get(name, ""), check_unit(si_unit(name), name), name)
         if noise.absolute is None:
-            raise InputError(f"--channel {name}: the noise has to be absolute, with a unit")
+            raise InputError(f"--channel {name}: the noise must be absolute, with a unit")
         found[name] = noise.absolute
     return found
 
@@ -376,7 +378,7 @@ def _set_values(reference, known: Mapping[str, float]):
     fields = {p.name: p.field for p in parameters_of(reference)}
     strange = [n for n in known if n not in fields]
     if strange:
-        raise InputError(f"--value: the model has no parameter {strange[0]!r}; it has {', '.join(fields)}")
+        raise InputError(f"--value: the model has no parameter {strange[0]!r}; its parameters are {', '.join(fields)}")
     for name, value in known.items():
         reference = eqx.tree_at(lambda r, f=fields[name]: read_field(r, f), reference, jnp.asarray(value))
     return reference

@@ -37,9 +37,11 @@ from ..inference.stack import Stack
 from .setting_ranges import Extra, Limit
 
 
-ITEMS = 16  # rivals at conditions that one call of the compiled program looks at
+# Rivals at conditions that one call of the compiled program looks at: more fill the memory, fewer idle the processor.
+ITEMS = 16
 SAMPLES = 224  # of a record; more are thinned, their weights raised to the same information on slow curves
-BLIND = 3.0  # deviations of the time origin within which the force counts for nothing
+# Deviations of the time origin within which the force counts for nothing: as in fits, where it may jump there.
+BLIND = 3.0
 SETTLED = 1e-8  # relative fall of the squared distance below which a refit has ended; its gradient errs by the root
 SLOWEST = ("initial_pressure", "approach_speed")  # a contact lasts as these to the power -1/3
 
@@ -195,8 +197,8 @@ def preview_test(models: Sequence[FittedModel], limits: Sequence[Limit], extras:
     """
     first = models[0]
     if first.sampling is None:
-        raise InputError("the model does not say how its campaign was sampled, as an earlier version wrote it; run fit "
-                         "or discover again", file=first.folder)
+        raise InputError("the model was written by an earlier version and does not say how its campaign was sampled; "
+                         "run fit or discover again", file=first.folder)
     space = ParameterSpace(first.space.reference, tuple(dict.fromkeys(e for m in models for e in m.space.effects)),
                            first.space.commons)
     spreads, family = [m.spread() for m in models], space.family

@@ -92,7 +92,7 @@ def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
     import xarray as xr
 
     if saved.folder is None:
-        raise InputError("the model is in no folder; save the fit and its posterior there")
+        raise InputError("the model has not been saved; save the fit and its posterior in one folder")
     path = saved.folder / POSTERIOR
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as data:
@@ -100,7 +100,7 @@ def draw_posterior(saved: FittedModel, count: int, seed: int) -> np.ndarray:
     except (OSError, ValueError, KeyError):
         raise InputError("the posterior cannot be read; sample it again", file=path) from None
     if set(values) != set(saved.free):
-        raise InputError("the posterior is not one of the parameters of model.json beside it; sample it again",
+        raise InputError("the posterior is not of the parameters of model.json in the same folder; sample it again",
                          file=path)
     size = len(next(iter(values.values()), ()))
     chosen = np.random.default_rng(seed).choice(size, count, replace=count > size)
@@ -124,18 +124,18 @@ def find_models(folder: Path) -> tuple[list[tuple[str, FittedModel, float]], str
         rivals = read_weights(folder)
         total = sum(weight for *_, weight in rivals)
         return ([(name, load(place), weight / total) for name, place, weight in rivals],
-                "Models count by the weights that average gave them.")
+                "The models count by the weights that average gave them.")
     rivals = (file.parent for file in (folder / RIVALS).glob(f"*/{MODEL}"))
     places = [folder, *sorted(rivals, key=lambda place: (len(place.name), place.name))]
     models = [load(place) for place in places]
     note = ("" if len(models) == 1 else
-            "No model has been weighed against the others (average does that): each counts the same.")
+            "The models have no weights (average computes them), so each counts the same.")
     return [(name_rival(one.effects), one, 1.0 / len(models)) for one in models], note
 
 
 def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedModel, float]],
               make: Callable[[Any], StrikeLaw], *, draws: int = 32, seed: int = 0, note: str = "") -> Laws:
-    """Draw contact laws from a posterior's samples where there are some, from a fit's covariance elsewhere.
+    """Draw contact laws from the samples of a posterior if there are any, else from the covariance of a fit.
 
     All models are drawn with the same random numbers.
 
@@ -178,7 +178,7 @@ def draw_laws(source: Path | str | AbstractFitted | Sequence[tuple[str, FittedMo
     drawn = [draw_posterior(one, draws, seed) if known
              else draw_coordinates(one.space, one.u, one.spread(), draws, seed)
              for one, known in zip(models, sampled, strict=True)]
-    origin = (f"{draws} draws{' of each model' if len(models) > 1 else ''} from the "
+    origin = (f"There are {draws} draws{' of each model' if len(models) > 1 else ''} from the "
               f"{'posterior' if all(sampled) else 'covariance'} of the fit.")
     return Laws(place(drawn), place(one.u[None] for one in models), names, tuple(map(float, weights)),
                 f"{origin} {note}".rstrip(), folder)
@@ -202,7 +202,8 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
     sds = np.zeros(len(names))
     for row, (name, (mean, sd)) in enumerate(stated.items()):
         if name not in space.index:
-            raise InputError(f"there is no parameter {name!r} in this model; it has: {', '.join(space.index)}",
+            raise InputError(f"there is no parameter {name!r} in this model; its parameters are: "
+                             f"{', '.join(space.index)}",
                              key="uncertainty.parameters")
         k = space.index[name]
         transform = space.parameter(name).transform
@@ -220,10 +221,10 @@ def vary_law(law: StrikeLaw, stated: Mapping[str, tuple[float | None, float]],
         matrix[i, j] = matrix[j, i] = correlation
     values, vectors = np.linalg.eigh(matrix)
     if values.min() < -1e-9:
-        raise InputError("these correlations contradict each other: no parameters can have all of them",
+        raise InputError("these correlations contradict one another: no parameters can have all of them",
                          key="uncertainty.correlation")
     spread = (vectors * np.sqrt(np.maximum(values, 0.0))).T * sds @ roots
     build = jax.vmap(space.build)
     found = draw_coordinates(space, u, spread, draws, seed)
     return Laws(build(jnp.asarray(found)), build(jnp.asarray(u[None])), ("the stated model",), (1.0,),
-                f"{draws} draws from the stated means and standard deviations.")
+                f"There are {draws} draws from the stated means and standard deviations.")

@@ -20,7 +20,7 @@ from .single import StrikePlan
 
 
 SLACK = 0.02  # of a limit, by which a planned value may lie beyond it; as in predictions
-SPAN = 1.0  # s, after which no impact of a campaign lasts
+SPAN = 1.0  # s, after which no impact of a campaign lasts: long against any contact, so that nothing is cut
 # What conditions of slip records are of an impact.
 OF_SLIP = {"normal_load": "peak_normal_force", "internal_pressure": "initial_pressure",
            "slip_speed": "tangential_speed"}

@@ -17,18 +17,20 @@ from .constraints import Parting, constrain
 from .problem import SLIPS, SPEED, VARIABLES, StrikeProblem, reach_speed, read_design, score, span_plane
 
 
-DRAWS = 2048  # designs of a generation, on all faces together; a power of 2, as a Sobol sample is even there
+# Designs of a generation, on all faces together: more find narrow optima, at their price; a power of 2, as a Sobol
+# sample is even there.
+DRAWS = 2048
 EACH = 128  # on one face at least: of more faces than that leaves room for, the most promising after a short look
 GENERATIONS, LOOKS = 120, 20  # after which the best of one seed is that of another to a thousandth; those of that look
-LEADERS = 0.1  # fraction of a face's designs, towards one of which each is moved
+LEADERS = 0.1  # fraction of a face's designs, towards one of which each is moved: fewer converge too early, more slowly
 STRETCH, CROSSED = (0.4, 0.9), 0.9  # of steps, and fraction of variables that they change (Zhang and Sanderson 2009)
-APART = 0.3  # distance of two starts on one face, in variables
+APART = 0.3  # distance of two starts on one face, in variables (each of width 2): nearer ones climb the same hill
 WRAPS = ("side", "sphere")  # faces whose first coordinate goes round
-PENALTY = 3.0  # of a scaled violation, in units of the score
+PENALTY = 3.0  # of a scaled violation, in units of the score: more than a violation could gain, so that limits win
 FAST = 2.0  # of the speed that limits allow by the closed form, up to which it may be wrong
 SETTLED = 0.999  # of the arm's speed, to which designs that are looked at are brought: just inside
 SOLVED = 6  # times that the restitution is put into its own equation, for three digits from 0.4 on
-PROBE = 5e-3  # m, depression at which the contact is read off
+PROBE = 5e-3  # m, depression at which the contact is read off: that of a usual strike
 RATES = np.linspace(0.0, 1.0, 9)  # over the approach speed, at which the largest force is looked for
 
 Place = tuple[int, np.ndarray]  # face and variables

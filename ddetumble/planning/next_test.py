@@ -37,12 +37,13 @@ from .setting_ranges import Extra, Limit, list_extras, set_limits
 
 
 FILE = "design.json"
-MOST = 30  # repeats beyond which a test is no proposal
-STEPS = 15  # of the refit that checks a separation
-EDGE = 5e-3  # fraction of its range within which a condition stands at a limit
-STARTS, SCAN = 8, 32  # tests that climb together, and those looked at before the climb
-CLIMB = 20  # iterations
-ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient
+MOST = 30  # repeats beyond which a test is no proposal: nobody makes more
+STEPS = 15  # of the refit that checks a separation: more end a difficult refit, at the price of time
+EDGE = 5e-3  # fraction of its range within which a condition stands at a limit: what an optimiser leaves of it
+# Tests that climb together, and those looked at before the climb: more find a better one more often, at their price.
+STARTS, SCAN = 8, 32
+CLIMB = 20  # iterations: more refine the optimum, at the price of time
+ROUNDS, SHRINK = 4, 0.45  # of the search without a gradient: in them its step shrinks to 4 % of the first
 
 Fitted = AbstractFitted | FittedModel
 
@@ -155,7 +156,7 @@ class Design(AbstractPrinted):
 def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[str, str] | Sequence[str] | None = None,
            channels: Mapping[str, str] | Sequence[str] | None = None, length: float | None = None,
            progress: Progress | None = None) -> Design:
-    """Find the test that best tells apart what a discovery could not.
+    """Find the test that best distinguishes the models that a discovery could not.
 
     Of each pair of rivals it is asked how far their predictions of the test stay apart when either is refitted, with
     the old campaign as prior and the test's own conditions and time origin free within their uncertainty. The mean of
@@ -176,7 +177,7 @@ def design(models: str | Path | Fitted | Sequence[Fitted], *, limits: Mapping[st
     """
     rivals, verdict = list_confused(models)
     if length is not None and not length > 0:
-        raise InputError(f"the length of a record has to be positive, not {length:g}")
+        raise InputError(f"the length of a record must be positive, not {length:g}")
     chosen, extras = set_limits(rivals[0], limits), list_extras(rivals[0], channels)
     preview = preview_test(rivals, chosen, extras, length=length)
     names = tuple(" + ".join(m.effects) or m.model for m in rivals)
@@ -211,7 +212,7 @@ def list_confused(models: str | Path | Fitted | Sequence[Fitted]) -> tuple[list[
         return [models.fitted_model(), *(one.fitted_model() for one in models.rivals)], models.verdict
     found = [take_fitted(one) for one in ([models] if isinstance(models, (FittedModel, AbstractFitted)) else models)]
     if len({(one.sha256, type(one.space.reference)) for one in found}) != 1:
-        raise InputError("the models have to be fits of one campaign that extend one reference model")
+        raise InputError("the models must be fits to one campaign that extend one reference model")
     return found, "fit" if len(found) == 1 else "undecided"
 
 
@@ -223,13 +224,13 @@ def _read_confused(folder: Path) -> tuple[list[FittedModel], str]:
         content = json.loads(result.read_text(encoding="utf-8"))
         verdict, expected = str(content["verdict"]), [str(e) for e in content["steps"][-1]["alternatives"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError):
-        raise InputError("this is no result of discover, or a damaged one; run discover again", file=result) from None
+        raise InputError("this is not a result of discover, or is damaged; run discover again", file=result) from None
     rivals = [load(path.parent) for path in sorted((folder / RIVALS).glob(f"*/{MODEL}"))]
     if len(rivals) < len(expected):
         raise InputError(f"the rivals ({', '.join(expected)}) are not in this folder; run discover again", file=folder)
     for one in rivals:
         if one.sha256 != best.sha256 or type(one.space.reference) is not type(best.space.reference):
-            raise InputError("the rivals belong to another campaign than the model; run discover again",
+            raise InputError("the rivals were fitted to a different campaign from the model; run discover again",
                              file=one.folder)
     return [best, *rivals], verdict
 
@@ -350,21 +351,21 @@ def _explain(found: Design) -> str:
     if len(found.rivals) == 1:
         said = "Nothing is confounded here, so there is nothing to separate."
         if found.verdict in ("improved", "unexplained"):
-            said += " But a misfit remains: first find what is missing; what follows holds for the model as it stands."
+            said += " But lack of fit remains: first find what is missing; what follows holds for the present model."
         if not best.narrowings:
-            return f"{said} The model has no free parameter that a test could narrow."
-        return (f"{said} The test that narrows the parameters most is {test}: "
+            return f"{said} The model has no free parameter whose uncertainty a test could reduce."
+        return (f"{said} The test that reduces the uncertainty of the parameters most is {test}: "
                 f"{join_words([str(n) for n in best.narrowings[:3]])}.")
     if not best.split:
         more = ", or name another channel" if find_family(found.family).plan.added else ""
-        return (f"Nothing within these limits tells {rivals} apart: at the best test they stay "
-                f"{best.pairs[0].distance:.2g} standard deviations apart once either is refitted, and {MOST} repeats "
+        return (f"No test within these limits distinguishes {rivals}: in the best one they differ by "
+                f"{best.pairs[0].distance:.2g} standard deviations once either is refitted, and {MOST} repeats "
                 f"are not enough. Widen the limits{more}.")
     tests = "one such test is" if best.repeats == 1 else f"{best.repeats} such tests are"
-    sentence = (f"To tell {rivals} apart, measure {test}: {tests} expected to put the wrong one more than "
-                f"{DEFAULT.decisive:g} noise variances behind, from where discover drops it.")
+    sentence = (f"To distinguish {rivals}, measure {test}: {tests} expected to separate the models by Δχ² > "
+                f"{DEFAULT.decisive:g}, where discover rejects the worse one.")
     together = [f"{pair.first} from {pair.second}" for pair in best.pairs if pair.repeats is None]
-    return f"{sentence} It does not tell {join_words(together)}." if together else sentence
+    return f"{sentence} It does not distinguish {join_words(together)}." if together else sentence
 
 
 def _list_notes(found: Design, saved: FittedModel) -> tuple[str, ...]:
@@ -372,31 +373,33 @@ def _list_notes(found: Design, saved: FittedModel) -> tuple[str, ...]:
     best, *others = found.proposals
     notes = []
     for pair in best.pairs if best.split else ():
-        after = f"told apart after {_count_tests(pair.repeats)}" if pair.repeats else (
-            f"not told apart by {MOST} repeats")
-        notes.append(f"{pair.first} and {pair.second}: one such test leaves {pair.distance:.3g} standard deviations "
-                     f"between them; {after}.")
+        after = f"they are distinguished after {_count_tests(pair.repeats)}" if pair.repeats else (
+            f"{MOST} repeats do not distinguish them")
+        notes.append(f"{pair.first} and {pair.second} differ by {pair.distance:.3g} standard deviations in one such "
+                     f"test; {after}.")
     for other in others:
         where = describe_test(other, found.limits)
         if len(found.rivals) == 1:
-            notes.append(f"Or {where}: {join_words([str(n) for n in other.narrowings[:2]])}.")
+            notes.append(f"Alternatively, measure {where}: {join_words([str(n) for n in other.narrowings[:2]])}.")
         elif not other.split:
-            notes.append(f"Not enough: {where} ({other.pairs[0].distance:.2g} standard deviations).")
+            notes.append(f"A test {where} is not enough ({other.pairs[0].distance:.2g} standard deviations).")
         else:
             told = "all pairs" if other.split == len(other.pairs) else f"{other.split} of {len(other.pairs)} pairs"
-            notes.append(f"Or {where}: {told} told apart after {_count_tests(other.repeats)}.")
-    for free, word in ((True, "Searched within"), (False, "Held")):
+            notes.append(f"Alternatively, measure {where}: {told} are distinguished after "
+                         f"{_count_tests(other.repeats)}.")
+    for free, word in ((True, "The search was within these limits"), (False, "These conditions were held")):
         those = ", ".join(_describe_limit(limit) for limit in found.limits if limit.free == free)
         notes += [f"{word}: {those}."] if those else []
     if best.at_limit:
-        notes.append(f"It stands at the limit of {join_words(best.at_limit)}: wider limits may tell more.")
+        notes.append(f"It is at the limit of {join_words(best.at_limit)}: wider limits may give a better test.")
     outside = saved.outside(best.conditions, slack=0.02)  # as in predictions
     if outside:
         notes.append("The proposal extrapolates: " + "; ".join(outside) + ".")
     assumed = [f"{p.extra.name} {p.extra.sd:g} {p.extra.unit}".removesuffix(" 1") for p in found.proposals
                if p.extra is not None and p.extra.assumed]
     if assumed:
-        notes.append(f"Assumed noise of channels that could be added: {', '.join(assumed)}; --channel states yours.")
+        notes.append(f"The noise of channels that could be added is assumed: {', '.join(assumed)}; state yours by "
+                     f"--channel.")
     return tuple(notes)
 
 

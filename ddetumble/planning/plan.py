@@ -22,13 +22,14 @@ from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 WORTH = f"{100 * LEAST_GAIN:.0f} %"
-AXIAL = 1e-3  # share of the momentum that no normal force can take, from which it is told
-AFTERWARDS = 30.0  # s, of free motion drawn at either end
+# Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
+AXIAL = 1e-3
+AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion before and after is seen
 
 
 @dc.dataclass(frozen=True)
 class PlanSettings:
-    """How impacts are looked for; a scenario's `[goal]` and `[uncertainty]` say the same.
+    """Settings of the search for impacts; a scenario states them in `[goal]` and `[uncertainty]`.
 
     Attributes:
         impacts: at most so many, one after the other.
@@ -54,7 +55,7 @@ class PlanSettings:
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Plan(AbstractPrinted):
-    """Where, how fast, how hard and when to strike.
+    """A plan: where, how fast, how hard and when to strike.
 
     Attributes:
         problem: what was given, allowed and wanted.
@@ -96,15 +97,15 @@ class Plan(AbstractPrinted):
             parts = [f"{one.key} = {_round_loosely(one.needed, one.needed > one.given):g} {one.unit} in place of "
                      f"{one.given:g} {one.unit}" for one in found.relaxations]
             if parts:
-                said.append(f"An impact worth {WORTH} of what is wanted would be allowed with {', or '.join(parts)}, "
-                            "the other limits as they are.")
+                said.append(f"An impact that improves the goal by {WORTH} would be allowed with {', or '.join(parts)}, "
+                            "the other limits being unchanged.")
         else:
             left = 100 * found.shares[-1]
             shown = f"{left:.2f} %" if left >= 0.005 else "less than 0.01 %"
             missed = "" if found.reached else f", not the wanted {100 * self.settings.share:g} %"
             last = format_time(found.instants[-1], find_end(found))
-            leave, comes, all_ = ("One impact leaves", "It comes", "") if count == 1 else (
-                f"{count} impacts leave", "The last of them comes", " in all")
+            leave, comes, all_ = ("One impact leaves", "It takes place", "") if count == 1 else (
+                f"{count} impacts leave", "The last of them takes place", " in total")
             said += [f"{leave} {shown} of the angular momentum{missed}.",
                      f"{comes} at {last}, and the contact force has an impulse of {found.impulse:.1f} N s{all_}."]
             if not found.reached and found.refused is not None:
@@ -113,13 +114,14 @@ class Plan(AbstractPrinted):
             if found.joint is not None:
                 said.append(_say_joint(found.joint, self.settings.share))
             if found.bound > 1:
-                said.append(f"No plan does with fewer than {found.bound}.")
+                said.append(f"At least {found.bound} impacts are needed, unless one first spins the body up.")
         if found.floor > AXIAL and len(self.problem.debris.surface.find_pivots()) == 3:
-            said.append("A normal force has no moment about a sphere's centre: all of this momentum goes by friction "
-                        "alone.")
+            said.append("A normal force has no moment about a sphere's centre, so only friction can take this "
+                        "momentum.")
         elif found.floor > AXIAL:
             said.append("A normal force has no moment about the axis of a body of revolution: "
-                        f"{100 * found.floor:.1f} % of this momentum lies along it and goes by friction alone.")
+                        f"{100 * found.floor:.1f} % of this momentum lies along it, and only friction can take that "
+                        f"part.")
         beyond = list_extrapolations(self.ranges, self.impacts, self.problem.conditions)
         return " ".join([*said, warn_of_extrapolation(beyond)]).rstrip()
 
@@ -129,13 +131,13 @@ class Plan(AbstractPrinted):
         if self.prospect is not None:
             lines.append(self.prospect.sentence)
         elif self.assessment is not None and len(self.impacts) > 1:
-            lines.append("Under no draw of the contact could all impacts be struck one after the other.")
+            lines.append("The sequence could not be completed under any draw of the contact.")
         return "\n".join(lines)
 
 
 def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedModel | str | Path | None = None, *,
          settings: PlanSettings | None = None, progress: Progress | None = None) -> Plan:
-    """Where, how fast, how hard and when to strike tumbling debris so that its angular momentum goes.
+    """Plan where, how fast, how hard and when to strike tumbling debris to reduce its angular momentum $|L|$.
 
     Args:
         problem: what is struck, allowed and wanted; or a scenario file, which says everything else too.
@@ -154,14 +156,14 @@ def plan(problem: StrikeProblem | str | Path, model: AbstractFitted | FittedMode
     """
     if not isinstance(problem, StrikeProblem):
         if model is not None or settings is not None:
-            raise InputError("a scenario says its contact and its settings itself; leave model and settings out")
+            raise InputError("a scenario states its contact and its settings itself; leave out model and settings")
         path = Path(problem)
         return plan_scenario(read_scenario(path), path.parent, path, progress=progress)
     settings, laws, ranges = settings or PlanSettings(), None, ()
     if model is not None:
         saved = take_fitted(model)
         if not saved.space.family.has_contact:
-            raise InputError(f"the model is one of {saved.family} records; a strike needs one of impacts")
+            raise InputError(f"the model is of {saved.family} records; a strike needs one of impacts")
         source, base = [(saved.model, saved, 1.0)] if isinstance(model, FittedModel) else model, problem.law
 
         def mount(fitted):
@@ -229,15 +231,15 @@ def _say_joint(joint: Joint, share: float) -> str:
     count, (before, left, impulse, duration) = _count_impacts(joint.impacts), joint.alone
     one = joint.impacts == 1
     if not joint.taken:
-        missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but not within the limits"
+        missed = f"more than the wanted {100 * share:g} %" if joint.share > share else "but violates the limits"
         return (f"Optimised jointly, {count} {'leaves' if one else 'leave'} {100 * joint.share:.2f} % of the angular "
                 f"momentum, {missed}.")
     if joint.aim == "impacts":
-        return (f"Optimised jointly, {count} {'does' if one else 'do'} what takes {_count_impacts(before)} when "
-                "planned one after the other.")
-    what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remain, against {100 * left:.2f} %",
-            "impulse": f"impulse: {joint.impulse:.1f} N s, against {impulse:.1f} N s",
-            "time": f"time: {joint.duration:.1f} s, against {duration:.1f} s"}[joint.aim]
+        return (f"Optimised jointly, {count} {'achieves' if one else 'achieve'} what takes "
+                f"{_count_impacts(before)} when planned one after the other.")
+    what = {"share": f"momentum left: {100 * joint.share:.2f} % of it remains, compared with {100 * left:.2f} %",
+            "impulse": f"impulse: {joint.impulse:.1f} N s, compared with {impulse:.1f} N s",
+            "time": f"time: {joint.duration:.1f} s, compared with {duration:.1f} s"}[joint.aim]
     return f"The impacts were optimised jointly for the least {what} when planned one after the other."
 
 
@@ -261,12 +263,11 @@ def _say_why(sequence: Sequence) -> str:
     if best is None:
         return "no impact is allowed"
     if best.missed:
-        return (f"the search found no {'further ' * bool(sequence.impacts)}impact that keeps the limits and is worth "
-                f"{WORTH} of what is wanted, though closed forms see one worth "
+        return (f"the search found no {'further ' * bool(sequence.impacts)}impact that keeps the limits and improves "
+                f"the goal by {WORTH}, although closed-form estimates predict "
                 f"{100 * (1.0 - best.estimate / best.untouched):.1f} %; another seed or more starts may find it")
     if best.allowed:
         gain = max(0.0, 1.0 - best.score / best.untouched)
-        return (f"{further} impact changes what is wanted by {100 * gain:.2f} %, "
-                f"less than {WORTH}")
+        return (f"{further} impact improves the goal by {100 * gain:.2f} %, less than {WORTH}")
     name = min(best.values, key=lambda one: best.values[one])
     return f"the nearest design{' of a further impact' if sequence.impacts else ''} still violates: {name}"

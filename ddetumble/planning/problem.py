@@ -31,12 +31,12 @@ VARIABLES = ("first coordinate", "second coordinate", "approach speed", "first t
              "second tangential speed", "pressure", "instant")
 SPEED, SLIPS = 2, slice(3, 5)  # places of the velocity among them
 RTOL, ATOL, MAX_STEPS = 1e-8, 1e-10, 384  # of an impact, for gradients that agree with differences to 1e-4
-TINY = 1e-7  # fraction of the momentum below which its size is rounded off
+TINY = 1e-7  # fraction of the momentum below which its size is rounded off, so that a norm at zero has a gradient
 
 
 @final
 class Limits(eqx.Module):
-    """What the arm, the ball and the chaser's place allow.
+    """Limits set by the arm, the ball and the place of the chaser.
 
     Attributes:
         speed: of the arm [m/s].
@@ -65,7 +65,7 @@ class Limits(eqx.Module):
 
 @final
 class Goal(eqx.Module):
-    """Weights of what is wanted small.
+    """Weights of the quantities to be minimised.
 
     Attributes:
         momentum: of |L| after over before [-].
@@ -80,7 +80,7 @@ class Goal(eqx.Module):
 
 @final
 class StrikeProblem(eqx.Module):
-    """Everything that is given; symmetry and unit are taken from the rest where they are not given.
+    """The problem of one strike; symmetry and unit are derived from the rest if they are not given.
 
     Attributes:
         law: of the oblique contact.

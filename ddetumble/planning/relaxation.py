@@ -17,10 +17,14 @@ from .problem import StrikeProblem, allow_speed, score
 from .single import ALLOWED, LEAST_GAIN, LOST, StrikePlan, Tally, ask_scipy, descend
 
 
-STARTS, STEPS = 2, 80  # designs that are refined on the integrated impact, and steps of that at most
-LOOSER = 1.5  # ratio of the limit under which they are refined to the one that closed forms see
-VIOLATED = 1e3  # added to the worth of designs that violate something, so that all others come first
-ROUND = 1e-9  # of a scaled constraint, by which it may be missed
+# Designs that are refined on the integrated impact, and steps at most: a search for advice, cheaper than the plan's
+# own.
+STARTS, STEPS = 2, 80
+# Ratio of the limit under which they are refined to the one that closed forms see, which may err by that much.
+LOOSER = 1.5
+# Added to the worth of designs that violate something, far above any worth, so that all others come first.
+VIOLATED = 1e3
+ROUND = 1e-9  # of a scaled constraint, by which it may be missed: rounding, and no more
 
 
 @dc.dataclass(frozen=True)

@@ -30,11 +30,11 @@ from .uncertainty import evaluate_draws, pose_draws
 
 
 Aim = Literal["mean", "tail"]
-WIDTH = 1e-4  # smoothing of the tail of what is wanted [-]
-NARROW = 1e-5  # and of the constraints
-KEPT = 3e-4  # by which the tail mean of a scaled constraint may be missed
-HALVINGS = 60
-STEPS = 30  # of a descent at most
+WIDTH = 1e-4  # smoothing of the tail of what is wanted [-]: larger biases the tail, smaller is too sharp for a descent
+NARROW = 1e-5  # and of the constraints, finer, as a limit is not to be passed by the smoothing
+KEPT = 3e-4  # by which the tail mean of a scaled constraint may be missed: what the smoothing itself leaves
+HALVINGS = 60  # of an interval: enough for all digits of a double
+STEPS = 30  # of a descent at most: it starts at the plan for the best estimate, which is near
 
 
 def smooth_tail(values: np.ndarray, weights: np.ndarray, tail: float, width: float = WIDTH

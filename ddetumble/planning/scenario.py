@@ -32,7 +32,8 @@ from .problem import Goal, Limits, StrikeProblem
 
 
 SCHEMA = "ddetumble.plan/1"
-CLAMPED = 1e9  # kg, rolling mass of a ball that its mount keeps from turning
+# Kg, rolling mass of a ball that its mount keeps from turning: 1e9 times a ball's own, so that it stays still.
+CLAMPED = 1e9
 # What effects may require that the impact itself provides.
 GIVEN = ("initial_pressure", "approach_speed", "tangential_speed", "tangential", "slip_speed", "internal_pressure")
 
@@ -53,33 +54,35 @@ class DebrisTable(_Strict):
     shape: Literal["cylinder", "box", "sphere", "mesh"] = Field(default="cylinder", description="`cylinder` (`radius`, "
         "`length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).")
     mass: Positive = Field(default=1000.0, description="[kg].")
-    radius: Positive = Field(default=1.0, description="of a cylinder; the radius of a sphere, too [m].")
-    length: Positive = Field(default=3.0, description="of a cylinder [m].")
-    lengths: tuple[Positive, Positive, Positive] | None = Field(default=None, description="along body x, y, z [m].")
-    file: StrictStr = Field(default="", description="of a closed convex mesh, from the scenario's own folder on.")
+    radius: Positive = Field(default=1.0, description="radius of a cylinder or a sphere [m].")
+    length: Positive = Field(default=3.0, description="length of a cylinder [m].")
+    lengths: tuple[Positive, Positive, Positive] | None = Field(default=None, description="edges of a box along body "
+                                                                                          "x, y, z [m].")
+    file: StrictStr = Field(default="", description="file of a closed convex mesh, relative to the scenario's folder.")
     scale: Positive = Field(default=1.0, description="metres per unit of the mesh.")
     attitude: tuple[Number, Number, Number, Number] = Field(default=(1.0, 0.0, 0.0, 0.0), description=
         "quaternion, scalar first, body to inertial.")
-    angular_velocity: Vector | None = Field(default=None, description="body components [rad/s].")
-    angular_momentum: Vector | None = Field(default=None, description="inertial components [N m s], in place of "
+    angular_velocity: Vector | None = Field(default=None, description="angular velocity, body components [rad/s].")
+    angular_momentum: Vector | None = Field(default=None, description="inertial components [N m s], instead of "
         "`angular_velocity`.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
         if (self.angular_velocity is None) == (self.angular_momentum is None):
-            raise ValueError("give one of angular_velocity and angular_momentum")
+            raise ValueError("give either angular_velocity or angular_momentum")
         if not any(self.angular_velocity or self.angular_momentum or ()):
             raise ValueError("debris that does not turn needs no plan: angular_velocity is zero")
         if not any(self.attitude):
-            raise ValueError("attitude must be a quaternion that is not zero")
+            raise ValueError("attitude must be a non-zero quaternion")
         if self.shape == "box" and self.lengths is None:
             raise ValueError("a box needs lengths")
         if self.shape == "mesh" and not self.file:
-            raise ValueError("a mesh needs file")
+            raise ValueError("a mesh needs a file")
         own = {"cylinder": {"radius", "length"}, "box": {"lengths"}, "sphere": {"radius"}, "mesh": {"file", "scale"}}
         idle = sorted(self.model_fields_set & (set().union(*own.values()) - own[self.shape]))
         if idle:
-            raise ValueError(f"a {self.shape} has no {', '.join(idle)}; it has {', '.join(sorted(own[self.shape]))}")
+            raise ValueError(f"a {self.shape} has no {', '.join(idle)}; its keys are "
+                             f"{', '.join(sorted(own[self.shape]))}")
         return self
 
 
@@ -92,10 +95,12 @@ class BallTable(_Strict):
     friction_model: StrictStr = Field(
         default="", description="folder of a fit to slip records, by `--model eq8` or `coulomb` "
         "(Eq. 10 grows without limit at the loads of an impact).")
-    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(default=0.7, description="of the paper's ball.")
-    friction: NotNegative = Field(default=0.218, description="constant coefficient where no friction model is named.")
+    restitution: Annotated[StrictFloat, Field(gt=0, lt=1)] = Field(default=0.7, description="restitution of the "
+                                                                                            "paper's ball.")
+    friction: NotNegative = Field(default=0.218, description="constant coefficient of friction if no friction model "
+                                                             "is named.")
     conditions: dict[StrictStr, Number] = Field(
-        default={}, description="what else the model's effects read, by name, SI: "
+        default={}, description="further conditions that the model's effects read, by name, SI: "
         "`sequence`, the number of the impact on this ball.")
 
 
@@ -103,21 +108,21 @@ class ArmTable(_Strict):
     """`[arm]`: what the ball is mounted on."""
 
     mass: Positive | None = Field(
-        default=None, description="apparent at the tip along the normal [kg]; that of the fitted "
-        "model where it is not given.")
+        default=None, description="apparent mass at the tip along the normal [kg]; that of the fitted "
+        "model if not given.")
     tangential_mass: Positive | None = Field(
-        default=None, description="apparent across it [kg]; where it is not given, that "
-        "of an oblique fit, if `mass` is not given either, else as along the normal.")
+        default=None, description="apparent mass across the normal [kg]; if not given, that "
+        "of an oblique fit, or as along the normal if `mass` is given or there is no such fit.")
     clamped: StrictBool = Field(
-        default=True, description="whether the mount keeps the ball from turning; where not, it turns "
+        default=True, description="whether the mount keeps the ball from turning; if not, it turns "
         "with the rolling mass of an oblique fit, or 0.5 kg.")
-    speed: Positive = Field(default=2.0, description="largest [m/s].")
+    speed: Positive = Field(default=2.0, description="largest speed of the tip [m/s].")
     chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
     cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(
-        default=180.0, description="largest angle between that and the "
+        default=180.0, description="largest angle between this direction and the "
         "outward normal at the place that is struck.")
     clearance_time: Positive = Field(
-        default=0.5, description="before and after the contact, in which nothing else may be "
+        default=0.5, description="time before and after the contact during which nothing else may be "
         "touched [s].")
 
 
@@ -125,20 +130,20 @@ class LimitTable(_Strict):
     """`[limits]`: what ball and debris can take."""
 
     pressure: tuple[Positive, Positive] = Field(
-        default=(1.0e6, 2.5e6), description="lowest and highest, absolute [Pa].")
-    force: Positive = Field(default=500.0, description="peak normal force [N].")
-    depression: Positive = Field(default=0.02, description="of the ball [m].")
+        default=(1.0e6, 2.5e6), description="lowest and highest initial pressure, absolute [Pa].")
+    force: Positive = Field(default=500.0, description="largest peak normal force [N].")
+    depression: Positive = Field(default=0.02, description="largest depression of the ball [m].")
     edge: NotNegative = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
     window: tuple[NotNegative, Positive] = Field(
         default=(0.0, 60.0), description="earliest and latest instant of first touch "
-        "[s]; in a sequence the least and longest wait.")
+        "[s]; in a sequence the shortest and longest wait.")
     approach: Positive = Field(default=0.05, description="least speed along the normal [m/s].")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
         for name, (low, high) in (("pressure", self.pressure), ("window", self.window)):
             if not low < high:
-                raise ValueError(f"{name} has to rise from its lowest to its highest value")
+                raise ValueError(f"{name} must have its lowest value first and its highest second")
         return self
 
 
@@ -151,47 +156,47 @@ class GoalTable(_Strict):
         default=0.0, description="weight of the rotational energy left, over that before.")
     nutation: NotNegative = Field(
         default=0.0, description="weight of the nutation angle after, over 90°.")
-    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="at most so many.")
+    impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
     share: Annotated[Real, Field(ge=0, lt=1)] = Field(
-        default=0.01, description="of the angular momentum at which a sequence "
-        "ends; what the report measures a plan by.")
+        default=0.01, description="share of the angular momentum at which a sequence "
+        "ends; the report measures a plan by it.")
     least: Literal["impacts", "impulse", "time"] = Field(
-        default="impacts", description="what of a sequence is to be small: "
+        default="impacts", description="what is minimised in a sequence: "
         "the number of impacts, the sum of all impulses, or the time it takes.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
         if not self.momentum + self.energy + self.nutation > 0:
-            raise ValueError("one of momentum, energy and nutation needs a weight above zero")
+            raise ValueError("at least one of momentum, energy and nutation needs a positive weight")
         return self
 
 
 class SpreadTable(_Strict):
     """A parameter of `[uncertainty.parameters]`, in its public unit."""
 
-    mean: Number | None = Field(default=None, description="that of the contact model where it is not given.")
-    sd: NotNegative = Field(..., description="one standard deviation.")
+    mean: Number | None = Field(default=None, description="mean; if not given, the value of the contact model.")
+    sd: NotNegative = Field(..., description="standard deviation.")
 
 
 class UncertaintyTable(_Strict):
     """`[uncertainty]`: how well the contact is known, and what the plan makes of that."""
 
     fit: StrictStr = Field(default="", description="folder that `fit`, `sample`, `discover` or `average` wrote (or its "
-        "`result.json`), from the scenario's own folder on; it takes the place of the ball's model. That one where "
-        "neither this nor `parameters` is given.")
+        "`result.json`), relative to the scenario's folder; it replaces the ball's model. If neither this nor "
+        "`parameters` is given, it is the folder of the ball's model.")
     parameters: dict[StrictStr, SpreadTable] = Field(
-        default={}, description="of the contact model by name, each with `sd` "
-        "and, where it is not the model's own, `mean`.")
+        default={}, description="parameters of the contact model by name, each with `sd` "
+        "and, unless it is the model's own value, `mean`.")
     correlation: tuple[tuple[StrictStr, StrictStr, Annotated[Real, Field(ge=-1, le=1)]], ...] = Field(
         default=(), description=
         "rows of two of these names and their correlation.")
-    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(default=32, description="of each model.")
+    draws: Annotated[StrictInt, Field(ge=2, le=1024)] = Field(default=32, description="number of draws of each model.")
     tail: Annotated[StrictFloat, Field(gt=0, le=0.5)] = Field(
         default=0.1, description="share of the draws that counts as the "
-        "bad tail.")
+        "tail of bad outcomes.")
     plan_for: Literal["best", "mean", "tail"] = Field(
-        default="best", description="the best estimate, the mean over all draws, "
-        "or that over their worst share.")
+        default="best", description="what is minimised: the value for the best estimate, the mean over all draws, "
+        "or the mean over their worst share (the tail).")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -199,7 +204,7 @@ class UncertaintyTable(_Strict):
             raise ValueError("give either fit or parameters, not both")
         for first, second, _ in self.correlation:
             if first == second or not {first, second} <= set(self.parameters):
-                raise ValueError(f"correlation of {first} and {second}: both have to stand under parameters")
+                raise ValueError(f"correlation of {first} and {second}: both must be under parameters")
         return self
 
 
@@ -208,7 +213,7 @@ class Scenario(_Strict):
 
     schema_: Literal["ddetumble.plan/1"] = Field(..., alias="schema", description=
         f'version of this format, `"{SCHEMA}"`.')
-    title: StrictStr = Field(default="", description="of the report.")
+    title: StrictStr = Field(default="", description="title of the report.")
     debris: DebrisTable
     ball: BallTable = BallTable()
     arm: ArmTable = ArmTable()
@@ -216,17 +221,17 @@ class Scenario(_Strict):
     goal: GoalTable = GoalTable()
     uncertainty: UncertaintyTable | None = None
     seed: Annotated[StrictInt, Field(ge=0)] = Field(
-        default=0, description="of the places where the search starts, and of the "
+        default=0, description="seed of the places where the search starts, and of the "
         "draws.")
     starts: Annotated[StrictInt, Field(ge=1, le=64)] = Field(
-        default=6, description="promising designs that are refined on the "
-        "integrated impact; more find a better optimum now and then.")
+        default=6, description="number of promising designs that are refined on the "
+        "integrated impact; more of them occasionally find a better optimum.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
         if self.uncertainty is not None and self.uncertainty.plan_for != "best" and self.goal.least != "impacts":
-            raise ValueError("goal.least has to be 'impacts' where uncertainty.plan_for is the mean or the tail: such "
-                             "plans are made one impact after the other")
+            raise ValueError("goal.least must be 'impacts' if uncertainty.plan_for is the mean or the tail, because "
+                             "such plans are made one impact after the other")
         return self
 
 
@@ -240,15 +245,15 @@ def read_scenario(path) -> Scenario:
     try:
         content = tomllib.loads(path.read_bytes().decode("utf-8"))
     except FileNotFoundError:
-        raise InputError("there is no such file", file=path) from None
+        raise InputError("this file does not exist", file=path) from None
     except OSError as error:
         raise InputError(f"the file cannot be read ({error.strerror or error})", file=path) from None
     except UnicodeDecodeError:
         raise InputError("the file is not text in UTF-8", file=path) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"this is no TOML file: {error}", file=path) from None
+        raise InputError(f"this is not a TOML file: {error}", file=path) from None
     if content.get("schema") != SCHEMA:
-        raise InputError(f"the schema has to be {SCHEMA!r}; it is {content.get('schema')!r}", file=path,
+        raise InputError(f"the schema must be {SCHEMA!r}; it is {content.get('schema')!r}", file=path,
                          key="schema")
     try:
         return Scenario.model_validate(content)
@@ -257,7 +262,7 @@ def read_scenario(path) -> Scenario:
         place = ".".join(str(part) for part in first["loc"]) or "scenario"
         problem = first["msg"].removeprefix("Value error, ")[:200]
         if first["type"] == "extra_forbidden":
-            problem = f"this is not a key here; there are {', '.join(_list_keys(first['loc'][:-1]))}"
+            problem = f"this is not a key here; the keys are {', '.join(_list_keys(first['loc'][:-1]))}"
         raise InputError(problem, file=path, key=place) from None
 
 
@@ -287,10 +292,10 @@ def _load_law(name: str, here: Path, key: str, kinds: tuple[type, ...], what: st
     if not name:
         return None
     if not is_fitted(str(here / name)):
-        raise InputError(f"{name} is no folder that fit or discover wrote", key=key)
+        raise InputError(f"{name} is not a folder that fit or discover wrote", key=key)
     law = load(here / name).law()
     if not isinstance(law, kinds):
-        raise InputError(f"the model has to be one of {what}", key=key)
+        raise InputError(f"the model must be one of {what}", key=key)
     return law
 
 
@@ -341,7 +346,7 @@ def mount_law(scenario: Scenario, fitted: ContactLaw | StrikeLaw | None, rubbed:
     read = [("the fitted power law", power)] if power else []
     for what, name in [*read, *((f"the effect {effect.id}", name) for effect in own for name in effect.requires)]:
         if name not in given:
-            raise InputError(f"{what} reads {name!r}: give its value there, such as conditions = {{ {name} = 1 }}",
+            raise InputError(f"{what} reads {name!r}: give its value here, such as conditions = {{ {name} = 1 }}",
                              key="ball.conditions")
     rolling = CLAMPED if arm.clamped else striker.rolling_mass if striker else 0.5
     creep = {} if striker is None else {"creep_speed": striker.creep_speed}
@@ -363,27 +368,27 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     if table.parameters:
         law = mount_law(scenario, *load_laws(scenario.ball, here))
         if scenario.arm.mass is not None and "effective_mass" in table.parameters:
-            raise InputError("the arm's mass is given as known; leave one of the two out",
+            raise InputError("arm.mass gives this as known; leave out one of the two",
                              key="uncertainty.parameters.effective_mass")
         stated = {name: (None if one.mean is None else float(one.mean), float(one.sd))
                   for name, one in table.parameters.items()}
         return vary_law(law, stated, table.correlation, draws=table.draws, seed=scenario.seed)
     name = table.fit or ball.model or ball.friction_model
     if not name:
-        raise InputError("nothing says how uncertain the contact is: name a fit, or give parameters with their sd",
+        raise InputError("the uncertainty of the contact is not given: name a fit, or give parameters with their sd",
                          key="uncertainty")
     folder = here / name
     folder = folder.parent if folder.suffix == ".json" else folder
     if not is_fitted(str(folder)):
-        raise InputError(f"{name} is no folder that fit, sample, discover or average wrote", key="uncertainty.fit")
+        raise InputError(f"{name} is not a folder that fit, sample, discover or average wrote", key="uncertainty.fit")
     models, note = find_models(folder)
     family = models[0][1].space.family
     if not (family.has_contact or family.has_strokes):
-        raise InputError("the fit has to be one of impacts or of slip records", key="uncertainty.fit")
+        raise InputError("the fit must be one of impacts or of slip records", key="uncertainty.fit")
     own = "friction_model" if family.has_strokes else "model"
     taken = getattr(ball, own)
     if taken and (here / taken).resolve() != folder.resolve():
-        raise InputError(f"the ball's model is {taken} and the fit {name}; name one of them", key="uncertainty.fit")
+        raise InputError(f"the ball's model is {taken}, but the fit is {name}; name one of them", key="uncertainty.fit")
     fitted, rubbed = load_laws(ball.model_copy(update={own: ""}), here)
 
     def make(law):

@@ -36,16 +36,19 @@ from .single import (
 )
 
 
-SPEEDS = np.geomspace(0.02, 1.0, 24)  # of the fastest approach, at which the largest impulse is looked for
-PRESSURES = np.linspace(0.0, 1.0, 5)  # over their range, for that
-RUBBED = np.array([0.03, 0.1, 0.3, 1.0])  # of the depression and of the speed, at which friction is looked at
-PLACES = 4096  # of a face, among which the largest lever arm is looked for
+# Of the fastest approach, at which the largest impulse is looked for; the next one of the grid bounds it.
+SPEEDS = np.geomspace(0.02, 1.0, 24)
+PRESSURES = np.linspace(0.0, 1.0, 5)  # over their range, for that: few, as the impulse changes slowly with the pressure
+# Of the depression and of the speed, at which friction is looked at: over a decade and a half, as it may peak between.
+RUBBED = np.array([0.03, 0.1, 0.3, 1.0])
+PLACES = 4096  # of a face, among which the largest lever arm is looked for; a power of 2 for the Sobol sample
 STATE = 7  # attitude and rates, which one impact hands on to the next
 TOTALS = ("impulse", "time", "share")  # what `follow_impacts` returns before the constraints
 IMPULSE, DURATION, SHARE = range(3)
-STEPS = 80  # of a descent of all impacts together, at most
-SLACK = 1e-3  # of the wanted share, by which it may be missed
-WINDOWS = (0.3, 0.1)  # of the window, to which further sequences are planned that are to be quick
+STEPS = 80  # of a descent of all impacts together, at most: more than single impacts take, as there are more variables
+SLACK = 1e-3  # of the wanted share, by which it may be missed: the optimiser's tolerance, not the user's
+# Of the window, to which further sequences are planned that are to be quick: long waits are what costs time.
+WINDOWS = (0.3, 0.1)
 
 Aim = Literal["impacts", "impulse", "time"]
 Revise = Callable[[StrikeProblem, StrikePlan], StrikePlan]  # from the problem of one impact and its plan

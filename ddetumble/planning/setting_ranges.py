@@ -14,8 +14,11 @@ from ..measurement.headings import expand_role, read_pairs
 from ..measurement.units import NUMBER, check_unit, parse_uncertainty, si_unit
 
 
-NARROW, WIDE = 2.0, 1.25  # by which limits reach beyond a condition that was held still, and beyond one that was not
-STILL = 1.2  # ratio of highest to lowest below which a condition counts as held still
+# By which limits reach beyond a condition that was held still, and beyond one that was not: a rig can do more than it
+# did, and what was varied needs less.
+NARROW, WIDE = 2.0, 1.25
+# Ratio of highest to lowest below which a condition counts as held still: more than scatter, less than a second level.
+STILL = 1.2
 
 
 @dc.dataclass(frozen=True)
@@ -94,7 +97,7 @@ def _read_range(name: str, text: str) -> tuple[float, float]:
     """`0.2..2 m/s`, or one value with its unit, in SI."""
     match = re.fullmatch(rf"\s*({NUMBER})(?:\s*\.\.\s*({NUMBER}))?\s*([^\d.].*)?", text, re.ASCII | re.DOTALL)
     if match is None:
-        raise InputError(f"--limit {name} is given as LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {text!r}")
+        raise InputError(f"--limit {name} takes LOW..HIGH UNIT, such as '0.2..2 {si_unit(name)}', not {text!r}")
     if not match[3] and si_unit(name) != "1":
         raise InputError(f"--limit {name} needs a unit: write it like '{text.strip()} {si_unit(name)}'")
     unit = check_unit(match[3] or "1", name)
@@ -102,10 +105,10 @@ def _read_range(name: str, text: str) -> tuple[float, float]:
     if not (math.isfinite(low) and math.isfinite(high)):
         raise InputError(f"--limit {name} is not finite: {text!r}")
     if high < low:
-        raise InputError(f"--limit {name} begins above its end: {text!r}; write the lower value first")
+        raise InputError(f"--limit {name} must have the lower value first, not {text!r}")
     signed = name.startswith("angular_velocity")
     if not signed and (low < 0 or (low == 0 and name in ("approach_speed", "normal_load", "slip_speed"))):
-        raise InputError(f"--limit {name} has to be positive: {text!r}")
+        raise InputError(f"--limit {name} must be positive: {text!r}")
     return low, high
 
 
@@ -124,14 +127,14 @@ def list_extras(saved: FittedModel, entries: Sequence[str] | Mapping[str, str] |
     found = []
     for name, noise in wanted.items():
         if name not in offered:
-            there = f"it may be {', '.join(offered)}" if offered else "records of this family have no further one"
-            raise InputError(f"--channel: {name!r} is no channel that could be added; {there}")
+            there = f"it may be {', '.join(offered)}" if offered else "records of this family have no further channel"
+            raise InputError(f"--channel: {name!r} is not a channel that could be added; {there}")
         if _is_measured(saved, name):
-            raise InputError(f"--channel: the campaign measures {name!r} already")
+            raise InputError(f"--channel: the campaign already measures {name!r}")
         unit = check_unit(si_unit(name), name)
         sd = parse_uncertainty(noise, unit, name).absolute
         if sd is None:
-            raise InputError(f"--channel {name}: the noise has to be absolute, such as {offered[name]!r}")
+            raise InputError(f"--channel {name}: the noise must be absolute, such as {offered[name]!r}")
         found.append(Extra(name, ATTITUDES[:4] if name == "attitude" else (name,), sd, unit.si, entries is None))
     return tuple(found)
 

@@ -18,15 +18,18 @@ from .multistart import Place, estimate_score, find_bounds, find_starts
 from .problem import VARIABLES, Design, StrikeProblem, read_design, score, strike_debris
 
 
-BINDING = 1e-4  # scaled constraint, or distance of a variable from its bound, that counts as none
-ALLOWED = 1e-5  # by which a scaled constraint may be missed
-LOST = 10.0  # score of what cannot be computed
-STEPS = 40  # of the quadratic programme at most
+# Scaled constraint, or distance of a variable from its bound, that counts as none: what the quadratic programme leaves.
+BINDING = 1e-4
+ALLOWED = 1e-5  # by which a scaled constraint may be missed: its tolerance
+LOST = 10.0  # score of what cannot be computed: far above that of any strike
+STEPS = 40  # of the quadratic programme at most: it ends by itself well before, or has no optimum near
 STARTS = 6  # of three, one seed in six ended 0.15 % behind another; of six, none of twelve did
-LEAST_GAIN = 0.01  # of the score, below which another impact is not worth its while
+# Of the score, below which another impact is not worth its while: as little as the wanted share by default.
+LEAST_GAIN = 0.01
 FOUND = 0.9  # of the largest gain that closed forms see, which they must see at a plan; they err by a few per cent
-WIDER, MORE, TURN = 2, 4, 1009  # further searches, their starts over those of the first, and what their seeds differ by
-STEP = 1e-4  # of the differences that a gradient is checked by
+# Further searches, their starts over those of the first, and what their seeds differ by (a prime: no two coincide).
+WIDER, MORE, TURN = 2, 4, 1009
+STEP = 1e-4  # of the differences that a gradient is checked by: between rounding (smaller) and curvature (larger)
 
 T = TypeVar("T")
 
@@ -208,7 +211,8 @@ def plan_strike(problem: StrikeProblem, *, starts: int = STARTS, seed: int = 0, 
         if untouched - estimate_score(problem, *ends[0][2:4]) >= FOUND * (untouched - estimate):
             break
     if not ends:
-        raise ComputationError("no impact could be planned: from no start was the contact integrated to separation")
+        raise ComputationError("no impact could be planned: the contact could not be integrated to separation from "
+                               "any start")
     _, _, face, x, values = ends[0]
     return make_plan(problem, face, x, certify(problem, face, x), tally, values, estimate=estimate,
                      scores=tuple((names[end[2]], end[1], end[0]) for end in ends))

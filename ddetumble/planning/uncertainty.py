@@ -23,8 +23,10 @@ from .single import ALLOWED, LOST, StrikePlan, Tally, compute_impact, refine
 
 
 REFERENCE = name_rival(())
-RESOLUTION = 1e-3  # share of the momentum at the start, below which no difference between models counts
-BEYOND = 1e-2  # scaled constraint by which a limit may be passed before it counts
+# Share of the momentum at the start, below which no difference between models counts: no one measures it.
+RESOLUTION = 1e-3
+# Scaled constraint by which a limit may be passed before it counts: 1 %, more than the optimiser's tolerance.
+BEYOND = 1e-2
 # Unit of a scaled constraint; of all others per cent.
 UNITS = {CONSTRAINTS.edge: (100.0, "mm"), CONSTRAINTS.next_edge: (100.0, "mm"), CONSTRAINTS.clear: (10.0, "mm")}
 
@@ -200,9 +202,9 @@ def assess_plan(problem: StrikeProblem, plan: StrikePlan, laws: Laws, *, tail: f
     lost = values[:, 0] >= LOST
     if lost.any():
         values, weights, owners = values[~lost], weights[~lost], owners[~lost]
-        note += f" Under {int(lost.sum())} of {len(lost)} draws the impact could not be integrated; they are left out."
+        note += f" For {int(lost.sum())} of {len(lost)} draws the impact could not be integrated; they are left out."
     if len(np.unique(owners)) < len(laws.names):
-        raise ComputationError("under no draw of a model could the planned impact be integrated; its parameters are "
+        raise ComputationError("the planned impact could not be integrated for any draw of a model; its parameters are "
                                "too uncertain")
     regrets = find_regrets(problem, plan, laws) if len(laws.names) > 1 else [Regret()]
     models = {name: _look(problem, values[owners == k], weights[owners == k], tail, laws.weights[k],
@@ -254,10 +256,10 @@ def _describe_spread(whole: Outlook, tail: float) -> str:
     """How much is left, and how often a limit is passed."""
     one = whole.momentum
     passed = [f"{name} ({100 * share:.0f} % of the draws)" for name, share in whole.violated.items() if share > 0]
-    limits = f"Not kept in every draw: {', '.join(passed)}." if passed else "Every limit is kept in every draw."
+    limits = f"Limits violated in some draws: {', '.join(passed)}." if passed else "No limit is violated in any draw."
     return (f"Under the uncertainty of the contact the first impact leaves {100 * one.mean:.2f} ± {100 * one.sd:.2f} % "
-            f"of the angular momentum (90 % of the draws: {100 * one.q05:.2f} to {100 * one.q95:.2f} %), in the worst "
-            f"{100 * tail:.0f} % of the draws {100 * one.tail:.2f} % on average. {limits}")
+            f"of the angular momentum (90 % of the draws: {100 * one.q05:.2f} to {100 * one.q95:.2f} %), and in the "
+            f"worst {100 * tail:.0f} % of the draws {100 * one.tail:.2f} % on average. {limits}")
 
 
 def _describe_rivals(names: list[str], difference: float, within: float, worst: Regret, matters: bool, costs: bool,
@@ -266,33 +268,33 @@ def _describe_rivals(names: list[str], difference: float, within: float, worst: 
     side = "more" if difference > within else "less"
     names = ["nothing" if name == REFERENCE else name.replace("+", " with ") for name in names]
     told = (f"Whether {', '.join(names[:-1])} or {names[-1]} is missing changes the momentum left by "
-            f"{100 * difference:.2f} % of the start, {side} than the parameters' own uncertainty ({100 * within:.2f} "
-            f"%), and to plan with the wrong one costs at most {100 * worst.loss:.2f} %")
+            f"{100 * difference:.2f} % of the start, {side} than the uncertainty of the parameters ({100 * within:.2f} "
+            f"%), and planning with the wrong one costs at most {100 * worst.loss:.2f} %")
     if worst.beyond > BEYOND:
         factor, unit = UNITS.get(worst.limit, (100.0, "%"))
-        told += f" and passes a limit ({worst.limit}) by up to {factor * worst.beyond:.1f} {unit}"
+        told += f" and violates a limit ({worst.limit}) by up to {factor * worst.beyond:.1f} {unit}"
     if not matters:
         return f"{told}: it does not matter for this plan."
-    after = f" `ddetumble design {folder}` says which test tells them apart." if folder else ""
+    after = f" `ddetumble design {folder}` finds the test that distinguishes them." if folder else ""
     if not costs:
-        return f"{told}: it matters for what to expect, though not for how to strike.{after}"
+        return f"{told}: it matters for the expected outcome, but not for how to strike.{after}"
     return f"{told}: it matters for this plan.{after}"
 
 
 def _describe_sequence(after: tuple[Spread, ...], reached: float, violated: dict[str, float], lost: float, share: float,
               tail: float) -> str:
     end = after[-1]
-    told = (f"Under the uncertainty of the contact the {len(after)} impacts together, nothing being planned again "
-            f"between them, leave {100 * end.mean:.2f} ± {100 * end.sd:.2f} % of the angular momentum, in the worst "
-            f"{100 * tail:.0f} % of the draws {100 * end.tail:.2f} % on average; the {100 * share:g} % wanted are "
+    told = (f"Under the uncertainty of the contact the {len(after)} impacts together, without replanning between "
+            f"them, leave {100 * end.mean:.2f} ± {100 * end.sd:.2f} % of the angular momentum, and in the worst "
+            f"{100 * tail:.0f} % of the draws {100 * end.tail:.2f} % on average; the wanted {100 * share:g} % are "
             f"reached in {100 * reached:.0f} % of the draws.")
     if violated:
         worst = max(violated, key=lambda name: violated[name])
         number, name = worst.split(": ")
-        told += (f" Limits that not every draw keeps: {len(violated)}, most often the {name} of impact {number} "
+        told += (f" Some draws violate {len(violated)} of the limits, most often the {name} of impact {number} "
                  f"({100 * violated[worst]:.0f} %).")
     if lost > 0:
-        told += f" In {100 * lost:.0f} % of the draws the sequence could not be struck to its end."
+        told += f" In {100 * lost:.0f} % of the draws the sequence could not be completed."
     if reached < 0.5:
-        told += " Measure the motion after each impact, and plan the next ones again."
+        told += " Measure the motion after each impact, and replan those that follow."
     return told

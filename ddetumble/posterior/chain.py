@@ -54,7 +54,7 @@ class Settings:
     def __post_init__(self):
         for name, least in (("ensembles", 1), ("burn", 0), ("block", 1), ("effective", 1), ("most", 1), ("seed", 0)):
             if getattr(self, name) < least:
-                raise InputError(f"{name} has to be at least {least}; it is {getattr(self, name)}", option=name)
+                raise InputError(f"{name} must be at least {least}; it is {getattr(self, name)}", option=name)
 
 
 class AbstractSampler(ABC):
@@ -132,7 +132,7 @@ def run_chains(sampler: type[AbstractSampler], target: AbstractTarget, settings:
             blocks.append(block)
             done += block["x"].shape[1]
             share = max(convergence.effective / settings.effective, (done - burn) / settings.most)
-            far = (f"{convergence.effective:.0f} independent draws, R-hat {convergence.rhat:.3f}"
+            far = (f"effective sample size {convergence.effective:.0f}, R-hat {convergence.rhat:.3f}"
                    if np.isfinite(convergence.rhat) else "settling")
             progress(f"step {done}: {far}", float(np.clip(share, 0.0, 1.0)))
         ends = np.cumsum([block["x"].shape[1] for block in blocks])
@@ -158,11 +158,13 @@ def open_chain(folder: Path | None, identity: Mapping[str, Any]) -> Iterator[lis
     if folder is None:
         yield []
         return
-    with hold_folder(folder, "another process is sampling into this folder; wait for it, or name another folder"):
+    with hold_folder(folder, "another process is writing its samples to this folder; wait for it, or name another "
+                             "folder"):
         for part in folder.glob(".*.part"):  # a write that was cut off
             part.unlink(missing_ok=True)
         for old in folder.glob("block-*.npz") if not (folder / PLAN).is_file() else ():
-            raise InputError("the folder holds blocks of a chain without its plan; remove them, or name another folder",
+            raise InputError("the folder contains blocks of a chain without its plan; remove them, or name another "
+                             "folder",
                              file=old)  # nobody knows what they are of
         claim_folder(folder / PLAN, "a chain", "identity", identity, schema=SCHEMA)
         blocks: list[Block] = []
@@ -204,5 +206,5 @@ def read_arrays(path: Path) -> Block:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as found:
             return {name: found[name] for name in found.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        raise InputError("the block is damaged; remove it and those after it, and the chain goes on from there",
+        raise InputError("the block is damaged; remove it and those after it, and the chain continues from there",
                          file=path) from None

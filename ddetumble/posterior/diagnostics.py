@@ -14,8 +14,9 @@ import emcee
 import numpy as np
 
 
-AGREE = 1.01  # R-hat below which ensembles agree
-TIMES = 50.0  # autocorrelation times that a chain has to be long
+AGREE = 1.01  # R-hat below which ensembles agree (Vehtari et al. 2021)
+# Autocorrelation times that a chain has to be long, for their estimate to be trusted (emcee's documentation).
+TIMES = 50.0
 FEWEST = 8  # steps, in halves of halves of which there is still a variance
 
 
@@ -68,15 +69,15 @@ def judge_chains(x: np.ndarray, wanted: float) -> Convergence:
     ensembles, steps, walkers, free = x.shape
     if steps < FEWEST:
         nothing = np.full(free, np.inf)
-        return Convergence(steps, nothing, np.zeros(free), nothing, 0.0, np.inf, False, "there are hardly any steps")
+        return Convergence(steps, nothing, np.zeros(free), nothing, 0.0, np.inf, False, "there are too few steps")
     each, rhats = np.stack([measure_times(part) for part in x]), compare_ensembles(x)
     sizes = np.sum(steps * walkers / each, axis=0)
     lacking = []
     if sizes.min() < wanted:
-        lacking.append(f"{sizes.min():.0f} independent draws of {wanted:.0f}")
+        lacking.append(f"the effective sample size is {sizes.min():.0f}, but {wanted:.0f} is wanted")
     if rhats.max() >= AGREE:
-        lacking.append(f"the ensembles differ (R-hat {rhats.max():.3f}, and {AGREE} is wanted)")
+        lacking.append(f"the ensembles differ (R-hat is {rhats.max():.3f}, but {AGREE} is wanted)")
     if steps < TIMES * each.max():
-        lacking.append(f"{steps} steps are {steps / each.max():.0f} autocorrelation times, and {TIMES:.0f} are wanted")
+        lacking.append(f"{steps} steps are {steps / each.max():.0f} autocorrelation times, but {TIMES:.0f} are wanted")
     return Convergence(steps, each.max(axis=0), sizes, rhats, float(sizes.min()), float(rhats.max()), not lacking,
                        "; ".join(lacking))

@@ -13,9 +13,12 @@ from .proposal import FEW, Mixture, adapt_mixture, seed_random, start_mixture
 from .target import AbstractTarget
 
 
-OTHERS = (0.7, 0.3)  # of differential evolution and stretch moves among those that are not independent
-WIDER = 1.2  # than the fit's Gaussian, of the places where walkers begin
-BEGINNINGS = 20  # draws of these at most, where the model fails at some
+# Of differential evolution and stretch moves among those that are not independent: the first mix better, the second
+# need no tuning.
+OTHERS = (0.7, 0.3)
+# Than the fit's Gaussian, of the places where walkers begin: R-hat shows what does not mix only from a wide start.
+WIDER = 1.2
+BEGINNINGS = 20  # draws of these at most, where the model fails at some: if so many fail, the fit is too uncertain
 
 
 def mix_moves(proposal: Mixture, share: float) -> list[tuple[emcee.moves.Move, float]]:
@@ -47,7 +50,7 @@ class Ensembles(AbstractSampler):
         """
         walkers = settings.walkers or max(16, 2 * free + 4)
         if walkers % 2 or walkers < 2 * free + 2 or walkers < 6:
-            raise InputError(f"walkers has to be even and at least {max(6, 2 * free + 2)} with {free} parameters; it "
+            raise InputError(f"walkers must be even and at least {max(6, 2 * free + 2)} with {free} parameters; it "
                              f"is {walkers}", option="walkers")
         return walkers
 

@@ -23,10 +23,10 @@ from .proposal import Mixture, Part, describe_draws, seed_random
 from .target import AbstractTarget
 
 
-TRUSTED = 0.7  # shape of the Pareto tail up to which weights can be trusted
-REFITTED = 256  # draws about fits with and without the condition
+TRUSTED = 0.7  # shape of the Pareto tail up to which weights can be trusted (Vehtari, Gelman & Gabry 2017)
+REFITTED = 256  # draws about fits with and without the condition: for a logarithm of the density to about a tenth
 COSTLY = 4  # times fewer draws where each costs as much as the points of a sampled integral
-WAYS = {"draws": "draws reweighted", "refit": "refitted without it"}
+WAYS = {"draws": "importance weights", "refit": "refit without it"}
 
 
 @dc.dataclass(frozen=True)
@@ -125,10 +125,10 @@ def score_conditions(target: AbstractTarget, x: np.ndarray, likelihoods: np.ndar
         keys = tuple(part for part, gone in zip(target.parts, out, strict=True) if gone)
         found.append(Score(target.conditions[k], keys, elpd, shape, way, trusted))
     refits, doubtful = sum(one.way == "refit" for one in found), sum(not one.trusted for one in found)
-    text = (f"{len(found)} conditions, each left out once: {len(found) - refits} by reweighting draws "
-            f"(Pareto-smoothed), {refits} by a fit without it where these weights could not be trusted")
+    text = (f"{len(found)} conditions were each left out once: {len(found) - refits} by Pareto-smoothed importance "
+            f"sampling, {refits} by a refit where these weights were unreliable")
     if doubtful:
-        text += f"; {doubtful} of them remain doubtful, as one condition decides what the others leave open"
+        text += f"; {doubtful} of them remain unreliable, as one condition determines what the others do not"
     return Scores(tuple(found), *add_up(np.array([one.elpd for one in found])), text)
 
 

@@ -23,8 +23,10 @@ from .chain import AbstractSampler, Block, Settings
 from .target import AbstractTarget, CampaignTarget, CurveTarget
 
 
-REACH = 6.0  # standard deviations within which a limit counts
-NEAREST = 0.3  # standard deviations from a limit at which a fit counts that lies closer to it
+REACH = 6.0  # standard deviations within which a limit counts: farther off, no draw meets it
+# Standard deviations from a limit at which a fit counts that lies closer to it: at the limit itself the transform is
+# singular.
+NEAREST = 0.3
 ACCEPT = {True: 0.85, False: 0.97}  # wanted of moves: of campaigns, nearly Gaussian; of curves, which need not be
 DEEPEST = 8  # doublings of a trajectory
 

@@ -25,12 +25,14 @@ from ..inference.problem import simulate_records
 from .target import CampaignTarget, Plan, map_blocks
 
 
-DRAWS = 96
-TRIED = 8  # nuisances of each draw among which one is chosen where the model is not linear in them
-KEPT = 24  # replicated records that are kept
-BLOCK = 96
-LEVEL = 0.01
-STATISTICS = {"chi_square": "chi-square", "largest": "largest residual", "lag": "correlation of neighbours"}
+DRAWS = 96  # replicates of each record: fewer leave p-values too coarse for so many comparisons, more cost time
+# Nuisances of each draw among which one is chosen where the model is not linear in them: one alone would keep the fit's
+# Gaussian.
+TRIED = 8
+KEPT = 24  # replicated records that are kept: for figures, which show a band of them
+BLOCK = 96  # draws computed at once: larger takes memory, smaller more calls
+LEVEL = 0.01  # chance, over all comparisons, of calling a right model wrong
+STATISTICS = {"chi_square": "chi-square", "largest": "largest residual", "lag": "correlation of neighbours"}  # lag one
 
 
 @dc.dataclass(frozen=True)
@@ -185,15 +187,15 @@ def _conclude(records: tuple[RecordCheck, ...], draws: int, totals: Mapping[str,
     rejected = p_value < LEVEL
     outstanding = tuple(one.record for one, row in zip(records, apart, strict=True) if 2.0 * row.min() < LEVEL)
     told = f"p {'< 0.001' if p_value < 0.001 else f'= {p_value:.2g}'} after correction for {count} comparisons"
-    sentence = ("Records that the fitted model would make look like the measured ones: none of "
-                f"{count} comparisons stands out ({told}). That does not prove the model right: what its "
-                "parameters and the records' settings can imitate does not show here.")
+    sentence = ("The measured records agree with records replicated from the fitted model: none of "
+                f"{count} comparisons stands out ({told}). This does not prove the model right: errors that its "
+                "parameters and the records' settings can imitate do not show here.")
     if rejected:
-        which = [f"{len(outstanding)} of {len(records)} records stand out by themselves"] if outstanding else []
+        which = [f"{len(outstanding)} of {len(records)} records stand out individually"] if outstanding else []
         words = [STATISTICS[name] for name, value in totals.items() if 2.0 * len(totals) * value < LEVEL]
-        which += [f"all records together by {' and '.join(words)}"] if words else []
-        sentence = (f"Records that the fitted model would make do not look like the measured ones ({told}): "
-                    f"{'; '.join(which)}. The model lacks something, or the noise is not what it was taken for; "
-                    "intervals of its parameters do not include that.")
+        which += [f"all records together stand out by {' and '.join(words)}"] if words else []
+        sentence = (f"The measured records do not agree with records replicated from the fitted model ({told}): "
+                    f"{'; '.join(which)}. The model is incomplete, or the noise differs from what was assumed; "
+                    "the intervals of its parameters do not allow for that.")
     return Checks(records, draws, dict(totals), min(float(single.min()), *totals.values()), count, p_value, rejected,
                   outstanding, sentence, replicates)

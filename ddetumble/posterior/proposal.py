@@ -20,18 +20,20 @@ from scipy.cluster.vq import kmeans2
 from .target import AbstractTarget
 
 
-TAIL = 5.0  # degrees of freedom of the proposal
-WIDER = (1.1, 2.5)  # than the Gaussian it is made from, of its two t
+TAIL = 5.0  # degrees of freedom of the proposal: heavier tails than a Gaussian's, so that no weight runs off
+# Than the Gaussian it is made from, of its two t: too wide a proposal is refused, too narrow a one misses tails.
+WIDER = (1.1, 2.5)
 SHARES = (0.85, 0.15)  # of these two: the wide one keeps the tails within reach
-TRIES = 100
-FEW, MANY = 0.5, 0.9  # share of independent moves; many where the proposal is close to the posterior
+TRIES = 100  # draws in place of those outside the limits: where the share inside is not tiny, one is found
+# Share of independent moves; many where the proposal is close to the posterior and they are accepted.
+FEW, MANY = 0.5, 0.9
 ENOUGH = 0.33  # effective over drawn, of a round, from which on it is
-ROUNDS = 8
-PARTS = 16  # of a mixture at most
+ROUNDS = 8  # in which the proposal is fitted to its own weighted draws: it ends by itself where it does not gain
+PARTS = 16  # of a mixture at most: more have too few draws each
 EACH = 12  # draws in a part at least, for every coordinate
 COLD, HOT = 0.75, 5  # portion of the parts that follow the posterior, and number of those that follow it flattened
-FLATTER = 0.4  # to which power
-SHRINK = 0.5  # of a proposal's width
+FLATTER = 0.4  # to which power: it reaches what the posterior itself hardly visits
+SHRINK = 0.5  # of a proposal's width, where hardly any draw counts, as it is too wide: halved until some do
 Part = tuple[np.ndarray, np.ndarray]  # mean, shape (free,), and covariance, shape (free, free)
 
 

@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 FILE, SUMMARY = "posterior.nc", "posterior.json"
 SCHEMA = "ddetumble.posterior/1"
-MOST_DRAWS = 4000  # on disk
-SCORED = (1000, 300)  # draws at which records' likelihoods are kept: nuisances integrated analytically, or sampled
+MOST_DRAWS = 4000  # on disk: for quantiles, more than autocorrelation leaves of most chains
+# Draws at which records' likelihoods are kept: nuisances integrated analytically, or sampled, which costs more.
+SCORED = (1000, 300)
 FAILING = 0.01  # share of the places tried beyond which it is said that the model could not be computed there
 CUT = 0.1  # share of the draws within half a deviation of a limit from which on the limit cuts the posterior off
 STATISTICS = {"accepted": "{:.0%} of the moves accepted", "evaluations": "{} evaluations of the density",
-              "resumed": "{} steps taken over from an earlier run", "divergences": "{} divergences",
+              "resumed": "{} steps continued from an earlier run", "divergences": "{} divergences",
               "leapfrogs": "{} leapfrog steps"}
 
 
@@ -49,7 +50,7 @@ class Estimate:
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Posterior(AbstractPrinted):
-    """Draws from a posterior.
+    r"""Draws from a posterior $p(\theta \mid y)$, with their summary and diagnostics.
 
     Attributes:
         target: what was sampled.
@@ -216,12 +217,12 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
     spread = np.sqrt(np.diag(slope @ target.covariance @ slope.T))
     state = (f"converged after {convergence.steps} steps" if convergence.enough else
              f"not converged after {convergence.steps} steps: {convergence.lacking}; the same command with more steps "
-             "goes on from here")
+             "continues from here")
     parameters, notes = {}, [*target.notes]
     failures, evaluations = statistics.get("failures", 0), max(statistics.get("evaluations", 1), 1)
     if failures > FAILING * evaluations:
-        notes.append(f"the model could not be computed at {failures} of {evaluations} places that were tried; they "
-                     "count as impossible")
+        notes.append(f"the model could not be computed at {failures} of the {evaluations} points tried; their "
+                     "density was taken as zero")
     for k, name in enumerate(target.names):
         values, size = public[..., k].ravel(), float(convergence.sizes[k])
         sd = float(values.std())
@@ -232,7 +233,8 @@ def summarise_posterior(target: AbstractTarget, sampler: str, settings: Mapping[
         # Where a limit cuts the posterior off, the fit's interval does not hold, the draws' does.
         for limit, end, bound, q in ((target.low[k], "lower", "below", 0.95), (target.high[k], "upper", "above", 0.05)):
             if np.isfinite(limit) and np.mean(np.abs(x[..., k] - limit) < 0.5 * x[..., k].std()) > CUT:
-                notes.append(f"{name} is cut off by its {end} limit: with 95 % probability it is {bound} "
+                notes.append(f"the posterior of {name} is truncated at its {end} limit: with 95 % probability it is "
+                             f"{bound} "
                              f"{float(np.quantile(values, q)):.4g}")
                 break
     return Posterior(target, sampler, dict(settings), x, log_density, convergence, dict(statistics), parameters, state,

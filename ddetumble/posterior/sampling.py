@@ -30,7 +30,7 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
            walkers: int | None = None, ensembles: int | None = None, burn: int | None = None,
            block: int | None = None, effective: int | None = None, most: int | None = None, seed: int | None = None,
            **fitting: Any) -> Posterior:
-    """Draw from the posterior of a model's parameters, every record's nuisances integrated out.
+    """Sample the posterior of the parameters of a model, with the nuisances of every record integrated out.
 
     Args:
         source: a campaign or its folder, a specification `fit.toml`, a fit of a campaign or of a friction
@@ -66,12 +66,12 @@ def sample(source: Campaign | Fit | CurveFit | AbstractTarget | str | Path, mode
         if not isinstance(source, Fit):
             source = fit(source, model, effects, progress=lambda text, share: report(text, 0.1 * share), **fitting)
         elif fitting or effects:
-            raise InputError("a fit has its model and effects already; fit it anew with others")
-        report("looking whether nuisances can be integrated analytically", 0.1)
+            raise InputError("a fit already has its model and effects; make a new fit for others")
+        report("checking whether nuisances can be integrated analytically", 0.1)
         target = pose_fit(source)
     sampler = sampler or named
     if sampler not in SAMPLERS:
-        raise InputError(f"there is no sampler {sampler!r}; it is {' or '.join(SAMPLERS)}", option="sampler")
+        raise InputError(f"there is no sampler {sampler!r}; give {' or '.join(SAMPLERS)}", option="sampler")
     settings = Settings(**{**stated, **{name: value for name, value in given.items() if value is not None}})
     return run_chains(SAMPLERS[sampler], target, settings, None if folder is None else Path(folder) / CHAIN,
                       lambda text, share: report(text, 0.15 + 0.85 * share))

@@ -43,13 +43,13 @@ SCHEMA = "ddetumble.weights/2"
 # which is itself too small there; above, the difference has to be large beside it.
 LEAST = 4.0
 ERRORS = 2.0  # standard errors that it has to exceed, too
-NEARLY_ALL = 0.95  # weight from which on a mixture is the one model
+NEARLY_ALL = 0.95  # weight from which on a mixture is the one model: the rest changes no prediction visibly
 FEW = 8  # conditions below which a standard error from their scatter is itself a guess
-NOTHING = 1e-4  # weights below are none
-DRAWS = 480  # about each fit
+NOTHING = 1e-4  # weights below are none: they come from the optimiser's tolerance
+DRAWS = 480  # about each fit: for a sum of weights to a few per cent
 ROUNDS = 3  # in which the draws follow the posterior, at most
 GOOD = 0.5  # shape of the tail of the weights at which their variance is finite: no further round
-TOO_FEW = "there have to be at least two models to average"
+TOO_FEW = "averaging needs at least two models"
 Outcome = Literal["best", "preferred", "favoured", "indistinguishable"]
 Rivals = Sequence[str | Sequence[str | type[AbstractEffect]]]
 
@@ -97,7 +97,7 @@ class ModelWeights(AbstractPrinted):
 
     def __str__(self) -> str:
         """The report."""
-        rows = [("", "weight", "elpd", "behind the best", "std. error", "largest k", "refits", "chi2/dof")]
+        rows = [("", "weight", "elpd", "elpd difference", "std. error", "largest k", "refits", "chi2/dof")]
         for one in self.rivals:
             scores = one.scores.scores
             rows.append((one.name, f"{one.weight:.3f}", f"{one.scores.elpd:.1f}", f"{abs(one.difference):.1f}",
@@ -130,7 +130,7 @@ class ModelWeights(AbstractPrinted):
         for one in self.rivals:
             place = folder / one.folder
             if place.is_symlink() or (place.exists() and not place.is_dir()):
-                raise InputError("is in the way; remove it, or name another folder", file=place)
+                raise InputError("this is in the way; remove it, or name another folder", file=place)
             one.fit.save(place)
         write_json(folder / FILE, self.to_dict())
         return folder
@@ -139,7 +139,7 @@ class ModelWeights(AbstractPrinted):
 def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], models: Rivals = (), model: Model = "paper",
             *, campaign: Campaign | str | Path | None = None, progress: Progress | None = None, seed: int = 0,
             **fitting: Any) -> ModelWeights:
-    r"""Stacking weights $w_k$ of rival models: by how well they predict conditions that they have not seen.
+    r"""Compute the stacking weights $w_k$ of rival models from their predictive densities of left-out conditions.
 
     Args:
         source: fits of one campaign (`[found.best, *found.rivals]`); a discovery, or a folder that `discover` wrote,
@@ -169,14 +169,15 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
                              "itself", file=source)
         model, rivals, name, sha256 = read_discovery(Path(source))
         if campaign is None and name not in list_shipped():
-            raise InputError(f"the result does not hold the campaign {name!r} that it is about; name its folder with "
+            raise InputError(f"the result does not contain its campaign {name!r}; name the folder of that campaign "
+                             f"with "
                              "--campaign", file=source)
         measured = campaign if isinstance(campaign, Campaign) else read_campaign(campaign or name)
         if measured.sha256 != sha256:
-            notes.append(f"The campaign is not the one, byte for byte, that discover looked at ({name}).")
+            notes.append(f"The campaign is not byte for byte the one that discover analysed ({name}).")
     else:
         if campaign is not None:
-            raise InputError("--campaign goes with a folder that discover wrote")
+            raise InputError("--campaign applies only to a folder that discover wrote")
         measured = source if isinstance(source, Campaign) else read_campaign(source)
         rivals = [split_effects(one) if isinstance(one, str) else tuple(one) for one in models]
     if len(rivals) < 2:
@@ -195,7 +196,7 @@ def split_effects(text: str) -> tuple[str, ...]:
     if parts == ("none",):
         return ()
     if not all(parts) or "none" in parts:
-        raise InputError(f"{text!r} names no model: give effects with commas between them, or `none` alone",
+        raise InputError(f"{text!r} names no model: give effects separated by commas, or `none` alone",
                          option="effect")
     return parts
 
@@ -213,10 +214,10 @@ def read_discovery(folder: Path) -> tuple[str, list[tuple[type[AbstractEffect], 
         model, campaign, sha256 = (str(content[key]) for key in ("model", "campaign", "sha256"))
         last = [str(effect) for effect in content["steps"][-1]["effects"]]
     except (OSError, ValueError, KeyError, TypeError, IndexError, RecursionError):
-        raise InputError("this is no result of discover, or a damaged one; run discover again", file=path) from None
+        raise InputError("this is not a result of discover, or is damaged; run discover again", file=path) from None
     others = sorted((place.parent for place in folder.glob("rivals/*/model.json")), key=lambda p: (len(p.name), p.name))
     if not others:
-        raise InputError(f"discover found no rival of {', '.join(last) or model}, so that there is nothing to average; "
+        raise InputError(f"discover found no rival of {', '.join(last) or model}, so there is nothing to average; "
                          "name the rivals yourself: `ddetumble average CAMPAIGN --effect ID --effect ID`", file=path)
     return model, [tuple(load(place).space.effects) for place in (folder, *others)], campaign, sha256
 
@@ -229,13 +230,13 @@ def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Se
         ComputationError: A model cannot be computed.
     """
     if len(fits) < 2:
-        raise InputError(f"{TOO_FEW}; a discovery without rivals has one")
+        raise InputError(f"{TOO_FEW}; a discovery without rivals has only one")
     if len({one.sha256 for one in fits}) > 1:
-        raise InputError("these are fits of different campaigns; weights say how models predict one and the same")
+        raise InputError("these are fits to different campaigns; weights compare predictions of the same one")
     names = [name_rival(one.effects) for one in fits]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{name} stands twice among the rivals; name every model once", option="effect")
+            raise InputError(f"{name} occurs twice among the rivals; name every model once", option="effect")
     # One noise for all, measured on what the best of them leaves.
     noise = min(fits, key=lambda one: one.chi2_reduced).noise
     fits, scores = [fit_again(one, noise) for one in fits], []
@@ -257,12 +258,13 @@ def average_fits(fits: Sequence[Fit], report: Progress, seed: int = 0, notes: Se
         rivals.append(Rival(names[k], folder, fits[k], scores[k], float(weights[k]), *compared[k]))
     notes = list(notes)
     if len(elpd) < FEW:
-        notes.append(f"With {len(elpd)} conditions the standard errors, and so the weights, are themselves rough.")
+        notes.append(f"With only {len(elpd)} conditions the standard errors, and hence the weights, are themselves "
+                     f"rough.")
     if doubtful := [one.name for one in rivals if not all(s.trusted for s in one.scores.scores)]:
-        notes.append(f"Not every score of {', '.join(doubtful)} can be trusted: single conditions decide what the "
-                     "others leave open (see pareto_k in weights.json).")
-    notes.append("Weights are those of a mixture for prediction, not probabilities of the models; none of the rivals "
-                 "need be right.")
+        notes.append(f"Some scores of {', '.join(doubtful)} are unreliable, because single conditions determine what "
+                     "the others do not (see pareto_k in weights.json).")
+    notes.append("The weights are those of a mixture for prediction, not probabilities of the models; none of the "
+                 "rivals need be right.")
     return ModelWeights(fits[0].campaign, fits[0].sha256, fits[0].model, tuple(rivals), _say(rivals, len(elpd)),
                         tuple(notes))
 
@@ -280,7 +282,7 @@ def fit_again(found: Fit, noise: dict[str, Noise] | Any) -> Fit:
     old = found.bounded
     again = solve_bounded(problem, list(old.names), old.solution.u, old.solution.z, old.bounds)
     if again.solution.failed:
-        raise ComputationError(f"{found.model_text} could not be fitted again under the common noise")
+        raise ComputationError(f"{found.model_text} could not be refitted with the common noise")
     return summarise_fit(found.source, found.model, found.effects, problem, again, old.solution.u, noise,
                          found.settings, bool(np.any(np.asarray(same) > 0)))
 
@@ -324,7 +326,7 @@ def stack_weights(elpd: np.ndarray) -> np.ndarray:
     """
     count = elpd.shape[1]
     if not np.all(np.isfinite(elpd.max(axis=1))):
-        raise ComputationError("a left-out condition has no density under any of the models: there are no weights")
+        raise ComputationError("a left-out condition has zero density under every model, so there are no weights")
     relative = np.exp(elpd - elpd.max(axis=1, keepdims=True))
 
     def loss(w):

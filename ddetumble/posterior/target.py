@@ -44,9 +44,11 @@ from ..inference.stack import Records, Stack, trim_records
 from ..measurement.grouping import group_conditions, name_conditions
 
 
-POINTS = 16  # of the importance sampling of a record's nuisances
-TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged
-CURVED = 0.05  # standard deviation, over these, of what the linear integral is off by: beyond it nuisances are sampled
+POINTS = 16  # of the importance sampling of a record's nuisances: the proposal is close, and cost grows with them
+TRIALS = 24  # draws from the fit's Gaussian at which linearity is judged: a standard deviation to about 15 %
+# Standard deviation, over these, of what the linear integral is off by in the log-likelihood: beyond it nuisances are
+# sampled; below, 5 % in density.
+CURVED = 0.05
 
 
 class Plan(eqx.Module):
@@ -198,7 +200,7 @@ class AbstractTarget(ABC):
             if len(found) >= count:
                 return found[:count]
             width *= 0.9
-        raise InputError("hardly any of the fit's Gaussian lies within the bounds; widen them, or start the fit "
+        raise InputError("hardly any of the Gaussian of the fit lies within the bounds; widen them, or start the fit "
                          "elsewhere")
 
 
@@ -252,7 +254,7 @@ def _know_fit(problem: Problem, found: Bounded, room: np.ndarray) -> tuple[Solut
 
 
 def pose_fit(fit: Fit) -> CampaignTarget:
-    """The posterior of a campaign's fit.
+    """Build the log-posterior of a fit to a campaign.
 
     Whether a record's nuisances can be integrated as if the model were linear in them is tried at draws from the fit's
     Gaussian; where not, they are sampled.
@@ -265,8 +267,9 @@ def pose_fit(fit: Fit) -> CampaignTarget:
     low, high = np.array([found.room(problem, name) for name in names]).T
     at, covariance, loose = _know_fit(problem, found, high - low)
     if loose:  # an effect's parameter first: it may be what the reference model's cannot be told from
-        raise InputError(f"the records say nothing about {min(loose, key=lambda n: '.' not in n)}, so that there is no "
-                         "posterior to draw from; give it a prior or bounds (in fit.toml: [priors], [bounds]), or fix "
+        raise InputError(f"the records contain no information on {min(loose, key=lambda n: '.' not in n)}, so there "
+                         f"is no "
+                         "posterior to sample; give it a prior or bounds (in fit.toml: [priors], [bounds]), or fix "
                          "it ([fixed])")
     # The same reference model with those effects only that are in the model or not at their null.
     moved = {s.owner for k, s in enumerate(full.slots) if s.parameter.kind != "shape" and u[k] != s.parameter.default}
@@ -314,11 +317,11 @@ def _judge_linearity(target: CampaignTarget) -> CampaignTarget:
     curved = float(np.std(off)) if len(off) > 1 else np.inf
     if curved > CURVED:
         return dc.replace(sampled, curved=curved, identity={**target.identity, "nuisances": "sampled"}, notes=(
-            f"each record's nuisances were integrated out by importance sampling with {POINTS} points: taken as "
-            f"linear, the logarithm of the likelihood is off by {curved:.2g} from point to point",))
+            f"each record's nuisances were integrated out by importance sampling with {POINTS} points, because a "
+            f"linear treatment has an error of {curved:.2g} (standard deviation) in the log-likelihood",))
     return dc.replace(target, curved=curved, identity={**target.identity, "nuisances": "linear"}, notes=(
-        "each record's nuisances were integrated out analytically, as the model is linear in them over their width "
-        f"(the logarithm of the likelihood is off by {curved:.1g} from point to point)",))
+        "each record's nuisances were integrated out analytically, as the model is nearly linear in them (the error "
+        f"of the log-likelihood has a standard deviation of {curved:.1g})",))
 
 
 @final
@@ -393,7 +396,7 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
                coordinates=None, bounds: Mapping[str, tuple[float, float]] | None = None,
                priors: Mapping[str, tuple[float, float]] | None = None, identity: Mapping[str, Any] | None = None,
                parts: Sequence[Any] | None = None) -> CurveTarget:
-    """The posterior of a curve's coefficients.
+    """Build the log-posterior of the coefficients of a curve.
 
     Args:
         rows: whitened residual, `rows(x, data)` with x of shape (free,), in JAX.
@@ -412,7 +415,7 @@ def pose_curve(rows: Callable[[Array, Any], Array], data: Any, names, centre, co
         limits[names.index(name)] = ends
     covariance = np.asarray(covariance, dtype=float)
     if not np.all(np.isfinite(covariance)):
-        raise InputError("the readings do not determine every coefficient, so that there is no posterior to draw from; "
+        raise InputError("the readings do not determine every coefficient, so there is no posterior to sample; "
                          "hold one of them, or give bounds and a finite covariance")
     known = ["curve"] if parts is None else list(dict.fromkeys(parts))
     return CurveTarget(
@@ -437,7 +440,7 @@ def pose_curve_fit(found: CurveFit) -> CurveTarget:
     loose = [p.name for p in found.profiles if not all(p.bounded)]
     if loose or not found.profiles:
         why = f"the readings do not bound {', '.join(loose)}" if loose else "the fit was made without profiles"
-        raise InputError(f"there is no posterior to draw from: {why}; hold what is loose, or add readings")
+        raise InputError(f"there is no posterior to sample: {why}; hold what they do not determine, or add readings")
     low, high = (curve.to_coordinates(np.array(ends)) for ends in zip(*((p.low, p.high) for p in found.profiles),
                                                                       strict=True))
     box = jnp.asarray([low - 5.0 * (high - low), high + 5.0 * (high - low)])
@@ -450,7 +453,7 @@ def pose_curve_fit(found: CurveFit) -> CurveTarget:
     made = pose_curve(partial(_whiten, curve), data, curve.names, centre, covariance, units=curve.units,
                       identity={"title": found.subject, "fixed": dict(found.fixed), "data": sha256})
     return dc.replace(made, weight=partial(_weigh_box, curve, box), values=curve.unfold, notes=(
-        "the prior is flat in each coefficient, in the logarithm of what is positive",))
+        "the prior is flat in each coefficient, or in its logarithm where it is positive",))
 
 
 def _whiten(curve: Curve, x: Array, data: Any) -> Array:

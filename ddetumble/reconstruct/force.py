@@ -32,16 +32,16 @@ from ..measurement.package import read_campaign
 from .smoothing import Smooth, find_separation, inflate, smooth_samples
 
 
-FEWEST = 8  # samples in contact
-MOST = 128  # samples of a record from which the restitution is found
+FEWEST = 8  # samples in contact: below it a spline of degree 5 is not determined
+MOST = 128  # samples of a record from which the restitution is found: it is one number, and more only cost time
 BAND = 1.959964  # two-sided 95 % quantile of the normal distribution
 MEASURED = "measured_pressure"  # condition under which a law finds the measured pressure
-STEPS = 256  # of the motion
-REACH = 1.12  # how far beyond the measured separation the motion is followed
+STEPS = 256  # of the motion: finer only costs time
+REACH = 1.12  # how far beyond the measured separation the motion is followed, as the model's may come later
 TOLERANCE = 1e-4  # fall of chi-square at which the fit ends: a hundredth of a standard error
 ENDED = 1e-2  # fall of chi-square that may still be expected where the fit counts as converged
-TRIALS = 40  # of the fit, at most
-FAILED = 1e4  # deviations that stand for a sample that could not be computed
+TRIALS = 40  # of the fit, at most: it has one or two parameters and takes a few
+FAILED = 1e4  # deviations that stand for a sample that could not be computed: worse than any that can, and finite
 
 
 @dc.dataclass(frozen=True)
@@ -68,14 +68,14 @@ class Identification(AbstractPrinted):
         """The outcome in one sentence."""
         if not np.isfinite(self.rms_z):
             peak = self.records["peak_force_sd"].median()
-            return (f"The force of {len(self.records)} records follows from depression and pressure to {peak:.2g} N "
-                    "at its peak (one standard deviation); there is no gauge to hold it against.")
+            return (f"The force of {len(self.records)} records follows from depression and pressure to ± {peak:.2g} N "
+                    "at its peak (one standard deviation); there is no force gauge to compare it with.")
         sure = 0.85 <= self.rms_z <= 1.2
         verdict = "agrees with the gauge within its uncertainty" if sure else (
             "differs from the gauge by more than its uncertainty" if self.rms_z > 1 else
-            "is closer to the gauge than its uncertainty says")
-        return (f"The force from depression and pressure {verdict}: rms {self.rms_z:.2f} standard deviations, "
-                f"{100 * self.coverage:.1f} % of the samples in contact inside the 95 % band.")
+            "is closer to the gauge than its uncertainty implies")
+        return (f"The force from depression and pressure {verdict}: the RMS difference is {self.rms_z:.2f} standard "
+                f"deviations, and {100 * self.coverage:.1f} % of the samples in contact are inside the 95 % band.")
 
     def __str__(self) -> str:
         """The outcome for a terminal."""
@@ -106,7 +106,7 @@ class _Contact:
 
 
 def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identification:
-    """Find the force from measured depression and pressure, and hold it against the gauge where there is one.
+    """Reconstruct the normal force $F_n$ from measured depression and pressure, and compare it with the force gauge.
 
     Depression and pressure become smooth curves over each contact; Eqs. 4 and 5 (or the law of a fitted model) then
     give the force. Its uncertainty holds the noise of both, the record's own speed and pressure, and the restitution.
@@ -125,7 +125,7 @@ def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identif
     _check(campaign, resolved)
     measured = "pressure" in campaign.channels
     notes = [] if measured else ["There is no channel `pressure`: the gas pressure is that of Eqs. 2 and 3 for the "
-                                 "initial pressure, so a leak or another gas law goes unseen."]
+                                 "initial pressure, so a leak or another gas law goes undetected."]
     contacts = [_prepare(campaign, key) for key in campaign.record_keys]
     noise = {channel: _smooth_channel(campaign, contacts, channel)
              for channel in (("depression", "pressure") if measured else ("depression",))}
@@ -141,7 +141,7 @@ def identify(campaign: Campaign | str | Path, model: Model = "paper") -> Identif
     notes += more
     left = [e.id for e in resolved.effects if isinstance(e, AbstractSensorEffect)]
     if left:
-        notes.append(f"{', '.join(left)} acts on the gauge, not on the force: it is left out here.")
+        notes.append(f"{', '.join(left)} acts on the gauge, not on the force, and is left out here.")
     table = pd.concat(_evaluate(space, u, names, covariance, contacts, measured), ignore_index=True)
     records, rms_z, coverage = _summarise(campaign, table, contacts)
     restitution, sd = float("nan"), 0.0
@@ -159,13 +159,14 @@ def _check(campaign: Campaign, resolved: ResolvedModel):
         kinds = " and ".join(dict.fromkeys(repr(f.kind.name) for f in FAMILIES.values() if f.has_contact))
         raise InputError(f"campaign {campaign.name!r} is of family {campaign.family!r}; identify reads {kinds}")
     if campaign.samples is None:
-        raise InputError(f"campaign {campaign.name!r} holds peaks only; identify needs the depression over time")
+        raise InputError(f"campaign {campaign.name!r} contains only peaks; identify needs the depression over time")
     if "depression" not in campaign.channels:
         raise InputError(f"campaign {campaign.name!r} has no channel 'depression', from which the force would follow; "
-                         f"it has: {', '.join(campaign.channels)}")
+                         f"its channels are: {', '.join(campaign.channels)}")
     if "gas" not in resolved.reference.provides:
-        raise InputError(f"the model {resolved.name!r} has no gas; identify finds the force from its pressure and the "
-                         "contact area")
+        raise InputError(f"the model {resolved.name!r} has no gas; identify computes the force from the pressure of "
+                         f"the "
+                         "gas and the contact area")
 
 
 def _refuse_few(campaign: Campaign, key: str, used: np.ndarray, what: str, remedy: str = "") -> None:
@@ -229,7 +230,7 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
         for name in saved.space.index:
             u[space.index[name]] = saved.u[saved.space.index[name]]
         return (saved.free, saved.covariance, u,
-                f"Restitution and all other parameters are those of the model fitted to {saved.campaign}.", [])
+                f"The restitution and all other parameters are those of the model fitted to {saved.campaign}.", [])
     wanted = [s.name for s in space.slots
               if s.owner is None and s.parameter.free and campaign.known.get(s.name) is None]
     if not [name for name in wanted if name != "effective_mass"]:
@@ -266,11 +267,11 @@ def _find_parameters(campaign: Campaign, saved: FittedModel | None, space: Param
         notes.append("The fit of the restitution did not converge.")
     k = space.index.get("restitution")
     if k is not None and "restitution" in found.names and abs(found.u[k]) > 5.0:
-        notes.append("The restitution ran to its limit: the force is not to be trusted; give its value under `known`.")
+        notes.append("The restitution ran to its limit, so the force is unreliable; give its value under `known`.")
     if found.chi2_reduced > 1.0 + found.slack:
         notes.append(f"The equation of motion leaves {np.sqrt(found.chi2_reduced):.2g} times the noise in the "
-                     "depression: something is missing in this model, and restitution and force may be off by more "
-                     "than is stated.")
+                     "depression: the model is incomplete, and the errors of restitution and force may exceed those "
+                     "stated.")
     gas = "pressure" if measured else "initial pressure"
     source = (f"The restitution was found from the measured depression and {gas} of all records by the equation of "
               "motion, without the gauge.")

@@ -8,9 +8,10 @@ from scipy.interpolate import BSpline
 from ..inference.noise import Noise, whiten, whitening
 
 
-DEGREE = 5
-MOST_COLUMNS = 64
-ROUGHNESS = 4  # derivative whose square is penalised
+DEGREE = 5  # of the splines: the second derivative, which is needed, is still cubic
+MOST_COLUMNS = 64  # splines of a record: a contact has fewer features, and the penalty smooths what is left
+# Derivative whose square is penalised: curves with a smooth second derivative, the acceleration, are free.
+ROUGHNESS = 4
 
 
 @dc.dataclass(frozen=True)

@@ -22,7 +22,7 @@ def _count(value: float) -> str:
 # Columns of the errors in words, and how they are shown; residuals are in the channel's unit, named with it.
 _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "ratio": ("rms / noise", format_number), "nrmse": ("rms / signal", format_error), "samples": ("samples", _count),
-    "records": ("records", _count), "record": ("record", clean), "sequence": ("place in the series", _count),
+    "records": ("records", _count), "record": ("record", clean), "sequence": ("position in the series", _count),
     "chi2_reduced": ("χ² per sample", format_number),
     "channel": ("channel", lambda name: describe_quantity(name).name),
 }  # fmt: skip
@@ -96,7 +96,8 @@ def _show_signatures(found: Comparisons) -> Section:
     first = clean(found.names[0])
     picture = draw_picture(
         "signatures", f"Dots: measured minus {first}, {describe_quantity(channel).name}, single samples faint. Lines: "
-        "what each other model changes of its prediction after the fit. What is missing runs along the dots.",
+        "the change that each other model makes to its prediction after the fit. An effect that is missing follows the "
+        "dots.",
         figures.draw_signatures, models, channel,
         alt=f"Residual of {first} and the change that {len(found) - 1} models make to it, where it is largest.")
     return Section("Why an effect fits", figures=[picture])
@@ -109,9 +110,9 @@ def tabulate_errors(result: Comparison) -> Section:
     if any(name not in _COLUMNS and not name.startswith("ratio") and name not in _RESIDUALS
            for name in result.conditions.columns):
         tables.append(_tabulate(result.conditions, units,
-                                "By condition; each is the mean over tests with equal settings."))
+                                "By condition; each row is the mean over tests with equal settings."))
     tables.append(_tabulate(result.records, units, "By record."))
-    text = "Rms / noise is the error over the standard deviation of the noise: 1 is as good as a model can be."
+    text = "Rms / noise is the RMS residual over the standard deviation of the noise: 1 is as good as a model can be."
     return Section("Errors", [text], tables=tables)
 
 

@@ -29,7 +29,6 @@ from ..selection.compare import Comparison
 from ..selection.discovery import Discovery
 from ..selection.result import Place, SettingShift, Step, Trace
 from ..selection.series import list_channels
-from ..selection.settings import DEFAULT
 from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step
 from .missing import show_missing
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
@@ -68,10 +67,10 @@ def _list_facts(discovery: Discovery) -> list[tuple[str, str, str]]:
     facts = [("error of the fit", compare("nrmse"), f"noise floor {format_error(discovery.noise_nrmse)}")]
     if math.isfinite(first.heldout_nrmse):
         what = find_family(discovery.family).folds
-        facts.append((f"error on held-out {what}", compare("heldout_nrmse"), f"whole {what} left out"))
-    facts.append(("χ² per degree of freedom", compare("chi2_reduced", format_number), "1 is noise alone"))
+        facts.append(("cross-validated error", compare("heldout_nrmse"), f"on left-out {what}"))
+    facts.append(("χ² per degree of freedom", compare("chi2_reduced", format_number), "1 if only noise is left"))
     fit = last.lack_of_fit
-    facts.append(("misfit left", "yes" if fit.rejected else "none seen", say_p(fit.p_value)))
+    facts.append(("misfit left", "yes" if fit.rejected else "none detected", say_p(fit.p_value)))
     return facts
 
 
@@ -104,8 +103,9 @@ def _build_sections(discovery: Discovery) -> list[Section]:
     if discovery.steps and discovery.steps[-1].parameters:
         strong = [item for item in discovery.steps[-1].correlations if abs(item[2]) > 0.95]
         sections.append(show_parameters(models, [
-            f"{clean(a)} and {clean(b)} are correlated by {value:+.3f}: the data fix a combination of them far better "
-            "than either." for a, b, value in strong]))
+            f"{clean(a)} and {clean(b)} have a correlation of {value:+.3f}: the data determine a combination of them "
+            f"far "
+            "better than either." for a, b, value in strong]))
     sections.append(_show_judgement(discovery))
     rows = [("campaign", clean(discovery.campaign)), ("title", clean(discovery.title)), ("family", discovery.family),
             ("SHA-256 of the campaign", discovery.sha256), ("reference model", clean(discovery.model)),
@@ -132,13 +132,13 @@ def show_errors(labels: Sequence[tuple], steps: Sequence[Step | Comparison], flo
     header = ("model", *(("free",) if len(labels[0]) > 1 else ()), "χ² / dof", "error", "cross-validated", "prediction",
               "coverage", "noise floor", "misfit left", *(("converged",) if converged else ()))
     table = Table(header, rows, (
-        "Cross-validated: each condition by the model fitted without it, its own settings adjusted within their stated "
-        "uncertainty. Prediction: the same from the settings as they are written down; coverage is the share of "
-        "samples within the predicted 95 % interval."))
+        "Cross-validated: each condition is predicted by the model fitted without it, with its own settings adjusted "
+        "within their stated uncertainty. Prediction: the same with the settings as they are written down; coverage is "
+        "the share of samples within the predicted 95 % interval."))
     loop = ", for every model of the loop" if converged else ""
     picture = draw_picture(
-        "error-by-step", f"Root mean square of the residual over that of the signal{loop}: of all records, and of "
-        "conditions left out one after the other. No model can do better than the noise floor.",
+        "error-by-step", f"Root mean square of the residual over that of the signal{loop}: for all records, and for "
+        "conditions left out one after the other. The noise floor is the error of a perfect model.",
         figures.draw_error_by_step, names, steps, min(floors),
         alt=f"Error of {len(steps)} models against the noise floor of {format_error(min(floors))}.")
     return Section("The error, step by step", figures=[picture], tables=[table])
@@ -158,7 +158,7 @@ def show_fits(models: Mapping[str, Sequence[Trace]]) -> Section:
                    "Below each, measured minus model in units of the noise, single samples faint and their running "
                    "mean as a line.")
         if any(find_stretch(trace) != find_span(trace) for trace in first if trace.channel == channel):
-            caption += " Of records that turn too often to be seen, the end is drawn."
+            caption += " For records with too many turns to be resolved, only the end is drawn."
         alt = (f"{_begin(channel)} over {view.along} for up to eight records with {' and '.join(models)}, and their "
                "residuals.")
         pictures.append(Picture(f"fit-{channel}", caption, figures.draw_fit(models, channel, count=4 if i else 8), alt,
@@ -177,8 +177,8 @@ def show_failures(models: Mapping[str, Sequence[Trace]], noise: Mapping | None =
         alt="Grid of the error over the noise by condition.")]
     if not is_peaks(first):
         pictures.insert(0, draw_picture(
-            "residual-map", "Mean residual over the noise, one row a record in the order of its conditions. Stripes "
-            "that many rows share are physics; scattered colour is noise, or a setting that is off in one record.",
+            "residual-map", "Mean residual over the noise, one row per record in the order of its conditions. Stripes "
+            "that many rows share suggest physics; scattered colour is noise, or a wrong setting in one record.",
             figures.draw_residual_map, models, alt=f"Heat map of the residuals by record and {view.share}."))
         apart = f"{view.apart} apart, " if view.phases else ""
         for channel in channels:
@@ -189,7 +189,8 @@ def show_failures(models: Mapping[str, Sequence[Trace]], noise: Mapping | None =
                 alt=f"Mean residual of the {describe_quantity(channel).name} against state and conditions."))
         if view.force in channels:
             pictures.append(_show_missing(models, view))
-    points = [] if where is None else [say_place(place, view) for place in where] or ["No place stands out."]
+    points = [] if where is None else [say_place(place, view) for place in where] or ["The misfit is concentrated "
+                                                                                      "nowhere in particular."]
     return Section("Where the model fails" if where else "Where the residuals sit", points=points, figures=pictures)
 
 
@@ -208,7 +209,7 @@ def _show_missing(models: Mapping[str, Sequence[Trace]], view: View) -> Picture:
     caption = (f"The {word} that the model leaves unexplained over the {state}: the shape of what is missing. Records "
                "whose lines fall together share a cause that does not depend on the condition.")
     if "backward" in view.phases:
-        caption += " On a stroke backward the force is negative, so friction that is missing is too."
+        caption += " On a backward stroke the friction is negative, and so is friction that is missing."
     return draw_picture("missing-force", caption, figures.draw_missing_force, models, channel,
                         alt=f"Measured minus modelled {word} against {state}.")
 
@@ -226,11 +227,11 @@ def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
     if len(models) == 1:
         header, rows = header[1:], [row[1:] for row in rows]
     picture = draw_picture(
-        "settings", "Every record's settings may move from what was written down, at a price that their stated "
-        "uncertainty sets. Shifts far beyond two stated deviations are a finding: the model fails and the settings "
-        "make up for it, or they scatter more than stated.", figures.draw_shifts, models,
+        "settings", "The settings of every record may shift from what was written down, with a penalty set by their "
+        "stated uncertainty. Shifts far beyond two standard deviations mean that the model fails and the settings "
+        "compensate for it, or that the settings scatter more than stated.", figures.draw_shifts, models,
         alt="Shift of every setting in every record, in stated deviations.")
-    return Section("How far the settings were moved", figures=[picture], tables=[Table(header, rows)])
+    return Section("Shifts of the settings", figures=[picture], tables=[Table(header, rows)])
 
 
 def show_parameters(models: Mapping[str, Any], points: Iterable[str]) -> Section:
@@ -244,7 +245,7 @@ def show_parameters(models: Mapping[str, Any], points: Iterable[str]) -> Section
         header, rows = header[:-1], [row[:-1] for row in rows]
     caption = "Estimates with their 95 % intervals, each on its own scale, and the strongest correlations."
     if len(models) > 1:
-        caption += " Where those of the two models lie apart, the missing physics had pulled the parameter away."
+        caption += " Where the intervals of the two models differ, the missing physics had biased the parameter."
     pictures = [draw_picture("parameters", caption, figures.draw_parameters, models,
                              alt=f"Intervals of {len(rows)} parameters.")] if rows else []
     return Section("Parameters", figures=pictures, tables=[Table(header, rows)], points=list(points))
@@ -264,28 +265,31 @@ def _show_ranking(discovery: Discovery) -> Section:
         rows.append((clean(one.effect), *gain, format_share(one.visible), format_error(one.heldout_nrmse),
                      format_error(one.prediction_nrmse), difference, ", ".join(sizes) or "–",
                      ", ".join(map(clean, one.indistinguishable_from)) or "–"))
-    header = ("effect", "explains", "p", "visible", "cross-validated", "prediction", "behind the best, cross-validated",
-              "smallest detectable", "cannot be told from")
+    header = ("effect", "explains", "p", "visible", "cross-validated", "prediction", "difference from the best, "
+                                                                                     "cross-validated",
+              "smallest detectable", "indistinguishable from")
     marked = frozenset(i for i, one in enumerate(discovery.candidates) if one.effect in discovery.effects)
     tables = [Table(header, rows, "All effects of the catalogue as they stood at the first step.", marked)]
     paragraphs = [
-        "Explains: share of the misfit above noise that the effect alone removes after a refit; of an effect that came "
-        "in at a later step, the share that this step removed. Visible: share of its own signature that is left when "
-        f"{choose_view(family=discovery.family).free} and the records' settings are free to imitate it; below "
-        f"{100 * DEFAULT.invisible:g} % this campaign cannot see it."]
+        "Explains: the share of the misfit above noise that the effect alone explains after a refit; for an effect "
+        "added at a later step, the share that this step explained. Visible: the share of its own signature that is "
+        f"left when {choose_view(family=discovery.family).free} and the records' settings are free to imitate it; "
+        f"below "
+        f"{100 * discovery.settings.invisible:g} % this campaign cannot detect it."]
     kin = [(clean(step.added), *row) for step in discovery.steps if step.added
            for row in list_alternatives(step.alternatives)]
     if kin:
         header = ("added", "alternative", "paired held-out difference", "standard error", "ratio")
-        tables.append(Table(header, kin, "Confusion sets: effects that this campaign cannot tell from the one that was "
+        tables.append(Table(header, kin, "Confusion sets: effects that this campaign cannot distinguish from the one "
                             "added at that step."))
     elif discovery.effects:
-        paragraphs.append("No other effect of the catalogue can be mistaken for what was added.")
+        paragraphs.append("The confusion sets are empty: no other effect of the catalogue predicts as well as those "
+                          "added.")
     best = discovery.candidates[0]
     picture = draw_picture(
-        "ranking", "Bars: share of the misfit that each effect removes. Diamonds: how much of it this campaign can "
-        "see.", figures.draw_ranking, discovery.candidates, discovery.effects,
-        alt=f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, removes {format_share(best.explains)}.")
+        "ranking", "Bars: share of the misfit that each effect explains. Diamonds: visible share of each effect's "
+        "signature.", figures.draw_ranking, discovery.candidates, discovery.effects,
+        alt=f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, explains {format_share(best.explains)}.")
     title = "Which effect is missing" if discovery.effects else "The catalogue, ranked"
     return Section(title, paragraphs, [picture], tables)
 
@@ -300,8 +304,10 @@ def _show_faults(discovery: Discovery) -> Section:
         for fault in discovery.faults
     ]
     header = ("fault", "records", "channel", "what is seen", "what was done", "what to do")
-    text = ("A record is called faulty where all others disagree with it although there are tests on all sides of it, "
-            "or a repeat; at an extreme of the conditions it may be physics, and stays. --keep-all leaves nothing out.")
+    text = ("A record is called faulty if all others disagree with it although there are tests on all sides of it, or "
+            "a repeat; at an extreme of the conditions the cause may be physics, and the record is kept, unless a "
+            "known "
+            "ratio of units explains it. --keep-all leaves nothing out.")
     return Section("Faults of the data", [text], tables=[Table(header, rows)])
 
 
@@ -314,9 +320,9 @@ def _show_judgement(discovery: Discovery) -> Section:
                      format_number(fit.degrees), format_p(fit.smooth_p_value), format_p(fit.score_p_value),
                      format_p(fit.settings_p_value), format_p(fit.p_value), f"{fit.level:g}",
                      "rejected" if fit.rejected else "not rejected"))
-    header = ("model", "χ² / dof, smooth part", "dof", "p of it", "p of the largest score", "p of the settings",
-              "p that decides", "level", "verdict")
-    tables = [Table(header, rows, "Lack of fit beyond noise and setting errors.")] if rows else []
+    header = ("model", "χ² / dof, smooth part", "dof", "its p-value", "p of the largest score", "p of the settings",
+              "decisive p", "level", "verdict")
+    tables = [Table(header, rows, "Tests for lack of fit beyond noise and setting errors.")] if rows else []
     noise = []
     for channel, one in discovery.noise.items():
         shown = describe_quantity(channel)

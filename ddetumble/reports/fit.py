@@ -37,12 +37,13 @@ def report_fit(fit: Fit, folder, name: str = "report.html") -> Path:
         show_fits(traces), show_failures(traces, {c: dc.asdict(one.without_sizes()) for c, one in fit.noise.items()})]
     if shifts:
         sections.append(show_shifts({fit.model_text: shifts}))
-    told = str(fit.goodness) or ("The model describes the data within their noise and the stated uncertainty of the "
-                                 "settings.")
+    told = str(fit.goodness) or (f"There is no sign of gross lack of fit (χ² / dof = "
+                                 f"{format_number(fit.chi2_reduced)}); "
+                                 "`ddetumble compare` tests for small misfits.")
     if not fit.converged:
         told = f"The fit has not converged: {fit.state}. {told}"
     status = [clean(fit.campaign, 60), f"{fit.records} records", f"{fit.samples} samples"]
-    facts = [("χ² / dof", format_number(fit.chi2_reduced), "1 where only noise is left"),
+    facts = [("χ² / dof", format_number(fit.chi2_reduced), "1 if only noise is left"),
              ("parameters", str(len(fit.parameters)), "fitted")]
     return write_page(f"{fit.campaign} and the model {fit.model_text}", told, sections, folder, name,
                       badge="" if fit.converged else "not converged", status=status, facts=facts)

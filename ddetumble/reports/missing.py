@@ -27,18 +27,19 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
     if not missing.shapes:
         return [Section("The missing force", paragraphs, points=missing.notes)]
     best = missing.shapes[0]
-    spectrum = (", and the force's spectrum (grey: two standard deviations of what noise leaves)"
+    spectrum = (", and the spectrum of the force (grey: two standard deviations of the noise)"
                 if best.spectrum.shape[1] > 2 else "")
     pictures = [draw_picture(
-        "missing-shape", "The force that is missing, fitted inside the equation of motion, with two posterior standard "
-        "deviations, a simple law that describes it (dashed, where it holds beside the same values of the model's "
-        "parameters), and below, grey, where the samples lie. Beside it: how much of the misfit of left-out conditions "
-        f"each removes{spectrum}.", figures.draw_missing_shape, missing,
+        "missing-shape", "The missing force, fitted inside the equation of motion, with ± two posterior standard "
+        "deviations, a simple law that describes it (dashed, where it holds for the same values of the model's "
+        "parameters), and below, in grey, the density of the samples. Beside it: the share of the misfit of left-out "
+        f"conditions that each explains{spectrum}.", figures.draw_missing_shape, missing,
         alt=f"Missing {clean(best.way)} over {clean(best.variable)}.")]
     if len(missing.shapes) > 1:
         pictures.append(draw_picture(
-            "missing-rivals", "The same over the other variables that came near, each fitted alone; how far behind the "
-            "best it is in noise variances of left-out conditions.", figures.draw_missing_rivals, missing))
+            "missing-rivals", "The same over the other variables that came close, each fitted alone, with the "
+                              "difference from "
+            "the best in noise variances of left-out conditions.", figures.draw_missing_rivals, missing))
     rows = []
     for shape in missing.shapes:
         shown, error = describe_quantity(shape.variable, shape.x), shape.standard_error
@@ -49,9 +50,9 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
             f"{format_value(shape.difference, error)} ± {format_value(error, error)}", format_share(shape.visible),
             "–" if shape.begins is None else f"{format_number(shown.scale * shape.begins)} {shown.unit}".rstrip()))
     tables = [Table(
-        ("free force", "knots", "misfit removed", "behind the best", "visible", "differs from zero from"), rows,
-        "Free forces of one variable; how far behind the best each is counts noise variances of left-out conditions. "
-        "Visible: share of the force's own signature that the model's parameters and the settings cannot imitate.")]
+        ("force", "knots", "misfit explained", "difference from the best", "visible", "differs from zero from"), rows,
+        "Non-parametric forces of one variable; differences are in noise variances of left-out conditions. Visible: "
+        "the share of the force's own signature that the model's parameters and the settings cannot imitate.")]
     rows = []
     for k, law in enumerate(missing.laws):
         values = "; ".join(f"{n} = {format_value(e.estimate, e.sd)} ± {format_value(e.sd, e.sd)} {e.unit}".rstrip()
@@ -62,7 +63,9 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
                      format_share(missing.share(law.loss)), *behind, "yes" if law.converged else "no"))
     if rows:
         tables.append(Table(
-            ("simple law", "parameters (SI)", "misfit removed", "behind the first", "fits worse by", "converged"), rows,
-            "Laws that would describe it, fitted inside the equation of motion, in noise variances. Of those that "
-            "left-out conditions do not tell apart the one that fits best comes first; a parameter costs 9."))
+            ("simple law", "parameters (SI)", "misfit explained", "difference from the first", "fits worse by",
+             "converged"),
+            rows, "Laws that would describe it, fitted inside the equation of motion; differences are in noise "
+            "variances. Of the laws that left-out conditions do not distinguish, the one that fits best comes first; "
+            "each parameter costs 9."))
     return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]

@@ -17,7 +17,7 @@ from ..inference.files import write_whole
 from ..measurement.quantities import clean, typeset
 
 
-BUDGET = 2_700_000  # characters of all figures in a page
+BUDGET = 2_700_000  # characters of all figures in a page: a page of 2 MB still goes by mail
 WIDE = 104  # pixels an inch of a figure, which makes its type 13 pixels high
 HEADLINE, LONGEST, SHORTEST = 110, 230, 24  # characters: one short sentence, what still reads as one, a clause
 BRIEF, PHRASE = 12, 28  # characters that a column's cells keep on one line, and from which on they are sentences

@@ -28,24 +28,26 @@ from .page import Section, Table, draw_picture, read_text, write_page
 
 
 SCHEMA = "ddetumble.plan-result/2"
-PLACES = 120  # times drawn between two impacts
-ROUGH = 0.02  # share of the gradient left over, from which a plan is not called an optimum
-SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen
-ENDED = 1e-3  # share of the score before, below which nothing is left to gain
+PLACES = 120  # times drawn between two impacts: a curve looks smooth, and a page stays small
+# Share of the gradient left over, from which a plan is not called an optimum: 2 %, above what differences of it err by.
+ROUGH = 0.02
+SHOWN = 0.02  # share of the momentum from which an arrow of what is left can be seen: below it is shorter than its head
+ENDED = 1e-3  # share of the score before, below which nothing is left to gain: a tenth of the least gain of an impact
 FOUNDED = {
-    "alone": "Each impact is the best of several starts for itself, from the motion that the one before left; the "
-             "sequence as a whole is not proved to be the shortest. What is left of the gradient after the binding "
-             "constraints' share says how nearly each is a first-order optimum.",
+    "alone": "Each impact was optimised by itself from several starts, for the motion that the one before left; the "
+             "sequence as a whole is not proved to be the shortest. The gradient that the binding constraints do not "
+             "balance shows how close each is to a first-order optimum.",
     "jointly": "The impacts were planned one after the other, and then optimised jointly, with the gradient through "
-               "all of them and the motion between. What is left of that gradient after the binding constraints' "
-               "share says how nearly the whole is a first-order optimum near where it began; another sequence may be "
-               "better still."}
+               "all of them and the motion between. The gradient that the binding constraints do not balance shows "
+               "how close the whole is to a local first-order optimum; another sequence may be better still."}
 WORDS = {
     "best": "The impacts are planned for the best estimate.",
-    "mean": "The impacts are planned for the mean over the draws, every limit kept in the mean of its own worst share "
-    "of them.",
-    "tail": "The impacts are planned for the mean over the worst share of the draws, every limit kept in the mean of "
-    "its own worst share.",
+    "mean": "The impacts are planned for the mean over the draws, and every limit holds for the mean over its own "
+            "worst "
+    "share of them.",
+    "tail": "The impacts are planned for the mean over the worst share of the draws, and every limit holds for the "
+            "mean "
+    "over its own worst share.",
 }
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
@@ -168,11 +170,11 @@ def write_plan(plan: Plan, folder) -> Path:
         "uncertainty": None if assessment is None else _list_outlook(assessment, settings.plan_for, prospect),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip
-    figures = [draw_picture("motion", "Angular momentum, inertial components, and nutation angle; dotted: impacts.",
+    figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts.",
                             draw_motion, *follow_plan(problem, sequence), sequence.instants)]
     sections = [Section("Where to strike", [
         _make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
-        "the last impact, to the same scale, where enough is left. Orange: the impulse of each impact, its head at "
+        "the last impact, to the same scale, if enough is left. Orange: the impulse of each impact, with its head at "
         "the point of contact. Drag to turn."])]
     tables, sentence = [], plan.sentence
     if impacts:
@@ -192,7 +194,7 @@ def write_plan(plan: Plan, folder) -> Path:
         tables.append(Table(
             ["impact", f"at [{unit}]", "face", "point, body [m]", "arm's velocity, inertial [m/s]", "pressure [MPa]",
              "peak force [N]", "depression [mm]", "contact [ms]", "momentum left [%]", "limits reached"], rows))
-    farther = [f"Impact {k}, beyond what was measured: {', '.join(map(format_extrapolation, others))}."
+    farther = [f"Impact {k} is beyond what was measured: {', '.join(map(format_extrapolation, others))}."
                for k, others in enumerate(outside, 1) if others]
     sections.append(Section("Before, between and after", figures=figures, tables=tables, points=farther))
     if assessment is not None:
@@ -237,21 +239,22 @@ def _show_outlook(found: Assessment, plan_for: str, prospect: Prospect | None, s
                      passed or "none", f"{100 * one.regret.loss:.2f}"])
     table = Table(
         ["model", "weight", "momentum left, mean ± sd [%]", "5 to 95 % of the draws [%]",
-         f"worst {100 * found.tail:.0f} % [%]", "peak force [N]", "depression [mm]", "limits not kept in",
-         "wrong plan costs [%]"], rows if len(found.models) > 1 else rows[:1],
-        "Of the first impact. The last column: what is lost, of what was wanted small, by a plan for another model.")
+         f"worst {100 * found.tail:.0f} % [%]", "peak force [N]", "depression [mm]", "limits violated in",
+         "cost of the wrong plan [%]"], rows if len(found.models) > 1 else rows[:1],
+        "For the first impact. The last column is the relative loss in the goal by a plan made for another model.")
     pictures = [draw_picture(
-        "outlook", "How much of the angular momentum the first impact leaves, under draws of the contact law. Dashed: "
-        "the mean of the worst share.", draw_outlook, {name: one.shares for name, one in found.models.items()},
+        "outlook", "Angular momentum left by the first impact, for draws of the contact law. Dashed: "
+        "the mean over the worst share.", draw_outlook, {name: one.shares for name, one in found.models.items()},
         found.whole.nominal, found.whole.momentum.tail)]
     sentences = list(found.sentences)
     if prospect is not None:
         low, high, tail = (np.array([getattr(one, name) for one in prospect.after]) for name in ("q05", "q95", "tail"))
         pictures.append(draw_picture(
-            "prospect", "How much of the angular momentum is left after each impact, under the same draws and with "
-            "nothing planned again.", draw_prospect, prospect.best, low, high, tail, share))
+            "prospect", "Angular momentum left after each impact, for the same draws and without replanning.",
+            draw_prospect, prospect.best, low, high, tail, share))
         sentences.insert(1, prospect.sentence)
-    return Section("How sure this is", [*sentences, WORDS[plan_for], found.note], figures=pictures, tables=[table])
+    return Section("Uncertainty of the outcome", [*sentences, WORDS[plan_for], found.note], figures=pictures,
+                   tables=[table])
 
 
 def _show_proofs(sequence: Sequence, impacts: list[dict[str, Any]]) -> Section:
@@ -261,20 +264,20 @@ def _show_proofs(sequence: Sequence, impacts: list[dict[str, Any]]) -> Section:
              if plan.certificate.stationarity > ROUGH and k not in done]
     told = [FOUNDED["jointly" if sequence.joint is not None and sequence.joint.taken else "alone"]]
     if done:
-        told.append(f"Impact {', '.join(map(str, done))} leaves next to nothing: there is nothing more to gain, and "
-                    "where a size is nought it has no gradient.")
+        told.append(f"Impact {', '.join(map(str, done))} leaves almost nothing: no further gain is possible, and a "
+                    "norm has no gradient at zero.")
     if rough:
-        told.append(f"No first-order optimum to {100 * ROUGH:g} % of the gradient: impact "
-                    f"{', '.join(map(str, rough))}.")
+        told.append(f"Impact {', '.join(map(str, rough))} is not a first-order optimum to {100 * ROUGH:g} % of the "
+                    "gradient.")
     rows = []
     for one in impacts:
         proof, count = one["certificate"], one["integrations"]
         rows.append([str(one["impact"]), f"{proof['stationarity']:.1e}", f"{proof['gradient_error']:.1e}",
                      f"{1e3 * proof['edge_margin']:.1f}", str(count["values"]), str(count["gradients"]),
                      ", ".join(f"{start['score']:.4f}" for start in one["starts"])])
-    header = ("impact", "gradient left over", "gradient against differences", "disc to edge [mm]", "integrations",
+    header = ("impact", "unbalanced gradient", "gradient against differences", "disc to edge [mm]", "integrations",
               "gradients", "score of each start")
-    return Section("How well the plan is founded", told, tables=[Table(header, rows)])
+    return Section("Optimality of the plan", told, tables=[Table(header, rows)])
 
 
 def _join(vector) -> str:

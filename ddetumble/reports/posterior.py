@@ -22,7 +22,7 @@ from ..posterior.target import CampaignTarget
 from .page import Picture, Section, Table, flatten, write_page
 
 
-HEADLINE = 105  # characters of intervals in the first sentence
+HEADLINE = 105  # characters of intervals in the first sentence: two lines of a page
 
 
 def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> Path:
@@ -35,7 +35,7 @@ def write_posterior(posterior: Posterior, folder, name: str = "report.html") -> 
     if isinstance(posterior.target, CampaignTarget):
         status.insert(1, f"{len(posterior.target.parts)} records")
     c = posterior.convergence
-    facts = [("independent draws", f"{c.effective:.0f}", "of the worst parameter"),
+    facts = [("effective sample size", f"{c.effective:.0f}", "of the worst parameter"),
              ("R-hat", format_number(c.rhat, 4), "1 is perfect agreement")]
     if (checks := posterior.predictive) is not None:
         facts.append(("predictive check", "fails" if checks.rejected else "nothing stands out", say_p(checks.p_value)))
@@ -64,30 +64,31 @@ def _say_posterior(posterior: Posterior) -> str:
             told.pop()
             break
     rest, checks = len(names) - len(told), posterior.predictive
-    more = f" Below: {rest} more {'parameters' if rest > 1 else 'parameter'}." if rest > 0 else ""
-    text = f"95 % intervals: {join_words(told)}.{more}"
+    more = f" {rest} more {'parameters are' if rest > 1 else 'parameter is'} given below." if rest > 0 else ""
+    text = f"The 95 % intervals are {join_words(told)}.{more}"
     if not posterior.converged:
-        return f"The chains have not converged, so that there are no final numbers. {text}"
+        return f"The chains have not converged, so these numbers are not final. {text}"
     if checks is None:
-        return f"{text} They hold if the model is right, which was not checked."
+        return f"{text} They are valid if the model is right, which was not checked."
     if checks.rejected:
-        return (f"These intervals cannot be relied on. The model does not make records like those measured "
-                f"({say_p(checks.p_value)}). {text}")
-    return f"{text} Records that the model would make look like those measured ({say_p(checks.p_value)})."
+        return (f"These intervals cannot be relied on: the measured records do not agree with records replicated from "
+                f"the "
+                f"model ({say_p(checks.p_value)}). {text}")
+    return f"{text} The measured records agree with records replicated from the model ({say_p(checks.p_value)})."
 
 
 def _show_parameters(posterior: Posterior) -> Section:
     rows = [(clean(name, 60), *(format_value(x, p.sd) for x in (p.q50, p.sd, p.q025, p.q975)), clean(p.unit, 16) or "–",
              f"{format_value(p.fit, p.fit_sd)} ± {format_value(p.fit_sd, p.fit_sd)}", f"{p.effective:.0f}",
              f"{p.rhat:.3f}") for name, p in posterior.parameters.items()]
-    header = ("parameter", "median", "sd", "2.5 %", "97.5 %", "unit", "fit", "independent draws", "R-hat")
+    header = ("parameter", "median", "sd", "2.5 %", "97.5 %", "unit", "fit", "effective sample size", "R-hat")
     caption = ("Marginals on the diagonal, with the 95 % interval dotted; below it, pairs with contours that hold 68 "
                "and 95 % of the draws. Dashed: the Gaussian that the fit reports. Where the two differ, rely on "
                "the draws.")
     hidden = len(posterior.parameters) - 10
     points = list(posterior.notes)
     if hidden > 0:
-        points.append(f"The figures leave {hidden} parameters out; posterior.nc holds all.")
+        points.append(f"The figures leave out {hidden} parameters; posterior.nc contains all.")
     picture = Picture("corner", caption, figures.draw_corner(posterior), f"Corner plot of {len(rows)} parameters.")
     return Section("Parameters", figures=[picture], tables=[Table(header, rows)], points=points)
 
@@ -99,10 +100,10 @@ def _show_predictive(posterior: Posterior) -> Section | None:
     paragraphs = [checks.sentence, (
         f"For {checks.draws} draws of the parameters, and of each record's settings, replicated records were made with "
         "noise of the fitted size and correlation. A p-value is the probability of a replicate at least as extreme as "
-        "the measurement; a small one says that the model does not make such a record.")]
+        "the measurement; a small one means that the model does not produce such a record.")]
     caption = (f"Above: p-values of every record; below the grey edge a record stands out among {checks.comparisons} "
-               "comparisons. Below: the two strangest records and two that are not, measured minus the mean of the "
-               "replicates, over the range that holds 90 % of these.")
+               "comparisons. Below: the two most unusual records and two others, measured minus the mean of the "
+               "replicates, over the range that contains 90 % of these.")
     picture = Picture("predictive", caption, figures.draw_predictive(checks, posterior.target.fit.source.family),
                       "P-values by record, and residuals of four records over their replicates.")
     names = vary(one.conditions for one in checks.records)
@@ -113,8 +114,8 @@ def _show_predictive(posterior: Posterior) -> Section | None:
     marked = frozenset(i for i, one in enumerate(checks.records) if one.record in checks.outstanding)
     header = ("record", "conditions", "samples", "χ² / dof", "p", "largest residual", "p", "neighbours", "p")
     totals = ", ".join(f"{STATISTICS[name]} {say_p(value)}" for name, value in checks.totals.items())
-    table = Table(header, rows, f"Marked records stand out by themselves. All records together: {totals}.", marked)
-    return Section("Does the model make such records?", paragraphs, [picture], [table])
+    table = Table(header, rows, f"Marked records stand out individually. All records together: {totals}.", marked)
+    return Section("Does the model produce such records?", paragraphs, [picture], [table])
 
 
 def _show_left_out(posterior: Posterior) -> Section | None:
@@ -128,22 +129,22 @@ def _show_left_out(posterior: Posterior) -> Section | None:
     error = scores.standard_error
     size = f" ± {format_value(error, error)}" if math.isfinite(error) else ""
     paragraphs = [
-        f"Expected log predictive density of conditions left out: {format_value(scores.elpd, error)}{size} "
-        f"({scores.text}). By itself the number says little: it is there to be compared with that of another model "
-        "of the same campaign under the same noise, as `ddetumble average` does."]
-    header = ("condition", "records", "log density", "Pareto k", "how", "to be trusted")
-    caption = "Logarithm of the predictive density of every condition's records, given all others."
+        f"The expected log predictive density of left-out conditions is {format_value(scores.elpd, error)}{size} "
+        f"({scores.text}). The number is meaningful only in comparison with that of another model of the same campaign "
+        "with the same noise, as `ddetumble average` makes it."]
+    header = ("condition", "records", "log density", "Pareto k", "method", "reliable")
+    caption = "Logarithm of the predictive density of the records of every condition, given all others."
     picture = Picture("left-out", caption, figures.draw_left_out([scores]),
                       f"Log predictive density of {len(rows)} conditions.")
-    return Section("Conditions left out", paragraphs, [picture], [Table(header, rows)])
+    return Section("Left-out conditions", paragraphs, [picture], [Table(header, rows)])
 
 
 def _show_chains(posterior: Posterior) -> Section:
     word = "ensemble" if posterior.x.shape[2] > 1 else "chain"
     pictures = [
-        Picture("trace", "The draws in the order in which they were made: a level band without drift or steps is what "
-                "a converged chain looks like.", figures.draw_traces(posterior)),
-        Picture("ranks", f"How the draws of each {word} rank among those of all: even where they agree. The band is "
+        Picture("trace", "The draws in the order in which they were made: a converged chain is a level band without "
+                "drift or steps.", figures.draw_traces(posterior)),
+        Picture("ranks", f"Ranks of the draws of each {word} among all draws: uniform if they agree. The band is "
                 "that of as many independent draws.", figures.draw_ranks(posterior)),
     ]
     share = posterior.statistics.get("accepted")

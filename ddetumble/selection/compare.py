@@ -30,8 +30,8 @@ from .series import list_channels, make_traces, nrmse, split_error
 from .text import describe_place
 
 
-BINS = 12
-MANY = 1_000_000  # samples that are looked at: a minute or two
+BINS = 12  # of a variable: fewer hide where a misfit begins, more are their own noise
+MANY = 1_000_000  # samples that are looked at: a minute or two, and 2.5 GB of memory
 
 
 class _Written(AbstractPrinted):
@@ -50,7 +50,7 @@ class _Written(AbstractPrinted):
 
 @dc.dataclass(frozen=True)
 class Comparison(_Written):
-    """A model held against a campaign; errors are rms over rms signal.
+    """A model compared with a campaign; errors are RMS residuals over the RMS of the signal.
 
     Attributes:
         campaign, title, sha256, model: names; `fitted` the parameters that were refitted.
@@ -123,11 +123,11 @@ class Comparison(_Written):
         if rows:
             parts.append("\n".join(["Refitted:", *rows]))
         if self.shifts:
-            parts.append("\n".join(["Settings moved by the fit, in stated deviations:", *(
-                f"  {s.name}: {s.rms:.2g} rms, {s.largest:+.2g} at most (record {s.record})" for s in self.shifts)]))
+            parts.append("\n".join(["Settings shifted by the fit, in stated standard deviations:", *(
+                f"  {s.name}: {s.rms:.2g} RMS, {s.largest:+.2g} largest (record {s.record})" for s in self.shifts)]))
         if np.isfinite(self.heldout_nrmse):
             predicted = "" if not np.isfinite(self.prediction_nrmse) else (
-                f"; predicted from settings as written down: {100 * self.prediction_nrmse:.2f} %, "
+                f"; prediction with settings as written down: {100 * self.prediction_nrmse:.2f} %, "
                 f"{100 * self.prediction_coverage:.0f} % of samples within the 95 % interval")
             parts.append(f"Error: {100 * self.nrmse:.2f} % fitted, {100 * self.heldout_nrmse:.2f} % cross-validated, "
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
@@ -146,7 +146,7 @@ class Comparison(_Written):
 
 @dc.dataclass(frozen=True)
 class Comparisons(Sequence[Comparison], _Written):
-    """Several models held against one campaign, in the order in which they were given: the loop by hand.
+    """Several models compared with one campaign, in the order in which they were given: the loop by hand.
 
     Attributes:
         models: the comparison of each.
@@ -210,7 +210,7 @@ def compare(campaign: Campaign | str | Path, model: Model, second: Model, /, *ot
 
 
 def compare(campaign, *models, refit=True, progress=None):
-    """Hold models against a campaign.
+    """Compare models with a campaign: residuals, lack of fit, and cross-validated errors.
 
     A reference model has mass, restitution and whatever else it leaves free fitted to the campaign first; so has one
     with effects that stand at their null, such as `Ball() + Adhesion()`, effects and all, as by `fit`. A fitted model

@@ -30,17 +30,17 @@ DECIMAL = {"1000": 1e3, "100": 100.0, "10": 10.0, "1e6": 1e6}
 # Ratios of the units in which a quantity is written, by its SI unit.
 RATIOS = {
     "N": {"9.80665 (kgf and N)": 9.80665, "4.448 (lbf and N)": 4.4482216},
-    "rad/s": {"57.3 (degrees and radians)": 57.29578, "9.549 (turns a minute and rad/s)": 9.5492966,
+    "rad/s": {"57.3 (degrees and radians)": 57.29578, "9.549 (turns per minute and rad/s)": 9.5492966,
               "60 (minutes and seconds)": 60.0},
     "Pa": {"6.895 (psi and kPa)": 6.894757, "14.5 (psi and bar)": 14.503774, "145 (psi and MPa)": 145.03774},
     "m": {"25.4 (inches and mm)": 25.4},
     "m/s": {"60 (minutes and seconds)": 60.0, "3.6 (km/h and m/s)": 3.6, "3.281 (feet and metres)": 3.2808399},
 }
-AMBIENT = 101_325.0
-FEWEST = 3  # other records whose rates show the moments
-SHORTEST = 16  # samples from which the derivative of rates is known
-PAIRS = 2_000_000  # of samples whose covariances are computed at once
-WARM = "Let the gauge warm up, and take its zero before each test."
+AMBIENT = 101_325.0  # Pa, the standard atmosphere: the day's differs by 3 %, which is less than what is looked for
+FEWEST = 3  # other records whose rates show the moments: of two nobody can say which is right
+SHORTEST = 16  # samples from which the derivative of rates is known: fewer give their noise
+PAIRS = 2_000_000  # of samples whose covariances are computed at once: 16 MB
+WARM = "Let the gauge warm up, and zero it before each test."
 
 
 @dc.dataclass(frozen=True)
@@ -61,8 +61,8 @@ def diagnose(selection: SelectionProblem, aside: Aside) -> Diagnosis:
                    if misfit is not None and _fits(selection, misfit, aside)]
         if fitting:
             return min(fitting, key=lambda one: one[0])[1]
-    return Diagnosis("outlier", "", "No other unit, setting, clock, gain or zero makes it fit.",
-                     "Look up what was noted on that test, and repeat it.")
+    return Diagnosis("outlier", "", "No other unit, setting, clock, gain or zero makes it fit the model.",
+                     "Check the notes on that test, and repeat it.")
 
 
 def _fits(selection: SelectionProblem, misfit: Misfit, aside: Aside) -> bool:
@@ -101,9 +101,10 @@ def _try_samples(selection: SelectionProblem, aside: Aside) -> Hypotheses:
     number, length = int(far.sum()), selection.records.lengths[r]
     if 0 < number <= limits.few * length:
         values[r] = np.where(far, model, values[r])
-        what = f"{number} of its samples, which stand" if number > 1 else "one of its samples, which stands"
+        what = f"{number} of its samples, which are" if number > 1 else "one of its samples, which is"
         yield _hold(selection, aside, _replace(stack, values=values))[0], Diagnosis(
-            "spike", selection.records.channels[int(np.argmax(far.sum(axis=1)))], f"It fits without {what} far off.",
+            "spike", selection.records.channels[int(np.argmax(far.sum(axis=1)))],
+            f"It fits without {what} far off the model.",
             "Look for interference or a loose contact.", far[:, :length])
 
 
@@ -162,8 +163,8 @@ def _try_condition_units(selection: SelectionProblem, aside: Aside) -> Hypothese
         others = own[list(aside.others)]
         trials = [(f"is {words}", own[r] / factor) for words, factor in _list_factors(campaign.conditions[name].unit)]
         if name.endswith("pressure"):
-            trials += [("counts from the vacuum, not from the ambient", own[r] + AMBIENT),
-                       ("counts from the ambient, not from the vacuum", own[r] - AMBIENT)]
+            trials += [("is taken as absolute, not as a gauge pressure", own[r] + AMBIENT),
+                       ("is taken as a gauge pressure, not as absolute", own[r] - AMBIENT)]
         for words, value in trials:
             if not 0.5 * others.min() <= value <= 2.0 * others.max():
                 continue
@@ -184,7 +185,7 @@ def _try_columns(selection: SelectionProblem, aside: Aside) -> Hypotheses:
         columns, unit = whiten_baseline(problem, r, c), selection.campaign.channels[channel].unit
         start, drift = _solve_columns(aside, columns)
         yield measure_record(selection, aside.stated, r, aside.spread, columns), Diagnosis(
-            "zero", channel, f"It fits with a zero of its {channel} that is off by {start:.3g} {unit} at the start and "
+            "zero", channel, f"It fits if the zero of its {channel} is off by {start:.3g} {unit} at the start and "
             f"{start + drift:.3g} {unit} at the end.", WARM)
         if selection.family.free_running and c >= len(records.starts):
             continue
@@ -196,8 +197,8 @@ def _try_columns(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             values = np.asarray(records.stack.values).copy()
             values[r, c] /= gain
             misfit = _hold(selection, aside, _replace(records.stack, values=values))[0]
-        yield misfit, Diagnosis("gain", channel, f"It fits if its {channel} reads {gain:.4g} times what it is.",
-                                "Look at range and calibration of the gauge in that test, and repeat it.")
+        yield misfit, Diagnosis("gain", channel, f"It fits if its {channel} reads {gain:.4g} times the true value.",
+                                "Check the range and the calibration of the gauge in that test, and repeat it.")
 
 
 def _solve_columns(aside: Aside, columns: np.ndarray) -> np.ndarray:
@@ -226,11 +227,11 @@ def _try_conditions(selection: SelectionProblem, aside: Aside) -> Hypotheses:
             shown = "clock" if independent is None or independent.name == "time" else independent.name
             off = format_time(change, float(time.max())) if shown == "clock" else f"{1e3 * change:.3g} mm"
             yield misfit, Diagnosis("clock", name, f"It fits if its {shown} is off by {off}.",
-                                    "Look at the trigger, or find the onset of that record again.")
+                                    "Check the trigger, or determine the onset of that record again.")
         else:
             value = float(selection.campaign.records[name].iloc[r])
             yield misfit, Diagnosis("setting", name, f"It fits if its {name} was {value + change:.4g} {si_unit(name)}, "
-                                    f"not {value:.4g}.", "Look up what was set in that test.")
+                                    f"not {value:.4g}.", "Check what was set in that test.")
 
 
 def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outliers) -> tuple[Fault, ...]:
@@ -262,7 +263,7 @@ def find_rate_units(campaign: Campaign, settings: OutlierSettings = DEFAULT.outl
         if words:
             faults.append(Fault(
                 "unit", (key,), RATES[0], f"The rates of record {key} obey Euler's equations with the moments that "
-                f"all others show only once they are {words[0]}: a mistaken unit.", "It is left out.",
+                f"all others show only if they are {words[0]}: a mistaken unit.", "It is left out.",
                 "Correct the unit of that record.", left_out=True))
     return tuple(faults)
 
@@ -298,9 +299,9 @@ def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bo
 def tell_zero(selection: SelectionProblem, zero: MovingZero, keep: bool) -> Fault:
     """A moving zero in words."""
     unit = selection.campaign.channels[zero.channel].unit
-    seen = (f"The zero of {zero.channel} is another in every record: off by up to {zero.offset:.2g} {unit} at the "
-            f"start, and drifting by up to {zero.drift:.2g} {unit} more until the end.")
-    done = "Nothing is done about it, as asked." if keep else "Zero and drift of each record are fitted with it."
+    seen = (f"The zero of {zero.channel} differs between records: it is off by up to {zero.offset:.2g} {unit} at the "
+            f"start, and drifts by up to {zero.drift:.2g} {unit} more until the end.")
+    done = "Nothing is done about it, as asked." if keep else "Zero and drift of each record are fitted too."
     return Fault("zero", selection.records.keys, zero.channel, seen, done, WARM)
 
 

@@ -22,8 +22,8 @@ from .series import make_traces, nrmse, split_error
 
 
 WIDEST = 10.0  # standard deviations that are told, in those beyond which nothing is known
-FAINT = 0.1  # correlation of two estimates below which it is not listed
-ALIKE = 0.5  # |cosine| of two signatures below which it is not listed
+FAINT = 0.1  # correlation of two estimates below which it is not listed: it tells nothing
+ALIKE = 0.5  # |cosine| of two signatures below which it is not listed: a third of their variance in common, or less
 
 
 def list_loose(selection: SelectionProblem, solution: Solution) -> tuple[str, ...]:
@@ -166,7 +166,7 @@ def describe_candidates(selection: SelectionProblem, grown: Sequence[FittedStep]
             smallest_detectable=detectable, indistinguishable_from=tuple(alike),
             estimates={} if absent else public_estimates(selection, fitted.solution, effect),
             heldout_difference=difference, standard_error=error, cosines=cosines,
-            text="its best amplitude has the wrong sign, or does nothing" if absent else "; ".join(map(str, beyond)),
+            text="its best amplitude has the wrong sign, or has no effect" if absent else "; ".join(map(str, beyond)),
             units={name: selection.space.unit(name, alone.solution.u) for name in detectable},
             beyond=tuple(one.name for one in beyond), prediction_nrmse=predicted.nrmse,
             prediction_coverage=predicted.coverage)

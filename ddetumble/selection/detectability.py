@@ -21,9 +21,9 @@ from ..inference.problem import Problem, Solution
 from .settings import DEFAULT, SelectionSettings
 
 
-TRIALS = 6  # sizes tried until the length is right
+TRIALS = 6  # sizes tried until the length is right: each gains about a digit
 CLOSE, NEAR = 0.02, 0.1  # relative error of the length that is good enough, and beyond which there is no size
-HUGE = 300.0  # typical changes beyond which an effect counts as unseen
+HUGE = 300.0  # typical changes beyond which an effect counts as unseen: no real one is that large
 DARK = 1e-6  # share of the length of a change below which what refits leave of it is rounding
 
 

@@ -92,7 +92,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             InputError: The discovery was put together by hand, without its fits.
         """
         if not self.made[0]:
-            raise InputError("this discovery does not hold its fitted models")
+            raise InputError("this discovery does not contain its fitted models")
         return self.fits[-1]
 
     def fitted_model(self) -> FittedModel:

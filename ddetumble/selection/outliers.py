@@ -112,12 +112,12 @@ def tell_fault(suspect: Suspect, keep: bool) -> Fault:
     aside, found = suspect.aside, suspect.diagnosis
     most = max(m.excess for m in aside.others.values()) + 1.0
     size, usual = (_say(np.sqrt(max(x, 0.0))) for x in (aside.own.excess + 1.0, most))
-    seen = (f"Record {suspect.key} disagrees with all others: fitted without it they leave it {size} times its "
-            f"noise, and none of themselves more than {usual}. {found.text}").rstrip()
+    seen = (f"Record {suspect.key} disagrees with all others: a fit without it leaves {size} times the noise in this "
+            f"record, but no more than {usual} times in any other. {found.text}").rstrip()
     kind, remedy, out = found.kind, found.remedy, False
     if not suspect.sure:
         kind, remedy = "doubtful", "Repeat it."
-        done = ("It is kept: no record lies beyond it and none repeats it, so that I cannot tell a fault from an "
+        done = ("It is kept: no record lies beyond it and none repeats it, so a fault cannot be distinguished from an "
                 "effect that shows only there.")
     elif keep:
         done = "It is kept, as asked."
@@ -127,7 +127,7 @@ def tell_fault(suspect: Suspect, keep: bool) -> Fault:
         out, done = True, "It is left out."
         if not suspect.enclosed and kind == "gain":
             done = ("It is left out, although no record lies beyond it: an effect of that size would show in the "
-                    "records beside it. Should a repeat read the same, it is none of the gauge's.")
+                    "neighbouring records. If a repeat reads the same, the gauge is not the cause.")
     return Fault(kind, (suspect.key,), found.channel, seen, done, remedy, left_out=out)
 
 

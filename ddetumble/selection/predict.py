@@ -29,16 +29,17 @@ from ..posterior.stacking import ModelWeights, read_weights
 
 POSITIVE = ("approach_speed", "normal_load", "slip_speed")
 NOT_NEGATIVE = ("initial_pressure", "internal_pressure", "temperature", "slip")
-CHUNK = 48  # records a call of the compiled program
-DIRECTIONS = 8  # slots of free parameters, a multiple of this
+CHUNK = 48  # records a call of the compiled program: more take memory, fewer more calls
+DIRECTIONS = 8  # slots of free parameters, a multiple of this, so that few programs are compiled
 OPEN = ("improved", "unexplained", "undecided")  # verdicts of models that leave a misfit
-PATH = 256  # points at which the path from zero slip to the last wanted one is followed
-SAMPLES = 200  # of a record whose times are chosen, about
-BEYOND = 1.25  # contact times that such an impact record lasts
-LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting
+# Points at which the path from zero slip to the last wanted one is followed: states change over many of them.
+PATH = 256
+SAMPLES = 200  # of a record whose times are chosen, about: a figure shows no more
+BEYOND = 1.25  # contact times that such an impact record lasts, so that separation is in it
+LONGEST = 12  # doublings of the campaign's record length after which an impact counts as lasting: 4096 times
 SLACK = 0.02  # of a condition's value, by which it may lie outside
 SQUEEZED = 0.5  # of the diameter: farther in, the plate would be past the centre of the undeformed ball
-MOST = 6  # notes on conditions; the rest is counted
+MOST = 6  # notes on conditions; the rest is counted, as a longer list is not read
 FORCES = {"normal_force": ("peak_normal_force", "normal_impulse"),
           "tangential_force": ("peak_tangential_force", "tangential_impulse")}
 DURATION = "contact_duration"
@@ -110,7 +111,7 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
         values[name] = own = _convert(table, headings[name], name, unit)
         remedy = "; pressures are absolute" if name == "initial_pressure" else ""
         if name in POSITIVE:
-            refuse(own <= 0, headings[name][0], lambda row: f"{own[row]:g} has to be positive{remedy}")  # noqa: B023
+            refuse(own <= 0, headings[name][0], lambda row: f"{own[row]:g} must be positive{remedy}")  # noqa: B023
         if name in NOT_NEGATIVE:
             refuse(own < 0, headings[name][0], lambda row: f"{own[row]:g} cannot be negative{remedy}")  # noqa: B023
     records = pd.Series(np.arange(len(keys))).groupby(keys, sort=False)
@@ -118,22 +119,22 @@ def read_request(conditions: str | Path | pd.DataFrame, saved: FittedModel, name
     if timed and family.has_strokes:
         before = pd.Series(values[abscissa]).groupby(keys, sort=False).shift(fill_value=0.0).to_numpy()
         refuse(values[abscissa] < before, "slip", lambda row: (
-            f"slip falls within record {keys[row]!r}; it counts from the start of a stroke: give each stroke a record "
-            "of its own, in the order of its slip"))
+            f"the slip falls within record {keys[row]!r}, but counts from the start of a stroke: give each stroke a "
+            "record of its own, in the order of its slip"))
     if timed and family.free_running:
         refuse(values["time"] < 0, "time", lambda row: (
             "a tumbling record begins at t = 0, with the rates given for it; times cannot be negative"))
     if not timed:
         refuse(first != np.arange(len(keys)), "record", lambda row: (
-            f"record {keys[row]!r} stands on line {lines[first[row]]} already; without times there is one row a "
+            f"record {keys[row]!r} is already on line {lines[first[row]]}; without times there is one row per "
             "record"))
     for name in names:
         own = values[name]
         refuse(own != own[first], name, lambda row: (
             f"record {keys[row]!r} has {own[row]:g} here and {own[first[row]]:g} on line "  # noqa: B023
-            f"{lines[first[row]]}; a record has one value of each condition"))
+            f"{lines[first[row]]}, but a record has one value of each condition"))
     extra = [name for name in headings if name not in (*names, "record", abscissa)]
-    notes = (f"The model does not read {', '.join(extra)}: left out.",) if extra else ()
+    notes = (f"The model does not read {', '.join(extra)}, which was left out.",) if extra else ()
     return Request(keys, values, timed, notes)
 
 
@@ -167,7 +168,7 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
     try:
         unit = check_unit(text, name)
         if unit.dimension != parse_unit(wanted).dimension:
-            raise InputError(f"{text!r} is no unit of {name}, which is in {wanted}")
+            raise InputError(f"{text!r} is not a unit of {name}, which is in {wanted}")
     except InputError as error:
         raise InputError(error.problem, file=table.file, column=heading) from None
     return np.asarray(unit.convert(numbers), dtype=float)
@@ -175,7 +176,7 @@ def _convert(table: Table, named: tuple[str, str | None], name: str, wanted: str
 
 def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
             conditions: str | Path | pd.DataFrame) -> pd.DataFrame:
-    """Predict records at new conditions.
+    """Predict records at new conditions: mean, its standard deviation, and that of a new measurement.
 
     Args:
         model: what `fit`, `discover` or `average` returned, or a folder that they wrote; with weights, predictions are
@@ -207,9 +208,10 @@ def predict(model: str | Path | FittedModel | AbstractFitted | ModelWeights,
     tables = [_predict_model(one, request) for one in models]
     result = average_predictions(tables, weights)
     shares = ", ".join(f"{name} {weight:.2f}" for name, weight in zip(names, weights, strict=True))
-    first = (f"Predicted by {names[0]}, which has all the weight among its rivals." if len(models) == 1 else
-             f"Averaged over {len(models)} models by their weights ({shares}); the spread between the models is part "
-             "of the standard deviations.")
+    first = (f"The prediction is that of {names[0]}, which has all the weight of the rivals." if len(models) == 1 else
+             f"The prediction is averaged over {len(models)} models by their weights ({shares}); the spread between "
+             f"the "
+             "models is part of the standard deviations.")
     result.attrs["notes"] = tuple(dict.fromkeys([first, *(note for table in tables for note in table.attrs["notes"])]))
     return result
 
@@ -224,8 +226,8 @@ def _predict_model(model: str | Path | FittedModel | AbstractFitted,
     notes = [*request.notes, *describe_extrapolation(saved, [key for key, _ in groups], settings)]
     verdict = saved.extra.get("verdict")
     if verdict in OPEN:
-        notes.insert(0, f"The discovery of this model ended with {verdict!r}: it does not fit its own records to the "
-                     "noise, and the standard deviations do not hold what it lacks.")
+        notes.insert(0, f"The discovery of this model ended with {verdict!r}: it does not fit its own records within "
+                     "the noise, and the standard deviations do not include what it lacks.")
     channels = list_channels(saved)
     found = {c: np.zeros((3, len(keys))) for c in channels}
     order = sorted(range(len(groups)), key=lambda g: len(groups[g][1]))
@@ -287,8 +289,8 @@ def lay_times(saved: FittedModel, request: Request) -> Request:
         return request
     name, groups = saved.space.family.independent, request.groups()
     if saved.sampling is None:
-        raise InputError(f"there is no column {name!r}, and the model does not say how long its records are: give it, "
-                         "or fit the model again")
+        raise InputError(f"there is no column {name!r}, and the model does not say how long its records are: add the "
+                         "column, or fit the model again")
     if not saved.space.family.has_contact:
         # Of slip records that are time series the slip is a channel, and the independent variable the time.
         last = saved.sampling.largest.get("slip", saved.sampling.last)
@@ -464,8 +466,8 @@ def predict_pulses(model: str | Path | FittedModel | AbstractFitted | ModelWeigh
     groups = request.groups()
     keys, settings = [key for key, _ in groups], request.settings(name_conditions(saved))
     values, deviations = _follow_pulses(saved, settings, keys)
-    notes = [f"Record {key} is still in contact {format_time(values['last'][k])} after first touch: it has no duration "
-             "and no impulse." for k, key in enumerate(keys) if not np.isfinite(values[DURATION][k])]
+    notes = [f"Record {key} is still in contact {format_time(values['last'][k])} after first touch, so it has no "
+             "duration and no impulse." for k, key in enumerate(keys) if not np.isfinite(values[DURATION][k])]
     columns: dict[str, object] = {"record": keys}
     for name in UNITS:
         if name in values:
@@ -557,8 +559,8 @@ class Squeeze:
 
     def __str__(self) -> str:
         size = f"its {1e3 * self.diameter:.3g} mm"
-        return (f"the ball would be pressed together by more than {size}" if self.depression >= self.diameter else
-                f"the ball would be pressed together by up to {1e3 * self.depression:.3g} of {size}")
+        return (f"the ball would be compressed by more than {size}" if self.depression >= self.diameter else
+                f"the ball would be compressed by up to {1e3 * self.depression:.3g} of {size}")
 
 
 def find_squeezes(saved: FittedModel, keys: Sequence[str], settings: Mapping[str, np.ndarray]) -> tuple[Squeeze, ...]:
@@ -587,22 +589,23 @@ def describe_extrapolation(saved: FittedModel, keys: list[str], settings: dict[s
         some += [i] if phrases else []
         for phrase in phrases:
             found.setdefault(phrase, []).append(key)
-    notes = [f"Extrapolated: {phrase} (record {_list_some(records)})."
+    notes = [f"This is an extrapolation: {phrase} (record {_list_some(records)})."
              for phrase, records in list(found.items())[:MOST]]
     if len(found) > MOST:
-        notes.append(f"Extrapolated in {len(found) - MOST} further settings.")
+        notes.append(f"There are {len(found) - MOST} further settings outside the range of the campaign.")
     squeezes = find_squeezes(saved, [keys[i] for i in some], {name: v[some] for name, v in settings.items()})
     if squeezes:
         worst = max(squeezes, key=lambda one: one.depression / one.diameter)
         records = _list_some([worst.record, *(one.record for one in squeezes if one is not worst)])
-        notes.append(f"Beyond the contact geometry, which holds up to {SQUEEZED:.0%} of the diameter: {worst} (record "
-                     f"{records}). What is predicted there means nothing.")
+        notes.append(f"The contact geometry is valid up to {SQUEEZED:.0%} of the diameter, but {worst} (record "
+                     f"{records}). The prediction there is meaningless.")
     pressure, loads = settings.get("initial_pressure"), settings.get("normal_load")
     if loads is not None and isinstance(saved.space.reference, RubberFriction):
-        notes += [f"Outside the range of Eq. 10: {phrase}." for phrase in dict.fromkeys(map(describe_range, loads))
+        notes += [f"Some loads are outside the range of Eq. 10: {phrase}."
+                  for phrase in dict.fromkeys(map(describe_range, loads))
                   if phrase]
     if pressure is not None and np.any(pressure == 0) and "gas" in saved.space.reference.provides:
-        notes.append("Without gas (initial_pressure = 0) this model's ball has no gas force.")
+        notes.append("Without gas (initial_pressure = 0) the ball of this model exerts no gas force.")
     return notes
 
 
@@ -615,7 +618,7 @@ def describe_failure(saved: FittedModel, key: str, settings: Mapping[str, np.nda
     failed = f"the model could not be integrated for record {key!r}"
     if not reasons:
         return f"{failed} ({given}); check its conditions and their units"
-    return (f"{failed}: {'; '.join(reasons)}. Check the conditions ({given}) and their units, or choose some nearer to "
+    return (f"{failed}: {'; '.join(reasons)}. Check the conditions ({given}) and their units, or choose some closer to "
             "those of the campaign")
 
 

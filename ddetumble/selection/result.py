@@ -77,7 +77,7 @@ class SettingSpread:
 
 @dc.dataclass(frozen=True)
 class LackOfFit:
-    """Whether a misfit beyond noise and setting errors is left."""
+    """Test for lack of fit beyond noise and setting errors."""
 
     statistic: float  # chi-square of the smooth part of the residuals over its degrees of freedom
     degrees: float  # of freedom
@@ -137,7 +137,7 @@ class Candidate:
 
 @dc.dataclass(frozen=True)
 class Place:
-    """Where a misfit sits: a range of one variable, with the share of its channel's misfit that lies in it."""
+    """Where a misfit lies: a range of one variable, with the share of its channel's misfit within it."""
 
     channel: str
     variable: str
@@ -192,7 +192,7 @@ class Shape:
 
 @dc.dataclass(frozen=True)
 class MissingForce(AbstractPrinted):
-    """What a flexible force inside the equation of motion removes of a misfit, and what it looks like.
+    """A non-parametric missing force: the share of the misfit that it explains, its shape, and laws that describe it.
 
     Losses are held out, over whole conditions, in noise variances.
     """

@@ -19,7 +19,7 @@ from .settings import DEFAULT, SelectionSettings
 from .text import describe_place
 
 
-BRIEF = 60  # characters of estimates that still go into a headline
+BRIEF = 60  # characters of estimates that still go into a headline; longer ones get a sentence of their own
 
 
 def find_longest(traces: Sequence[Trace]) -> float:
@@ -171,7 +171,7 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
                    sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],
-                   remedies=family.remedies)
+                   needed="two records" if family.free_running else "three conditions", remedies=family.remedies)
     if found.verdict == "undecided":
         return say("verdict.too_few", records=records)
     if found.verdict == "explained" and found.irregular:

@@ -16,10 +16,11 @@ from .result import Candidate, Estimate, Place, Step, Trace
 from .settings import DEFAULT
 
 
-WIDTH = 100
-FEWEST, NEAR = 5, 0.05  # candidates that are always shown, and what others must explain to be shown too
-WHOLE = 0.995  # share from which a range is all there is
-MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it
+WIDTH = 100  # columns of a terminal: tables are cut there
+# Candidates that are always shown, and what others must explain to be shown too: less is noise to a reader.
+FEWEST, NEAR = 5, 0.05
+WHOLE = 0.995  # share from which a range is all there is, as it is printed to 1 %
+MARGIN = 0.02  # of the longest record, by which a range may fall short of it and still be all of it: less than a bin
 _PHASES = {"loading": " while loading", "unloading": " while unloading", "forward": " on strokes forward",
            "backward": " on strokes backward"}
 
@@ -129,7 +130,7 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         rows.append((("* " if one.effect in effects else "  ") + q.clean(one.effect, 32), *gain,
                      q.format_share(one.visible), *map(q.format_error, (one.heldout_nrmse, one.prediction_nrmse)),
                      q.clean(", ".join(one.indistinguishable_from), 30)))
-    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "not to be told from"), rows,
+    lines = [align(("  candidate", "explains", "p", "visible", "cross-val.", "predicted", "similar to"), rows,
                    "lrrrrrl")]
     rest = [one for one in candidates if one not in shown]
     if rest:
@@ -140,9 +141,10 @@ def format_candidates(candidates: Sequence[Candidate], steps: Sequence[Step], ef
         rows = list_alternatives(step.alternatives)
         for (effect, difference, error, _), item in zip(rows, step.alternatives, strict=True):
             beaten = DEFAULT.is_beaten(item["heldout_difference"], item["standard_error"])
-            why = ("but it fits these records better: neither is settled" if beaten else
-                   "this campaign cannot tell them apart")
-            lines.append(wrap(f"{effect} instead of {q.clean(step.added, 34)}: held-out error differs by {difference} "
+            why = ("but it fits these records better, so neither is settled" if beaten else
+                   "this campaign cannot distinguish them")
+            lines.append(wrap(f"{effect} instead of {q.clean(step.added, 34)}: the cross-validated loss differs by "
+                              f"{difference} "
                               f"+- {error}; {why}", "  "))
     return "\n".join(lines)
 

@@ -31,15 +31,15 @@ from ..problem import Fitted, SelectionProblem
 
 FINEST = {"depression": 18, "depression_rate": 12, "time": 18, "slip": 45, "angular_speed": 12,
           "angular_velocity_z": 12, "phase": 18}
-USUAL = 18  # of a variable of the user's own
-FEW = 4  # intervals over a condition, which has few levels
-DEGREE = 3
-FLAT = 1e-4  # what is left of the roughness penalty for a straight line
-APART = 0.02  # levels of a condition that differ by less are one
-FINALISTS = 4  # terms that are fitted to the end
-MOST_TERMS = 3  # of the ceiling
-STEPS = 12  # of their fits
-SECOND = (9, 6)  # intervals of a further term
+USUAL = 18  # intervals of a variable of the user's own: as of depression and time
+FEW = 4  # intervals over a condition, which has few levels, so that more are not determined
+DEGREE = 3  # of the splines: cubic, smooth to the second derivative
+FLAT = 1e-4  # what is left of the roughness penalty for a straight line, so that it is determined
+APART = 0.02  # levels of a condition that differ by less are one: a rig's scatter
+FINALISTS = 4  # terms that are fitted to the end: of the rest none comes near in the screening
+MOST_TERMS = 3  # of the ceiling: a fourth gains little and is not understood
+STEPS = 12  # of their fits: what they gain after it changes no share
+SECOND = (9, 6)  # intervals of a further term: coarser, as it describes what the first left
 
 
 @dc.dataclass(frozen=True)

@@ -34,11 +34,14 @@ from .free_form import (
 from .symbolic import find_laws, find_rivals
 
 
-PLACES = 121
-CLEAR = 3.0  # standard deviations by which a force is told from zero
-ABSORBED = 0.2  # share of its signature below which what the parameters imitate leaves too little of a shape
+PLACES = 121  # at which a curve is drawn: a figure shows no finer
+# Standard deviations by which a force is told from zero: with so many places two would often be passed by chance.
+CLEAR = 3.0
+# Share of its signature below which what the parameters imitate leaves too little of a shape to draw it absolutely.
+ABSORBED = 0.2
 LONE = 0.9  # share of the misfit in one condition, above which the others cannot confirm what it is
-WORTH = 0.2  # share of the misfit that a force has to remove for a law of it to be looked for
+# Share of the misfit that a force has to remove for a law of it to be looked for: of less, the law would be a guess.
+WORTH = 0.2
 WHOLE = 0.9  # share that it removes where nothing but noise and details are left
 
 
@@ -46,7 +49,7 @@ WHOLE = 0.9  # share that it removes where nothing but noise and details are lef
 def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
                        effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
                        keep_all: bool = False, progress: Progress | None = None) -> MissingForce:
-    """Draw the force that a model lacks, fitted inside the equation of motion.
+    """Estimate the force that a model lacks by splines inside the equation of motion.
 
     Args:
         campaign: a campaign with samples, or its folder.

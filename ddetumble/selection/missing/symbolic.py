@@ -36,13 +36,14 @@ from .free_form import (
 )
 
 
-REFINED = 5  # forms that are fitted to the end
-PARTNERS = 3  # of the best, in pairs
-GRID = 24
-TAKEN = 0.5  # least share of a misfit of one condition that a law of it takes away
-EDGE = 1e-2  # of the logarithm of a power, within which it stands at a bound
+REFINED = 5  # forms that are fitted to the end: the rest are behind by more than the screening errs
+PARTNERS = 3  # of the best, in pairs: pairs of worse ones are not better
+GRID = 24  # onsets that are screened, and half as many lengths: refinement reaches what lies between two
+# Least share of a misfit of one condition that a law of it takes away: one that takes less describes the rest.
+TAKEN = 0.5
+EDGE = 1e-2  # of the logarithm of a power, within which it stands at a bound: 1 % of the power
 ALONE = 30_000  # padded samples from which on the fits of laws are worth a program of their own, without idle columns
-VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing
+VAGUE = 0.5  # deviation of the logarithm of a length, above which a law says nothing: uncertain by a factor of 1.6
 # Mean and deviation of the shapes' coordinates (onset over the range, logarithm of the power). What one condition alone
 # determines would else go anywhere when that is left out, and the linear step with it.
 PRIORS = {"x": (0.5, 0.5), "n": (float(np.log(1.5)), 0.4)}
