@@ -49,11 +49,11 @@ class Noise:
     sizes: Mapping[str, Any] = dc.field(default_factory=dict, repr=False, compare=False)
 
     def deviations(self, reading: np.ndarray) -> np.ndarray:
-        """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI."""
+        """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI, its baseline included."""
         if self.floor is None:
-            return np.full(np.shape(reading), self.sd)
+            return np.full(np.shape(reading), np.hypot(self.sd, self.slow_sd))
         rate = np.gradient(reading, axis=-1) if np.shape(reading)[-1] > 1 else np.zeros(np.shape(reading))
-        return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2)
+        return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2 + self.slow_sd**2)
 
     @property
     def is_white(self) -> bool:

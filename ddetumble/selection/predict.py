@@ -243,7 +243,7 @@ def _predict_model(model: str | Path | FittedModel | AbstractFitted,
         mean, shared, own, _ = evaluate_rows(saved, channels, times, {n: v[part] for n, v in settings.items()},
                                              [groups[g][0] for g in part])
         variance, scatter = (np.sum(x.reshape(*mean.shape, -1) ** 2, axis=-1) for x in (shared, own))
-        noise = np.array([saved.noise[c].sd for c in channels])[None, :, None] ** 2
+        noise = np.stack([saved.noise[c].deviations(mean[:, k]) for k, c in enumerate(channels)], axis=1) ** 2
         sd, new = np.sqrt(variance), np.sqrt(variance + scatter + noise)
         for i, (r, k) in enumerate(zip(rows, places, strict=True)):
             for c, channel in enumerate(channels):
@@ -510,7 +510,8 @@ def _follow_pulses(saved: FittedModel, settings: Mapping[str, np.ndarray], keys:
         own = np.sum(half[:, : len(spread)] ** 2, axis=1)
         new = own + np.sum(half[:, len(spread):] ** 2, axis=1)
         for channel, (peak, _) in FORCES.items():
-            new = new + (saved.noise[channel].sd ** 2 if name == peak else 0.0)
+            if name == peak:
+                new = new + saved.noise[channel].deviations(column[:, :1])[:, 0] ** 2
         values[name], deviations[name] = column[:, 0], (np.sqrt(own), np.sqrt(new))
     return values, deviations
 
