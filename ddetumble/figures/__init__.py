@@ -11,6 +11,7 @@ from .posterior import draw_corner, draw_left_out, draw_predictive, draw_ranks, 
 from .residuals import (
     draw_dependence,
     draw_missing_force,
+    draw_noise_sizes,
     draw_record_errors,
     draw_residual_map,
     draw_shifts,
@@ -21,8 +22,8 @@ from .style import new_figure, render_png, styled
 
 __all__ = [
     "draw_corner", "draw_dependence", "draw_error_by_step", "draw_fit", "draw_left_out", "draw_map",
-    "draw_missing_force", "draw_missing_rivals", "draw_missing_shape", "draw_next_test", "draw_parameters",
-    "draw_peaks", "draw_power", "draw_prediction", "draw_predictive", "draw_ranking", "draw_ranks",
-    "draw_record_errors", "draw_residual_map", "draw_shifts", "draw_signatures", "draw_traces", "new_figure",
-    "render_png", "styled",
+    "draw_missing_force", "draw_missing_rivals", "draw_missing_shape", "draw_next_test", "draw_noise_sizes",
+    "draw_parameters", "draw_peaks", "draw_power", "draw_prediction", "draw_predictive", "draw_ranking",
+    "draw_ranks", "draw_record_errors", "draw_residual_map", "draw_shifts", "draw_signatures", "draw_traces",
+    "new_figure", "render_png", "styled",
 ]  # fmt: skip

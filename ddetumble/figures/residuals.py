@@ -411,6 +411,47 @@ def _count_bins(traces: Sequence[Trace], view: View) -> int:
 
 
 @styled
+def draw_noise_sizes(traces: Sequence[Trace], noise: Mapping[str, Mapping[str, Any]], narrow: bool = False):
+    """One panel a channel: size of the noise against the reading, as measured, as stated and as the fit takes it.
+
+    What is measured is the root mean square over bins of the reading of half the second differences of the residuals,
+    scaled to the deviation of white noise: what is smooth, such as a missing force, hardly shows in it.
+
+    Args:
+        traces: of one model.
+        noise: by channel, as in `Discovery.noise`.
+    """
+    channels = list_channels(traces)
+    figure = new_figure(0.7 + 2.2 * len(channels), NARROW if narrow else WIDTH)
+    for axes, channel in zip(figure.subplots(len(channels), 1, squeeze=False).ravel(), channels, strict=True):
+        own, one = pick_channel(traces, channel), noise.get(channel, {})
+        residuals = [trace.measured - trace.model for trace in own]
+        bent = np.concatenate([(x[1:-1] - 0.5 * (x[:-2] + x[2:])) / math.sqrt(1.5) for x in residuals])
+        reading = np.concatenate([np.abs(trace.model[1:-1]) for trace in own])
+        kept = np.isfinite(bent)
+        shown = describe_quantity(channel, own[0].measured, own[0].unit)
+        order = np.argsort(reading[kept], kind="stable")
+        parts = np.array_split(order, max(min(len(order) // 60, 14), 1))
+        bent, reading = shown.scale * bent[kept], shown.scale * reading[kept]
+        centres = [float(np.median(reading[part])) for part in parts]
+        sizes = [float(np.sqrt(np.mean(bent[part] ** 2))) for part in parts]
+        dress(axes).plot(centres, sizes, "o", color=INK, ms=4.5)
+        along = np.linspace(0.0, max(float(reading.max(initial=0.0)), 1e-300), 80)
+        taken = np.full(len(along), shown.scale * float(one.get("sd") or math.nan))
+        if one.get("floor") is not None:
+            taken = np.hypot(shown.scale * float(one["floor"]), float(one["share"]) * along)
+        axes.plot(along, taken, color=colour_models(2)[1], lw=1.6)
+        if one.get("stated_sd"):
+            axes.axhline(shown.scale * float(one["stated_sd"]), color=GREY, lw=1.0, ls=(0, (4, 3)))
+        axes.set_ylim(0.0, 1.2 * max(*sizes, float(np.nanmax(taken)) if np.isfinite(taken).any() else 0.0))
+        axes.set_xlabel(f"{shown.name}, without its sign [{shown.unit}]")
+        axes.set_ylabel(f"noise (sd) [{shown.unit}]")
+    head_figure(figure, [key_dot(INK, 5), key_line(colour_models(2)[1]), key_line(GREY, 1.0, ls=(0, (4, 3)))],
+                ["measured, from sample to sample", "taken by the fit", "stated"])
+    return figure
+
+
+@styled
 def draw_shifts(models: Mapping[str, Sequence[SettingShift]], narrow: bool = False):
     """One panel a setting: its shift in every record, in stated deviations, with the band that is stated.
 

@@ -341,7 +341,13 @@ def _show_judgement(discovery: Discovery) -> Section:
     more = " (of the first model; the table has those of the others)" if len(discovery.steps) > 1 else ""
     paragraphs = [text.replace("degrees of freedom", f"degrees of freedom{more}").rstrip(".") + "."
                   for text in texts.values()]
-    return Section("How the verdict was reached", paragraphs, tables=tables, points=list(discovery.notes))
+    pictures = []
+    if discovery.steps and any(one.get("varies") for one in discovery.noise.values()):
+        pictures.append(draw_picture(
+            "noise-size", "Size of the noise against the reading. Correlated noise lies below the line that the fit "
+            "takes, as it moves little from sample to sample.", figures.draw_noise_sizes,
+            discovery.steps[-1].traces, discovery.noise, alt="Size of the noise against the reading, by channel."))
+    return Section("How the verdict was reached", paragraphs, pictures, tables, list(discovery.notes))
 
 
 def _begin(channel: str) -> str:
