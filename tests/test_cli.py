@@ -208,9 +208,9 @@ def test_shipped_campaigns(capsys, monkeypatch, tmp_path):
     ("words", "says"),
     [
         (["compare", "table-4"], "did you mean paper/table-4"),
-        (["compare", "slip-c", "-m", "matunaga"], "one for impact records"),
-        (["compare", "impact-c", "-m", "coulomb"], "one for slip"),
-        (["discover", "paper/table-4", "-m", "power-law"], "one for impact"),
+        (["compare", "slip-c", "-m", "matunaga"], "is for impact records"),
+        (["compare", "impact-c", "-m", "coulomb"], "is for slip"),
+        (["discover", "paper/table-4", "-m", "power-law"], "is for impact"),
     ],
 )
 def test_models_and_campaigns_of_another_family(words, says, capsys, monkeypatch, tmp_path):

@@ -189,10 +189,10 @@ def test_without_rivals_the_parameters_are_narrowed(rivals):
     (["--limit", "slip_speed=0.1..1"], "needs a unit"),
     (["--limit", "slip_speed=0.1..1 N"], "does not measure"),
     (["--limit", "slip_speed=fast"], "LOW..HIGH UNIT"),
-    (["--limit", "slip_speed=-1..1 m/s"], "has to be positive"),
+    (["--limit", "slip_speed=-1..1 m/s"], "must be positive"),
     (["--limit", "humidity=1..2"], "there is no condition 'humidity'"),
     (["--channel", "pressure: 200 Pa"], "not a channel that could be added"),
-    (["--length", "-1"], "has to be positive"),
+    (["--length", "-1"], "must be positive"),
 ])
 def test_bad_options(rivals, capsys, option, says):
     """One sentence, exit code 2."""
@@ -225,7 +225,7 @@ PLAN = "normal_load [N],internal_pressure [MPa],slip_speed [m/s],repeats\n10,1,0
     (PLAN, ["--channel", "normal_force: 1 N"], "not a channel of these tests"),
     (PLAN, ["--value", "mass=1"], "no parameter 'mass'"),
     (PLAN, ["--uncertainty", "humidity=1 %"], "no condition 'humidity'"),
-    (PLAN, ["--interval", "0 mm"], "has to be positive"),
+    (PLAN, ["--interval", "0 mm"], "must be positive"),
 ])
 def test_bad_plans(tmp_path, capsys, text, options, says):
     """A table of planned tests is read strictly."""

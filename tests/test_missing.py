@@ -366,6 +366,6 @@ def test_what_cannot_be_drawn_is_said(tmp_path, capsys):
     with pytest.raises(InputError, match="not for oblique ones"):
         draw_missing_force(find_data() / "oblique-a", catalogue=False)
     assert main(["missing", str(tmp_path / "nowhere")]) == 2
-    assert "does not exist" in capsys.readouterr().err
+    assert "no such campaign folder" in capsys.readouterr().err
     assert main(["missing", "impact-a", "--effect", "adhesoin", "-o", str(tmp_path / "new")]) == 2
     assert "did you mean adhesion?" in capsys.readouterr().err

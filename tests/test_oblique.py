@@ -411,7 +411,7 @@ def test_unstated_rolling_mass_is_told(tmp_path):
     """What is assumed of the ball's inertia stands in the notes."""
     campaign = read_campaign(copy_campaign(tmp_path / "copy", edit_known(rolling_mass=None)))
     found = assemble_space(campaign, resolve_model("paper", "oblique").reference)
-    assert any("rolling_mass is not in known: 0.5 kg is taken" in text for text in found.warnings)
+    assert any("rolling_mass is not under known, so 0.5 kg is assumed" in text for text in found.warnings)
 
 
 @pytest.mark.slow

@@ -101,7 +101,7 @@ def test_influential_condition_is_refitted():
     last = found.scores[-1]
     assert last.way == "refit" and last.trusted
     assert np.abs(found.values - exact).max() < 0.15
-    assert f"{sum(s.way == 'refit' for s in found.scores)} by a fit without it" in found.text
+    assert f"{sum(s.way == 'refit' for s in found.scores)} by a refit" in found.text
 
 
 def test_refit_is_least_squares():

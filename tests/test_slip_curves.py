@@ -368,7 +368,7 @@ def spoil(name, index, value):
         ({"friction": ["high"] * len(SLIPS)}, "friction must be numbers"),
         ({"slip": SLIPS}, "slip is in metres, and a stroke of 40 m is implausible; are these millimetres"),
         ({"slip": np.zeros(len(SLIPS))}, "a curve needs different slips"),
-        ({"slip": [0.0, 0.01, 0.02], "friction": [0.0, 0.1, 0.2]}, "too few readings: 3, and the fit needs 4 at least"),
+        ({"slip": [0.0, 0.01, 0.02], "friction": [0.0, 0.1, 0.2]}, "too few readings: 3, but the fit needs at least 4"),
         ({"load": 0.0}, r"the load \[N\] must be a positive number; got 0.0"),
         ({"load": "heavy"}, "got heavy"),
     ],

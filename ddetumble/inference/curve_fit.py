@@ -287,9 +287,9 @@ def _check_readings(x, y, sd, names: tuple[str, str, str], most_rows: int = 1, l
         x, y = np.atleast_1d(x, y)
     sd = sd.reshape(()) if sd.size == 1 else sd
     if y.ndim != 1 or not 1 <= x.ndim <= most_rows:
-        several = " or several of its length" if most_rows > 1 else ""
-        raise InputError(f"{names[1]} must be a list of numbers, and so must {names[0]}{several}; they have the shapes "
-                         f"{y.shape} and {x.shape}")
+        several = " or several" if most_rows > 1 else ""
+        raise InputError(f"{names[1]} must be a list of numbers, and {names[0]} one{several} of its length; the "
+                         f"shapes are {y.shape} and {x.shape}")
     if x.shape[-1] != len(y):
         order = "; several predictors take one row each" if x.ndim == 2 else ""
         raise InputError(f"{names[0]} and {names[1]} must have the same length; they are {x.shape[-1]} and {len(y)} "
