@@ -363,12 +363,29 @@ def allow_scatter(path: Path, report: Progress = lambda text, share: None) -> Pa
             break
         report("allowing for settings that scatter more than stated", 0.87)
         selection = path.selection.loosen(spread)
+        if not _would_do(selection, last):
+            break
         reference = selection.repeat(path.steps[0].fitted)
         found = select_effects(selection.span(reference.solution), reference)
     last = found.steps[-1]
     if not found.selection.spread or last.lack.rejected or not found.selection.is_scatter(last.fitted):
         return path
     return found
+
+
+def _would_do(selection: SelectionProblem, fitted: Fitted) -> bool:
+    """Whether a model leaves no misfit under another noise or scatter of the settings (that scatter fitted, too): else
+    no search under these is worth its time."""
+    again = selection.repeat(fitted, 1e-2)
+    selection = selection.span(again.solution)
+    if not selection.test_lack_of_fit(again)[0].rejected:
+        return True
+    spread = selection.estimate_spread(again)
+    if not spread or spread == selection.spread:
+        return False
+    selection = selection.loosen(spread)
+    again = selection.repeat(again, 1e-2)
+    return not selection.span(again.solution).test_lack_of_fit(again)[0].rejected
 
 
 def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Path:
@@ -385,6 +402,8 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
         return path
     report("allowing for baselines that wander", 0.875)
     wider = dc.replace(selection.restack(noise), noise=noise)
+    if not _would_do(wider, last.fitted):
+        return path
     reference = wider.repeat(path.steps[0].fitted)
     found = allow_scatter(select_effects(wider.span(reference.solution), reference), report)
     last = found.steps[-1]
