@@ -91,6 +91,19 @@ def test_what_was_written_comes_back(saved, campaign):
     assert model.directions.shape == (2, 5)
 
 
+def test_noise_comes_back_without_the_sizes_of_its_samples(campaign, tmp_path):
+    """Floor, shares and baseline are the noise's own; sizes belong to the samples it was measured on."""
+    noise = Noise(0.25, 0.3, 0.2, 5e-4, 0.25, 0.03, "uneven", floor=0.1, share=0.01, rate_share=0.02, slow_sd=0.3,
+                  slow_time=0.05, sizes={"r1": np.array([1.0, 2.0, 3.0])})
+    space = ParameterSpace(Ball(), IMPACT)
+    save_model(tmp_path / "m", make_fitted(
+        campaign=campaign, model_name="paper", space=space, noise={"normal_force": noise}, effects=[],
+        solution=make_solution(space, ["effective_mass"], {"effective_mass": 1.4})))
+    found = load(tmp_path / "m").noise["normal_force"]
+    assert (found.floor, found.share, found.rate_share, found.slow_sd, found.slow_time) == (0.1, 0.01, 0.02, 0.3, 0.05)
+    assert found == noise and not found.sizes
+
+
 def test_a_model_of_every_family_comes_back(tmp_path):
     """Of oblique impacts, too, whose records are of the kind of impacts."""
     for name in ("impact-a", "slip-a", "oblique-a", "tumble-a"):

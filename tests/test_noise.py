@@ -1,11 +1,13 @@
 """How the noise below a contact's own frequencies is told from what lies above them."""
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 
 from ddetumble.exam.simulators.noise import draw_noise
 from ddetumble.inference import noise_estimation
-from ddetumble.inference.noise import Noise, whiten, whitening, whitening_matrix
+from ddetumble.inference.noise import TAPS, Noise, scale_whitening, whiten, whitening, whitening_matrix
 from ddetumble.inference.noise_estimation import BELOW, changed, differs_from_stated, estimate_noise, spline_columns
 
 
@@ -144,3 +146,78 @@ def test_when_noise_counts_as_changed():
     for sd, rho, stated, differs in ((1.0, 0.0, 1.0, False), (1.11, 0.0, 1.0, True), (0.91, 0.0, 1.0, False),
                                      (1.0, 0.1, 1.0, True), (3.0, 0.5, None, False)):
         assert differs_from_stated({"x": make_noise(sd, rho, 0.0, stated=stated)}) is differs
+
+
+SLOW = dc.replace(make_noise(1.5, 0.4, 0.2), slow_sd=3.0, slow_time=0.7)
+
+
+def test_autocovariance_with_a_baseline_that_wanders():
+    """That of the noise and, independent of it, one that decays with time."""
+    lag = np.array([0.0, 0.1, -0.2, 5.0])
+    expected = make_noise(1.5, 0.4, 0.2).covariance(lag) + 9.0 * np.exp(-np.abs(lag) / 0.7)
+    np.testing.assert_allclose(SLOW.covariance(lag), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4])
+@pytest.mark.parametrize("uneven", [False, True])
+def test_filter_with_a_baseline_that_wanders(rho, uneven):
+    """Of no more samples than the taps and one: the inverse of the Cholesky factor of their covariance."""
+    noise = dc.replace(SLOW, correlation=rho)
+    for n in (2, 5, TAPS + 1):
+        time = 0.1 * np.arange(n) + (0.03 * np.sin(np.arange(n)) if uneven else 0.0)
+        matrix = whitening_matrix(*whitening(noise, time, np.ones(n, bool))).toarray()
+        factor = np.linalg.cholesky(noise.covariance(time[:, None] - time))
+        np.testing.assert_allclose(matrix, np.linalg.inv(factor), atol=1e-8)
+
+
+def test_which_noise_is_white():
+    """Neither correlated nor beside a baseline that wanders."""
+    assert make_noise(rho=0.0).is_white and not make_noise(rho=0.3).is_white and not SLOW.is_white
+    assert not dc.replace(SLOW, correlation=0.0).is_white
+    assert dc.replace(SLOW, correlation=0.0, slow_sd=0.0).is_white
+
+
+@pytest.mark.parametrize("noise", [make_noise(rho=0.0), make_noise(white=0.3), SLOW])
+def test_filter_of_noise_of_other_sizes(noise):
+    """It gives what the filter makes of every sample over its size, also beside missing samples."""
+    generator, n = np.random.default_rng(9), 60
+    valid, sizes = generator.random(n) > 0.1, np.exp(generator.normal(size=n))
+    weights, taps = whitening(noise, 0.1 * np.arange(n), valid)
+    x = generator.normal(size=(n, 3))
+    found = whiten(*scale_whitening(weights, taps, sizes), x)
+    np.testing.assert_allclose(found, whiten(weights, taps, x / sizes[:, None]), rtol=1e-12, atol=1e-12)
+
+
+def test_filter_of_other_sizes_is_the_factor_of_their_covariance():
+    """Of no more samples than the taps and one, noise of covariance s_i C_ij s_j becomes white."""
+    generator, n = np.random.default_rng(10), TAPS + 1
+    time, sizes = 0.1 * np.arange(n), np.exp(generator.normal(size=n))
+    matrix = whitening_matrix(*scale_whitening(*whitening(SLOW, time, np.ones(n, bool)), sizes)).toarray()
+    covariance = sizes[:, None] * SLOW.covariance(time[:, None] - time) * sizes
+    np.testing.assert_allclose(matrix @ covariance @ matrix.T, np.eye(n), atol=1e-7)
+
+
+def test_deviation_of_a_reading():
+    """Floor, shares of the reading and of its change, and baseline add in squares; one size where none is known."""
+    reading = np.array([[0.0, 2.0, 4.0, 6.0], [5.0, 5.0, 5.0, 5.0]])
+    noise = dc.replace(make_noise(), floor=0.3, share=0.1, rate_share=0.5, slow_sd=0.4)
+    rate = np.array([[2.0] * 4, [0.0] * 4])
+    expected = np.sqrt(0.09 + 0.01 * reading**2 + 0.25 * rate**2 + 0.16)
+    np.testing.assert_allclose(noise.deviations(reading), expected, rtol=1e-12)
+    np.testing.assert_allclose(noise.deviations(reading[0]), expected[0], rtol=1e-12)
+    np.testing.assert_allclose(noise.deviations(np.array([7.0])), [np.sqrt(0.09 + 0.49 + 0.16)], rtol=1e-12)
+    np.testing.assert_allclose(SLOW.deviations(reading), np.full((2, 4), np.hypot(1.5, 3.0)), rtol=1e-12)
+
+
+def test_when_sizes_of_samples_count_as_changed():
+    """By a tenth, rms over all samples of both; noise whose size varied before and does not any more has changed."""
+    plain, ones = make_noise(), np.ones(50)
+    uneven = dc.replace(plain, sizes={"a": ones, "b": 1.5 * ones})
+    for sizes, is_changed in (({"a": ones, "b": 1.5 * ones}, False), ({"a": 1.08 * ones, "b": 1.62 * ones}, False),
+                              ({"a": 1.2 * ones, "b": 1.5 * ones}, True), ({"a": ones, "b": 1.7 * ones}, False),
+                              ({"a": ones, "b": 1.8 * ones}, True), ({}, True), ({"b": 1.5 * ones}, False)):
+        assert changed({"x": uneven}, {"x": dc.replace(plain, sizes=sizes)}) is is_changed
+        assert changed({"x": dc.replace(plain, sizes=sizes)}, {"x": uneven}) is is_changed
+    assert not changed({"x": plain}, {"x": plain})
+    assert differs_from_stated({"x": dc.replace(uneven, correlation=0.0)})
+    assert not differs_from_stated({"x": dc.replace(plain, correlation=0.0)})

@@ -371,14 +371,28 @@ def test_merit_prices_parameters():
     ([-3.0, -3.0, -3.0, -3.0], False),
 ])
 def test_when_an_addition_helps(gains, expected):
-    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4),
+    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4), disperse=lambda grown: 1.0,
                                 family=SimpleNamespace(free_running=False))
     assert helps(selection, fitted([100.0] * 4), fitted(100.0 - np.array(gains))) is expected
 
 
+@pytest.mark.parametrize(("gains", "unit", "expected"), [
+    ([5.0, 5.0, 5.0, 5.0], 2.0, True),  # 20 > 9 x 2
+    ([5.0, 5.0, 5.0, 5.0], 2.3, False),  # 20 < 9 x 2.3
+    ([150.0, -20.0, -20.0, -20.0], 1.5, True),  # one condition alone, 90 > 50 x 1.5
+    ([150.0, -20.0, -20.0, -20.0], 1.9, False),  # 90 < 50 x 1.9
+    ([100.0, 100.0, 100.0, 100.0], 40.0, True),
+    ([2.0, 2.0, 2.0, 2.0], 0.5, False)])  # below what is chance without dispersion
+def test_a_misfit_that_is_left_makes_gains_count_less(gains, unit, expected):
+    """What noise and settings leave makes differences of losses so many times as large: so are their thresholds."""
+    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4), disperse=lambda grown: unit,
+                                family=SimpleNamespace(free_running=False))
+    assert helps(selection, fitted([1000.0] * 4), fitted(1000.0 - np.array(gains))) is expected
+
+
 def test_an_addition_that_forecasts_worse_does_not_help():
     """Of records that run on from where they start."""
-    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4),
+    selection = SimpleNamespace(settings=SelectionSettings(), groups=np.arange(4), disperse=lambda grown: 1.0,
                                 family=SimpleNamespace(free_running=True))
     before = fitted([100.0] * 4)
     assert helps(selection, before, fitted([90.0] * 4, forecast=[95.0] * 4))

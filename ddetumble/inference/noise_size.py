@@ -105,7 +105,7 @@ def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSet
     along = _follow(whole, record, place, lengths, settings)
     if parts is None and found is None and along is None:
         return None
-    floor, share, rate_share = parts if parts is not None else (float(np.mean(differences)), 0.0, 0.0)
+    floor, share, rate_share = parts if parts is not None else (float(size[0]), 0.0, 0.0)
     relative = [np.full(n, np.nan) for n in lengths]
     for run in runs:
         own = np.sqrt(floor**2 + _list_squares(run.reading) @ np.square([share, rate_share])) * factors[run.record]
@@ -137,13 +137,14 @@ def _fit_parts(differences: np.ndarray, squares: np.ndarray, settings: SizeSetti
     the squared mean of a difference $d_t$; None where no share is beyond chance. And the expected size of each."""
     step = -(-len(differences) // LONGEST)
     mean = float(np.mean(differences))
-    none = np.full(len(differences), mean)
     few, own = differences[::step], squares[::step]
     scale = np.maximum(own.mean(axis=0), 1e-300)
     unit = own / scale
     spread = np.var(np.minimum(few / mean, CAPPED)) * _count_once(few / mean)
     kept: tuple[int, ...] = ()
-    best, loss = None, _lose(np.zeros(1), few / mean, unit[:, :0])
+    # One size has to be the best for the same loss: spikes alone would bring a share otherwise.
+    alone = optimize.minimize(_lose, np.zeros(1), (few / mean, unit[:, :0]), method="L-BFGS-B", bounds=[(-14.0, 4.0)])
+    best, loss = None, float(alone.fun)
     needed = 0.5 * spread * stats.chi2.isf(settings.p_value, 1)
     for columns in ((0,), (1,), (0, 1)):
         start = np.zeros(1 + len(columns)) + np.log(1.0 / (1 + len(columns)))
@@ -152,7 +153,7 @@ def _fit_parts(differences: np.ndarray, squares: np.ndarray, settings: SizeSetti
         if found.fun < loss - needed * max(len(columns) - len(kept), 1):
             best, loss, kept = found.x, float(found.fun), columns
     if best is None:
-        return None, none
+        return None, np.full(len(differences), np.exp(0.5 * float(alone.x[0])) * mean)
     shares = np.zeros(2)
     shares[list(kept)] = np.exp(0.5 * best[1:]) * mean / np.sqrt(scale[list(kept)])
     floor = float(np.exp(0.5 * best[0]) * mean)
@@ -187,7 +188,8 @@ def _shrink(groups: Sequence[np.ndarray], settings: SizeSettings) -> np.ndarray 
     The logarithms of the sizes scatter with a variance between the groups (DerSimonian and Laird's moments) beside that
     of each estimate. A group's size is that whose square is unbiased for the reciprocal of the variance.
     """
-    capped = [np.minimum(g, CAPPED) for g in groups]
+    # A difference is a spike beside its own group: a group that is five times as noisy holds none.
+    capped = [np.minimum(g, CAPPED * (np.median(g) or 1.0)) if len(g) else g for g in groups]
     means = np.array([np.mean(g) if len(g) > 2 else np.nan for g in capped])
     known = np.isfinite(means) & (means > 0)
     if known.sum() < 2:
