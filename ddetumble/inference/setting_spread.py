@@ -6,8 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import linalg, optimize, stats
 
+from .goodness import combine_p_values
 from .problem import Solution
 from .stack import DRIFT, ZERO, Records
+
+
+FREE = 3  # degrees of freedom with which a scatter is worth anything
+APART = 0.03  # range of a logarithm below which a condition was held
 
 
 @dc.dataclass(frozen=True)
@@ -27,7 +32,7 @@ class SpreadSettings:
     prior: float = 1.0
     worth: float = 6.0
     least: float = 1.3
-    most: float = 40.0
+    most: float = 12.0
     fewest: int = 6
     random: float = 0.01
 
@@ -112,8 +117,8 @@ def estimate_spread(records: Records, solution: Solution, known: Mapping[str, fl
 def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.ndarray) -> float:
     """p-value of shifts of a setting having nothing to do with the conditions: those of physics are alike in repeats.
 
-    An F-test of the conditions' means about zero against the scatter within conditions; where no condition is
-    repeated, of a plane over the logarithms of the conditions against the scatter about it.
+    F-tests of the conditions' means about zero against the scatter within conditions, and of a plane over the
+    logarithms of the conditions against the scatter about it; the smaller p-value counts twice.
 
     Args:
         shifts: of every record, shape (records,).
@@ -124,19 +129,20 @@ def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.nda
         The p-value; 0 where there are too few records to tell.
     """
     labels = np.unique(groups)
-    within = len(shifts) - len(labels)
-    if within >= 3:
+    within, chances = len(shifts) - len(labels), []
+    if within >= FREE:
         means = np.array([shifts[groups == g].mean() for g in labels])
         sizes = np.array([np.sum(groups == g) for g in labels])
         scatter = sum(float(np.sum((shifts[groups == g] - m) ** 2)) for g, m in zip(labels, means, strict=True))
-        return float(stats.f.sf(float(sizes @ means**2) / len(labels) / max(scatter / within, 1e-300), len(labels),
-                                within))
+        chances.append(stats.f.sf(float(sizes @ means**2) / len(labels) / max(scatter / within, 1e-300), len(labels),
+                                  within))
     logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
-    varied = logarithms[:, np.ptp(logarithms, axis=0) > 0.03]
+    varied = logarithms[:, np.ptp(logarithms, axis=0) > APART]
     plane = np.concatenate([np.ones((len(shifts), 1)), varied], axis=1)
     free = len(shifts) - plane.shape[1]
-    if free < 3:
-        return 0.0
-    left = shifts - plane @ np.linalg.lstsq(plane, shifts, rcond=None)[0]
-    taken = float(shifts @ shifts - left @ left)
-    return float(stats.f.sf(taken / plane.shape[1] / max(float(left @ left) / free, 1e-300), plane.shape[1], free))
+    if free >= FREE:
+        left = shifts - plane @ np.linalg.lstsq(plane, shifts, rcond=None)[0]
+        taken = float(shifts @ shifts - left @ left)
+        chances.append(stats.f.sf(taken / plane.shape[1] / max(float(left @ left) / free, 1e-300), plane.shape[1],
+                                  free))
+    return combine_p_values([float(chance) for chance in chances]) if chances else 0.0

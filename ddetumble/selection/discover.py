@@ -34,7 +34,6 @@ from .localise import fit_directions, locate
 from .missing.missing_force import describe_missing
 from .outliers import Cleaned, begin_cleaning, clean_records
 from .problem import Fitted, SelectionProblem, fit_reference, pose_selection
-from .repeats import measure_repeats
 from .result import MissingForce, Place
 from .sentences import list_doubts, list_notes, tell_discovery
 from .series import nrmse
@@ -231,7 +230,7 @@ def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingFo
             return False
     if selection.family.free_running:  # records share no phase: the force alone tells
         return True
-    p_value = measure_repeats(selection, fitted.solution)
+    p_value = selection.measure_repeats(fitted.solution)
     return p_value is not None and p_value > selection.settings.repeats
 
 

@@ -18,7 +18,6 @@ from ..inference.slow_noise import add_slow_noise
 from .cross_validation import compare_losses
 from .lack_of_fit import Score
 from .problem import Fitted, SelectionProblem
-from .repeats import measure_repeats
 from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
 
@@ -395,7 +394,7 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
     stand for repeats over the records, as physics would.
     """
     last, selection = path.steps[-1], path.selection
-    if not last.lack.rejected or measure_repeats(selection, last.fitted.solution) is None:
+    if not last.lack.rejected or selection.measure_repeats(last.fitted.solution) is None:
         return path
     noise = add_slow_noise(selection.records, last.fitted.solution, selection.noise, selection.settings.spread.worth)
     if noise == selection.noise:
@@ -411,7 +410,7 @@ def allow_wander(path: Path, report: Progress = lambda text, share: None) -> Pat
         return path
     at = last.fitted.solution
     plain = selection.loosen(found.selection.spread).problem.solve(at.names, at.u, at.z, moving=False)
-    chance = measure_repeats(selection, plain)
+    chance = selection.measure_repeats(plain)
     return found if chance is not None and chance > selection.settings.repeats else path
 
 

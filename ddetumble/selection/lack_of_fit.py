@@ -84,24 +84,33 @@ def _triangulate(left: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
 
 
 def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_matrix], noise: Mapping[str, Noise],
-              score_p_value: float, settings: SelectionSettings = DEFAULT) -> LackOfFit:
-    """Judge whether a model lacks something; `score_p_value` is that of the largest score outside the model."""
+              score_p_value: float, settings: SelectionSettings = DEFAULT, repeats_p_value: float | None = None
+              ) -> LackOfFit:
+    """Judge whether a model lacks something.
+
+    `score_p_value` is that of the largest score outside the model, `repeats_p_value` that of what repeats over the
+    records whatever the noise, where noise or settings are not taken as stated.
+    """
     total, degrees = measure_smooth(problem, solution, bases)
     count = max(degrees, 1.0)
     spread = max(n.log_level_sd for n in noise.values())
     smooth = float(stats.norm.sf((np.log(total / count) + 1.0 / count) / np.sqrt(2.0 / count + spread**2)))
     shifts = [shift.p_value for shift in measure_shifts(problem.records, solution)]
     moves = combine_p_values(shifts)
-    p = combine_p_values((smooth, score_p_value, moves))
+    p = combine_p_values((smooth, score_p_value, moves, *(() if repeats_p_value is None else (repeats_p_value,))))
     how = (f", calibrated within records by a parametric bootstrap of {settings.bootstrap} draws of the whitened "
            "noise" if problem.space.family.free_running else "")
     moved = ", and how far the settings of the records were moved from what was written down" if shifts else ""
-    number = "three" if shifts else "two"
-    text = (f"the smallest p-value, counted three times, of {number} statistics: chi-square of the smooth part of "
+    known = repeats_p_value is not None
+    repeats = ", and what repeats over the records (random signs of whole records)" if known else ""
+    count_p = "four" if repeats else "three"
+    number = {2: "two", 3: "three", 4: "four"}[2 + bool(shifts) + bool(repeats)]
+    text = (f"the smallest p-value, counted {count_p} times, of {number} statistics: chi-square of the smooth part of "
             f"whitened residuals over {degrees:.0f} degrees of freedom (noise level known to "
             f"{100 * spread:.1f} %); the largest efficient score of any effect or test direction outside the model{how}"
-            f"{moved}")
-    return LackOfFit(total / count, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text)
+            f"{moved}{repeats}")
+    return LackOfFit(total / count, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text,
+                     repeats_p_value)
 
 
 @dc.dataclass(frozen=True)

@@ -31,6 +31,7 @@ from .lack_of_fit import (
     score_directions,
     smooth_bases,
 )
+from .repeats import measure_repeats
 from .result import LackOfFit
 from .series import split_error
 from .settings import DEFAULT, SelectionSettings
@@ -119,9 +120,8 @@ class SelectionProblem:
 
     @cached_property
     def conditions(self) -> np.ndarray:
-        """Conditions of every record, shape (records, conditions), SI; the order in a series is none."""
-        names = [str(name) for name in self.campaign.records.columns if name != "sequence"]
-        return self.campaign.records[names].to_numpy(dtype=float)
+        """What physics may depend on from record to record, the place in the series too; (records, conditions)."""
+        return self.campaign.records.to_numpy(dtype=float)
 
     @cached_property
     def holds_out(self) -> bool:
@@ -272,7 +272,17 @@ class SelectionProblem:
         solution = fitted.solution
         wanted = self.list_directions(fitted.effects, float(solution.state.max()))
         scores = score_directions(self.problem, solution, wanted)
-        return judge_fit(self.problem, solution, self.bases, self.noise, self.calibrate(scores), self.settings), scores
+        return judge_fit(self.problem, solution, self.bases, self.noise, self.calibrate(scores), self.settings,
+                         self.measure_repeats(solution) if self.is_loose else None), scores
+
+    @property
+    def is_loose(self) -> bool:
+        """Whether noise or settings are taken otherwise than stated: they may take what a force is missing for."""
+        return bool(self.spread) or any(n.sizes or n.slow_sd for n in self.noise.values())
+
+    def measure_repeats(self, solution: Solution) -> float | None:
+        """p-value of nothing in the residuals repeating over the records; None where that cannot be judged."""
+        return measure_repeats(self.records, solution, self.conditions)
 
     def calibrate(self, scores: list[Score]) -> float:
         """Family-wise p-value of the largest score: by a bootstrap where there are few long records."""

@@ -3,18 +3,19 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
+from ..families import find_family
 from ..inference.noise import whitening_matrix
 from ..inference.problem import Solution
-from .problem import SelectionProblem
+from ..inference.stack import Records
 
 
-PARTS = 10  # splines over a contact: features of a tenth of it, which physics shows and settings cannot imitate all
+PARTS = 24  # splines over a contact: a stick-slip of a tenth of a stroke shows, and each still has a few samples
 FLIPS = 4000  # draws of signs, so that p-values down to 1e-3 are known to a tenth
 FEWEST = 8  # records whose signs tell anything: with fewer the smallest p-value is above one in a hundred
 SEED = 20261125
 
 
-def measure_repeats(selection: SelectionProblem, solution: Solution) -> float | None:
+def measure_repeats(records: Records, solution: Solution, conditions: np.ndarray) -> float | None:
     """p-value of nothing in the residuals repeating over the records, whatever the size and correlation of the noise.
 
     Residuals of every record are projected on splines over its contact, without what its own settings can imitate.
@@ -22,14 +23,14 @@ def measure_repeats(selection: SelectionProblem, solution: Solution) -> float | 
     the signs of whole records drawn at random (Liu, Annals of Statistics 16, 1988, wild bootstrap by cluster).
 
     Args:
-        selection: the campaign, with the noise under which the residuals are whitened.
-        solution: a fit of all records under that noise.
+        records: with the filter that whitens the residuals.
+        solution: a fit of all records under it.
+        conditions: of every record, shape (records, conditions), SI; the place in the series may be one.
 
     Returns:
         The p-value; None where the records do not share a phase, or are too few.
     """
-    records, family = selection.records, selection.family
-    if family.free_running or records.count < FEWEST:
+    if find_family(records.family).free_running or records.count < FEWEST:
         return None
     stack = records.stack
     time, weights, taps = (np.asarray(x) for x in (stack.time, stack.weights, stack.taps))
@@ -57,7 +58,7 @@ def measure_repeats(selection: SelectionProblem, solution: Solution) -> float | 
         side = side - basis @ (basis.T @ side)
         scores.append(whole.T @ side[: len(whole)])
     table = np.array(scores)
-    logarithms = np.log(np.maximum(np.abs(selection.conditions), 1e-300))
+    logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
     spread = logarithms.std(axis=0)
     slopes = ((logarithms - logarithms.mean(axis=0)) / np.maximum(spread, 1e-300))[:, spread > 0.01]
     weights_over = np.concatenate([np.ones((len(table), 1)), slopes], axis=1)

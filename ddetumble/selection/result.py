@@ -88,6 +88,9 @@ class LackOfFit:
     score_p_value: float  # family-wise, of the largest score of any effect not in the model
     settings_p_value: float  # of how far the settings of the records were moved from what was written down
     text: str = ""  # how it was computed, one sentence
+    # Of nothing in the residuals repeating over the records; None where noise and settings are taken as stated, or it
+    # cannot be judged.
+    repeats_p_value: float | None = None
 
 
 @dc.dataclass(frozen=True)
