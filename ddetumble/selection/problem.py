@@ -282,7 +282,7 @@ class SelectionProblem:
 
     def measure_repeats(self, solution: Solution) -> float | None:
         """p-value of nothing in the residuals repeating over the records; None where that cannot be judged."""
-        return measure_repeats(self.records, solution, self.conditions)
+        return measure_repeats(self.records, solution, self.groups, self.conditions)
 
     def calibrate(self, scores: list[Score]) -> float:
         """Family-wise p-value of the largest score: by a bootstrap where there are few long records."""

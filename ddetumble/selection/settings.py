@@ -134,7 +134,7 @@ class SelectionSettings:
     rounds: int = 4
     most_samples: int = 100_000
     little: float = 0.2
-    repeats: float = 0.01
+    repeats: float = 0.05
     bias: float = 0.02
     noise: NoiseSettings = NoiseSettings()
     spread: SpreadSettings = SpreadSettings()
