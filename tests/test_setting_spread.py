@@ -73,7 +73,7 @@ def test_a_scatter_of_four_times_is_found():
 
 
 def test_settings_as_stated_are_left_alone():
-    """Of 100 campaigns at most 2 let a setting scatter more: twelve of twice the logarithm are 5e-4 for one of three."""
+    """Of 100 campaigns at most 2 let a setting scatter more: a likelihood e⁶ times as large is 3 in 10,000 for each."""
     assert sum(bool(estimate_spread(one.records, one.solve())) for one in map(Linear, range(100))) <= 2
 
 

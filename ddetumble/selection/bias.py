@@ -56,8 +56,8 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
         found.append(SettingBias(
             name, selection.settings.bias * float(at.u[-1]), selection.settings.bias * spread,
             float(loss.sum()) + selection.settings.significant * len(at.names),
-            smooth > selection.settings.standard_errors or chance < selection.settings.level_each, difference, error,
-            rival.effects))
+            bool(smooth > selection.settings.standard_errors or chance < selection.settings.level_each), difference,
+            error, rival.effects))
     return sorted(found, key=lambda one: one.merit)
 
 

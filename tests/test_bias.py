@@ -1,0 +1,85 @@
+"""Settings that are wrong alike in all records: how large their error is, and what they do not explain."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from helpers_statistics import PRESSURES, SPEEDS, fit_toy, make_selection
+
+from ddetumble.selection.bias import fit_biases
+from ddetumble.selection.cross_validation import leave_out
+
+
+CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
+
+
+def scale(name, share):
+    """What is written down is too large by a share."""
+    def spoil(measured, stated):
+        stated[name] = stated[name] / (1.0 - share)
+    return spoil
+
+
+def fit(seed, share=0.0, name="approach_speed", **options):
+    """Biases by name, and the model without one: its stiffness and loss are known, so that a bias of speeds shows."""
+    selection = make_selection(seed, conditions=CONDITIONS, spoil=scale(name, share), effects=(), **options)
+    held = () if name == "initial_pressure" else ("gas",)
+    selection, fitted = fit_toy(dc.replace(selection, base=held))
+    return {one.name: one for one in fit_biases(selection, fitted, fitted)}, selection, fitted
+
+
+def test_a_bias_is_found_within_its_deviation():
+    """Errors of speeds drawn as the prior has them, 2 %, in 40 campaigns: the estimates stray from them as stated (mean
+    square within four deviations of that of so many normal draws), and far less than the prior."""
+    z, deviations = [], []
+    for seed in range(40):
+        share = 0.02 * np.random.default_rng([71, seed]).standard_normal()
+        found = fit(seed, share)[0]["approach_speed"]
+        z.append((found.bias - share) / found.sd)
+        deviations.append(found.sd)
+    assert np.mean(np.square(z)) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 40))
+    assert max(deviations) < 0.2 * 0.02
+
+
+@pytest.mark.parametrize("name", ["approach_speed", "initial_pressure"])
+@pytest.mark.parametrize("share", [0.02, -0.02])
+def test_a_bias_of_one_setting_explains_the_records(name, share):
+    """It is the best rival, has the sign and the size of the error, is not rejected, and its merit is better than that
+    of the model without it, in at least 7 of 8 campaigns."""
+    right = 0
+    for seed in range(8):
+        biases, _, fitted = fit(seed, share, name)
+        best = biases[next(iter(biases))]
+        close = best.name == name and abs(best.bias - share) < 3.0 * best.sd
+        right += close and best.rejected is False and best.merit < fitted.merit and best.difference < 0.0
+    assert right >= 7
+
+
+def test_a_bias_does_not_stand_for_another_force():
+    """Where a ripple is missing every bias is rejected."""
+    for seed in range(5):
+        assert all(one.rejected is True for one in fit(seed, truth={"ripple.a": 0.2})[0].values())
+
+
+def test_a_bias_that_is_none_is_small_and_rarely_rejected():
+    """Without an error: zero within three deviations in all of 20 campaigns; of a complete model at most 4 are rejected
+    (one in thirty by chance)."""
+    found = [fit(seed)[0]["approach_speed"] for seed in range(20)]
+    assert all(abs(one.bias) < 3.5 * one.sd for one in found) and sum(one.rejected for one in found) <= 4
+
+
+def test_a_bias_that_nothing_shows_stays_at_its_prior():
+    """Where the gas's own parameter is free, a pressure off by a few percent alike in all records is as good."""
+    found = fit(1, 0.0)[0]["initial_pressure"]
+    assert found.sd == pytest.approx(0.02, rel=0.01) and abs(found.bias) < 0.005
+
+
+def test_a_rival_is_compared_with_its_model():
+    """Against the very model it stands beside, differences of the loss are those of the losses."""
+    biases, selection, fitted = fit(2, 0.02)
+    rival = dc.replace(fitted, loss=fitted.loss + 3.0, effects=("ripple",))
+    moved = {one.name: one for one in fit_biases(selection, fitted, rival)}
+    np.testing.assert_array_equal(fitted.loss, leave_out(fitted.solution, selection.groups))
+    for name, one in biases.items():
+        assert moved[name].difference == pytest.approx(one.difference - 3.0 * len(CONDITIONS), rel=1e-9)
+        assert moved[name].effects == ("ripple",) and moved[name].bias == one.bias

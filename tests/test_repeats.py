@@ -1,0 +1,75 @@
+"""What of a misfit repeats over the records: chance under any noise, certain where physics is missing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers_statistics import PRESSURES, SPEEDS, TIME, fit_toy, make_selection
+
+from ddetumble.exam.simulators.noise import draw_noise
+from ddetumble.selection.repeats import measure_repeats
+
+
+CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
+TOUCHING = (TIME > 0) & (TIME < 1)
+
+
+def measure(seed, spoil=None, **options):
+    """The p-value under the reference model, of noise taken as white and of the stated size."""
+    selection, fitted = fit_toy(make_selection(seed, spoil=spoil, **{"conditions": CONDITIONS} | options))
+    return measure_repeats(selection, fitted.solution)
+
+
+def muddle(seed):
+    """More noise in some records than in others, correlated from sample to sample, and more where the force is."""
+    def spoil(measured, stated):
+        generator = np.random.default_rng([61, seed])
+        for values in measured[:, 0]:
+            size = 0.05 * np.exp(0.7 * generator.standard_normal())
+            values += (1.0 + np.abs(values) / 5.0) * draw_noise(generator, len(values), size, 0.8)
+    return spoil
+
+
+def test_noise_does_not_repeat():
+    """Uneven, correlated noise taken for white: of 120 campaigns at most 12 are below 5 % (four in a thousand, of true
+    p-values, have 13 or more), at most 5 below 1 %, and the median is no smaller than chance has it."""
+    found = np.array([measure(seed, muddle(seed)) for seed in range(120)])
+    assert np.sum(found < 0.05) <= 12 and np.sum(found < 0.01) <= 5
+    assert np.median(found) > 0.5 - 4.0 * 0.5 / np.sqrt(120)
+
+
+@pytest.mark.parametrize("pattern", [
+    lambda v, p: 0.8 * np.sin(3 * np.pi * TIME),  # alike in all
+    lambda v, p: 2.4 * np.log(v / 1.5) * np.sin(3 * np.pi * TIME),  # of either sign, as the speed goes
+    lambda v, p: 2.4 * np.log(p / 1.26e5) * np.sin(5 * np.pi * TIME)])  # as the pressure goes
+def test_what_is_missing_repeats(pattern):
+    """A pattern larger than the noise of most records, alike in all or growing with a condition, though the noise is
+    uneven: its p-value is below 1 in 300 in all of 5 campaigns."""
+    for seed in range(5):
+        def spoil(measured, stated, seed=seed):
+            muddle(seed)(measured, stated)
+            for r, (v, p) in enumerate(CONDITIONS):
+                measured[r, 0] += pattern(v, p) * TOUCHING
+        assert measure(seed, spoil) < 1 / 300
+
+
+def test_settings_take_no_part():
+    """What a record's own settings imitate says nothing: speeds and clocks far off alike in all records."""
+    for seed in range(5):
+        def spoil(measured, stated):
+            stated["approach_speed"] *= 1.05
+        assert measure(seed, spoil) > 0.01
+
+
+def test_few_records_and_free_running_ones_tell_nothing():
+    """None below eight records, and where records share no phase."""
+    assert measure(1, conditions=CONDITIONS[:7]) is None
+    assert measure(1, conditions=CONDITIONS[:8]) is not None
+    selection, fitted = fit_toy(make_selection(1, conditions=CONDITIONS))
+    free = SimpleNamespace(records=selection.records, family=SimpleNamespace(free_running=True))
+    assert measure_repeats(free, fitted.solution) is None
+
+
+def test_the_same_records_give_the_same_chance():
+    """Signs are drawn alike every time."""
+    assert measure(2, muddle(2)) == measure(2, muddle(2))
