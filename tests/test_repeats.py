@@ -1,13 +1,12 @@
 """What of a misfit repeats over the records: chance under any noise, certain where physics is missing."""
 
-from types import SimpleNamespace
+import dataclasses as dc
 
 import numpy as np
 import pytest
 from helpers_statistics import PRESSURES, SPEEDS, TIME, fit_toy, make_selection
 
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.selection.repeats import measure_repeats
 
 
 CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
@@ -17,7 +16,7 @@ TOUCHING = (TIME > 0) & (TIME < 1)
 def measure(seed, spoil=None, **options):
     """The p-value under the reference model, of noise taken as white and of the stated size."""
     selection, fitted = fit_toy(make_selection(seed, spoil=spoil, **{"conditions": CONDITIONS} | options))
-    return measure_repeats(selection, fitted.solution)
+    return selection.measure_repeats(fitted.solution)
 
 
 def muddle(seed):
@@ -53,21 +52,13 @@ def test_what_is_missing_repeats(pattern):
         assert measure(seed, spoil) < 1 / 300
 
 
-def test_settings_take_no_part():
-    """What a record's own settings imitate says nothing: speeds and clocks far off alike in all records."""
-    for seed in range(5):
-        def spoil(measured, stated):
-            stated["approach_speed"] *= 1.05
-        assert measure(seed, spoil) > 0.01
-
-
 def test_few_records_and_free_running_ones_tell_nothing():
     """None below eight records, and where records share no phase."""
     assert measure(1, conditions=CONDITIONS[:7]) is None
     assert measure(1, conditions=CONDITIONS[:8]) is not None
     selection, fitted = fit_toy(make_selection(1, conditions=CONDITIONS))
-    free = SimpleNamespace(records=selection.records, family=SimpleNamespace(free_running=True))
-    assert measure_repeats(free, fitted.solution) is None
+    assert dc.replace(selection, records=dc.replace(selection.records, family="tumble")).measure_repeats(
+        fitted.solution) is None
 
 
 def test_the_same_records_give_the_same_chance():

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers_statistics import assert_rate
-from scipy import optimize
+from scipy import optimize, stats
 
 from ddetumble.inference import setting_spread
 from ddetumble.inference.problem import Solution
@@ -141,28 +140,26 @@ GRID = np.array([(v, p) for v in (1.0, 1.5, 2.0, 3.0) for p in (1e5, 2e5)])
 REPEATED, ALONE = np.repeat(np.arange(8), 2), np.arange(8)
 
 
-def assert_uniform(p_values):
-    for level in (0.01, 0.05, 0.2, 0.5, 0.8):
-        assert_rate(int(np.sum(np.asarray(p_values) < level)), len(p_values), level)
-
-
 @pytest.mark.parametrize(("groups", "conditions"), [(REPEATED, np.repeat(GRID, 2, axis=0)), (ALONE, GRID)])
 def test_random_shifts_follow_no_condition(groups, conditions):
-    """p-values are uniform, whatever the size of the shifts, with repeats and without."""
+    """p-values are no smaller than chance has them, whatever the size of the shifts, with repeats and without."""
     generator = np.random.default_rng(7)
     draws = 10.0 ** generator.uniform(-2.0, 2.0, (500, 1)) * generator.standard_normal((500, len(groups)))
-    assert_uniform([follow_conditions(shifts, groups, conditions) for shifts in draws])
+    found = np.array([follow_conditions(shifts, groups, conditions) for shifts in draws])
+    for level in (0.01, 0.05, 0.2):
+        assert np.sum(found < level) <= stats.binom.isf(1e-3, len(found), level)
+    assert np.mean(found < 0.2) > 0.05  # the smallest of several counts as often: not many times too large
 
 
 @pytest.mark.parametrize(("groups", "conditions"), [(REPEATED, np.repeat(GRID, 2, axis=0)), (ALONE, GRID)])
 @pytest.mark.parametrize("force", [lambda v, p: 5.0 + 0.0 * v, lambda v, p: 6.0 * np.log(v),
                                    lambda v, p: 10.0 * np.log(p / 1.4e5)])
 def test_shifts_of_physics_follow_the_conditions(groups, conditions, force):
-    """Alike in all records, or with a setting: of 50 draws all are beyond 1 in 20, most beyond 1 in 1000."""
+    """Alike in all records, or with a setting: of 50 draws all are beyond 1 in 20, most beyond 1 in 200."""
     generator = np.random.default_rng(8)
     found = [follow_conditions(force(*conditions.T) + generator.standard_normal(len(groups)), groups, conditions)
              for _ in range(50)]
-    assert max(found) < 0.05 and np.median(found) < 1e-3
+    assert max(found) < 0.05 and np.median(found) < 5e-3
 
 
 def test_repeats_tell_what_no_plane_does():
@@ -174,8 +171,8 @@ def test_repeats_tell_what_no_plane_does():
 
 
 def test_too_few_records_tell_nothing():
-    """Up to five records at conditions of their own leave fewer than three beside a plane: taken as following them."""
-    for count in (1, 3, 5):
+    """Fewer than five records at conditions of their own are taken as following them."""
+    for count in (1, 3, 4):
         shifts = np.random.default_rng(count).standard_normal(count)
         assert follow_conditions(shifts, np.arange(count), GRID[:count]) == 0.0
-    assert follow_conditions(np.array([1.0, -2.0, 1.0, 2.0]), np.arange(4), np.ones((4, 1))) > 0.0
+    assert follow_conditions(np.array([1.0, -2.0, 1.0, 2.0, -1.5]), np.arange(5), np.ones((5, 1))) > 0.0
