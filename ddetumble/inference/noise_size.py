@@ -143,21 +143,32 @@ def _fit_parts(differences: np.ndarray, squares: np.ndarray, settings: SizeSetti
     spread = np.var(np.minimum(few / mean, CAPPED)) * _count_once(few / mean)
     kept: tuple[int, ...] = ()
     # One size has to be the best for the same loss: spikes alone would bring a share otherwise.
-    alone = optimize.minimize(_lose, np.zeros(1), (few / mean, unit[:, :0]), method="L-BFGS-B", bounds=[(-14.0, 4.0)])
-    best, loss = None, float(alone.fun)
+    alone, loss = _search(few / mean, unit[:, :0])
+    best = None
     needed = 0.5 * spread * stats.chi2.isf(settings.p_value, 1)
     for columns in ((0,), (1,), (0, 1)):
-        start = np.zeros(1 + len(columns)) + np.log(1.0 / (1 + len(columns)))
-        found = optimize.minimize(_lose, start, (few / mean, unit[:, columns]), method="L-BFGS-B",
-                                  bounds=[(-14.0, 4.0)] * len(start))
-        if found.fun < loss - needed * max(len(columns) - len(kept), 1):
-            best, loss, kept = found.x, float(found.fun), columns
+        found, left = _search(few / mean, unit[:, columns])
+        if left < loss - needed * max(len(columns) - len(kept), 1):
+            best, loss, kept = found, left, columns
     if best is None:
-        return None, np.full(len(differences), np.exp(0.5 * float(alone.x[0])) * mean)
+        return None, np.full(len(differences), np.exp(0.5 * float(alone[0])) * mean)
     shares = np.zeros(2)
     shares[list(kept)] = np.exp(0.5 * best[1:]) * mean / np.sqrt(scale[list(kept)])
     floor = float(np.exp(0.5 * best[0]) * mean)
     return (floor, float(shares[0]), float(shares[1])), np.sqrt(floor**2 + squares @ shares**2)
+
+
+def _search(differences: np.ndarray, squares: np.ndarray) -> tuple[np.ndarray, float]:
+    """Logarithms of the squared floor and shares that lose least, and that loss.
+
+    By the simplex method: the threads of a quasi-Newton method's linear algebra cost more than it saves.
+    """
+    start = np.full(1 + squares.shape[1], -np.log(1.0 + squares.shape[1]))
+    simplex = np.concatenate([start[None], start + np.eye(len(start))])
+    found = optimize.minimize(_lose, start, (differences, squares), method="Nelder-Mead",
+                              bounds=[(-14.0, 4.0)] * len(start),
+                              options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3})
+    return found.x, float(found.fun)
 
 
 def _lose(logarithms: np.ndarray, differences: np.ndarray, squares: np.ndarray) -> float:

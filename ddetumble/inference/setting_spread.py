@@ -103,8 +103,10 @@ def estimate_spread(records: Records, solution: Solution, known: Mapping[str, fl
         return left + determinant + float(np.sum((logarithms / settings.prior) ** 2))
 
     none, limit = np.zeros(len(places)), float(np.log(settings.most))
-    best = min((optimize.minimize(lose, start, method="L-BFGS-B", bounds=[(0.0, limit)] * len(places))
-                for start in (none, none + np.log(4.0))), key=lambda found: found.fun)
+    step = np.eye(len(places))
+    best = min((optimize.minimize(lose, start, method="Nelder-Mead", bounds=[(0.0, limit)] * len(places), options={
+        "initial_simplex": np.concatenate([start[None], start + step]), "xatol": 1e-2, "fatol": 1e-2})
+        for start in (none, none + np.log(4.0))), key=lambda found: found.fun)
     found = {}
     for i, k in enumerate(places):
         fixed = best.x.copy()
