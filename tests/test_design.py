@@ -303,7 +303,7 @@ def make_spins(folder, monkeypatch, effects, starts):
     monkeypatch.setattr(tumbling_campaigns, "draw_rates", lambda generator, count: np.asarray(starts, dtype=float))
     made = tumbling_campaigns.make_tumble_campaign("spins", 6, effects, {"inertia_ratio": 0.5}, len(starts),
                                                    interval=4.0)
-    tumbling_campaigns.write_campaign(folder, made)
+    write_package(folder, made)
     return read_campaign(folder)
 
 
@@ -361,7 +361,7 @@ def test_maps_of_tumbling_and_oblique_plans(tmp_path, monkeypatch, capsys):
             monkeypatch.setattr(tumbling_campaigns, "draw_rates", lambda generator, n: np.asarray(starts))
             made = tumbling_campaigns.make_tumble_campaign("spins", 60 + seed, {"eddy-current": {"k_e": share * size}},
                                                            {"inertia_ratio": 0.5}, 3, interval=4.0)
-            tumbling_campaigns.write_campaign(tmp_path / f"{share}-{seed}", made)
+            write_package(tmp_path / f"{share}-{seed}", made)
             bench = pose_selection(read_campaign(tmp_path / f"{share}-{seed}"), RigidBody())
             bench, fitted = fit_reference(bench)
             lack, _ = bench.test_lack_of_fit(fitted)

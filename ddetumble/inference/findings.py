@@ -17,7 +17,7 @@ from .archive import AbstractFitted, FittedModel, make_fitted, save_model
 from .bounded import NEAR, Bounded, truncate_normal
 from .files import check_folder, list_versions, make_plain, write_json
 from .goodness import GoodnessOfFit, judge_goodness
-from .identifiability import Knowledge, Remedy, analyse_fit, describe_knowledge
+from .identifiability import Knowledge, Remedy, analyse_fit, analyse_with_refits, describe_knowledge
 from .noise import Noise
 from .parameters import ParameterSpace
 from .problem import Problem, Solution
@@ -225,7 +225,7 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
         warnings: sentences on records outside the model's range.
     """
     space, solution = problem.space, found.solution
-    known = analyse_fit(space, solution)
+    known = analyse_with_refits(problem, solution)
     told, remedies = describe_knowledge(problem, solution, known, campaign)
     parameters, covariance, correlations, gaussians = estimate_parameters(problem, found, known, start)
     counted = int(np.sum(np.asarray(problem.records.stack.weights)[: problem.records.count] > 0))

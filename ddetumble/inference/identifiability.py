@@ -34,6 +34,8 @@ REACH = {
 }  # fmt: skip
 LEAST_PRESSURE = 2e5  # Pa, absolute: with less than the atmosphere over that outside a ball is hardly inflated
 DEPRESSION_SD = 2e-5  # m, of a displacement gauge; `design` assumes the same
+FAR = 10.0  # standard deviations away, where the misfit of a parameter that is known has risen by a hundred
+FLAT = 0.25  # of that rise: where it stays below on either side, the standard deviation is that of a dent in the noise
 NUDGE = 0.02  # in scales of coordinates and deviations of nuisances, of the differences that give a depression's slopes
 
 
@@ -133,6 +135,44 @@ def limit_knowledge(space: ParameterSpace, name: str) -> float:
     """Standard deviation of a coordinate beyond which nothing is known about the parameter."""
     p = space.parameter(name)
     return min(p.transform.unknown, VAST * p.transform.scale(p.typical))
+
+
+def list_unproven(problem: Problem, solution: Solution) -> tuple[str, ...]:
+    """Reference parameters that the records seem to fix, and refits `FAR` away say they do not.
+
+    Records that run on for many turns have a frequency (that of a spinning body follows from its inertia ratio). Where
+    nothing turns, the fit is caught in one of the many minima that noise has, and the curvature there tells nothing of
+    how far the next one is.
+    """
+    space, stack = problem.space, problem.records.stack
+    if not space.family.free_running or solution.residual.shape[1] != stack.weights.shape[1] * stack.weights.shape[2]:
+        return ()  # without turns, or of thinned records
+    sd, found = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0)), []
+    for name, width in zip(solution.names, sd, strict=True):
+        k = space.index[name]
+        if space.slots[k].owner is not None or not 0 < width < limit_knowledge(space, name):
+            continue
+        others, ends = [other for other in solution.names if other != name], []
+        for side in (FAR, -FAR):
+            u = solution.u.copy()
+            u[k] = np.clip(u[k] + side * width, problem.limits[0][k], problem.limits[1][k])
+            away = abs(u[k] - solution.u[k]) / width
+            if away < 0.5 * FAR:  # a limit is near, and what lies before it tells too little
+                continue
+            refit = problem.solve(others, u, solution.z, tolerance=1e-2)
+            ends.append(not refit.failed and refit.chi2 - solution.chi2 < FLAT * away**2)
+            if not ends[-1]:
+                break
+        if ends and all(ends):
+            found.append(name)
+    return tuple(found)
+
+
+def analyse_with_refits(problem: Problem, solution: Solution) -> Knowledge:
+    """Find what the Jacobian of a fit determines, less what refits say it does not."""
+    known = analyse_fit(problem.space, solution)
+    unproven = [name for name in list_unproven(problem, solution) if name not in known.undetermined]
+    return dc.replace(known, undetermined=(*known.undetermined, *unproven)) if unproven else known
 
 
 def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, campaign: Campaign

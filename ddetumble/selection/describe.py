@@ -10,7 +10,7 @@ from scipy import stats
 from .._numerics import map_threads
 from ..inference.bounded import Bounded
 from ..inference.findings import Fit, estimate_parameters, summarise_fit
-from ..inference.identifiability import analyse_fit, limit_knowledge
+from ..inference.identifiability import analyse_fit, analyse_with_refits, limit_knowledge, list_unproven
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
 from .detectability import detectable_length, find_size
@@ -29,8 +29,9 @@ ALIKE = 0.5  # |cosine| of two signatures below which it is not listed: a third 
 def list_loose(selection: SelectionProblem, solution: Solution) -> tuple[str, ...]:
     """Names of free parameters that the records do not fix."""
     sd = np.sqrt(np.maximum(np.diag(solution.covariance()), 0.0))
+    unproven = list_unproven(selection.problem, solution)
     return tuple(name for name, width in zip(solution.names, sd, strict=True)
-                 if width > limit_knowledge(selection.space, name))
+                 if width > limit_knowledge(selection.space, name) or name in unproven)
 
 
 def public_estimates(selection: SelectionProblem, solution: Solution, owner: str | None = None) -> dict[str, Estimate]:
@@ -39,7 +40,8 @@ def public_estimates(selection: SelectionProblem, solution: Solution, owner: str
     What the records do not determine has a deviation of `WIDEST` times that beyond which nothing is known.
     """
     space, whole, found = selection.space, Bounded(solution, solution.names, {}, {}), {}
-    known = analyse_fit(space, solution)
+    # Refits only for the model, not for every candidate beside it: an effect's own parameters need none.
+    known = analyse_with_refits(selection.problem, solution) if owner is None else analyse_fit(space, solution)
     for name, one in estimate_parameters(selection.problem, whole, known, selection.guess)[0].items():
         slot = space.slots[space.index[name]]
         if owner not in (None, slot.owner):
