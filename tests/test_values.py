@@ -56,9 +56,9 @@ def test_other_choices_go_by_the_class(model):
 
 def test_what_is_no_model_is_refused(campaign):
     for wrong in (3, ["paper"], dd.effects.Adhesion, None):
-        with pytest.raises(dd.InputError, match="is no model"):
+        with pytest.raises(dd.InputError, match="not a model"):
             dd.fit(campaign, wrong)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(dd.InputError, match="no fitted model"):
+    with pytest.raises(dd.InputError, match="fitted model"):
         dd.predict(dd.Ball(), pd.DataFrame())  # pyright: ignore[reportArgumentType]
     with pytest.raises(dd.InputError, match="family"):
         dd.fit(campaign, dd.CoulombFriction())
