@@ -228,8 +228,6 @@ def is_irregular(selection: SelectionProblem, fitted: Fitted, missing: MissingFo
         removed = (missing.model - missing.ceiling[1]) / max(missing.model - missing.floor, 1e-300)
         if removed > selection.settings.little:
             return False
-    if selection.family.free_running:  # records share no phase: the force alone tells
-        return True
     p_value = selection.measure_repeats(fitted.solution)
     return p_value is not None and p_value > selection.settings.repeats
 
