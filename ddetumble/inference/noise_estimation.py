@@ -116,9 +116,10 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             even += [r] if np.allclose(difference, difference[0], rtol=2e-3) else []
             parts += [Run(r, run, trace[run], (values[r, c, :n] - trace)[run])
                       for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1) if used[run[0]]]
-        # Records that run freely share no phase in which physics would repeat: nothing would tell a torque that is
-        # missing from noise of its size, and the stated one counts.
-        sizes = None if family.free_running else measure_sizes(parts, records.lengths, settings.size)
+        # Few records, and those that run freely, which share no phase, do not show what repeats: nothing would tell a
+        # force that is missing from noise of its size, and the stated one counts.
+        told = records.count >= settings.size.records and not family.free_running
+        sizes = measure_sizes(parts, records.lengths, settings.size) if told else None
         if sizes is not None:
             parts = [dc.replace(run, residual=run.residual / sizes.relative[run.record][run.samples]) for run in parts]
         kept = [run for run in parts if run.record in even

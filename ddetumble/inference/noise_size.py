@@ -27,6 +27,7 @@ class SizeSettings:
     """When the size of the noise counts as varying.
 
     Attributes:
+        records: with fewer the size is the stated one: what repeats over them is not told from noise.
         fewest: differences that tell something about a size.
         p_value: of a size that is the same throughout, below which it is not: a false alarm costs a little certainty.
         material: ratio of the largest size (of one sample in twenty) to the smallest, below which it does not matter.
@@ -36,6 +37,7 @@ class SizeSettings:
             size this cannot tell.
     """
 
+    records: int = 8
     fewest: int = 60
     p_value: float = 1e-3
     material: float = 1.2
