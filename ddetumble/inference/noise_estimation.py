@@ -8,6 +8,7 @@ level there is known: it is averaged over all, and its error holds their differe
 
 import dataclasses as dc
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from scipy import sparse, special
@@ -119,7 +120,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         # Few records, and those that run freely, which share no phase, do not show what repeats: nothing would tell a
         # force that is missing from noise of its size, and the stated one counts.
         told = records.count >= settings.size.records and not family.free_running
-        sizes = measure_sizes(parts, records.lengths, settings.size) if told else None
+        sizes = measure_sizes(parts, list(map(int, records.lengths)), settings.size) if told else None
         if sizes is not None:
             parts = [dc.replace(run, residual=run.residual / sizes.relative[run.record][run.samples]) for run in parts]
         kept = [run for run in parts if run.record in even
@@ -133,7 +134,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             return noise if sizes is None else _describe_sizes(noise, sizes, records, stated.stated_sd)
 
         if sum(map(len, traces)) < 0.5 * sum(len(run.samples) for run in parts):
-            pairs = [tuple(np.concatenate(x) for x in zip(*((time[r, run.samples], run.residual)
+            pairs: list[Any] = [tuple(np.concatenate(x) for x in zip(*((time[r, run.samples], run.residual)
                                                            for run in parts if run.record == r), strict=True))
                      for r in dict.fromkeys(run.record for run in parts)]
             found[channel] = finish(estimate_from_pairs(pairs, float(np.median(medians)), expected, settings))

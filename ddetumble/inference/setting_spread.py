@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from scipy import linalg, optimize, stats
@@ -100,11 +101,11 @@ def estimate_spread(records: Records, solution: Solution, known: Mapping[str, fl
             side = (vectors.T @ (cross[:count, count] / scale))[told]
             left -= float(np.sum(side**2 / values[told]))
             determinant += float(np.sum(np.log(values[told])) + 2.0 * np.sum(np.log(scale)))
-        return left + determinant + float(np.sum((logarithms / settings.prior) ** 2))
+        return float(left + determinant + np.sum((logarithms / settings.prior) ** 2))
 
     none, limit = np.zeros(len(places)), float(np.log(settings.most))
     step = np.eye(len(places))
-    best = min((optimize.minimize(lose, start, method="Nelder-Mead", bounds=[(0.0, limit)] * len(places), options={
+    best: Any = min((optimize.minimize(lose, start, method="Nelder-Mead", bounds=[(0.0, limit)] * len(places), options={
         "initial_simplex": np.concatenate([start[None], start + step]), "xatol": 1e-2, "fatol": 1e-2})
         for start in (none, none + np.log(4.0))), key=lambda found: found.fun)
     found = {}
@@ -139,7 +140,8 @@ def follow_conditions(shifts: np.ndarray, groups: np.ndarray, conditions: np.nda
         chances.append(stats.f.sf(float(sizes @ means**2) / len(labels) / max(scatter / within, 1e-300), len(labels),
                                   within))
     if len(shifts) >= FREE + 2:
-        chances.append(stats.ttest_1samp(shifts, 0.0).pvalue)
         logarithms = np.log(np.maximum(np.abs(conditions), 1e-300))
-        chances += [stats.linregress(x, shifts).pvalue for x in logarithms.T if np.ptp(x) > APART]
+        tests: list[Any] = [stats.ttest_1samp(shifts, 0.0),
+                            *(stats.linregress(x, shifts) for x in logarithms.T if np.ptp(x) > APART)]
+        chances += [one.pvalue for one in tests]
     return combine_p_values([float(chance) for chance in chances if np.isfinite(chance)]) if chances else 0.0

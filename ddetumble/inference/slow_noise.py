@@ -3,6 +3,7 @@
 import dataclasses as dc
 from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy import linalg, optimize
@@ -40,8 +41,8 @@ def add_slow_noise(records: Records, solution: Solution, noise: Mapping[str, Noi
         low, high = (np.log(noise[channel].sd * x) for x in RANGE)
         best, size, slowest = none, 0.0, 1.0
         for share in TIMES:
-            one = optimize.minimize_scalar(partial(_lose_logarithm, parts, share * length), bounds=(low, high),
-                                           method="bounded", options={"xatol": 0.05})
+            one: Any = optimize.minimize_scalar(partial(_lose_logarithm, parts, share * length), bounds=(low, high),
+                                                method="bounded", options={"xatol": 0.05})
             if one.fun < best:
                 best, size, slowest = float(one.fun), float(np.exp(one.x)), share * length
         if none - best > 2.0 * worth:
@@ -81,7 +82,8 @@ def _lose_logarithm(parts: list[tuple[np.ndarray, ...]], slow: float, logarithm:
 
 def _lose(parts: list[tuple[np.ndarray, ...]], size: float, slow: float) -> float:
     """Minus twice the logarithm of the restricted likelihood."""
-    cross, determinant = 0.0, 0.0
+    count, determinant = parts[0][2].shape[1], 0.0
+    cross = np.zeros((count, count))
     for time, covariance, columns in parts:
         whole = covariance + size**2 * np.exp(-np.abs(time[:, None] - time) / slow)
         factor = linalg.cholesky(whole, lower=True)

@@ -218,7 +218,8 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
                 continue
             if code not in cache:
                 cache[code] = whitening(level, t, valid)
-            weights[r, c, :n], taps[r, c, :n] = scale_whitening(*cache[code], sizes)
+            known, filter_taps = cache[code]
+            weights[r, c, :n], taps[r, c, :n] = scale_whitening(known, filter_taps, sizes)
     time[len(keys):] = time[0]
 
     def pad(x: np.ndarray) -> np.ndarray:
