@@ -186,6 +186,7 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
     if selection.thin is not None:
         before = selection.extend(current, current.effects, screening=True) or current
     screened: dict[str, Fitted] = {}
+    far: dict[str, list[Fitted]] = {}
     done: list[str] = []
 
     def one(job):
@@ -196,8 +197,14 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
         report(f"refitting with {effect}", min(len(done) / count, 1.0))
         return effect, fitted
 
-    def fit_all(jobs):
-        for effect, fitted in map_threads(one, jobs):
+    def go_on(job):
+        effect, fitted = job
+        return effect, selection.extend(fitted, fitted.effects, thinned=True)
+
+    def fit_all(jobs, work=one):
+        for effect, fitted in map_threads(work, jobs):
+            if fitted is not None and not fitted.solution.converged and fitted.solution.chi2 > before.solution.chi2:
+                far.setdefault(effect, []).append(fitted)
             if (fitted is not None and has_physical_sign(selection, fitted, effect)
                     and (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2)):
                 screened[effect] = fitted
@@ -217,6 +224,11 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
                 origin = s.shapes.get(s.name, float(selection.start[space.index[s.name]]))
                 jobs.append((effect, {**s.shapes, s.name: origin + s.step}))
     fit_all(jobs)
+    # What has not come below the model without the effect in a few steps may be on its way from far off.
+    limit = before.solution.chi2
+    jobs = [(effect, fitted) for effect, ended in far.items() for fitted in ended
+            if effect not in screened or screened[effect].solution.chi2 > limit]
+    fit_all(jobs, go_on)
     for effect in effects:
         if effect not in screened or screened[effect].solution.chi2 > before.solution.chi2:
             screened[effect] = dc.replace(before, effects=(*current.effects, effect))
