@@ -6,7 +6,6 @@ Everything else is the package's own: the campaign, its stack, parameters, the s
 import dataclasses as dc
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ from ddetumble.inference.levenberg_marquardt import eliminate_nuisances
 from ddetumble.inference.noise import TAPS, Noise, whiten, whitening
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, Solution
-from ddetumble.inference.stack import Records, Stack
+from ddetumble.inference.stack import COSINE, SINE, Records, Stack, is_added
 from ddetumble.measurement.campaign import Campaign, Column
 from ddetumble.measurement.units import Uncertainty
 from ddetumble.selection.problem import SelectionProblem
@@ -117,13 +116,18 @@ class ToyProblem(Problem):
     def model(self, u, z):
         """Channels at coordinates and nuisances."""
         p = {s.name: s.parameter.transform.to_field(u[..., k, None]) for k, s in enumerate(self.space.slots)}
-        moved, time = dict(self.conditions), self.time
+        moved, time, added = dict(self.conditions), self.time, np.zeros(self.values.shape)
         for k, name in enumerate(self.records.nuisances):
-            if name == "time":
+            if is_added(name):
+                kind, channel = name.split(":")
+                turns = np.asarray(self.records.stack.inputs["hum"])[:, int(kind.split("-")[1]), None] * self.time
+                shape = np.sin(turns) if kind.startswith(SINE) else np.cos(turns)
+                added[:, self.records.channels.index(channel)] += (z[:, k] * self.sd[:, k])[:, None] * shape
+            elif name == "time":
                 time = time - (z[:, k] * self.sd[:, k])[:, None]
             else:
                 moved[name] = moved[name] + z[:, k] * self.sd[:, k]
-        return compute_channels(self.records.channels, p, moved, time)
+        return compute_channels(self.records.channels, p, moved, time) + added
 
     def whitened(self, x):
         """Rows of the residual, shape (records, rows)."""
@@ -140,7 +144,8 @@ class ToyProblem(Problem):
         u = np.array(start, dtype=float)
         inside = np.minimum(1e-3 * self.scales, 0.25 * (high - low))
         u[..., places] = np.clip(u, low + inside, high - inside)[..., places]
-        z = np.zeros((count, len(self.records.nuisances))) if z is None else np.array(z, dtype=float)
+        z = np.zeros((count, 0)) if z is None else np.array(z, dtype=float)
+        z = np.pad(z, ((0, 0), (0, len(self.records.nuisances) - z.shape[1])))
         mean, weight = np.zeros(len(self.space)), np.zeros(len(self.space))
         for name, (centre, sd) in self.priors.items():
             k = self.space.index[name]
@@ -219,8 +224,16 @@ def whiten_records(records: Records, noise) -> Records:
     for r in range(records.count):
         for c, channel in enumerate(records.channels):
             weights[r, c], taps[r, c] = whitening(noise[channel], time[r], ~missing[r, c])
-    stack = eqx.tree_at(lambda s: (s.weights, s.taps), records.stack, (jnp.asarray(weights), jnp.asarray(taps)))
-    return dc.replace(records, stack=stack)
+    hums = [(channel, *line) for channel in records.channels for line in noise[channel].hum]
+    plain = [k for k, name in enumerate(records.nuisances) if not is_added(name)]
+    deviations = np.concatenate([np.asarray(records.stack.condition_sd)[:, plain], np.tile(
+        [sd for *_, sd in hums for _ in (SINE, COSINE)], (records.count, 1)).reshape(records.count, -1)], axis=1)
+    turning = {"hum": jnp.asarray(np.tile([2.0 * np.pi * f for _, f, _ in hums], (records.count, 1)))} if hums else {}
+    names = (*(records.nuisances[k] for k in plain),
+             *(f"{kind}-{k}:{channel}" for k, (channel, *_) in enumerate(hums) for kind in (SINE, COSINE)))
+    stack = dc.replace(records.stack, weights=jnp.asarray(weights), taps=jnp.asarray(taps),
+                       condition_sd=jnp.asarray(deviations), inputs=turning)
+    return dc.replace(records, stack=stack, nuisances=names)
 
 
 def white(sd: float = 1.0, level: float = 0.0, interval: float = 0.02) -> Noise:
@@ -287,6 +300,7 @@ def make_selection(seed=0, truth=(), spoil=None, channels=("normal_force",), con
 def fit_toy(selection):
     """The problem with splines over the contacts, and the fit of the reference model."""
     fitted = selection.fit((), [{}], selection.start, None, tolerance=1e-6)
+    assert fitted is not None
     return selection.span(fitted.solution), fitted
 
 

@@ -158,6 +158,7 @@ class Family:
         ground: what a missing force may depend on; None where it cannot be drawn yet.
         remedies: what else to measure, in words.
         model_hint: how to make a model of the family of one of another, in words that end a sentence.
+        pace: condition that is the change of the independent variable in a second, where that is no time.
         follow: path of a record, from its campaign, its key and its table of samples over time; None where the records
             have no strokes.
         check: refuses a campaign whose records contradict the models.
@@ -194,6 +195,7 @@ class Family:
     ground: Ground | None = None
     view_reversed: View | None = None
     model_hint: str = ""
+    pace: str = ""
     defaults: Mapping[str, float] = dc.field(default_factory=dict)
     follow: Callable[[Campaign, str, Any], Path] | None = None
     check: Callable[[Campaign], None] = lambda campaign: None

@@ -110,6 +110,7 @@ SLIP = Family(
     name="slip",
     kind=kinds.SLIP,
     independent="slip",
+    pace="slip_speed",
     channels=("tangential_force",),
     needs=("normal_load",),
     sizes=(256, 1024, 4096, 8192, 16384, 32768),

@@ -31,6 +31,7 @@ class Noise:
             from one sample to the next, which add in squares; `floor` None where the size does not vary with these.
         slow_sd, slow_time: of a baseline that wanders beside (Ornstein-Uhlenbeck): its standard deviation, SI, and its
             correlation time in the independent variable, SI; none where the first is 0.
+        hum: frequency [Hz] and rms [SI] of every sine beside it, whose amplitude and phase every record has its own of.
         sizes: standard deviation of every sample over `sd`, by record, shape (samples,); empty where all are alike.
     """
 
@@ -46,19 +47,30 @@ class Noise:
     rate_share: Finite = 0.0
     slow_sd: Finite = 0.0
     slow_time: Positive = 1.0
+    hum: tuple[tuple[Positive, Positive], ...] = ()
     sizes: Mapping[str, Any] = dc.field(default_factory=dict, repr=False, compare=False)
 
     def deviations(self, reading: np.ndarray) -> np.ndarray:
-        """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI, its baseline included."""
+        """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI, all parts together."""
+        beside = self.slow_sd**2 + sum(sd**2 for _, sd in self.hum)
         if self.floor is None:
-            return np.full(np.shape(reading), np.hypot(self.sd, self.slow_sd))
+            return np.full(np.shape(reading), np.sqrt(self.sd**2 + beside))
         rate = np.gradient(reading, axis=-1) if np.shape(reading)[-1] > 1 else np.zeros(np.shape(reading))
-        return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2 + self.slow_sd**2)
+        return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2 + beside)
 
     @property
     def is_white(self) -> bool:
         """Whether no sample says anything about another."""
         return self.correlation <= 0 and self.slow_sd <= 0
+
+    def beside(self, other: "Noise") -> "Noise":
+        """The same with the baseline and the hum of another."""
+        return dc.replace(self, slow_sd=other.slow_sd, slow_time=other.slow_time).with_hum(other.hum)
+
+    def with_hum(self, hum: tuple[tuple[float, float], ...]) -> "Noise":
+        """The same with further sines, of frequencies [Hz] and rms [SI]."""
+        text = " and ".join(f"{sd:.2g} (SI, rms) at {frequency:.4g} Hz" for frequency, sd in hum)
+        return dc.replace(self, hum=(*self.hum, *hum), text=self.text + (f"; beside it hum of {text}" if hum else ""))
 
     def without_sizes(self) -> "Noise":
         """The same without the sizes of the samples that it was measured on."""

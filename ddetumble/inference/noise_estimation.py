@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 
 from ..families import Span, find_family
 from ..measurement.campaign import Campaign
+from .hum import HUM, HumSettings, find_hum
 from .noise import Noise
 from .noise_size import SIZE, Run, Sizes, SizeSettings, measure_sizes
 from .problem import Solution
@@ -52,6 +53,8 @@ class NoiseSettings:
             the share that is white, under a better model, from which on all steps are fitted again.
         size_change: the same of the logarithm of the sizes of single samples, rms over them.
         size: what makes the size count as varying.
+        hum: what makes a sine count as hum.
+        looks: measurements of the noise beside one model, at most, each after a fit with the hum that the last one saw.
     """
 
     fewest: int = 24
@@ -67,6 +70,8 @@ class NoiseSettings:
     white_change: float = 0.15
     size_change: float = 0.1
     size: SizeSettings = SIZE
+    hum: HumSettings = HUM
+    looks: int = 3
 
 
 NOISE = NoiseSettings()
@@ -94,9 +99,13 @@ def spline_columns(time: np.ndarray, spans: list[Span]) -> sparse.csr_matrix:
     return sparse.csr_matrix(sparse.hstack(found))
 
 
-def measure_noise(campaign: Campaign, records: Records, solution: Solution, settings: NoiseSettings = NOISE
-                  ) -> dict[str, Noise]:
-    """Noise of every channel from the residuals of a fit, less what is smooth over a contact."""
+def measure_noise(campaign: Campaign, records: Records, solution: Solution, settings: NoiseSettings = NOISE,
+                  before: Mapping[str, Noise] | None = None) -> dict[str, Noise]:
+    """Noise of every channel from the residuals of a fit, less what is smooth over a contact.
+
+    Baseline and hum that the fit took (`before`) stay beside it; hum that is seen for the first time comes to them, and
+    calls for another fit and another look (`hums_more`).
+    """
     found, family = {}, find_family(records.family)
     contact, stack = family.has_contact, records.stack
     values, time, weights = (np.asarray(x) for x in (stack.values, stack.time, stack.weights))
@@ -155,7 +164,13 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         found[channel] = finish(estimate_noise(
             [t for t, s in zip(traces, steps, strict=True) if abs(s / interval - 1) < 2e-3], interval, lowest, expected,
             None if sizes is not None else _quiet_deviation(records, c), settings))
-    return found
+    found = {channel: level.beside(before[channel]) if before else level for channel, level in found.items()}
+    return find_hum(campaign, records, solution, found, settings.hum)
+
+
+def hums_more(before: Mapping[str, Noise], after: Mapping[str, Noise]) -> bool:
+    """Whether hum was found that was not known."""
+    return any(level.hum and (c not in before or before[c].hum != level.hum) for c, level in after.items())
 
 
 def _describe_sizes(noise: Noise, sizes: Sizes, records: Records, stated: float | None) -> Noise:
@@ -200,7 +215,7 @@ def _quiet_deviation(records: Records, channel: int) -> tuple[float, int, int] |
 
 def changed(before: Mapping[str, Noise], after: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
     """Whether a second measurement of the noise differs enough from the first to fit again."""
-    return any(abs(np.log(after[c].sd / before[c].sd)) > settings.level_change
+    return any(after[c].hum != before[c].hum or abs(np.log(after[c].sd / before[c].sd)) > settings.level_change
                or abs(after[c].correlation - before[c].correlation) > settings.correlation_change
                or abs(after[c].white_share - before[c].white_share) > settings.white_change
                or _compare_sizes(before[c], after[c]) > settings.size_change for c in after)
@@ -217,7 +232,7 @@ def _compare_sizes(before: Noise, after: Noise) -> float:
 
 def differs_from_stated(noise: dict[str, Noise], settings: NoiseSettings = NOISE) -> bool:
     """Whether any channel's noise is correlated, or of another size than the campaign states."""
-    return any(bool(n.sizes) or n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > settings.differs
+    return any(bool(n.sizes or n.hum) or n.correlation > 0 or abs(n.sd / n.stated_sd - 1) > settings.differs
                for n in noise.values() if n.stated_sd)
 
 

@@ -7,6 +7,7 @@ unknowns with their stated uncertainty as prior, eliminated by the bordered stru
 import dataclasses as dc
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from .._numerics import map_threads
 from .._settings import reserve_memory
 from .levenberg_marquardt import BorderedLevenbergMarquardt, eliminate_nuisances
 from .parameters import ParameterSpace
-from .stack import DRIFT, ZERO, Records, Stack
+from .stack import COSINE, SINE, ZERO, Records, Stack, is_added
 
 
 FAILED = 1e4
@@ -62,7 +63,7 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
     for name, shift in zip(names, z * row.condition_sd, strict=True):
         if name == "time":
             time = time - shift
-        elif name.startswith((f"{ZERO}:", f"{DRIFT}:")):
+        elif is_added(name):
             zeros.append((*name.split(":"), shift))
         else:
             conditions[name] = conditions[name] + shift
@@ -75,6 +76,9 @@ def observe_record(space, names, channels, theta, z, row, base, directions, low,
     late = row.time - row.time[0]
     for kind, channel, size in zeros:
         shape = jnp.ones_like(late) if kind == ZERO else late / late[-1]
+        if kind.startswith((SINE, COSINE)):
+            turns = row.inputs["hum"][int(kind.split("-")[1])] * row.time
+            shape = jnp.sin(turns) if kind.startswith(SINE) else jnp.cos(turns)
         model = model.at[channels.index(channel)].add(size * shape)
     return model, (found.state, found.state_rate, found.end, found.failed | outside)
 
@@ -179,6 +183,14 @@ def _solve(space, names, channels, stack, base, directions, low, high, prior_mea
     return moving * theta, z0 + moving * z, found.aux, converged, found.stats["num_steps"]
 
 
+class Added(NamedTuple):
+    """Further columns of every record fitted along with everything else, to first order; see `Solution.fit_more`."""
+
+    gain: float  # of the sum of squares
+    found: np.ndarray  # coefficients, shape (records, columns)
+    error: np.ndarray  # their standard errors, shape (records, columns)
+
+
 @dc.dataclass(frozen=True)
 class Solution:
     """A fit of some parameters of the space, with everything linear algebra needs afterwards (numpy arrays).
@@ -231,6 +243,32 @@ class Solution:
         return eliminate_nuisances(np.concatenate([shared, np.zeros((records, own, shared.shape[2]))], axis=1),
                            rows if more is None else np.concatenate([rows, more], axis=2),
                            np.concatenate([self.residual, self.z], axis=1) if right is None else right)
+
+    def fit_more(self, more: np.ndarray) -> Added:
+        """Fit further columns of the residual with coefficients of every record's own, along with everything else.
+
+        `more` has shape (records, data rows, columns); there is no prior on its coefficients.
+        """
+        records, _, own = self.own.shape
+        free, wide = self.shared.shape[2], more.shape[2]
+        extra = np.concatenate([more, np.zeros((records, own, wide))], axis=1)
+        columns, side = self.projected(more=extra)
+        step = np.zeros(free)
+        if free:
+            step = np.linalg.lstsq(columns.reshape(-1, free), -side.ravel(), rcond=1e-10)[0]
+            side = side + columns @ step
+        right = np.concatenate([self.residual, self.z], axis=1)
+        gain = float(np.sum(right**2) - np.sum(side**2))
+        right[:, : more.shape[1]] += self.shared @ step
+        prior = np.broadcast_to(np.eye(own), (records, own, own))
+        both = np.concatenate([np.concatenate([self.own, prior], axis=1), extra], axis=2)
+        size = np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-300)
+        scaled = both / size
+        inverse = np.linalg.pinv(np.swapaxes(scaled, 1, 2) @ scaled, rcond=1e-12)
+        last = slice(both.shape[2] - wide, None)
+        found = -np.einsum("gij,gkj,gk->gi", inverse, scaled, right)[:, last] / size[:, 0, last]
+        variance = np.maximum(np.diagonal(inverse, axis1=1, axis2=2)[:, last], 0.0)
+        return Added(gain, found, np.sqrt(variance) / size[:, 0, last])
 
     def flattened(self) -> tuple[np.ndarray, np.ndarray]:
         """`projected` rows of all records with the priors below: columns, shape (rows, free), and right-hand side."""
@@ -296,7 +334,7 @@ class Problem:
         Args:
             free: names of the parameters that move.
             start: coordinates, shape (parameters,), or one row a record, shape (records, parameters).
-            z: start of the nuisances, shape (records, nuisances).
+            z: start of the nuisances, shape (records, nuisances); those that are new begin at 0.
             moving: False evaluates residual and Jacobian at the start only.
             tolerance: ends where chi-square is expected to fall by less.
             max_steps: after which the fit counts as not converged.
@@ -317,7 +355,8 @@ class Problem:
         base = np.broadcast_to(start, (count, len(self.space)))
         base = np.concatenate([base, np.broadcast_to(base[:1], (more, len(self.space)))])
         z0 = np.zeros((count + more, len(self.records.nuisances)))
-        z0[:count] = 0.0 if z is None else z
+        if z is not None:
+            z0[:count, : z.shape[1]] = z
         mean, weight = np.zeros(slots), np.where(np.arange(slots) < len(free), 0.0, 1.0)
         for k, name in enumerate(free):
             if name in self.priors:

@@ -9,7 +9,7 @@ from scipy import linalg, optimize, stats
 
 from .goodness import combine_p_values
 from .problem import Solution
-from .stack import DRIFT, ZERO, Records
+from .stack import Records, is_added
 
 
 FREE = 3  # degrees of freedom with which a scatter is worth anything
@@ -45,7 +45,7 @@ def list_settings(records: Records) -> list[int]:
     """Places among the nuisances of the settings that state an uncertainty."""
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
     return [k for k, name in enumerate(records.nuisances)
-            if name not in records.starts and not name.startswith((f"{ZERO}:", f"{DRIFT}:"))
+            if name not in records.starts and not is_added(name)
             and (deviations[:, k] > 0).any()]
 
 

@@ -24,6 +24,7 @@ GRAIN = 64  # trimmed records keep a multiple of so many samples
 SHARED = 60_000  # padded samples up to which records take a standard shape, so that small campaigns share programs
 ROWS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # of larger ones: a record may be left out in the same program
 ZERO, DRIFT = "zero", "drift"  # nuisances `zero:CHANNEL` and `drift:CHANNEL`: offset at the first sample, and what more
+SINE, COSINE = "sine", "cosine"  # nuisances `sine-0:CHANNEL` and `cosine-0:CHANNEL`: of the first hum of the campaign
 
 
 class Stack(eqx.Module):
@@ -39,7 +40,8 @@ class Stack(eqx.Module):
         present: 1 for records that are there, shape (records,).
         inputs: further arrays that the model reads, by name: path and direction of slip records that are time series,
             shape (records, samples); `mesh` of tumbling records, shape (records, steps + 1) [s]; `common`, by how much
-            a column moves per unit of an error that all records share, shape (records, commons).
+            a column moves per unit of an error that all records share, shape (records, commons); `hum`, angular
+            frequencies over the independent variable, shape (records, hums).
         rtol: tolerance of the integrator, shape ().
     """
 
@@ -61,7 +63,7 @@ class Records:
 
     Attributes:
         keys, channels: of the records, and what is measured.
-        nuisances: what tumbling records start from, conditions with a stated uncertainty, `time`, and zeros that move.
+        nuisances: what tumbling records start from, conditions with a stated uncertainty, `time`, zeros that move, hum.
         lengths: samples of each record.
         complete: whether no sample is missing, shape (records, channels).
         stack, family: the arrays, and the kind of test.
@@ -109,6 +111,19 @@ def list_nuisances(campaign: Campaign) -> tuple[str, ...]:
     rest = [c for c, column in campaign.conditions.items()
             if c not in first and c != "sequence" and column.uncertainty is not None]
     return (*first, *rest, "time")
+
+
+def is_added(nuisance: str) -> bool:
+    """Whether a nuisance adds to the readings of a channel (a zero, a drift, a hum), and is no setting."""
+    return ":" in nuisance
+
+
+def list_paces(campaign: Campaign) -> np.ndarray:
+    """Seconds per unit of the independent variable in every record, shape (records,)."""
+    pace, clock = find_family(name_family(campaign)).pace, campaign.independent
+    if clock is None or clock.name == "time" or pace not in campaign.records:
+        return np.ones(len(campaign.records))
+    return 1.0 / campaign.records[pace].to_numpy(dtype=float)
 
 
 def list_commons(campaign: Campaign) -> tuple[Common, ...]:
@@ -229,10 +244,13 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     begun = family.begin(campaign, groups) if family.begin is not None else None
     nuisances, starts = list_nuisances(campaign), () if begun is None else tuple(begun.guesses)
     moved = tuple(f"{kind}:{channel}" for channel in zeros or () for kind in (ZERO, DRIFT))
-    deviations = np.zeros((rows, len(starts) + len(nuisances) + len(moved)))
+    hums = [(channel, *line) for channel in channels for line in getattr((noise or {}).get(channel), "hum", ())]
+    humming = tuple(f"{kind}-{k}:{channel}" for k, (channel, *_) in enumerate(hums) for kind in (SINE, COSINE))
+    deviations = np.zeros((rows, len(starts) + len(nuisances) + len(moved) + len(humming)))
     stated = slice(len(starts), len(starts) + len(nuisances))
     deviations[: len(keys), stated] = condition_deviations(campaign, campaign.records, nuisances)
-    deviations[: len(keys), stated.stop:] = [sd for both in (zeros or {}).values() for sd in both]
+    deviations[: len(keys), stated.stop:] = [*(sd for both in (zeros or {}).values() for sd in both),
+                                             *(sd for *_, sd in hums for _ in (SINE, COSINE))]
     conditions = {str(name): pad(x.to_numpy(dtype=float)) for name, x in campaign.records.items()}
     for name, value in {"sequence": 1.0, **family.defaults}.items():
         conditions.setdefault(name, np.full(rows, value))
@@ -247,20 +265,22 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     if commons:
         inputs["common"] = np.stack([conditions[c.column] if c.relative and c.column in conditions else np.ones(rows)
                                      for c in commons], axis=1)
+    if hums:
+        inputs["hum"] = pad(2.0 * np.pi * np.outer(list_paces(campaign), [frequency for _, frequency, _ in hums]))
     span = time.max(axis=1) + 5e-3 * (time.max(axis=1) - np.maximum(time.min(axis=1), 0.0))
     present = (np.arange(rows) < len(keys)).astype(float)
     arrays: Any = jax.tree.map(jnp.asarray, (time, span, values, weights, taps, conditions, deviations, present,
                                              inputs, RTOL if most is None else THIN_RTOL))
-    return Records(keys, channels, (*starts, *nuisances, *moved), lengths, complete, Stack(*arrays), family.name,
-                   tuple(strokes), starts)
+    return Records(keys, channels, (*starts, *nuisances, *moved, *humming), lengths, complete, Stack(*arrays),
+                   family.name, tuple(strokes), starts)
 
 
 def trim_records(records: Records) -> Records:
     """Without padding: as many rows as there are records, and samples to a multiple of a few."""
     old, rows, padded = records.stack, records.count, records.stack.time.shape[1]
     size = min(-(-int(records.lengths.max()) // GRAIN) * GRAIN, padded)
-    # A mesh has steps, and common errors have no samples.
-    inputs = {k: v[:rows] if k in ("mesh", "common") else v[:rows, :size] for k, v in old.inputs.items()}
+    # A mesh has steps, and common errors and hums have no samples.
+    inputs = {k: v[:rows] if k in ("mesh", "common", "hum") else v[:rows, :size] for k, v in old.inputs.items()}
     stack = Stack(old.time[:rows, :size], old.span[:rows], old.values[:rows, :, :size], old.weights[:rows, :, :size],
                   old.taps[:rows, :, :size], {k: v[:rows] for k, v in old.conditions.items()},
                   old.condition_sd[:rows], old.present[:rows], inputs, old.rtol)

@@ -12,8 +12,8 @@ from .settings import DEFAULT
 
 
 NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
-# Typical changes of a parameter, the standard deviation that the other conditions give it at least: where they hardly
-# tell a parameter, a linear step would take it to where the model is another.
+# Standard deviation, in typical changes, of a parameter that the other conditions do not tell, at most: a linear step
+# would take it to where the model is another.
 FARTHEST = 10.0
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 
@@ -124,7 +124,8 @@ def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, res
     whole = blocks.sum(axis=0) + prior
     for group in np.unique(groups):
         out = groups == group
-        left = whole - blocks[out].sum(axis=0) + np.eye(count) / FARTHEST**2
+        left = whole - blocks[out].sum(axis=0)
+        left[np.diag_indices(count)] = np.maximum(np.diag(left), FARTHEST**-2)
         scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
         right = sides[out].sum(axis=0)
         inverse = np.outer(scale, scale) * np.linalg.pinv(left * np.outer(scale, scale), rcond=1e-12, hermitian=True)

@@ -308,30 +308,13 @@ def tell_zero(selection: SelectionProblem, zero: MovingZero, keep: bool) -> Faul
 def _free_zeros(selection: SelectionProblem, solution: Solution, c: int) -> MovingZero | None:
     """Fit zero and drift of every record along with everything else, to first order."""
     records, count, limits = selection.records, selection.records.count, selection.settings.baseline
-    own, free, seen = solution.own.shape[2], solution.shared.shape[2], selection.family.has_contact
-    zeros = np.stack([whiten_baseline(selection.problem, r, c) for r in range(count)])
-    extra = np.concatenate([zeros, np.zeros((count, own, 2))], axis=1)
-    columns, side = solution.projected(more=extra)
-    step = np.zeros(free)
-    if free:
-        step = np.linalg.lstsq(columns.reshape(-1, free), -side.ravel(), rcond=1e-10)[0]
-        side = side + columns @ step
-    right = np.concatenate([solution.residual, solution.z], axis=1)
-    before = float(np.sum(right**2))
-    gain = before - float(np.sum(side**2))
-    excess = before - (selection.samples - free)
+    seen = selection.family.has_contact
+    gain, found, error = solution.fit_more(np.stack([whiten_baseline(selection.problem, r, c) for r in range(count)]))
+    before = float(np.sum(solution.residual**2) + np.sum(solution.z**2))
+    excess = before - (selection.samples - solution.shared.shape[2])
     if excess <= 0 or stats.chi2.sf(gain, 2 * count) > limits.p_value or gain < (
             limits.removed if seen else limits.removed_unseen) * excess:
         return None
-    moved = right
-    moved[:, : zeros.shape[1]] += solution.shared @ step
-    prior = np.broadcast_to(np.eye(own), (count, own, own))
-    both = np.concatenate([np.concatenate([solution.own, prior], axis=1), extra], axis=2)
-    size = np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-300)
-    scaled = both / size
-    inverse = np.linalg.pinv(np.swapaxes(scaled, 1, 2) @ scaled, rcond=1e-12)
-    found = -np.einsum("gij,gkj,gk->gi", inverse, scaled, moved)[:, -2:] / size[:, 0, -2:]
-    error = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2)[:, -2:], 0.0)) / size[:, 0, -2:]
     if np.mean(np.any(np.abs(found) > limits.significant * error, axis=1)) < 0.5:
         return None  # a few records: they are looked at one by one
     for x, usual in zip(found.T, np.median(error, axis=0), strict=True):

@@ -12,7 +12,7 @@ import numpy as np
 from .._display import Progress
 from .._numerics import map_threads
 from ..inference.assembly import default_starts
-from ..inference.noise_estimation import changed, measure_noise
+from ..inference.noise_estimation import changed, hums_more, measure_noise
 from ..inference.problem import Solution
 from ..inference.slow_noise import add_slow_noise
 from .cross_validation import compare_losses
@@ -102,19 +102,22 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
         # What a poor model leaves may be too sharp for the splines that are taken out of its residuals first: where the
         # better one leaves another noise, every step is fitted and judged again under it.
         settings = selection.settings.noise
-        noise = {channel: dc.replace(level, slow_sd=selection.noise[channel].slow_sd,
-                                     slow_time=selection.noise[channel].slow_time)
-                 for channel, level in measure_noise(selection.campaign, selection.records, more.fitted.solution,
-                                                     settings).items()}
-        if changed(selection.noise, noise, settings):
+        for _ in range(settings.looks):
+            noise = measure_noise(selection.campaign, selection.records, steps[-1].fitted.solution, settings,
+                                  selection.noise)
+            if not changed(selection.noise, noise, settings):
+                break
+            again = hums_more(selection.noise, noise)
             selection = dc.replace(selection.restack(noise), noise=noise)
             for k, step in enumerate(steps):
                 fitted = selection.repeat(step.fitted)
                 selection = selection.span(fitted.solution)
                 steps[k] = step.refit(selection, fitted)
-            if not predicts_better(selection, steps[-2].fitted, steps[-1].fitted):
-                steps.pop()
+            if not again:
                 break
+        if selection is not wider and not predicts_better(selection, steps[-2].fitted, steps[-1].fitted):
+            steps.pop()
+            break
     return dc.replace(path, selection=selection, steps=tuple(steps))
 
 

@@ -18,7 +18,7 @@ from ..inference.goodness import combine_p_values, weigh_shifts
 from ..inference.noise import Noise, whitening_matrix
 from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
-from ..inference.stack import DRIFT, ZERO, Records
+from ..inference.stack import Records, is_added
 from .result import LackOfFit, SettingShift
 from .settings import DEFAULT, SelectionSettings
 
@@ -228,7 +228,7 @@ def measure_shifts(records: Records, solution: Solution, spread: Mapping[str, fl
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
     for k, name in enumerate(records.nuisances):
         known = deviations[:, k] > 0
-        if name in records.starts or name.startswith((f"{ZERO}:", f"{DRIFT}:")) or not known.any():
+        if name in records.starts or is_added(name) or not known.any():
             continue
         ratio = (spread or {}).get(name, 1.0)
         moved = np.where(known, solution.z[:, k], 0.0) * ratio

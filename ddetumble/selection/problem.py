@@ -13,7 +13,7 @@ from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
-from ..inference.noise_estimation import differs_from_stated, measure_noise
+from ..inference.noise_estimation import differs_from_stated, hums_more, measure_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
@@ -278,7 +278,7 @@ class SelectionProblem:
     @property
     def is_loose(self) -> bool:
         """Whether noise or settings are taken otherwise than stated: they may take what a force is missing for."""
-        return bool(self.spread) or any(n.sizes or n.slow_sd for n in self.noise.values())
+        return bool(self.spread) or any(n.sizes or n.slow_sd or n.hum for n in self.noise.values())
 
     def measure_repeats(self, solution: Solution) -> float | None:
         """p-value of nothing in the residuals repeating over the records; None where that cannot be judged."""
@@ -355,11 +355,15 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     # From a start guessed from the contact times, else from the defaults.
     guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
     solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
-    noise = measure_noise(selection.campaign, selection.records, solution, selection.settings.noise)
-    selection = dc.replace(selection, guess=guess, noise=noise)
-    if differs_from_stated(noise, selection.settings.noise):
-        selection = selection.restack(noise)
-        solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
+    settings, noise = selection.settings.noise, {}
+    for _ in range(settings.looks):
+        before, noise = noise, measure_noise(selection.campaign, selection.records, solution, settings, noise)
+        selection = dc.replace(selection, guess=guess, noise=noise)
+        if differs_from_stated(noise, settings):
+            selection = selection.restack(noise)
+            solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
+        if not hums_more(before, noise):
+            break
     selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution))
     return selection, selection.file((), solution)
 

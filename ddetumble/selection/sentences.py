@@ -80,6 +80,11 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         wander = [channel for channel, one in found.noise.items() if one.get("slow_sd")]
         if wander:
             parts.append(say("verdict.wandering", channels=wander))
+        hums = {(channel, f"{line['frequency']:.3g} Hz") for channel, one in found.noise.items()
+                for line in one.get("hum", ())}
+        if hums:
+            parts.append(say("verdict.humming", channels=sorted({channel for channel, _ in hums}),
+                             frequencies=sorted({frequency for _, frequency in hums})))
         if found.spread:
             parts.append(say("verdict.loose_settings", settings=[_describe_spread(one) for one in found.spread]))
         if found.verdict in ("improved", "unexplained") and found.where:

@@ -1,0 +1,160 @@
+"""Hum: sines of one frequency in all records (the mains, a vibration), in a phase of each record's own."""
+
+import dataclasses as dc
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy import optimize, stats
+
+from ..families import find_family
+from ..measurement.campaign import Campaign
+from ..measurement.grouping import group_conditions
+from .noise import Noise, whitening_matrix
+from .problem import Added, Solution
+from .setting_spread import follow_conditions
+from .stack import Records, list_paces
+
+
+PADDED = 4  # times the length of a record, to which it is filled up before its spectrum: peaks are seen between bins
+APART = 1.5  # bins between two peaks that are looked at
+NEAR, FINE = 0.75, 0.01  # bins about a peak in which its frequency is looked for, and how closely
+MAINS = (50.0, 60.0)  # Hz; a multiple of these is taken where it removes as much but for chance,
+TIE = 4.0  # which is two standard deviations of the frequency
+
+
+@dc.dataclass(frozen=True)
+class HumSettings:
+    """When a sine counts as hum, which no physics of a contact makes.
+
+    Attributes:
+        records: with fewer a random phase is not told from one that physics gives.
+        turns: of the sine in a record at least: slower ones are drifts, which a missing force looks like.
+        fastest: frequency in cycles a sample, at most.
+        p_value: of what the sine removes, over all frequencies, below which it is there.
+        seen: share of the records in which it has to be seen by itself (at 1 %).
+        alike: relative scatter of its amplitude over the records, at most: hum does not know the conditions.
+        random: p-value of phases that are alike, or follow the conditions, below which they are no hum's.
+        peaks: highest peaks of the spectrum that are looked at.
+        most: sines of a channel, at most.
+    """
+
+    records: int = 8
+    turns: float = 1.5
+    fastest: float = 0.45
+    p_value: float = 1e-6
+    seen: float = 0.7
+    alike: float = 0.5
+    random: float = 1e-3
+    peaks: int = 3
+    most: int = 3
+
+
+HUM = HumSettings()
+
+
+def find_hum(campaign: Campaign, records: Records, solution: Solution, noise: Mapping[str, Noise],
+             settings: HumSettings = HUM) -> dict[str, Noise]:
+    """The noise of every channel with the hum that the residuals of a fit show beside what the fit allows for.
+
+    The highest peaks of the residuals' mean spectrum are fitted as sines with an amplitude and a phase of every
+    record's own, along with parameters and settings, to first order.
+
+    Args:
+        campaign, records, solution: a fit of all records of a campaign.
+        noise: by channel, to which the hum is added.
+        settings: thresholds.
+    """
+    found = dict(noise)
+    if records.count < settings.records or find_family(records.family).free_running:
+        return found
+    paces = list_paces(campaign)
+    for c, channel in enumerate(records.channels):
+        if channel.startswith("attitude_"):
+            continue
+        lines: list[tuple[float, float]] = []
+        known = np.zeros((records.count, solution.residual.shape[1], 0))
+        while len(noise[channel].hum) + len(lines) < settings.most:
+            line = _find_line(campaign, records, solution, c, paces, known, settings)
+            if line is None:
+                break
+            lines.append(line)
+            known = np.concatenate([known, _whiten_sines(records, c, line[0], paces)], axis=2)
+        found[channel] = noise[channel].with_hum(tuple(lines))
+    return found
+
+
+def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int, paces: np.ndarray, known: np.ndarray,
+               settings: HumSettings) -> tuple[float, float] | None:
+    """Frequency [Hz] and rms [SI] of the sine that removes most of a channel's misfit, if it is hum."""
+    grid, power, bin_ = _average_spectrum(records, solution, c, paces, settings)
+    if not len(grid):
+        return None
+
+    def fit(frequency: float) -> Added:
+        return solution.fit_more(np.concatenate([known, _whiten_sines(records, c, frequency, paces)], axis=2))
+
+    peaks = []
+    for _ in range(settings.peaks):
+        if np.isfinite(power).any():
+            peak = float(grid[int(np.argmax(power))])
+            power = np.where(np.abs(grid - peak) < APART * bin_, -np.inf, power)
+            peaks.append((fit(peak).gain, peak))
+    peak = max(peaks)[1]
+    near: Any = optimize.minimize_scalar(lambda f: -fit(f).gain, bounds=(peak - NEAR * bin_, peak + NEAR * bin_),
+                                         method="bounded", options={"xatol": FINE * bin_})
+    frequency, one = float(near.x), fit(float(near.x))
+    for mains in MAINS:
+        multiple = mains * max(round(frequency / mains), 1)
+        if abs(multiple - frequency) < NEAR * bin_ and (other := fit(multiple)).gain > one.gain - TIE:
+            frequency, one = multiple, other
+    before = solution.fit_more(known).gain if known.shape[2] else 0.0
+    sines, error = one.found[:, -2:], one.error[:, -2:]
+    sizes = np.hypot(*sines.T)
+    chance = stats.chi2.sf(one.gain - before, 2 * records.count) * len(grid)
+    seen = np.mean(np.sum((sines / error) ** 2, axis=1) > stats.chi2.isf(0.01, 2))
+    if chance > settings.p_value or seen < settings.seen or np.std(sizes) > settings.alike * np.mean(sizes):
+        return None
+    phase = np.arctan2(*sines.T)
+    # Nothing alike (Rayleigh's test), nor alike but for the sign, nor moving with the conditions.
+    alike = min(float(np.exp(-len(phase) * np.abs(np.mean(np.exp(1j * k * phase))) ** 2)) for k in (1, 2))
+    groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
+    follows = min(follow_conditions(part, groups, conditions) for part in sines.T)
+    if 2.0 * min(alike, follows) < settings.random:
+        return None
+    return frequency, float(np.sqrt(np.mean(sizes**2) / 2.0))
+
+
+def _average_spectrum(records: Records, solution: Solution, c: int, paces: np.ndarray, settings: HumSettings
+                      ) -> tuple[np.ndarray, np.ndarray, float]:
+    """Frequencies [Hz], the whitened residuals' power at these over all records, and one over the median length."""
+    time, weights = (np.asarray(x) for x in (records.stack.time, records.stack.weights))
+    size, spectra = time.shape[1], []
+    for r, n in enumerate(records.lengths):
+        used = np.flatnonzero(weights[r, c, :n] > 0)
+        t = time[r, :n] * paces[r]
+        step = np.diff(t)
+        if len(used) < 16 or not np.allclose(step, step[0], rtol=1e-2):
+            continue
+        x = solution.residual[r, c * size: c * size + n]
+        x = np.where(weights[r, c, :n] > 0, x - x[used].mean(), 0.0)
+        spectra.append((np.fft.rfftfreq(PADDED * n, step[0]), np.abs(np.fft.rfft(x, PADDED * n)) ** 2 / len(used),
+                        float(np.ptp(t)), float(step[0])))
+    if len(spectra) < 0.5 * records.count:
+        return np.zeros(0), np.zeros(0), 1.0
+    length = float(np.median([one[2] for one in spectra]))
+    fastest = settings.fastest / max(one[3] for one in spectra)
+    grid = np.arange(settings.turns / min(one[2] for one in spectra), fastest, 1.0 / (PADDED * length))
+    return grid, sum((np.interp(grid, f, p) for f, p, *_ in spectra), np.zeros(len(grid))), 1.0 / length
+
+
+def _whiten_sines(records: Records, c: int, frequency: float, paces: np.ndarray) -> np.ndarray:
+    """Sine and cosine of a channel as columns of the whitened residual, shape (records, rows, 2)."""
+    time, weights, taps = (np.asarray(x) for x in (records.stack.time, records.stack.weights, records.stack.taps))
+    size = time.shape[1]
+    found = np.zeros((records.count, weights.shape[1] * size, 2))
+    for r, n in enumerate(records.lengths):
+        turns = 2.0 * np.pi * frequency * paces[r] * time[r, :n]
+        found[r, c * size: c * size + n] = (whitening_matrix(weights[r, c, :n], taps[r, c, :n])
+                                            @ np.stack([np.sin(turns), np.cos(turns)], axis=1))
+    return found

@@ -1,0 +1,137 @@
+"""Hum: that a sine of one frequency in all records is found with its size, and that nothing else passes for one."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from helpers_statistics import PRESSURES, SPEEDS, TIME, fit_toy, make_selection
+
+from ddetumble import discover
+from ddetumble.exam import Exam
+from ddetumble.exam.cases import sample_case, write_case
+from ddetumble.inference.archive import resolve_model
+from ddetumble.inference.assembly import assemble_space
+from ddetumble.inference.hum import find_hum
+from ddetumble.inference.noise import Noise
+from ddetumble.inference.noise_estimation import hums_more
+from ddetumble.inference.problem import Problem
+from ddetumble.inference.stack import default_noise, stack_records
+from ddetumble.measurement.package import read_campaign
+
+
+CONDITIONS = [(v, p) for v in SPEEDS for p in PRESSURES] * 2
+RECORDS = len(CONDITIONS)
+
+
+def add_sine(seed, frequency, amplitude, phases=None):
+    """Adds such a sine to every record; of random phases where none are given."""
+    def spoil(measured, stated):
+        drawn = np.random.default_rng([52, seed]).uniform(0.0, 2.0 * np.pi, len(measured)) if phases is None else phases
+        for values, phase in zip(measured[:, 0], drawn, strict=True):
+            values += amplitude * np.sin(2.0 * np.pi * frequency * TIME + phase)
+    return spoil
+
+
+def look(seed, spoil=None, **options):
+    """The noise of the force after a look for hum under the reference model."""
+    selection, fitted = fit_toy(make_selection(seed, conditions=CONDITIONS, spoil=spoil, **options))
+    return find_hum(selection.campaign, selection.records, fitted.solution, selection.noise)["normal_force"]
+
+
+@pytest.mark.parametrize(("frequency", "amplitude"), [(4.1, 0.1), (7.77, 0.05), (15.3, 0.2)])
+def test_hum_is_found(frequency, amplitude):
+    """Of one to four times the noise, of a few turns in a record or of many: frequency and rms."""
+    for seed in range(3):
+        ((found, rms),) = look(seed, add_sine(seed, frequency, amplitude)).hum
+        assert found == pytest.approx(frequency, abs=0.02) and rms == pytest.approx(amplitude / np.sqrt(2.0), rel=0.15)
+
+
+def test_two_sines_are_found():
+    def spoil(measured, stated):
+        add_sine(1, 5.0, 0.15)(measured, stated)
+        add_sine(2, 15.0, 0.1)(measured, stated)
+
+    assert sorted(f for f, _ in look(3, spoil).hum) == pytest.approx([5.0, 15.0], abs=0.02)
+
+
+def test_none_is_found_in_noise():
+    """White or correlated: none of 20 campaigns hums."""
+    assert not any(look(seed, rho=rho).hum for seed in range(10) for rho in (0.0, 0.6))
+
+
+# The same, the same but for its sign, and what each of the conditions gives, twice over.
+@pytest.mark.parametrize("phases", [np.zeros(RECORDS), np.pi * (np.arange(RECORDS) % 2),
+                                    np.tile(np.linspace(0.0, 5.0, RECORDS // 2), 2)])
+def test_what_shares_its_phase_is_no_hum(phases):
+    """A sine in the same phase in every record, the same but for its sign, or in one that the conditions give, may be
+    physics."""
+    assert not look(4, add_sine(4, 7.77, 0.2, phases)).hum
+
+
+def test_what_grows_with_a_condition_is_no_hum():
+    """Its amplitude is that of the mains, whatever is measured."""
+    def spoil(measured, stated):
+        generator = np.random.default_rng(5)
+        for k, values in enumerate(measured[:, 0]):
+            turns = 2.0 * np.pi * (7.77 * TIME + generator.random())
+            values += 0.6 * (k % (RECORDS // 2)) / RECORDS * np.sin(turns) if k % 3 == 0 else 0.0
+
+    assert not look(6, spoil).hum
+
+
+def test_few_records_show_none():
+    selection, fitted = fit_toy(make_selection(7, conditions=CONDITIONS[:6], spoil=add_sine(7, 7.77, 0.2)))
+    assert find_hum(selection.campaign, selection.records, fitted.solution, selection.noise) == selection.noise
+
+
+def test_a_fit_takes_the_hum_out():
+    """With its sines as nuisances of every record, what is left is the noise."""
+    selection, fitted = fit_toy(make_selection(8, conditions=CONDITIONS, spoil=add_sine(8, 7.77, 0.2)))
+    noise = find_hum(selection.campaign, selection.records, fitted.solution, selection.noise)
+    assert hums_more(selection.noise, noise) and not hums_more(noise, noise)
+    again = selection.restack(noise).repeat(fitted)
+    freedom = selection.samples - 2 * RECORDS - len(again.solution.names)
+    assert fitted.solution.chi2 > 3.0 * freedom
+    assert abs(again.solution.chi2 / freedom - 1.0) < 4.0 * np.sqrt(2.0 / freedom)
+    assert selection.restack(noise).records.nuisances[-2:] == ("sine-0:normal_force", "cosine-0:normal_force")
+
+
+def test_bands_hold_the_hum():
+    """Its power adds to that of the noise."""
+    noise = Noise(0.3, 0.0, 0.0, 1e-3, 0.3, 0.0, "white").with_hum(((50.0, 0.4),))
+    assert np.allclose(noise.deviations(np.zeros(5)), 0.5)
+    assert dc.replace(noise, hum=()).deviations(np.zeros(5)) == pytest.approx(np.full(5, 0.3))
+
+
+def test_sines_of_a_slip_record_turn_with_time():
+    """Over slip, 0.1 mm at 20 mm/s is 5 ms: amplitudes of every record's own, in units of the hum's rms."""
+    campaign = read_campaign("slip-a")
+    space = assemble_space(campaign, resolve_model("paper", "slip").reference).space
+    noise = default_noise(campaign, "tangential_force", np.array([0.0, 1e-4])).with_hum(((5.0, 0.3),))
+    problem = Problem(space, stack_records(campaign, {"tangential_force": noise}))
+    z = np.zeros((problem.records.count, len(problem.records.nuisances)))
+    start = space.coordinates()
+    plain = problem.solve((), start, z, moving=False).channels
+    z[:, -2], z[:, -1] = 0.5, -2.0
+    moved = problem.solve((), start, z, moving=False).channels
+    speed = campaign.records["slip_speed"].to_numpy()[:, None]
+    turns = 2.0 * np.pi * 5.0 * np.asarray(problem.records.stack.time)[: len(speed)] / speed
+    expected = 0.3 * (0.5 * np.sin(turns) - 2.0 * np.cos(turns))
+    seen = np.arange(turns.shape[1]) < problem.records.lengths[:, None]
+    assert np.allclose((moved - plain)[:, 0][seen], expected[seen], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_hum_in_a_campaign_of_the_second_simulator(tmp_path):
+    """Nothing hidden, then one effect: neither is hidden by it, nor made of it."""
+    for truth in ("nothing", "one"):
+        exam = Exam("slip", 42, truths=(truth,), fault="none", bench="hum")
+        case = sample_case(exam, 0)
+        drawn = write_case(exam, case, tmp_path / truth)["bench_details"]["hum"]
+        found = discover(tmp_path / truth)
+        assert found.verdict == ("explained" if case.effects else "nothing-missing") and {*found.effects} == {
+            *case.effects}
+        (line,) = found.noise["tangential_force"]["hum"]
+        assert line["frequency"] == pytest.approx(drawn["frequency"], rel=0.01)
+        sd = found.noise["tangential_force"]["stated_sd"]
+        assert line["rms"] == pytest.approx(drawn["amplitude"] * sd / np.sqrt(2.0), rel=0.15)
