@@ -251,7 +251,7 @@ class AbstractLaw(eqx.Module):
         return dc.replace(self, effects=(*self.effects, effect))
 
 
-def starts_free(parameter: Parameter) -> bool:
+def is_scored(parameter: Parameter) -> bool:
     """Whether it is an amplitude with which an effect is scored, and from which its fits start (none that is held)."""
     return parameter.kind != "shape" and (parameter.free or parameter.singular)
 

@@ -21,8 +21,8 @@ from ..contact.torque import (
 
 def _declare_axial(most: float, reason: str) -> Any:
     """Coefficient about the symmetry axis over the transverse one, held at 1 until it is freed."""
-    return parameter("", 1.0, name="axial", kind="shape", typical=0.5, coordinate="log", bounds=(1e-3, 30.0), free=False,
-                     starts=(0.5,), text="coefficient about the symmetry axis over the transverse one",
+    return parameter("", 1.0, name="axial", kind="shape", typical=0.5, coordinate="log", bounds=(1e-3, 30.0),
+                     free=False, starts=(0.5,), text="coefficient about the symmetry axis over the transverse one",
                      limits=(0.0, most), limits_reason=reason)
 
 
@@ -37,7 +37,7 @@ class EddyCurrent(AbstractTorque):
 
     In a field that meets the body from all sides in turn, the mean torque of $(M(\omega \times B)) \times B$ is
     $-\tfrac13 B^2 (\mathrm{tr} M - M)\,\omega$; the magnetic tensor of a body of revolution, $(M_t, M_t, M_z)$, then
-    gives $a = 2 M_t / (M_t + M_z)$ ("axial"), 1 for a sphere.
+    gives $a$ = `axial` = $2 M_t / (M_t + M_z)$, 1 for a sphere.
     """
 
     k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate", limits=(0.0, 0.1),
@@ -56,7 +56,7 @@ class EddyCurrent(AbstractTorque):
 
 @final
 class QuadraticDrag(AbstractTorque):
-    r"""Air drags on a body that turns fast: torque $-k |\omega| (\omega_x, \omega_y, a\,\omega_z)$, a = "axial".
+    r"""Air drags on a body that turns fast: torque $-k |\omega| (\omega_x, \omega_y, a\,\omega_z)$, $a$ = `axial`.
 
     A flat body of area $A$ that reaches $r$ far from its axis has $k \approx \rho C_D A r^3 / 8 I$, $I$ its transverse
     moment of inertia, $\rho$ the density of the air and $C_D \approx 1.2$. The rate of pure spin falls as
@@ -65,8 +65,8 @@ class QuadraticDrag(AbstractTorque):
 
     k: Scalar = parameter("", 0.0, typical=1e-3, sign=1, starts=(1e-5,), limits=(0.0, 10.0),
                           text="drag torque over transverse inertia, over the square of the rate",
-                          limits_reason="about the mass of the air that the body sweeps over its own: 0.03 for a racket, "
-                                        "1 for a sheet of paper")
+                          limits_reason="about the mass of the air that the body sweeps over its own: 0.03 for a "
+                                        "racket, 1 for a sheet of paper")
     axial: Scalar = _declare_axial(10.0, "0 for a smooth body of revolution, whose own spin meets the friction of its "
                                          "skin alone; a wheel of vanes has a few")
     id: ClassVar[str] = "quadratic-drag"
@@ -138,7 +138,7 @@ class AxisMisalignment(AbstractGyroEffect):
     angle_x: Scalar = _declare_tilt("x")
     angle_z: Scalar = _declare_tilt("z")
     id: ClassVar[str] = "axis-misalignment"
-    law: ClassVar[str] = "components in a frame turned by the rotation vector a = (angle_x, angle, angle_z): R(a)^T omega"
+    law: ClassVar[str] = "components in a frame turned by the vector a = (angle_x, angle, angle_z): R(a)^T omega"
     reference: ClassVar[str] = "IEEE Std 1431-2004, misalignment of a gyroscope"
     order: ClassVar[int] = 1
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractEffect, AbstractModel, parameters_of, starts_free
+from ..contact.effect import AbstractEffect, AbstractModel, is_scored, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
@@ -248,7 +248,7 @@ class SelectionProblem:
 
     def list_amplitudes(self, effect: str) -> list[str]:
         """Names of an effect's amplitudes, but for those that are held at their null (a tilt about a further axis)."""
-        return [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if starts_free(p)]
+        return [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if is_scored(p)]
 
     def list_directions(self, exclude: Sequence[str], depth: float) -> list[tuple[str, str, dict[str, float]]]:
         """Every direction outside the effects of a model: catalogue (shapes on their grids), and test directions, whose
