@@ -123,7 +123,7 @@ def test_quadratic_drag_takes_energy():
     def push(k):
         spin = torque.Spin(jnp.zeros(()), jnp.zeros(3), jnp.eye(4)[0], jnp.eye(3)[0], jnp.ones(3), jnp.zeros(()), {},
                            jnp.zeros(3))
-        return QuadraticDrag(k=k, axial=0.5).torque(spin)
+        return QuadraticDrag(k=k, axial=jnp.asarray(0.5)).torque(spin)
 
     assert not push(1.0).any() and np.isfinite(jax.jacfwd(push)(1.0)).all()
 
