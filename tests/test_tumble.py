@@ -141,6 +141,22 @@ def test_axes_are_told_apart(name, tmp_path):
         assert last[f"{effect}.k"].q025 <= 2e-4 <= last[f"{effect}.k"].q975
 
 
+@pytest.mark.study
+@pytest.mark.parametrize(("more", "attitude"), [({}, True), ({"inertia-asymmetry": {"epsilon": 0.02}}, False)],
+                         ids=["attitude", "asymmetry"])  # fmt: skip
+def test_a_turn_about_the_axis_is_found_where_it_shows(more, attitude, tmp_path):
+    """Beside a measured attitude, or with unlike transverse moments, the third angle is no phase."""
+    tilt = {"angle": 2e-3, "angle_x": -3e-3, "angle_z": 0.02}
+    effects = {"axis-misalignment": tilt, **more}
+    made = make_tumble_campaign("c", 9, effects, {"inertia_ratio": 0.5}, 3, duration=240.0, attitude=attitude)
+    write_package(tmp_path / "c", made)
+    found = discover(tmp_path / "c")
+    assert found.verdict == "explained" and set(found.effects) == set(effects), found.sentence
+    for name, true in tilt.items():
+        estimate = found.steps[-1].parameters[f"axis-misalignment.{name}"]
+        assert abs(estimate.estimate - true) < 3.5 * estimate.sd < 1e-3, name
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("k_e", "told"), [(1e-5, True), (6e-7, False)])
 def test_eddy_currents_beside_drag(k_e, told, tmp_path):

@@ -12,10 +12,11 @@ from ddetumble import check_effect
 from ddetumble._rotation import rotate
 from ddetumble.contact import torque
 from ddetumble.dynamics import propagate_torque_free, simulate_tumbling
-from ddetumble.effects import TUMBLE, QuadraticDrag, catalogue
+from ddetumble.effects import TUMBLE, AxisMisalignment, QuadraticDrag, catalogue
 from ddetumble.effects.directions import TUMBLE_DIRECTIONS
 from ddetumble.exam.simulators.tumbling import simulate_tumbling as simulate_second
 from ddetumble.inference.archive import resolve_model
+from ddetumble.inference.assembly import default_starts
 from tests.helpers_tumble import RATES, make_law, move
 
 
@@ -159,6 +160,12 @@ def test_tilt_about_three_axes():
     turn = Rotation.from_rotvec([-0.2, 0.3, 0.1])
     assert np.abs(found.angular_velocity - turn.inv().apply(free.body)).max() < 1e-14
     assert np.array_equal(found.body, free.body)
+
+
+def test_what_is_held_has_no_start():
+    """Fits of a misalignment start from a tilt about y alone, those of a drag without a scan of its axes."""
+    assert default_starts(AxisMisalignment) == [{"axis-misalignment.angle": 0.003}]
+    assert default_starts(QuadraticDrag) == [{"quadratic-drag.k": 1e-5}]
 
 
 def test_turn_about_the_axis_is_a_phase():
