@@ -91,6 +91,25 @@ def test_what_was_written_comes_back(saved, campaign):
     assert model.directions.shape == (2, 5)
 
 
+def test_held_parameters_that_came_later_stand_at_their_default(campaign, tmp_path):
+    """A file that was written before an effect had a held shape is read as if the shape had been there."""
+    space = ParameterSpace(Ball(), IMPACT)
+    solution = make_solution(space, ["effective_mass", "wall-stiffness.k_w"], {"wall-stiffness.k_w": 300.0})
+    save_model(tmp_path / "m", make_fitted(campaign=campaign, model_name="paper", space=space, solution=solution,
+                                           noise=NOISE, effects=["wall-stiffness"]))
+    content = json.loads((tmp_path / "m" / "model.json").read_text(encoding="utf-8"))
+    wall = load(tmp_path / "m").law().effects[0]
+    for name in ("wall-stiffness.q", "wall-stiffness.k_w"):
+        del content["coordinates"][name]
+        if name.endswith("k_w"):  # fitted with the effect: no file can lack it
+            content["free"], content["covariance"] = ["effective_mass"], [[1.0]]
+        (tmp_path / "m" / "model.json").write_text(json.dumps(content), encoding="utf-8")
+        if name.endswith("q"):
+            assert eqx.tree_equal(load(tmp_path / "m").law().effects[0], wall)
+    with pytest.raises(InputError, match="wall-stiffness.k_w"):
+        load(tmp_path / "m")
+
+
 def test_noise_comes_back_without_the_sizes_of_its_samples(campaign, tmp_path):
     """Floor, shares and baseline are the noise's own; sizes belong to the samples it was measured on."""
     noise = Noise(0.25, 0.3, 0.2, 5e-4, 0.25, 0.03, "uneven", floor=0.1, share=0.01, rate_share=0.02, slow_sd=0.3,

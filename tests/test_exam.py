@@ -15,6 +15,7 @@ import pytest
 from ddetumble import InputError, read_campaign
 from ddetumble._errors import ComputationError
 from ddetumble.cli import main
+from ddetumble.effects import TUMBLE
 from ddetumble.exam import running, scoring
 from ddetumble.exam.cases import (
     GENERATORS,
@@ -254,6 +255,20 @@ def test_answers_are_marked():
         assert scoring.is_right(row) == right, row
         assert bool(scoring.describe_failure(row)) == (not right), row
     assert [scoring.is_pinned(ANSWERS[k][0]) for k in (3, 4, 5, 6)] == [True, True, False, False]
+
+
+def test_what_the_catalogue_has_come_to_list_may_be_named():
+    """A truth that was outside when the cases were drawn: naming it is no imitation, naming something else is."""
+    named = make_row(0, "outside", "explained", ["x-quadratic-drag"], ["quadratic-drag"])
+    beside = make_row(1, "outside", "explained", ["x-quadratic-drag"], ["eddy-current"], ["quadratic-drag"])
+    other = make_row(2, "outside", "explained", ["x-quadratic-drag"], ["eddy-current"])
+    more = make_row(3, "outside", "explained", ["x-quadratic-drag"], ["quadratic-drag", "gyro-bias"])
+    refused = make_row(4, "outside", "improved", ["x-quadratic-drag"], ["eddy-current"])
+    assert [scoring.is_right(row) for row in (named, beside, other, more, refused)] == [True, True, False, False, True]
+    marks = scoring.score([named, beside, other, more, refused])
+    assert marks["outside_explained"].count == 2 and marks["outside_explained"].total == 5
+    for outside, listed in scoring.LISTED_SINCE.items():
+        assert outside in GENERATORS["tumble"].outside and listed in {effect.id for effect in TUMBLE}
 
 
 def test_scores_add_up():

@@ -114,6 +114,61 @@ def test_command_line(tmp_path, capsys):
     capsys.readouterr()
 
 
+AXES = {
+    "drag": ({"quadratic-drag": {"k": 2e-4}}, 5, set()),
+    "drag by axis": ({"quadratic-drag": {"k": 2e-4, "axial": 0.3}}, 6, {"quadratic-drag.axial"}),
+    "currents by axis": ({"eddy-current": {"k_e": 1e-5, "axial": 0.4}}, 23, {"eddy-current.axial"}),
+    "tilt about x": ({"axis-misalignment": {"angle": 0.0, "angle_x": 3e-3}}, 8, {"axis-misalignment.angle_x"}),
+    "tilt about all": ({"axis-misalignment": {"angle": 2e-3, "angle_x": -3e-3, "angle_z": 2e-3}}, 9,
+                       {"axis-misalignment.angle_x"}),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", AXES)
+def test_axes_are_told_apart(name, tmp_path):
+    """Drag is not taken for eddy currents; what is held is freed where the records tell it, and only there."""
+    effects, seed, freed = AXES[name]
+    write_package(tmp_path / "c", make_tumble_campaign("c", seed, effects, {"inertia_ratio": 0.5}, 3, duration=240.0))
+    found = discover(tmp_path / "c")
+    assert (found.verdict, found.effects) == ("explained", tuple(effects)), found.sentence
+    last, (effect,) = found.steps[-1].parameters, effects
+    assert {n for n in last if n.partition(".")[2] in ("axial", "angle_x", "angle_z")} == freed
+    for key, true in name_truth({"base": {"inertia_ratio": 0.5}, "effects": effects}).items():
+        if key in last:
+            assert abs(last[key].estimate - true) < 3.5 * last[key].sd, key
+    if name == "drag":
+        assert last[f"{effect}.k"].q025 <= 2e-4 <= last[f"{effect}.k"].q975
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("more", "attitude"), [({}, True), ({"inertia-asymmetry": {"epsilon": 0.02}}, False)],
+                         ids=["attitude", "asymmetry"])  # fmt: skip
+def test_a_turn_about_the_axis_is_found_where_it_shows(more, attitude, tmp_path):
+    """Beside a measured attitude, or with unlike transverse moments, the third angle is no phase."""
+    tilt = {"angle": 2e-3, "angle_x": -3e-3, "angle_z": 0.02}
+    effects = {"axis-misalignment": tilt, **more}
+    made = make_tumble_campaign("c", 9, effects, {"inertia_ratio": 0.5}, 3, duration=240.0, attitude=attitude)
+    write_package(tmp_path / "c", made)
+    found = discover(tmp_path / "c")
+    assert found.verdict == "explained" and set(found.effects) == set(effects), found.sentence
+    for name, true in tilt.items():
+        estimate = found.steps[-1].parameters[f"axis-misalignment.{name}"]
+        assert abs(estimate.estimate - true) < 3.5 * estimate.sd < 1e-3, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("k_e", "told"), [(1e-5, True), (6e-7, False)])
+def test_eddy_currents_beside_drag(k_e, told, tmp_path):
+    """Where the rates fall clearly, drag is no rival of eddy currents; where they hardly fall, both are named."""
+    made = make_tumble_campaign("c", 13, {"eddy-current": {"k_e": k_e}}, {"inertia_ratio": 0.5}, 3, duration=240.0)
+    write_package(tmp_path / "c", made)
+    found = discover(tmp_path / "c")
+    named = {*found.effects, *(a["effect"] for step in found.steps for a in step.alternatives)}
+    assert found.verdict == "explained" and len(found.effects) == 1 and "eddy-current" in named, found.sentence
+    assert ("quadratic-drag" in named) != told
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("share", [0.8, 1.2])
 def test_fit_from_afar(share):

@@ -64,7 +64,7 @@ def show_effects(
     entry = effects[effect]
     typer.echo(f"{entry.id}\n  law        {entry.law}\n  stage      {stage_of(entry)}")
     for one in parameters_of(entry):
-        start = f"{'null' if one.kind == 'amplitude' else 'from'} {one.default:g}"
+        start = f"{'null' if one.kind == 'amplitude' else 'from'} {one.default:g}{'' if one.free else ', held'}"
         typer.echo(_describe_parameter(one, start, bool(one.limits_reason)))
     typer.echo(f"  reference  {entry.reference}")
 

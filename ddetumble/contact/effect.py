@@ -83,7 +83,8 @@ class Parameter:
         starts: values to start a fit from (amplitudes) or to scan (shapes).
         coordinate: name of its transform: `linear`, `log`, `logit` (of a value in 0..1) or `inverse` (the field holds
             1/parameter).
-        free: whether a fit of the effect frees it from the start.
+        free: whether a fit of the effect frees it from the start; else it is held at its default (an amplitude at its
+            null) until freeing it predicts better.
         singular: whether the derivative vanishes at the null, so that the effect is scored at its starts instead.
         text: one phrase that says what it is.
     """
@@ -248,6 +249,11 @@ class AbstractLaw(eqx.Module):
         if effect.id in [own.id for own in self.effects]:
             raise TypeError(f"the model already has the effect {effect.id!r}")
         return dc.replace(self, effects=(*self.effects, effect))
+
+
+def is_scored(parameter: Parameter) -> bool:
+    """Whether it is an amplitude with which an effect is scored, and from which its fits start (none that is held)."""
+    return parameter.kind != "shape" and (parameter.free or parameter.singular)
 
 
 def is_absent(effect: AbstractEffect) -> bool:

@@ -61,6 +61,7 @@ from .tumble import GyroBias as GyroBias
 from .tumble import GyroScale as GyroScale
 from .tumble import InertiaAsymmetry as InertiaAsymmetry
 from .tumble import InternalDamper as InternalDamper
+from .tumble import QuadraticDrag as QuadraticDrag
 
 
 CATALOGUE: tuple[type[AbstractEffect], ...] = (*IMPACT, *SLIP, *OBLIQUE, *TUMBLE)

@@ -5,6 +5,8 @@ from typing import Any, ClassVar, final
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .._numerics import safe_sqrt
+from .._rotation import from_rotation_vector, rotate_back
 from ..contact.effect import AbstractEffect, Scalar, parameter
 from ..contact.torque import (
     AbstractGyroEffect,
@@ -17,20 +19,64 @@ from ..contact.torque import (
 )
 
 
+def _declare_axial(most: float, reason: str) -> Any:
+    """Coefficient about the symmetry axis over the transverse one, held at 1 until it is freed."""
+    return parameter("", 1.0, name="axial", kind="shape", typical=0.5, coordinate="log", bounds=(1e-3, 30.0),
+                     free=False, starts=(0.5,), text="coefficient about the symmetry axis over the transverse one",
+                     limits=(0.0, most), limits_reason=reason)
+
+
+def _brake(rates: Vector, axial: Scalar) -> Vector:
+    """Rates (3,) [rad/s] as a body of revolution is braked about its axes: the axial one counts `axial` times."""
+    return jnp.stack([rates[0], rates[1], axial * rates[2]])
+
+
 @final
 class EddyCurrent(AbstractTorque):
-    r"""Eddy currents in the Earth's field brake the rotation: torque $-k_e \omega$."""
+    r"""Eddy currents in the Earth's field brake the rotation: torque $-k_e (\omega_x, \omega_y, a\,\omega_z)$.
+
+    In a field that meets the body from all sides in turn, the mean torque of $(M(\omega \times B)) \times B$ is
+    $-\tfrac13 B^2 (\mathrm{tr} M - M)\,\omega$; the magnetic tensor of a body of revolution, $(M_t, M_t, M_z)$, then
+    gives $a$ = `axial` = $2 M_t / (M_t + M_z)$, 1 for a sphere.
+    """
 
     k_e: Scalar = parameter("1/s", 0.0, typical=1e-4, sign=1, starts=(1e-6,), text="braking rate", limits=(0.0, 0.1),
                             limits_reason="orbiting bodies brake over hours to years; what brakes within 10 s is no "
                                           "eddy current")
+    axial: Scalar = _declare_axial(2.0, "2 M_t/(M_t + M_z) of the magnetic tensor: 0 for a flat disc, 2 where M_z is "
+                                        "nothing beside M_t")
     id: ClassVar[str] = "eddy-current"
-    law: ClassVar[str] = "torque -k_e omega"
+    law: ClassVar[str] = "torque -k_e (omega_x, omega_y, axial omega_z)"
     reference: ClassVar[str] = "Smith 1962, NASA TN D-1284; Praly et al. 2012, Acta Astronautica 76, 145"
 
     def torque(self, spin: Spin) -> Vector:
-        """-k_e omega [1/s²]."""
-        return -self.k_e * spin.angular_velocity
+        """-k_e (omega_x, omega_y, axial omega_z) [1/s²]."""
+        return -self.k_e * _brake(spin.angular_velocity, self.axial)
+
+
+@final
+class QuadraticDrag(AbstractTorque):
+    r"""Air drags on a body that turns fast: torque $-k |\omega| (\omega_x, \omega_y, a\,\omega_z)$, $a$ = `axial`.
+
+    A flat body of area $A$ that reaches $r$ far from its axis has $k \approx \rho C_D A r^3 / 8 I$, $I$ its transverse
+    moment of inertia, $\rho$ the density of the air and $C_D \approx 1.2$. The rate of pure spin falls as
+    $1/(1 + k \omega_0 t)$ about a transverse axis.
+    """
+
+    k: Scalar = parameter("", 0.0, typical=1e-3, sign=1, starts=(1e-5,), limits=(0.0, 10.0),
+                          text="drag torque over transverse inertia, over the square of the rate",
+                          limits_reason="about the mass of the air that the body sweeps over its own: 0.03 for a "
+                                        "racket, 1 for a sheet of paper")
+    axial: Scalar = _declare_axial(10.0, "0 for a smooth body of revolution, whose own spin meets the friction of its "
+                                         "skin alone; a wheel of vanes has a few")
+    id: ClassVar[str] = "quadratic-drag"
+    law: ClassVar[str] = "torque -k |omega| (omega_x, omega_y, axial omega_z)"
+    reference: ClassVar[str] = "Hoerner 1965, Fluid-Dynamic Drag, chapter III"
+
+    def torque(self, spin: Spin) -> Vector:
+        """-k |omega| (omega_x, omega_y, axial omega_z) [1/s²]."""
+        rates = spin.angular_velocity
+        return -self.k * safe_sqrt(jnp.sum(rates**2)) * _brake(rates, self.axial)
 
 
 def _declare_torque(k: int) -> Any:
@@ -69,23 +115,37 @@ class InertiaAsymmetry(AbstractInertiaEffect):
         return jnp.stack([self.epsilon, -self.epsilon, jnp.zeros_like(self.epsilon)])
 
 
+_EIGHTH = "beyond an eighth of a turn the axes are exchanged, not misaligned"
+
+
+def _declare_tilt(axis: str) -> Any:
+    return parameter("rad", 0.0, name=f"angle_{axis}", typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), free=False,
+                     text=f"component about body {axis}", limits=(-0.8, 0.8), limits_reason=_EIGHTH)
+
+
 @final
 class AxisMisalignment(AbstractGyroEffect):
-    r"""Gyroscopes in a frame turned by `angle` about body y: $R_y(angle)^T \omega$."""
+    r"""Gyroscopes in a frame turned by the rotation vector $a$ = (`angle_x`, `angle`, `angle_z`): $R(a)^T \omega$.
+
+    All three turns are one about the axis $a$ (none comes first); `angle` alone turns about body y. Without torque a
+    body of revolution shows where its axis lies among the gyroscopes, which two components say; the third is a phase of
+    the motion, unless the attitude is measured or an inertia asymmetry marks the transverse axes. So `angle_x` and
+    `angle_z` are held at 0, and each is freed only where that predicts better.
+    """
 
     angle: Scalar = parameter("rad", 0.0, typical=0.01, starts=(0.003,), bounds=(-1.5, 1.5), text="angle about body y",
-                              limits=(-0.8, 0.8),
-                              limits_reason="beyond an eighth of a turn the axes are exchanged, not misaligned")
+                              limits=(-0.8, 0.8), limits_reason=_EIGHTH)
+    angle_x: Scalar = _declare_tilt("x")
+    angle_z: Scalar = _declare_tilt("z")
     id: ClassVar[str] = "axis-misalignment"
-    law: ClassVar[str] = "components in a frame turned by angle about body y: R_y(angle)^T omega"
+    law: ClassVar[str] = "components in a frame turned by the vector a = (angle_x, angle, angle_z): R(a)^T omega"
     reference: ClassVar[str] = "IEEE Std 1431-2004, misalignment of a gyroscope"
     order: ClassVar[int] = 1
 
     def reading(self, angular_velocity: Array, time: Array) -> Array:
-        """R_y(angle)^T omega [rad/s]."""
-        x, y, z = angular_velocity[..., 0], angular_velocity[..., 1], angular_velocity[..., 2]
-        c, s = jnp.cos(self.angle), jnp.sin(self.angle)
-        return jnp.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+        """R(angle_x, angle, angle_z)^T omega [rad/s]."""
+        turn = from_rotation_vector(jnp.stack([self.angle_x, self.angle, self.angle_z]))
+        return rotate_back(turn, angular_velocity)
 
 
 @final
@@ -176,6 +236,6 @@ class GyroScale(AbstractGyroEffect):
 
 
 TUMBLE: tuple[type[AbstractEffect], ...] = (
-    EddyCurrent, ConstantTorque, InertiaAsymmetry, AxisMisalignment, InternalDamper, GravityGradient, GyroBias,
-    GyroScale,
+    EddyCurrent, QuadraticDrag, ConstantTorque, InertiaAsymmetry, AxisMisalignment, InternalDamper, GravityGradient,
+    GyroBias, GyroScale,
 )

@@ -303,13 +303,17 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
         source = None if entry.source is None else see(entry.source, entry.source_sha256)
         classes.append(known.get(entry.id) or resolve_effect(str(source)))
     space = ParameterSpace(reference, classes, content.commons)
-    wrong = set(space.index) ^ set(content.coordinates)
+    # Parameters of an effect that a later version added, held at their default, stood there without being named.
+    later = {s.name: float(u) for s, u in zip(space.slots, space.coordinates(), strict=True)
+             if s.owner is not None and not s.parameter.free}
+    coordinates = later | content.coordinates
+    wrong = set(space.index) ^ set(coordinates)
     if wrong:
         raise InputError(f"the parameters are not those of the model ({', '.join(sorted(wrong))}); fit it again",
                          file=path, key="coordinates")
     return FittedModel(
         path.parent, content.campaign, content.sha256, family, model, tuple(e.id for e in classes), space,
-        np.array([content.coordinates[name] for name in space.index]), tuple(content.free),
+        np.array([coordinates[name] for name in space.index]), tuple(content.free),
         np.array(content.covariance).reshape(len(content.free), len(content.free)),
         {name: entry.noise for name, entry in content.channels.items()},
         {name: entry.unit for name, entry in (content.conditions | content.channels).items()},

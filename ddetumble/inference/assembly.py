@@ -163,7 +163,8 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
 def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
     """Interior starting points of an effect's parameters by public name (coordinates).
 
-    One for every combination of the starts of shapes, and of amplitudes that have no slope at their null.
+    One for every combination of the starts of shapes, and of amplitudes that have no slope at their null. What is held
+    has none: it stays at its default.
     """
     amplitudes, shapes = {}, [{}]
     for p in parameters_of(effect):
@@ -172,7 +173,7 @@ def default_starts(effect: type[AbstractEffect]) -> list[dict[str, float]]:
         if p.kind == "shape" or p.singular:
             if p.free or p.singular:
                 shapes = [{**s, name: v} for s in shapes for v in values]
-        else:
+        elif p.free:
             amplitudes[name] = values[0]
     return [{**amplitudes, **s} for s in shapes]
 

@@ -20,7 +20,7 @@ import pandas as pd
 from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
 from .._numerics import map_threads
-from ..contact.effect import AbstractEffect, parameters_of, read_field
+from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
 from ..dynamics.impact import RTOL
 from ..dynamics.spinning import ATTITUDES, RATES
 from ..families import Family, list_families, name_family
@@ -163,7 +163,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
                                "its conditions and units")
     goal = detectable_length(len(bench.list_directions((), depth=float(solution.state.max()))))
     jobs = [(effect, f"{effect.id}.{p.name}", start) for effect in bench.catalogue for p in parameters_of(effect)
-            if p.kind != "shape" for start in default_starts(effect)]
+            if is_scored(p) for start in default_starts(effect)]
     done: list[int] = []
 
     def find(job) -> _Seen | None:
@@ -227,7 +227,7 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
     for effect in bench.catalogue:
         own = sorted(groups[effect.id], key=lambda s: s.deviate(bench))
         if not own:
-            first = next(p for p in parameters_of(effect) if p.kind != "shape")
+            first = next(p for p in parameters_of(effect) if is_scored(p))
             unit = bench.space.unit(f"{effect.id}.{first.name}", bench.start)
             effects.append(Visible(effect.id, first.name, unit, None, {}, 0.0, None, 0.0, None, {}))
             continue

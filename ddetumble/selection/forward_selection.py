@@ -137,7 +137,7 @@ def add_effect(selection: SelectionProblem, current: FittedStep, tried: Candidat
         for effect in step.fitted.effects:
             wider = free_held(selection, step.fitted, effect)
             if wider is not None and helps(selection, step.fitted, wider):
-                selection = selection.free(selection.list_held(effect))
+                selection = free_chosen(selection, wider)
                 step = step.refit(selection, wider)
     if len(step.fitted.effects) > 1:
         selection, step = prune(selection, step)
@@ -284,11 +284,20 @@ def fit_with_shapes(selection: SelectionProblem, rough: Fitted, effect: str, thi
 
 
 def free_held(selection: SelectionProblem, fitted: Fitted, effect: str, thinned: bool = False) -> Fitted | None:
-    """A model with the shapes of an effect free that are held at their default (the power of a wall's stiffness); None
-    where there are none, or that does not predict better."""
-    held = selection.list_held(effect)
-    wider = selection.extend(fitted, fitted.effects, extra=held, thinned=thinned) if held else None
-    return wider if wider is not None and wider.merit < fitted.merit - selection.settings.significant else None
+    """A model with the parameters of an effect free that are held at their default (the power of a wall's stiffness);
+    None where there are none, or that does not predict better.
+
+    Of several, one after another, the best first: what the records cannot tell (a phase of the motion) stays held.
+    """
+    held, best = selection.list_held(effect), fitted
+    while True:
+        freed = [name for name in held if name in best.solution.names]
+        tried = [selection.extend(best, best.effects, extra=(*freed, name), thinned=thinned)
+                 for name in held if name not in freed]
+        wider = min((one for one in tried if one is not None), key=lambda one: one.merit, default=None)
+        if wider is None or wider.merit >= best.merit - selection.settings.significant:
+            return None if best is fitted else best
+        best = wider
 
 
 def fits_better(one: Fitted, best: Fitted, before: Fitted, settings: SelectionSettings = DEFAULT) -> bool:

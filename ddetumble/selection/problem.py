@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from .._errors import ComputationError, InputError
-from ..contact.effect import AbstractEffect, AbstractModel, parameters_of
+from ..contact.effect import AbstractEffect, AbstractModel, is_scored, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
@@ -178,7 +178,7 @@ class SelectionProblem:
         return self.fit(effects, [{}], solution.u if u is None else u, solution.z, **options)
 
     def list_held(self, effect: str) -> list[str]:
-        """Names of an effect's shapes that are held at their default (the power of a wall's stiffness)."""
+        """Names of an effect's parameters that are held at their default (the power of a wall's stiffness)."""
         names = [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if not p.free]
         return [name for name in names if name not in self.freed]
 
@@ -247,8 +247,8 @@ class SelectionProblem:
         return self.predict(fitted, adjust=True).nrmse
 
     def list_amplitudes(self, effect: str) -> list[str]:
-        """Names of an effect's amplitudes."""
-        return [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if p.kind != "shape"]
+        """Names of an effect's amplitudes, but for those that are held at their null (a tilt about a further axis)."""
+        return [f"{effect}.{p.name}" for p in parameters_of(self.find_effect(effect)) if is_scored(p)]
 
     def list_directions(self, exclude: Sequence[str], depth: float) -> list[tuple[str, str, dict[str, float]]]:
         """Every direction outside the effects of a model: catalogue (shapes on their grids), and test directions, whose

@@ -57,7 +57,7 @@ class CaseGenerator:
     channels: Mapping[str, float]  # that are measured and predicted, with the noise of each, SI
     along: str  # `time` or `slip`
     catalogue: Mapping[str, Hidden]  # effects that the package lists, as the exam hides them
-    outside: Mapping[str, Hidden]  # effects that it lacks
+    outside: Mapping[str, Hidden]  # effects that it lacks, or lacked when the cases were first drawn
     draw_setting: Callable[[np.random.Generator], dict[str, Any]]  # base parameters and conditions
     make: Callable[..., Campaign]  # from name, seed and effects; by name the settings, `rho` and `white_share`
     # For settings and a seed, the function effects -> rms over noise that a refitted reference leaves.

@@ -7,6 +7,7 @@ with an inertial frame whose x axis is the local vertical and whose z axis is th
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 
@@ -19,7 +20,9 @@ def sum_torques(effects, time, rates, matrix, moments, orbit_rate):
     total = np.zeros(3)
     for name, p in effects.items():
         if name == "eddy-current":
-            total -= p["k_e"] * rates
+            total -= p["k_e"] * (np.array([1.0, 1.0, p.get("axial", 1.0)]) * rates)
+        elif name == "quadratic-drag":
+            total -= p["k"] * np.linalg.norm(rates) * np.array([1.0, 1.0, p.get("axial", 1.0)]) * rates
         elif name == "constant-torque":
             total += np.asarray(p["torque"])
         elif name == "gravity-gradient":
@@ -83,9 +86,12 @@ def simulate_tumbling(base, effects, rates, times, orbit_rate=0.00106, tolerance
 
 def read_gyroscopes(effects, times, body):
     """Misalignment, scale and bias, in that order."""
-    angle = effects.get("axis-misalignment", {}).get("angle", 0.0)
+    tilt = {"angle_x": 0.0, "angle": 0.0, "angle_z": 0.0} | effects.get("axis-misalignment", {})
+    angle = tilt["angle"]
     turned = np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
-    seen = body @ turned  # R_y(angle)^T on every row
+    if tilt["angle_x"] or tilt["angle_z"]:  # about all three axes at once
+        turned = expm(np.cross(np.eye(3), [tilt["angle_x"], angle, tilt["angle_z"]]))
+    seen = body @ turned  # R^T on every row
     seen = seen * (1.0 + effects.get("gyro-scale", {}).get("g", 0.0))
     seen = seen + np.asarray(effects.get("gyro-bias", {}).get("bias", [0.0, 0.0, 0.0]))
     return seen + np.outer(times, effects["x-bias-walk"]["slope"]) if "x-bias-walk" in effects else seen
