@@ -135,6 +135,7 @@ def sample_case(exam: Exam, index: int) -> Case:
     faulty, fault = random.random() < FAULTY, str(random.choice(list(FAULTS)))
     fault = {"none": None, "drawn": fault if faulty else None}.get(exam.fault, exam.fault)
     pool = family.outside if kind == "outside" else family.catalogue
+    pool = {name: hidden for name, hidden in pool.items() if hidden.since <= exam.edition}
     order = [str(name) for name in (random if kind == "two" else start_random(exam, 2)).permutation(list(pool))]
     if kind != "two":
         order = order[rank % len(order):] + order[: rank % len(order)]

@@ -21,6 +21,7 @@ class Hidden:
     # Range from which it is drawn evenly in its logarithm, whatever the amplitude.
     shapes: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
     most: float = 10.0  # largest amplitude for which the simulated test still makes sense
+    since: int = 1  # edition of the drawing from which on it is drawn: earlier ones ask what they asked
 
     def draw(self, generator: np.random.Generator) -> dict[str, Any]:
         """Shapes, and the vectors at amplitude 1."""
