@@ -218,5 +218,5 @@ def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
         readings = [record.values[:, : len(family.channels)] for record in campaign.records]
         done = FAULTS[case.fault](readings, start_random(exam, 3, case.index))
     write_package(folder, campaign)
-    told = {effect for one in disturbed.values() for effect in family.same.get(one.get("of", ""), ())}
+    told = {effect for kind, one in disturbed.items() for effect in family.same.get(one.get("of", kind), ())}
     return {"fault_details": done, "bench_details": disturbed, "told": sorted(told)}

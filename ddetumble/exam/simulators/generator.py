@@ -66,7 +66,8 @@ class CaseGenerator:
     # Noise-free tests elsewhere, from effects and settings.
     hold_out: Callable[[Mapping[str, Any], Mapping[str, Any]], list[HeldOut]]
     benches: tuple[str, ...]  # kinds of `benches.BENCHES` that such records can show
-    # By a channel or condition that is biased throughout: effects of the catalogue that no test can tell from it.
+    # By a channel or condition that is biased throughout, or the kind of a bench: effects of the catalogue that no test
+    # can tell from it.
     same: Mapping[str, tuple[str, ...]] = dc.field(default_factory=dict)
     edition: int = 1  # of the way in which cases are drawn: another one asks other questions under the same seed
 

@@ -46,7 +46,8 @@ OUTSIDE = {
 }
 # A pressure written too high, and a mass as much too high, give the same motion under a force too high by that factor.
 # So does a speed, by its square: a gain leaves 0.5 % of the noise of a speed 2.5 % too high.
-SAME: dict[str, tuple[str, ...]] = dict.fromkeys(("normal_force", *CONDITIONS), ("sensor-gain",))
+RINGING: dict[str, tuple[str, ...]] = {"ringing": ("sensor-resonance",)}  # a bench and an effect that are the same
+SAME: dict[str, tuple[str, ...]] = dict.fromkeys(("normal_force", *CONDITIONS), ("sensor-gain",)) | RINGING
 
 
 def draw_setting(generator: np.random.Generator) -> dict[str, Any]:
