@@ -232,8 +232,12 @@ def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=
             columns["pressure"][i] = impact.find_gas_pressure(times[i], max(depression, 0.0))
         if gone.size:  # no force acts on the gauge any more, and none on the gas
             columns["pressure"][gone] = impact.pressure * math.exp(-impact.effects["gas-leak"]["lambda"] * end)
-            tail = solve_ivp(lambda _, gauge: impact.sense(0.0, *gauge[:2], gauge[2:].tolist())[0],
-                             (0.0, times[-1] - end), solution(end)[3:], method="DOP853", t_eval=times[gone] - end,
-                             rtol=rtol, atol=1e-11)
-            columns["normal_force"][gone] = [impact.sense(0.0, *gauge[:2], gauge[2:].tolist())[1] for gauge in tail.y.T]
+
+            def sense_nothing(gauge):
+                leaked, lagged, *swing = gauge
+                return impact.sense(0.0, leaked, lagged, swing)
+
+            tail = solve_ivp(lambda _, gauge: sense_nothing(gauge)[0], (0.0, times[-1] - end), solution(end)[3:],
+                             method="DOP853", t_eval=times[gone] - end, rtol=rtol, atol=1e-11)
+            columns["normal_force"][gone] = [sense_nothing(gauge)[1] for gauge in tail.y.T]
     return np.column_stack([columns[name] for name in channels])
