@@ -26,6 +26,7 @@ CATALOGUE = (
     "polytropic-gas", "ambient-pressure", "wall-stiffness", "membrane-area", "inflation-growth", "gas-leak",
     "viscoelastic-wall", "viscous-dashpot", "adhesion", "arm-servo", "speed-dependent-restitution",
     "pressure-dependent-restitution", "stress-softening", "sensor-highpass", "sensor-lag", "sensor-gain",
+    "sensor-resonance",
 )  # fmt: skip
 CAMPAIGNS = {
     "nothing-missing": "impact-i", "explained": "impact-b", "improved": "impact-h", "unexplained": "impact-f",
@@ -125,7 +126,7 @@ def make_step(name, base, effects, added, rejected):
 
 
 def make_candidates(first=()):
-    """All sixteen effects, best first."""
+    """All effects of the catalogue, best first."""
     order = list(dict.fromkeys((*first, *(("viscous-dashpot",) if first else ()), *CATALOGUE)))
     candidates = []
     for i, effect in enumerate(order):

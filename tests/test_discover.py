@@ -39,7 +39,7 @@ def test_nothing_missing(tmp_path, seed, noise):
     assert found.effects == ()
     assert holds(found, "effective_mass", BASE["effective_mass"])
     assert holds(found, "restitution", BASE["restitution"])
-    assert len(found.candidates) == 16
+    assert len(found.candidates) == 17
     assert found.steps[0].lack_of_fit.p_value > 0.005
 
 
@@ -50,12 +50,19 @@ def test_nothing_missing(tmp_path, seed, noise):
     ("sensor-highpass", {"tau_s": 0.7}, {}),
     ("speed-dependent-restitution", {"p": 0.09}, {}),
     ("adhesion", {"tau_a": 5e4}, {}),
+    # A gauge that rings, and what it may be taken for.
+    ("sensor-resonance", {"f_0": 130.0, "zeta": 0.06}, {}),
+    ("sensor-resonance", {"f_0": 300.0, "zeta": 0.02}, {"rho": 0.5}),
+    ("sensor-lag", {"T": 4e-4}, {}),
+    ("sensor-gain", {"g": 1.06}, {}),
 ])
 def test_single_effect_is_found(tmp_path, effect, values, noise):
     found = judge(tmp_path, "single", {effect: values}, 21, **noise)
     assert found.verdict == "explained", found.sentence
     assert found.effects == (effect,)
     assert found.candidates[0].effect == effect
+    if effect.startswith("sensor-"):
+        assert not found.steps[-1].alternatives
     for name, value in values.items():
         if f"{effect}.{name}" in found.steps[-1].parameters:
             assert holds(found, f"{effect}.{name}", value)

@@ -37,6 +37,10 @@ CASES = {
     "sensor-highpass": {"sensor-highpass": {"tau_s": 0.08}},
     "sensor-lag": {"sensor-lag": {"T": 1.5e-3}},
     "sensor-gain": {"sensor-gain": {"g": 1.08}},
+    "sensor-resonance": {"sensor-resonance": {"f_0": 130.0, "zeta": 0.06}},
+    "sensor-resonance, high": {"sensor-resonance": {"f_0": 1500.0, "zeta": 0.01}},
+    "sensor-resonance, chain": {"sensor-resonance": {"f_0": 130.0, "zeta": 0.2}, "sensor-highpass": {"tau_s": 0.08},
+                                "sensor-lag": {"T": 1.5e-3}, "sensor-gain": {"g": 1.08}},
     "everything": {
         "polytropic-gas": {"n": 1.2}, "ambient-pressure": {"p_a": 5e4}, "wall-stiffness": {"k_w": 500.0, "q": 1.0},
         "membrane-area": {"alpha": 0.1}, "inflation-growth": {"beta": 0.2}, "gas-leak": {"lambda": 2.0},
@@ -44,11 +48,13 @@ CASES = {
         "arm-servo": {"k_s": 100.0}, "speed-dependent-restitution": {"p": 0.05},
         "pressure-dependent-restitution": {"p": 0.05}, "stress-softening": {"sigma_m": 0.05, "j_0": 3.0},
         "sensor-highpass": {"tau_s": 0.5}, "sensor-lag": {"T": 5e-4}, "sensor-gain": {"g": 1.03},
+        "sensor-resonance": {"f_0": 250.0, "zeta": 0.1},
     },
 }  # fmt: skip
 # The sensor's deviation from the force is kept at 64 instants of contact: enough for the smooth deviation that a lag
 # leaves, coarse for the 0.1 ms in which adhesion sets in at full depth.
-TOLERANCES = {"sensor-lag": 3e-5, "everything": 2e-3}
+TOLERANCES = {"sensor-lag": 3e-5, "sensor-resonance": 4e-5, "sensor-resonance, high": 3e-4,
+              "sensor-resonance, chain": 4e-5, "everything": 2e-3}
 CONDITIONS = [(1.0e6, 0.4, 1.0), (0.5e6, 0.15, 3.0), (2.4e6, 0.7, 12.0)]
 TIMES = {
     "dense": np.linspace(-0.003, 0.08, 84),
@@ -122,16 +128,16 @@ def test_null_of_every_effect_changes_nothing():
 
 
 def test_catalogue_is_complete():
-    """The sixteen effects of the second simulator under their public names, with the parameters that it has."""
+    """The seventeen effects of the second simulator under their public names, with the parameters that it has."""
     declared = {effect.id: {p.name for p in parameters_of(effect)} for effect in catalogue()}
     expected = {name: set(null) for name, null in independent.NULLS.items() if not name.startswith("x-")}
-    assert declared == expected and len(declared) == 16
+    assert declared == expected and len(declared) == 17
     with pytest.raises(ValueError, match="there is no family 'moon'"):
         catalogue("moon")
 
 
 def test_nulls_are_those_of_the_catalogue():
-    """A parameter's default is its null; the high-pass holds 1/tau_s, whose null is 0."""
+    """A parameter's default is its null; the high-pass holds 1/tau_s and the resonance 1/f_0, whose null is 0."""
     for effect in IMPACT:
         for one in parameters_of(effect):
             if one.kind == "amplitude":

@@ -117,6 +117,16 @@ def test_hidden_effects_scale_as_stated():
     assert np.linalg.norm(built["bias"]) == pytest.approx(8.0)
 
 
+def test_an_earlier_edition_asks_what_it_asked():
+    """What came later to the catalogue changes no case of an exam that was held before: its pool is as it was."""
+    late = {name: hidden for name, hidden in GENERATORS["impact"].catalogue.items() if hidden.since > 2}
+    assert "sensor-resonance" in late and GENERATORS["impact"].edition >= max(h.since for h in late.values())
+    pools = {edition: {name for index in range(17)
+                       for name in sample_case(Exam("impact", 7, ("one",), edition=edition), index).effects}
+             for edition in (2, 3)}
+    assert not pools[2] & set(late) and set(late) <= pools[3]
+
+
 @pytest.mark.parametrize("index", [0, 1, 4, 7])
 def test_slip_strengths_are_as_asked(index):
     """A full refit with derivatives found anew at every step finds the strength that a case states."""

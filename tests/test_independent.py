@@ -132,8 +132,9 @@ def test_every_null_leaves_reference():
         "arm-servo": {"k_s": 0.0}, "speed-dependent-restitution": {"p": 0.0},
         "pressure-dependent-restitution": {"p": 0.0}, "stress-softening": {"sigma_m": 0.0, "j_0": 3.0},
         "sensor-highpass": {"tau_s": 1e15}, "sensor-lag": {"T": 0.0}, "sensor-gain": {"g": 1.0},
+        "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
     }  # fmt: skip
-    assert len(nulls) == 16
+    assert len(nulls) == 17
     plain = simulate(BASE, {}, CONDITIONS, TIMES)
     assert np.abs(simulate(BASE, nulls, CONDITIONS, TIMES) - plain).max() < 1e-8
     strong = {name: {symbol: value or 0.1 for symbol, value in null.items()} for name, null in nulls.items()}
@@ -162,6 +163,23 @@ def test_highpass_decays_exponentially_after_separation():
     assert after.size > 50 and reading[after[0]] < -1.0
     decay = reading[after[0]] * np.exp(-(TIMES[after] - TIMES[after[0]]) / 0.05)
     assert np.abs(reading[after] - decay).max() < 1e-9
+
+
+def test_a_gauge_rings_down_after_separation():
+    """At its damped frequency, by exp(-zeta w_0 t), from what the contact left; in contact it follows a slow force."""
+    frequency, zeta = 130.0, 0.06
+    reading = simulate(BASE, {"sensor-resonance": {"f_0": frequency, "zeta": zeta}}, CONDITIONS, TIMES)[:, 0]
+    force = simulate(BASE, {}, CONDITIONS, TIMES)[:, 0]
+    after = np.flatnonzero((TIMES > 0.0) & (force == 0.0))
+    turn, t = 2.0 * math.pi * frequency, TIMES[after] - TIMES[after[0]]
+    phase = turn * math.sqrt(1.0 - zeta**2) * t
+    columns = np.exp(-zeta * turn * t)[:, None] * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    parts = np.linalg.lstsq(columns, reading[after], rcond=None)[0]
+    assert np.abs(reading[after] - columns @ parts).max() < 1e-8 and np.hypot(*parts) > 0.1
+    stiff = simulate(BASE, {"sensor-resonance": {"f_0": 4e3, "zeta": 0.3}}, CONDITIONS, TIMES)[:, 0]
+    inside = np.flatnonzero(force > 0.2 * force.max())[2:-2]
+    late = 2.0 * 0.3 / (2.0 * math.pi * 4e3) * np.gradient(force, TIMES)
+    assert np.abs(stiff - force + late)[inside].max() < 0.1 * np.abs(late).max()
 
 
 def test_gauge_stages_come_in_order():

@@ -8,6 +8,9 @@ import pytest
 from helpers_statistics import EFFECTS, TIME, Bump, Echo, Ripple, Settling, assert_rate, fit_toy, make_selection, white
 from scipy import stats
 
+from ddetumble.contact.law import Ball
+from ddetumble.effects import SensorLag, SensorResonance
+from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.stack import Records
 from ddetumble.selection.cross_validation import forecast
 from ddetumble.selection.forward_selection import (
@@ -164,6 +167,23 @@ def test_amplitudes_and_their_starts():
     assert list_starts(selection, "bump", [one("bump.a", 0.0)])[0]["bump.a"] == pytest.approx(0.15)
     assert list_starts(selection, "bump", [one("echo.a", -3.0)])[0]["bump.a"] == pytest.approx(0.15)
     assert list_starts(selection, "ripple", [one("ripple.a", -3.0)])[0]["ripple.a"] == pytest.approx(0.15)
+
+
+def test_starts_at_a_line_of_the_residuals():
+    """An effect that names a frequency starts there too, beside its own starts; others do not look at the line."""
+    selection, _ = fit_toy(make_selection(1))
+
+    class Campaign:
+        space = ParameterSpace(Ball(), (SensorResonance, SensorLag))
+        find_effect = staticmethod({e.id: e for e in (SensorResonance, SensorLag)}.get)
+        list_amplitudes = staticmethod(lambda effect: [])
+
+    own, line = list_starts(Campaign, "sensor-resonance", []), list_starts(Campaign, "sensor-resonance", [], 250.0)
+    assert line[: len(own)] == own and len({s["sensor-resonance.f_0"] for s in own}) == len(own)
+    (more,) = line[len(own):]
+    assert more == {"sensor-resonance.f_0": 1.0 / 250.0, "sensor-resonance.zeta": own[0]["sensor-resonance.zeta"]}
+    assert list_starts(Campaign, "sensor-lag", [], 250.0) == list_starts(Campaign, "sensor-lag", [])
+    assert list_starts(selection, "bump", [], 250.0) == list_starts(selection, "bump", [])
 
 
 def fit_with(selection, fitted, **values):

@@ -189,6 +189,8 @@ class AbstractEffect(eqx.Module):
         stage: where it acts; stated by the class that it derives from.
         family: of the records on which it acts: `impact`, `slip`, `tumble` or `oblique` (effects of the first two act
             on oblique impacts too).
+        line: public name (`effect-id.f_0`) of the parameter that is the frequency of something periodic, if any: fits
+            start from the strongest line in the residuals too, as a frequency is found from nearby only.
     """
 
     id: AbstractClassVar[str]
@@ -197,6 +199,7 @@ class AbstractEffect(eqx.Module):
     requires: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[str] = ""
     family: ClassVar[str] = "impact"
+    line: ClassVar[str | None] = None
 
 
 class AbstractModel(eqx.Module):
@@ -362,9 +365,14 @@ class AbstractRestitutionEffect(AbstractEffect):
 
 
 class AbstractSensorEffect(AbstractEffect):
-    """Changes what the force gauge reads; effects act in ascending `order`."""
+    """Changes what the force gauge reads; effects act in ascending `order`.
+
+    Attributes:
+        rings: whether its reading oscillates faster than the force, so that it is followed at every sample.
+    """
 
     stage: ClassVar[str] = "sensor"
+    rings: ClassVar[bool] = False
     order: AbstractClassVar[int]
 
     @abc.abstractmethod

@@ -1,7 +1,7 @@
 """The contact law: reference models with effects applied to them (Eqs. 1 to 7)."""
 
 import abc
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, final
 
 import equinox as eqx
@@ -273,8 +273,19 @@ class ContactLaw(AbstractLaw):
         """Whether any effect acts on the sensor."""
         return bool(self.pick("sensor"))
 
-    def reading(self, force: Signal) -> Signal:
-        """What the force gauge reads."""
-        for effect in sorted(self.pick("sensor"), key=lambda e: type(e).order):
+    def rings(self) -> bool:
+        """Whether any effect on the sensor oscillates faster than the force."""
+        return any(type(effect).rings for effect in self._list_sensors())
+
+    def reading(self, force: Signal, divide: Callable[[Signal], Signal] = lambda signal: signal) -> Signal:
+        """What the force gauge reads; `divide` refines the signal before the first effect that rings."""
+        whole = True
+        for effect in self._list_sensors():
+            if whole and type(effect).rings:
+                force, whole = divide(force), False
             force = effect.reading(force)
         return force
+
+    def _list_sensors(self) -> list[Any]:
+        """Effects on the sensor in the order in which they act."""
+        return sorted(self.pick("sensor"), key=lambda e: type(e).order)

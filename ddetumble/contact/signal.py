@@ -108,6 +108,80 @@ def _lag_deficits_jvp(primals, tangents):
     return values, tuple(slope * ratio_dot for slope in slopes)
 
 
+_SERIES = 13  # terms: 1e-16 at a phase of 1/2
+_FADED = 50.0  # exponent of a decay that rounding hides
+
+
+def _turns(phase: Array, damping: Array) -> tuple[Array, Array]:
+    """exp(-zeta p) cos(d p) and exp(-zeta p) sin(d p)/d, d = sqrt(1 - zeta^2); beyond 1 the hyperbolic functions."""
+    square = 1.0 - damping**2
+    d = jnp.sqrt(jnp.maximum(jnp.abs(square), 1e-10))  # at 1 to 1e-10 of the limit
+    under, slow = square > 0.0, damping + d
+    rate = jnp.where(under, damping, 1.0 / slow)
+    alive = rate * phase < _FADED
+    p = jnp.where(alive, phase, 0.0)
+    decay = jnp.where(alive, jnp.exp(-rate * p), 0.0)
+    fast = jnp.exp(-2.0 * jnp.where(under, 0.0, d) * p)
+    angle = jnp.where(under, d * p, 0.0)
+    cosine = jnp.where(under, jnp.cos(angle), 0.5 * (1.0 + fast))
+    sine = jnp.where(under, jnp.sin(angle), 0.5 * (1.0 - fast)) / d
+    return decay * cosine, decay * sine
+
+
+def _resonance(ratio: Array, damping: Array) -> tuple[Array, ...]:
+    """See `resonance_weights`: in closed form, or by series where the phase over an interval is small."""
+    least = 2.0 * jnp.maximum(damping, 1.0)  # the series' terms grow with the damping
+    fast = ratio < least
+    eps = jnp.where(fast, ratio, 1.0)
+    some = eps > 1e-6  # below, whatever rings at all is gone, or beyond the damping that a mount has
+    phase = jnp.where(some, 1.0 / jnp.where(some, eps, 1.0), jnp.inf)
+    c, s = _turns(phase, damping)
+    z, square = 2.0 * damping, 4.0 * damping**2 - 1.0
+    step = c + damping * s
+    one = (step, eps * (z - (z * c + (0.5 * z * z - 1.0) * s)),
+           2.0 * eps * (z - eps * (square * (1.0 - step) + z * s)),
+           s, eps * (1.0 - step), 2.0 * eps * (1.0 - eps * (z - (z * c + (0.5 * z * z - 1.0) * s))))
+    x = 1.0 / jnp.where(fast, least, ratio)
+    # Responses from rest to the impulse, 1, p and p^2/2, each the integral of the one before.
+    term, before = jnp.ones_like(x * damping), jnp.zeros_like(x * damping)
+    parts = [jnp.zeros_like(term) for _ in range(4)]
+    factor = jnp.ones_like(x)
+    for n in range(_SERIES):
+        factor = factor * x / (n + 1)
+        more = factor
+        for k in range(4):
+            parts[k] = parts[k] + term * more
+            more = more / (n + k + 2)
+        term, before = -z * term - before, term
+    g, y0, y1, y2 = parts[0], parts[1] * x, parts[2] * x, 2.0 * parts[3] * x
+    other = (1.0 - y0, 1.0 - y1, 1.0 - y2, g, parts[1], 2.0 * parts[2])
+    return tuple(jnp.where(fast, a, b) for a, b in zip(one, other, strict=True))
+
+
+@jax.custom_jvp
+def resonance_weights(ratio: Array, damping: Array) -> tuple[Array, ...]:
+    r"""What a mass on a damped spring makes of $1, u, u^2$, u = 0..1, from rest: six numbers, each of their shape.
+
+    By how much its deflection falls short of 1 at the end (three), and its rate there in units of the deflection per
+    $1/\omega_0$ (three); all are 0 at $\rho = 0$, where it follows at once.
+
+    Args:
+        ratio: $\rho = 1/(\omega_0 h)$ over an interval of duration h [-], not negative.
+        damping: ratio $\zeta$ [-], positive; beyond 1 it creeps.
+    """
+    return _resonance(ratio, damping)
+
+
+@resonance_weights.defjvp
+def _resonance_weights_jvp(primals, tangents):
+    values, by_ratio = jax.jvp(lambda ratio: _resonance(ratio, primals[1]), primals[:1], (jnp.ones_like(primals[0]),))
+    ones = jnp.ones_like(primals[1])
+    by_damping = jax.jvp(lambda damping: _resonance(primals[0], damping), primals[1:], (ones,))[1]
+    # Slopes are computed once, and not once for every tangent.
+    values, by_ratio, by_damping = jax.lax.optimization_barrier((values, by_ratio, by_damping))
+    return values, tuple(a * tangents[0] + b * tangents[1] for a, b in zip(by_ratio, by_damping, strict=True))
+
+
 def _parabola(signal: Signal) -> tuple[Array, Array, Array]:
     """Coefficients of each interval's parabola in u = 0..1."""
     return (signal.start, 4.0 * signal.middle - 3.0 * signal.start - signal.end,
@@ -146,5 +220,42 @@ def lag(signal: Signal, time_constant: Array) -> Signal:
     k0, k1, k2 = lag_deficits(2.0 * ratio)
     middle = jnp.where(some, k0 * start + signal.middle - (c0 * k0 + 0.5 * c1 * k1 + 0.25 * c2 * k2), start)
     # A sensor without lag follows jumps too.
+    start = jnp.where(constant > 0.0, start, signal.start)
+    return Signal(signal.duration, start, middle, end)
+
+
+def resonate(signal: Signal, inverse_frequency: Array, damping: Array) -> Signal:
+    r"""Response of $\ddot y/\omega_0^2 + 2\zeta\dot y/\omega_0 + y = x$ from rest, exact for each parabola.
+
+    Regular at $1/f_0 = 0$, $\omega_0 = 2\pi f_0$, where $y = x$, jumps followed; for small $1/f_0$ it is
+    $x - 2\zeta\dot x/\omega_0$.
+
+    Args:
+        signal: x, over intervals that are short against $1/f_0$ wherever what lies within them is to be read.
+        inverse_frequency: $1/f_0$ [s]; counts as 0 where negative.
+        damping: ratio $\zeta$ [-], positive.
+    """
+    some = signal.duration > 0.0
+    constant = jnp.where(inverse_frequency >= 0.0, inverse_frequency, 0.0) / (2.0 * jnp.pi)
+    ratio = constant / jnp.where(some, signal.duration, 1.0)
+    c0, c1, c2 = _parabola(signal)
+    # The deflection y, and its rate V over omega_0.
+    d0, d1, d2, n0, n1, n2 = resonance_weights(ratio, damping)
+    push = jnp.where(some, signal.end - (c0 * d0 + c1 * d1 + c2 * d2), 0.0)
+    kick = jnp.where(some, c0 * n0 + c1 * n1 + c2 * n2, 0.0)
+    keep, swing = jnp.where(some, d0, 1.0), jnp.where(some, n0, 0.0)
+    slow = jnp.where(some, d0 - 2.0 * damping * n0, 1.0)
+
+    def advance(state, interval):
+        keep, swing, slow, push, kick = interval
+        after = keep * state[0] + swing * state[1] + push, slow * state[1] - swing * state[0] + kick
+        return after, (*state, after[0])
+
+    rest = jnp.zeros_like(push[0])
+    start, rate, end = jax.lax.scan(advance, (rest, rest), (keep, swing, slow, push, kick))[1]
+    d0, d1, d2, n0, *_ = resonance_weights(2.0 * ratio, damping)
+    middle = d0 * start + n0 * rate + signal.middle - (c0 * d0 + 0.5 * c1 * d1 + 0.25 * c2 * d2)
+    middle = jnp.where(some, middle, start)
+    # A gauge that does not ring follows jumps too.
     start = jnp.where(constant > 0.0, start, signal.start)
     return Signal(signal.duration, start, middle, end)

@@ -1,5 +1,6 @@
 """One impact on the bench: from first touch to separation, and what the channels read at given times."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any, final
 
@@ -318,9 +319,32 @@ def _deviation(law: ContactLaw, values: Array, times: Array, end: Array) -> Arra
     rest = jnp.zeros((len(_TAIL_GRID),))
     signal = Signal(jnp.diff(grid), jnp.concatenate([nodes[:-1], rest]), jnp.concatenate([mids, rest]),
                     jnp.concatenate([nodes[1:], rest]))
-    change = law.reading(signal).minus(signal)
-    k = jnp.clip(jnp.searchsorted(grid, times, side="left") - 1, 0, grid.shape[0] - 2)
-    start, middle, stop_ = change.start[k], change.middle[k], change.end[k]
-    u = (times - grid[k]) / signal.duration[k]
-    value = start + u * (4.0 * middle - 3.0 * start - stop_ + u * (2.0 * (start + stop_) - 4.0 * middle))
+    if law.rings():
+        fine = jnp.sort(jnp.concatenate([grid, jnp.clip(times, grid[0], grid[-1])]))
+        finer = functools.partial(_divide, grid, fine)
+        change = law.reading(signal, finer).minus(finer(signal))
+        value = change.end[jnp.clip(jnp.searchsorted(fine, times, side="left") - 1, 0)]  # every time is a node
+    else:
+        value = _read_signal(grid, law.reading(signal).minus(signal), times)[0]
     return jnp.where(times > 0.0, value, 0.0)
+
+
+def _read_signal(grid: Array, signal: Signal, times: Array) -> tuple[Array, Array]:
+    """Values of a signal between the nodes `grid` at the times, from the interval before each; which that is."""
+    k = jnp.clip(jnp.searchsorted(grid, times, side="left") - 1, 0, grid.shape[0] - 2)
+    start, middle, end = signal.start[k], signal.middle[k], signal.end[k]
+    u = safe_divide(times - grid[k], signal.duration[k])
+    return start + u * (4.0 * middle - 3.0 * start - end + u * (2.0 * (start + end) - 4.0 * middle)), k
+
+
+def _divide(grid: Array, fine: Array, signal: Signal) -> Signal:
+    """The same signal between the nodes `fine`, which hold all of `grid`: what rings changes within its intervals."""
+    middles = 0.5 * (fine[1:] + fine[:-1])
+    middle, k = _read_signal(grid, signal, middles)
+    first, second, last = signal.start[k], signal.middle[k], signal.end[k]
+
+    def read(time):  # of the parabola that holds the middle: at a jump each interval has its own side
+        u = (time - grid[k]) / signal.duration[k]
+        return first + u * (4.0 * second - 3.0 * first - last + u * (2.0 * (first + last) - 4.0 * second))
+
+    return Signal(jnp.diff(fine), read(fine[:-1]), middle, read(fine[1:]))

@@ -37,6 +37,7 @@ from .impact import PressureDependentRestitution as PressureDependentRestitution
 from .impact import SensorGain as SensorGain
 from .impact import SensorHighpass as SensorHighpass
 from .impact import SensorLag as SensorLag
+from .impact import SensorResonance as SensorResonance
 from .impact import SpeedDependentRestitution as SpeedDependentRestitution
 from .impact import StressSoftening as StressSoftening
 from .impact import ViscoelasticWall as ViscoelasticWall

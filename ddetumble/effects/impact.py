@@ -23,7 +23,7 @@ from ..contact.effect import (
     parameter,
 )
 from ..contact.geometry import membrane_area_radius
-from ..contact.signal import Signal, lag, low_pass
+from ..contact.signal import Signal, lag, low_pass, resonate
 
 
 WALL_MODULUS = 7.8e6  # Table 2, E of the rubber [Pa]
@@ -326,6 +326,31 @@ class SensorGain(AbstractSensorEffect):
 
 
 @final
+class SensorResonance(AbstractSensorEffect):
+    r"""The gauge rings: $\ddot F_m/\omega_0^2 + 2\zeta\dot F_m/\omega_0 + F_m = F$, $\omega_0 = 2\pi f_0$."""
+
+    period: Scalar = parameter("Hz", 0.0, name="f_0", typical=1e-3, sign=1, bounds=(-1e-5, 0.1),
+                               starts=(1.0 / 130.0, 1.0 / 400.0), coordinate="inverse", singular=True,
+                               text="natural frequency of the gauge on its mount", limits=(20.0, float("inf")),
+                               limits_reason="a gauge slower than an impact, about 50 ms, does not show one")
+    zeta: Scalar = parameter("", 0.05, kind="shape", typical=0.05, bounds=(1e-3, 0.35), coordinate="log",
+                             starts=(0.05,), text="damping ratio", limits=(1e-3, 0.35),
+                             limits_reason="steel and its joints have 0.001 to 0.05, a gauge on rubber up to 0.3; one "
+                                           "beyond does not ring, it lags")
+    id: ClassVar[str] = "sensor-resonance"
+    law: ClassVar[str] = "F_m''/w_0^2 + 2 zeta F_m'/w_0 + F_m = F, w_0 = 2 pi f_0"
+    reference: ClassVar[str] = "second-order instrument (Doebelin, Measurement Systems); null is 1/f_0 = 0"
+    # Linear filters may change places; after the slow ones it sees a smooth force.
+    order: ClassVar[int] = 4
+    rings: ClassVar[bool] = True
+    line: ClassVar[str | None] = "sensor-resonance.f_0"
+
+    def reading(self, force: Signal) -> Signal:
+        """F_m [N]."""
+        return resonate(force, self.period, self.zeta)
+
+
+@final
 class Adhesion(AbstractSurfaceForce):
     r"""The disc sticks while it unloads: $F_n$ loses $\tau_a \pi b^2 \cdot \frac12 (1 - \tanh(w/5\,\mathrm{mm/s}))$."""
 
@@ -345,5 +370,5 @@ class Adhesion(AbstractSurfaceForce):
 IMPACT: tuple[type[AbstractEffect], ...] = (
     PolytropicGas, AmbientPressure, WallStiffness, MembraneArea, InflationGrowth, GasLeak, ViscoelasticWall,
     ViscousDashpot, Adhesion, ArmServo, SpeedDependentRestitution, PressureDependentRestitution, StressSoftening,
-    SensorHighpass, SensorLag, SensorGain,
+    SensorHighpass, SensorLag, SensorGain, SensorResonance,
 )

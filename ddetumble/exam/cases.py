@@ -135,6 +135,7 @@ def sample_case(exam: Exam, index: int) -> Case:
     faulty, fault = random.random() < FAULTY, str(random.choice(list(FAULTS)))
     fault = {"none": None, "drawn": fault if faulty else None}.get(exam.fault, exam.fault)
     pool = family.outside if kind == "outside" else family.catalogue
+    pool = {name: hidden for name, hidden in pool.items() if hidden.since <= exam.edition}
     order = [str(name) for name in (random if kind == "two" else start_random(exam, 2)).permutation(list(pool))]
     if kind != "two":
         order = order[rank % len(order):] + order[: rank % len(order)]
@@ -217,5 +218,5 @@ def write_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
         readings = [record.values[:, : len(family.channels)] for record in campaign.records]
         done = FAULTS[case.fault](readings, start_random(exam, 3, case.index))
     write_package(folder, campaign)
-    told = {effect for one in disturbed.values() for effect in family.same.get(one.get("of", ""), ())}
+    told = {effect for kind, one in disturbed.items() for effect in family.same.get(one.get("of", kind), ())}
     return {"fault_details": done, "bench_details": disturbed, "told": sorted(told)}

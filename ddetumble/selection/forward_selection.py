@@ -17,6 +17,7 @@ from ..inference.problem import Solution
 from ..inference.slow_noise import add_slow_noise
 from .cross_validation import compare_losses
 from .lack_of_fit import Score
+from .localise import find_line
 from .problem import Fitted, SelectionProblem
 from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
@@ -168,14 +169,23 @@ def is_beyond(selection: SelectionProblem, current: Fitted, grown: Fitted) -> bo
     return grown.solution is not current.solution and bool(list_unphysical(selection, grown.solution))
 
 
-def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score]) -> list[dict[str, float]]:
-    """Interior starts of an effect; the amplitude's side follows its score where physics leaves it open."""
+def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score], frequency: float | None = None
+                ) -> list[dict[str, float]]:
+    """Interior starts of an effect; the amplitude's side follows its score where physics leaves it open.
+
+    An effect with a `line` starts from the `frequency` of the residuals' strongest line too.
+    """
     starts = default_starts(selection.find_effect(effect))
     for name in selection.list_amplitudes(effect):
         p, own = selection.space.parameter(name), [s.z for s in scores if s.name == name]
         if own and not p.sign:
             side = np.sign(max(own, key=abs)) or 1.0
             starts = [{**start, name: p.default + side * abs(start[name] - p.default)} for start in starts]
+    line = selection.find_effect(effect).line
+    if line is not None and frequency is not None:
+        place = selection.space.parameter(line).transform.to_unconstrained(frequency)
+        starts += [start for k, s in enumerate(starts) if (start := {**s, line: place})
+                   not in [{**t, line: place} for t in starts[:k]]]
     return starts
 
 
@@ -212,7 +222,9 @@ def try_effects(selection: SelectionProblem, current: Fitted, scores: Sequence[S
                     and (effect not in screened or fitted.solution.chi2 < screened[effect].solution.chi2)):
                 screened[effect] = fitted
 
-    jobs = [(e, s) for e in effects for s in list_starts(selection, e, scores)]
+    periodic = any(selection.find_effect(e).line is not None for e in effects)
+    frequency = find_line(selection, current) if periodic else None
+    jobs = [(e, s) for e in effects for s in list_starts(selection, e, scores, frequency)]
     count = len(jobs)
     fit_all(jobs)
     # A second start, one Gauss-Newton step from the null, where the first led astray.

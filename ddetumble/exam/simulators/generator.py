@@ -21,6 +21,7 @@ class Hidden:
     # Range from which it is drawn evenly in its logarithm, whatever the amplitude.
     shapes: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
     most: float = 10.0  # largest amplitude for which the simulated test still makes sense
+    since: int = 1  # edition of the drawing from which on it is drawn: earlier ones ask what they asked
 
     def draw(self, generator: np.random.Generator) -> dict[str, Any]:
         """Shapes, and the vectors at amplitude 1."""
@@ -65,7 +66,8 @@ class CaseGenerator:
     # Noise-free tests elsewhere, from effects and settings.
     hold_out: Callable[[Mapping[str, Any], Mapping[str, Any]], list[HeldOut]]
     benches: tuple[str, ...]  # kinds of `benches.BENCHES` that such records can show
-    # By a channel or condition that is biased throughout: effects of the catalogue that no test can tell from it.
+    # By a channel or condition that is biased throughout, or the kind of a bench: effects of the catalogue that no test
+    # can tell from it.
     same: Mapping[str, tuple[str, ...]] = dc.field(default_factory=dict)
     edition: int = 1  # of the way in which cases are drawn: another one asks other questions under the same seed
 

@@ -1,7 +1,7 @@
 """Impact records of an inflated ball, integrated with SciPy from the written physics.
 
 Sources: "the paper" is *Impact Force Identification of the Variable Pressure Flexible Impact End-Effector
-in Space Debris Active Detumbling* (2020), Eqs. 2-6; sixteen further effects follow the project's catalogue.
+in Space Debris Active Detumbling* (2020), Eqs. 2-6; seventeen further effects follow the project's catalogue.
 SI units throughout. Nothing of the package under test is imported.
 
 The order of the stages, which matters as soon as two effects meet:
@@ -10,7 +10,7 @@ The order of the stages, which matters as soon as two effects meet:
 2. spring: F_k = ((P' - p_a) pi b^2 + k_w delta^q + k (delta - depth)_+^exponent) x softening x other factors;
 3. sum: F_k (1 + c_n w) + viscoelastic + dashpot, clamped at zero;
 4. adhesion subtracted after the clamp, so that tension is possible;
-5. gauge: high-pass, then lag, then gain, on ``normal_force`` only.
+5. gauge: its resonance, high-pass, then lag, then gain, on ``normal_force`` only.
 """
 
 import math
@@ -35,7 +35,7 @@ NULLS = {
     "viscoelastic-wall": {"k_v": 0.0, "tau": math.inf}, "viscous-dashpot": {"c_v": 0.0}, "adhesion": {"tau_a": 0.0},
     "arm-servo": {"k_s": 0.0}, "speed-dependent-restitution": {"p": 0.0}, "pressure-dependent-restitution": {"p": 0.0},
     "stress-softening": {"sigma_m": 0.0, "j_0": 1.0}, "sensor-highpass": {"tau_s": math.inf}, "sensor-lag": {"T": 0.0},
-    "sensor-gain": {"g": 1.0},
+    "sensor-gain": {"g": 1.0}, "sensor-resonance": {"f_0": math.inf, "zeta": 0.05},
     # outside the catalogue
     "x-end-stop": {"k": 0.0, "depth": math.inf, "exponent": 1.5}, "x-ringing": {"A": 0.0, "f": 70.0, "decay": 0.0},
     "x-arm-vibration": {"force": 0.0, "f": 70.0}, "x-pressure-power": {"s": 0.0},
@@ -159,25 +159,32 @@ class Impact:
         x = self.effects["x-ringing"]
         return force * (1.0 + x["A"] * math.exp(-x["decay"] * time) * math.sin(2.0 * math.pi * x["f"] * time))
 
-    def sense(self, force, leaked, lagged):
-        """Return rates of the gauge's two states, and its reading, for the force that acts on it.
+    def sense(self, force, leaked, lagged, swing=()):
+        """Return rates of the gauge's states, and its reading, for the force that acts on it.
 
-        leaked: y of dy/dt = (F - y)/tau_s; lagged: F_m of T dF_m/dt = (F - y) - F_m; reading g F_m.
+        swing: of a gauge that rings, F_r of F_r'' / w_0^2 + 2 zeta F_r' / w_0 + F_r = F, w_0 = 2 pi f_0, and
+        F_r' / w_0; F_r is F without; leaked: y of dy/dt = (F_r - y)/tau_s; lagged: F_m of T dF_m/dt = (F_r - y) - F_m;
+        reading g F_m.
         """
-        x, passed = self.effects, force - leaked
-        lag = x["sensor-lag"]["T"]
+        x, rates = self.effects, []
+        if swing:
+            swung, speed = swing
+            turn = 2.0 * math.pi * x["sensor-resonance"]["f_0"]
+            rates = [turn * speed, turn * (force - swung - 2.0 * x["sensor-resonance"]["zeta"] * speed)]
+            force = swung
+        passed, lag = force - leaked, x["sensor-lag"]["T"]
         lag_rate, reading = ((passed - lagged) / lag, lagged) if lag else (0.0, passed)
-        return passed / x["sensor-highpass"]["tau_s"], lag_rate, x["sensor-gain"]["g"] * reading
+        return [passed / x["sensor-highpass"]["tau_s"], lag_rate, *rates], x["sensor-gain"]["g"] * reading
 
     def advance(self, time, state):
-        """Return the rates of (delta, w, q, y, F_m) in contact: m_eff dw/dt = -F_n + arm."""
-        depression, rate, branch, leaked, lagged = state
+        """Return the rates of (delta, w, q, y, F_m) and `sense`'s swing in contact: m_eff dw/dt = -F_n + arm."""
+        depression, rate, branch, leaked, lagged, *swing = state
         shake, wall = self.effects["x-arm-vibration"], self.effects["viscoelastic-wall"]
         force = self.find_contact_force(time, depression, rate, branch)
         arm = self.effects["arm-servo"]["k_s"] * (self.speed * time - depression)
         arm += shake["force"] * math.sin(2.0 * math.pi * shake["f"] * time)
-        leak_rate, lag_rate, _ = self.sense(self.ring(time, force), leaked, lagged)
-        return [rate, (arm - force) / self.mass, wall["k_v"] * rate - branch / wall["tau"], leak_rate, lag_rate]
+        rates, _ = self.sense(self.ring(time, force), leaked, lagged, swing)
+        return [rate, (arm - force) / self.mass, wall["k_v"] * rate - branch / wall["tau"], *rates]
 
     def guess_contact_time(self):
         """Return 4 (1.5 m v^2/(1.94 P0))^(1/3) / v (s), the time of an impact on F = 1.94 P0 delta^2."""
@@ -195,8 +202,9 @@ def integrate_contact(impact, end, rtol=1e-11, atol=1e-13, parts=60):
         return state[0]
 
     separate.terminal, separate.direction = True, -1.0
-    scale = np.array([1.0, 1.0, 1e3, 1e3, 1e3])
-    solution = solve_ivp(impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0], method="DOP853",
+    swing = [0.0, 0.0] if math.isfinite(impact.effects["sensor-resonance"]["f_0"]) else []
+    scale = np.array([1.0, 1.0, 1e3, 1e3, 1e3] + [1e3 for _ in swing])
+    solution = solve_ivp(impact.advance, (0.0, end), [0.0, impact.speed, 0.0, 0.0, 0.0, *swing], method="DOP853",
                          dense_output=True, events=separate, rtol=rtol, atol=atol * scale,
                          max_step=impact.guess_contact_time() / parts)
     if not solution.success:
@@ -217,14 +225,19 @@ def simulate(base, effects, conditions, times, channels=("normal_force",), rtol=
         solution, separation = integrate_contact(impact, times[-1], rtol, parts=parts)
         end = math.inf if separation is None else separation
         at, gone = np.flatnonzero((times > 0.0) & (times < end)), np.flatnonzero(times >= end)
-        for i, (depression, rate, branch, leaked, lagged) in zip(at, solution(times[at]).T, strict=True):
+        for i, (depression, rate, branch, leaked, lagged, *swing) in zip(at, solution(times[at]).T, strict=True):
             force = impact.ring(times[i], impact.find_contact_force(times[i], depression, rate, branch))
-            columns["normal_force"][i] = impact.sense(force, leaked, lagged)[2]
+            columns["normal_force"][i] = impact.sense(force, leaked, lagged, swing)[1]
             columns["depression"][i] = depression
             columns["pressure"][i] = impact.find_gas_pressure(times[i], max(depression, 0.0))
         if gone.size:  # no force acts on the gauge any more, and none on the gas
             columns["pressure"][gone] = impact.pressure * math.exp(-impact.effects["gas-leak"]["lambda"] * end)
-            tail = solve_ivp(lambda _, pair: impact.sense(0.0, *pair)[:2], (0.0, times[-1] - end), solution(end)[3:],
+
+            def sense_nothing(gauge):
+                leaked, lagged, *swing = gauge
+                return impact.sense(0.0, leaked, lagged, swing)
+
+            tail = solve_ivp(lambda _, gauge: sense_nothing(gauge)[0], (0.0, times[-1] - end), solution(end)[3:],
                              method="DOP853", t_eval=times[gone] - end, rtol=rtol, atol=1e-11)
-            columns["normal_force"][gone] = [impact.sense(0.0, *pair)[2] for pair in tail.y.T]
+            columns["normal_force"][gone] = [sense_nothing(gauge)[1] for gauge in tail.y.T]
     return np.column_stack([columns[name] for name in channels])

@@ -103,5 +103,6 @@ def hold_out(effects: Mapping, setting: Mapping) -> list[HeldOut]:
 
 OBLIQUE = CaseGenerator(
     "oblique", {channel: NOISE[channel] for channel in FORCES}, "time", CATALOGUE, OUTSIDE, draw_setting,
-    partial(make_oblique_campaign, steps=STEPS), prepare, hold_out, leave_out(), {"normal_force": ("sensor-gain",)},
+    partial(make_oblique_campaign, steps=STEPS), prepare, hold_out, leave_out(),
+    {"normal_force": ("sensor-gain",)} | straight.RINGING,
 )  # fmt: skip
