@@ -191,6 +191,8 @@ class AbstractEffect(eqx.Module):
             on oblique impacts too).
         line: public name (`effect-id.f_0`) of the parameter that is the frequency of something periodic, if any: fits
             start from the strongest line in the residuals too, as a frequency is found from nearby only.
+        costly: whether it slows every evaluation down by being there, even at its null: programs of fits that do not
+            move it leave it out.
     """
 
     id: AbstractClassVar[str]
@@ -200,6 +202,7 @@ class AbstractEffect(eqx.Module):
     stage: ClassVar[str] = ""
     family: ClassVar[str] = "impact"
     line: ClassVar[str | None] = None
+    costly: ClassVar[bool] = False
 
 
 class AbstractModel(eqx.Module):

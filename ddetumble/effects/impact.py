@@ -343,6 +343,7 @@ class SensorResonance(AbstractSensorEffect):
     # Linear filters may change places; after the slow ones it sees a smooth force.
     order: ClassVar[int] = 4
     rings: ClassVar[bool] = True
+    costly: ClassVar[bool] = True
     line: ClassVar[str | None] = "sensor-resonance.f_0"
 
     def reading(self, force: Signal) -> Signal:

@@ -31,6 +31,7 @@ class HumSettings:
         records: with fewer a random phase is not told from one that physics gives.
         turns: of the sine in a record at least: slower ones are drifts, which a missing force looks like.
         fastest: frequency in cycles a sample, at most.
+        worth_a_look: p-value of the highest peak of the spectrum, above which no sine is fitted.
         p_value: of what the sine removes, over all frequencies, below which it is there.
         seen: share of the records in which it has to be seen by itself (at 1 %).
         alike: relative scatter of its amplitude over the records, at most: hum does not know the conditions.
@@ -42,6 +43,7 @@ class HumSettings:
     records: int = 8
     turns: float = 1.5
     fastest: float = 0.45
+    worth_a_look: float = 0.01
     p_value: float = 1e-6
     seen: float = 0.7
     alike: float = 0.5
@@ -88,7 +90,8 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int,
                settings: HumSettings) -> tuple[float, float] | None:
     """Frequency [Hz] and rms [SI] of the sine that removes most of a channel's misfit, if it is hum."""
     grid, power, bin_ = _average_spectrum(records, solution, c, paces, settings)
-    if not len(grid):
+    # Of white noise of the known size every place of the spectrum is a gamma variate.
+    if not len(grid) or stats.gamma.sf(power.max(), records.count) * len(grid) > settings.worth_a_look:
         return None
 
     def fit(frequency: float) -> Added:
@@ -100,7 +103,11 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int,
             peak = float(grid[int(np.argmax(power))])
             power = np.where(np.abs(grid - peak) < APART * bin_, -np.inf, power)
             peaks.append((fit(peak).gain, peak))
-    peak = max(peaks)[1]
+    gain, peak = max(peaks)
+    before = solution.fit_more(known).gain if known.shape[2] else 0.0
+    chance = stats.chi2.sf(gain - before, 2 * records.count) * len(grid)
+    if chance > settings.p_value or not _is_hum(campaign, fit(peak), settings):
+        return None
     near: Any = optimize.minimize_scalar(lambda f: -fit(f).gain, bounds=(peak - NEAR * bin_, peak + NEAR * bin_),
                                          method="bounded", options={"xatol": FINE * bin_})
     frequency, one = float(near.x), fit(float(near.x))
@@ -108,21 +115,22 @@ def _find_line(campaign: Campaign, records: Records, solution: Solution, c: int,
         multiple = mains * max(round(frequency / mains), 1)
         if abs(multiple - frequency) < NEAR * bin_ and (other := fit(multiple)).gain > one.gain - TIE:
             frequency, one = multiple, other
-    before = solution.fit_more(known).gain if known.shape[2] else 0.0
+    return frequency, float(np.sqrt(np.mean(one.found[:, -2:] ** 2)))
+
+
+def _is_hum(campaign: Campaign, one: Added, settings: HumSettings) -> bool:
+    """Whether the sines of all records (the last two columns) are as large in each, and their phases share nothing."""
     sines, error = one.found[:, -2:], one.error[:, -2:]
     sizes = np.hypot(*sines.T)
-    chance = stats.chi2.sf(one.gain - before, 2 * records.count) * len(grid)
     seen = np.mean(np.sum((sines / error) ** 2, axis=1) > stats.chi2.isf(0.01, 2))
-    if chance > settings.p_value or seen < settings.seen or np.std(sizes) > settings.alike * np.mean(sizes):
-        return None
+    if seen < settings.seen or np.std(sizes) > settings.alike * np.mean(sizes):
+        return False
     phase = np.arctan2(*sines.T)
     # Nothing alike (Rayleigh's test), nor alike but for the sign, nor moving with the conditions.
     alike = min(float(np.exp(-len(phase) * np.abs(np.mean(np.exp(1j * k * phase))) ** 2)) for k in (1, 2))
     groups, conditions = group_conditions(campaign.records), campaign.records.to_numpy(dtype=float)
     follows = min(follow_conditions(part, groups, conditions) for part in sines.T)
-    if 2.0 * min(alike, follows) < settings.random:
-        return None
-    return frequency, float(np.sqrt(np.mean(sizes**2) / 2.0))
+    return 2.0 * min(alike, follows) > settings.random
 
 
 def _average_spectrum(records: Records, solution: Solution, c: int, paces: np.ndarray, settings: HumSettings

@@ -1,5 +1,6 @@
 """Parameters of a law as one vector: names, coordinates in which a fit moves, and the way back to a law."""
 
+import copy
 import dataclasses as dc
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -55,7 +56,12 @@ class ParameterSpace:
         reference: template of the reference model (its values are the defaults).
         effects: classes of the effects, all present, each at its null unless set.
         commons: errors that all records of the campaign share; the law does not depend on them.
+
+    Attributes:
+        absent: effects whose parameters keep their places, but which `build` leaves out of the law.
     """
+
+    absent: tuple[type[AbstractEffect], ...] = ()
 
     def __init__(self, reference: AbstractModel, effects: Sequence[type[AbstractEffect]],
                  commons: Sequence[Common] = ()):
@@ -86,7 +92,23 @@ class ParameterSpace:
     def key(self) -> tuple:
         """What identifies the space: compiled programs are shared between equal ones."""
         kinds = tuple(type(part) for part in parts_of(self.reference))
-        return kinds, tuple(list_choices(self.reference).items()), self.effects, tuple(c.column for c in self.commons)
+        return (kinds, tuple(list_choices(self.reference).items()), self.effects, tuple(c.column for c in self.commons),
+                self.absent)
+
+    def thin_out(self, free: Iterable[str], u: np.ndarray) -> "ParameterSpace":
+        """The same space without the costly effects that a fit of the `free` parameters leaves at their null.
+
+        `u` are coordinates, shape (..., parameters).
+        """
+        moved = {name.split(".")[0] for name in free}
+        absent = tuple(effect for effect in self.effects if effect.costly and effect.id not in moved and all(
+            np.all(u[..., k] == slot.parameter.transform.from_field(slot.parameter.default))
+            for k, slot in enumerate(self.slots) if slot.owner == effect.id and slot.parameter.kind != "shape"))
+        if absent == self.absent:
+            return self
+        thin = copy.copy(self)
+        thin.absent = absent
+        return thin
 
     def coordinates(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Coordinates of all parameters, shape (parameters,): defaults, with `values` (fields) put in by name."""
@@ -120,7 +142,8 @@ class ParameterSpace:
         reference = eqx.tree_at(lambda r: [read_field(r, field) for field in own], self.reference,
                                 [values[None, field] for field in own])
         return reference.extend(tuple(
-            effect(**{p.field: values[effect.id, p.field] for p in parameters_of(effect)}) for effect in self.effects))
+            effect(**{p.field: values[effect.id, p.field] for p in parameters_of(effect)}) for effect in self.effects
+            if effect not in self.absent))
 
     def of(self, owners: Iterable[str | None]) -> list[str]:
         """Names of the free parameters of the given owners (None: the reference model)."""

@@ -354,6 +354,7 @@ class Problem:
         more = len(stack.present) - count
         base = np.broadcast_to(start, (count, len(self.space)))
         base = np.concatenate([base, np.broadcast_to(base[:1], (more, len(self.space)))])
+        space = self.space.thin_out(free, base)
         z0 = np.zeros((count + more, len(self.records.nuisances)))
         if z is not None:
             z0[:count, : z.shape[1]] = z
@@ -366,7 +367,7 @@ class Problem:
         try:
             with reserve_memory(need, what):
                 theta, z_new, at, converged, steps = jax.block_until_ready(_solve(
-                    self.space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
+                    space, self.records.nuisances, self.records.channels, stack, jnp.asarray(base),
                     jnp.asarray(directions), *(jnp.asarray(b) for b in self.limits), jnp.asarray(mean),
                     jnp.asarray(weight), jnp.asarray(z0), jnp.asarray(float(moving)), jnp.asarray(tolerance),
                     jnp.asarray(max_steps)))

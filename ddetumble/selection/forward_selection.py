@@ -173,7 +173,7 @@ def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score
                 ) -> list[dict[str, float]]:
     """Interior starts of an effect; the amplitude's side follows its score where physics leaves it open.
 
-    An effect with a `line` starts from the `frequency` of the residuals' strongest line too.
+    An effect with a `line` starts from the `frequency` of the residuals' strongest line, where there is one.
     """
     starts = default_starts(selection.find_effect(effect))
     for name in selection.list_amplitudes(effect):
@@ -184,8 +184,8 @@ def list_starts(selection: SelectionProblem, effect: str, scores: Sequence[Score
     line = selection.find_effect(effect).line
     if line is not None and frequency is not None:
         place = selection.space.parameter(line).transform.to_unconstrained(frequency)
-        starts += [start for k, s in enumerate(starts) if (start := {**s, line: place})
-                   not in [{**t, line: place} for t in starts[:k]]]
+        starts = [{**start, line: place} for start in starts]
+        starts = [start for k, start in enumerate(starts) if start not in starts[:k]]
     return starts
 
 
