@@ -40,14 +40,14 @@ class HumSettings:
         most: sines of a channel, at most.
     """
 
-    records: int = 8
+    records: int = 10
     turns: float = 1.5
     fastest: float = 0.45
     worth_a_look: float = 0.01
     p_value: float = 1e-6
     seen: float = 0.7
     alike: float = 0.5
-    random: float = 1e-3
+    random: float = 0.01
     peaks: int = 3
     most: int = 3
 

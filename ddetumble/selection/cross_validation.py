@@ -12,8 +12,8 @@ from .settings import DEFAULT
 
 
 NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
-# Standard deviation, in typical changes, of a parameter that the other conditions do not tell, at most: a linear step
-# would take it to where the model is another.
+# Standard deviation of a parameter, in typical changes, beyond which all conditions together tell nothing of it: with one
+# left out, rounding would send it far away, to where the model is another.
 FARTHEST = 10.0
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 
@@ -122,12 +122,13 @@ def _step_aside(solution: Solution, groups: np.ndarray, columns: np.ndarray, res
     blocks = np.einsum("grk,grl->gkl", columns, columns)
     sides = np.einsum("grk,gr->gk", columns, residual)
     whole = blocks.sum(axis=0) + prior
+    untold = np.flatnonzero(np.diag(whole) < FARTHEST**-2)
     for group in np.unique(groups):
         out = groups == group
         left = whole - blocks[out].sum(axis=0)
-        left[np.diag_indices(count)] = np.maximum(np.diag(left), FARTHEST**-2)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
         right = sides[out].sum(axis=0)
+        left[untold], left[:, untold], left[untold, untold], right[untold] = 0.0, 0.0, 1.0, 0.0
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(left), 1e-300))
         inverse = np.outer(scale, scale) * np.linalg.pinv(left * np.outer(scale, scale), rcond=1e-12, hermitian=True)
         yield out, (scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * right, rcond=1e-12)[0] if count
                     else np.zeros(0)), inverse
