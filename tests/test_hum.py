@@ -43,7 +43,7 @@ def test_hum_is_found(frequency, amplitude):
     """Of one to four times the noise, of a few turns in a record or of many: frequency and rms."""
     for seed in (1, 2, 3):  # of the phases of seed 0 chance makes a pattern, one in a hundred
         ((found, rms),) = look(seed, add_sine(seed, frequency, amplitude)).hum
-        assert found == pytest.approx(frequency, abs=0.02) and rms == pytest.approx(amplitude / np.sqrt(2.0), rel=0.15)
+        assert found == pytest.approx(frequency, abs=0.05) and rms == pytest.approx(amplitude / np.sqrt(2.0), rel=0.15)
 
 
 def test_two_sines_are_found():

@@ -12,8 +12,8 @@ from .settings import DEFAULT
 
 
 NORMAL_95 = 1.959964  # two-sided 95 % quantile of the normal distribution
-# Standard deviation of a parameter, in typical changes, beyond which all conditions together tell nothing of it: with one
-# left out, rounding would send it far away, to where the model is another.
+# Standard deviation of a parameter, in typical changes, beyond which all conditions together tell nothing of it: with
+# one left out, rounding would send it far away, to where the model is another.
 FARTHEST = 10.0
 BEYOND = 1e12  # noise variances that a prediction misses by at most: past any meaning, and still finite
 
