@@ -77,6 +77,7 @@ def judge_case(exam: Exam, case: Case, folder: Path) -> dict[str, Any]:
         "heldout_over_noise": predict_heldout(exam, case, folder / "discovery"),
         "claimed_over_noise": last.heldout_nrmse / max(found.noise_nrmse, 1e-300), "sentence": found.sentence,
         "records": int(found.counts["records"]),
+        "allowed": list(found.allowances),
         "reported": [{"kind": f.kind, "records": list(f.records), "left_out": f.left_out} for f in found.faults],
     }  # fmt: skip
 

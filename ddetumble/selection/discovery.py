@@ -14,6 +14,7 @@ from ..inference.findings import AbstractRivals, Fit
 from ..measurement.faults import Fault
 from ..measurement.quantities import clean
 from .bias import SettingBias
+from .confidence import Confidence, find_confidence, list_allowances
 from .result import RESULT, RIVALS, Candidate, MissingForce, Place, SettingSpread, Step, list_shifts
 from .settings import DEFAULT, SelectionSettings
 from .text import align, choose_view, format_candidates, format_steps, say_place, say_verdict, show_estimate, wrap
@@ -83,6 +84,16 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     def rivals(self) -> tuple[Fit, ...]:
         """Models that the last step could not be told from, as `fit` returns one."""
         return tuple(make() for make in self.made[1])
+
+    @property
+    def allowances(self) -> tuple[str, ...]:
+        """What of noise and settings was taken otherwise than stated."""
+        return list_allowances(self.noise, spread=self.spread, biases=self.biases, irregular=self.irregular)
+
+    @property
+    def confidence(self) -> Confidence | None:
+        """How often such verdicts were right in the sealed exam; None where that is not known."""
+        return find_confidence(self.family, self.verdict, bool(self.allowances))
 
     @property
     def best(self) -> Fit:
@@ -165,7 +176,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "where": [{k: v for k, v in _list_fields(w).items() if v is not None} for w in self.where],
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
-            "setting_biases": self.biases,
+            "setting_biases": self.biases, "allowances": self.allowances, "confidence": self.confidence,
             "missing_force": None if self.missing is None else self.missing.to_dict(),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })

@@ -132,6 +132,9 @@ def list_notes(found: Discovery, family: Family, left_out: Sequence[str], asked:
     notes += [say("verdict.noise", channel=channel, text=noise["text"]) for channel, noise in found.noise.items()]
     if any(not s.converged for s in found.steps):
         notes.append(say("verdict.unconverged"))
+    if found.confidence is not None:
+        notes.append(say("verdict.confidence", right=found.confidence.right, judged=found.confidence.judged,
+                         allowed=found.confidence.allowed, kind=family.name))
     others = [r["model"] for r in found.references] if found.model == asked else []
     return [*notes, *filter(None, [undrawn]), *(say(f"verdict.{name}", **{key: list(names)}) for name, key, names in (
         ("exact_settings", "names", exact), ("undetermined", "names", loose),
