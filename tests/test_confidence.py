@@ -46,7 +46,7 @@ def test_nothing_is_said_where_nothing_is_known():
 
 
 def test_rates_come_back():
-    """Of 400 tables drawn at rates of their own, 95 % limits hold the rate as often at least, within four deviations."""
+    """Of 400 tables drawn at rates of their own, 95 % limits hold the rate as often or more, within four deviations."""
     generator, inside = np.random.default_rng(4), 0
     for _ in range(400):
         p = generator.beta(18.0, 2.0)

@@ -26,6 +26,7 @@ from .localise import residual_places
 from .problem import PredictionError, fit_reference, pose_selection
 from .result import Estimate, LackOfFit, Place, SettingShift, Trace, list_shifts
 from .sentences import describe_level, find_longest
+from .sequential import Sequential, follow_records
 from .series import list_channels, make_traces, nrmse, split_error
 from .text import describe_place
 
@@ -79,6 +80,7 @@ class Comparison(_Written):
         groups: condition of every record, shape (records,).
         converged: state of the optimiser.
         free: number of parameters that these records chose, here or before.
+        sequential: evidence against the model after every record, which may be looked at at any time.
     """
 
     campaign: str
@@ -110,6 +112,7 @@ class Comparison(_Written):
     groups: np.ndarray = dc.field(default_factory=lambda: np.zeros(0, dtype=int), repr=False, compare=False)
     converged: bool = True
     free: int = 0
+    sequential: Sequential | None = None
 
     def __str__(self) -> str:
         """The outcome for a terminal."""
@@ -131,6 +134,11 @@ class Comparison(_Written):
                 f"{100 * self.prediction_coverage:.0f} % of samples within the 95 % interval")
             parts.append(f"Error: {100 * self.nrmse:.2f} % fitted, {100 * self.heldout_nrmse:.2f} % cross-validated, "
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
+        if self.sequential is not None:
+            alarm, last = self.sequential.find_alarm(), float(self.sequential.e_values[-1])
+            parts.append("Looked at after every record, the evidence against the model (e-value) is "
+                         + ("above a million" if last > 1e6 else f"{last:.2g}")
+                         + (f"; it passed 20 at record {alarm}." if alarm else "; 20 would count at any time."))
         parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items())]))
         return "\n\n".join(parts)
 
@@ -314,7 +322,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         noise=describe_noise(bench), traces=traces, shifts=shifts, held_nrmse=held,
         notes=(*bench.warnings, *filter(None, [thinned])), effects=fitted.effects, heldout_nrmse=adjusted.nrmse,
         prediction_nrmse=predicted.nrmse, prediction_coverage=predicted.coverage, heldout_squares=adjusted.squares,
-        groups=bench.groups, converged=chosen.solution.converged or own is not None, free=len(chosen.solution.names))
+        groups=bench.groups, sequential=follow_records(bench.problem, solution, bench.bases, bench.noise),
+        converged=chosen.solution.converged or own is not None, free=len(chosen.solution.names))
 
 
 def _conclude(models: tuple[Comparison, ...], names: tuple[str, ...]) -> Comparisons:
