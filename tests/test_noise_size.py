@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.inference.noise_size import Run, measure_sizes
+from ddetumble.inference.noise_size import Run, look_white, measure_sizes
 
 
 RECORDS, SAMPLES = 6, 120
@@ -183,3 +183,24 @@ def test_the_order_of_the_records_is_none():
     assert moved.along == plain.along
     for new, old in enumerate(order):
         np.testing.assert_allclose(moved.relative[new], plain.relative[old], rtol=0.02)
+
+
+@pytest.mark.parametrize(("share", "white"), [(0.0, True), (0.3, True), (1.5, False)])
+def test_what_is_smoother_than_noise_does_not_look_white(share, white):
+    """Noise whose size varies, beside a line of seven samples a turn that a flexible part might make."""
+    for seed in range(5):
+        generator, runs = np.random.default_rng([71, seed]), []
+        for record in range(4):
+            size = 1.0 + 3.0 * np.linspace(0.0, 1.0, 300) ** 2
+            line = share * np.sin(2.0 * np.pi * np.arange(300) / 7.0 + record)
+            residual = size * (generator.standard_normal(300) + 2.0 * line)
+            runs.append(Run(record, np.arange(300), residual, np.zeros(300)))
+        assert look_white(runs) == white
+
+
+def test_correlated_noise_does_not_look_white():
+    """Of a correlation of 0.7 from sample to sample: nor do too few samples."""
+    runs = [Run(r, np.arange(400), draw_noise(np.random.default_rng([72, r]), 400, 1.0, 0.7), np.zeros(400))
+            for r in range(4)]
+    assert not look_white(runs) and not look_white([Run(0, np.arange(30), np.random.default_rng(1).random(30),
+                                                        np.zeros(30))])

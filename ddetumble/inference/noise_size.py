@@ -44,6 +44,7 @@ class SizeSettings:
     window: int = 40
     windows: int = 12
     repeated: float = 0.1
+    white: float = 0.12
 
 
 SIZE = SizeSettings()
@@ -121,6 +122,18 @@ def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSet
     if high <= settings.material * low:
         return None
     return Sizes(floor, share, rate_share, factors, along is not None, relative)
+
+
+def look_white(runs: Sequence[Run], settings: SizeSettings = SIZE) -> bool:
+    """Whether second differences of the residuals are correlated as those of white noise of any size are: by -2/3 and
+    1/6 over one sample and two."""
+    bent = [_bend(run.residual) for run in runs if len(run.residual) > settings.window]
+    bent = [x / max(float(np.sqrt(np.mean(x**2))), 1e-300) for x in bent]
+    count = sum(map(len, bent))
+    if count < settings.fewest:
+        return False
+    one, two = (sum(float(x[k:] @ x[:-k]) for x in bent) / count for k in (1, 2))
+    return abs(one + 2.0 / 3.0) < settings.white and abs(two - 1.0 / 6.0) < settings.white
 
 
 def _bend(x: np.ndarray) -> np.ndarray:
