@@ -86,7 +86,9 @@ def scan_line(selection: SelectionProblem, fitted: Fitted, direction: type[Abstr
     """
     problem = selection.problem if selection.thin is None else selection.thin
     time = np.asarray(problem.records.stack.time)[: problem.records.count]
-    line = direction.line  # pyright: ignore[reportAttributeAccessIssue]
+    line = direction.line
+    if line is None:
+        return None
     names = [f"{direction.id}.{p.name}" for p in parameters_of(direction) if p.kind != "shape"]
     longest, interval = float(np.max(np.ptp(time, axis=1))), float(np.median(np.diff(time[0, : 64])))
     grid = np.arange(1.0, min(2.0 * longest * 0.4 / interval, SCANNED)) * 0.5 / longest
