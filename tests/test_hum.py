@@ -13,7 +13,7 @@ from ddetumble.inference.archive import resolve_model
 from ddetumble.inference.assembly import assemble_space
 from ddetumble.inference.hum import find_hum
 from ddetumble.inference.noise import Noise
-from ddetumble.inference.noise_estimation import hums_more
+from ddetumble.inference.noise_estimation import has_more_hum
 from ddetumble.inference.problem import Problem
 from ddetumble.inference.stack import default_noise, stack_records
 from ddetumble.measurement.package import read_campaign
@@ -88,7 +88,7 @@ def test_a_fit_takes_the_hum_out():
     """With its sines as nuisances of every record, what is left is the noise."""
     selection, fitted = fit_toy(make_selection(8, conditions=CONDITIONS, spoil=add_sine(8, 7.77, 0.2)))
     noise = find_hum(selection.campaign, selection.records, fitted.solution, selection.noise)
-    assert hums_more(selection.noise, noise) and not hums_more(noise, noise)
+    assert has_more_hum(selection.noise, noise) and not has_more_hum(noise, noise)
     again = selection.restack(noise).repeat(fitted)
     freedom = selection.samples - 2 * RECORDS - len(again.solution.names)
     assert fitted.solution.chi2 > 3.0 * freedom

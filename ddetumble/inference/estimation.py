@@ -20,7 +20,7 @@ from .bounded import Bounded, explain_share, list_limits, meets_data, solve_boun
 from .findings import Fit, summarise_fit
 from .models import ResolvedModel, resolve_effect
 from .noise import Noise
-from .noise_estimation import differs_from_stated, hums_more, measure_noise
+from .noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from .parameters import ParameterSpace
 from .problem import Problem, Solution
 from .progressive_horizon import MOST, is_lost, solve_progressively
@@ -166,7 +166,7 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
         best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
     report("measuring the noise", 0.82)
     measured = dict(noise or {}) or measure_noise(campaign, problem.records, best.solution)
-    if not noise and wanted.noise != "stated" and hums_more({}, measured):
+    if not noise and wanted.noise != "stated" and has_more_hum({}, measured):
         problem = pose(measured)
         best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
         measured = measure_noise(campaign, problem.records, best.solution, before=measured)

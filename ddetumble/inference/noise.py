@@ -63,7 +63,7 @@ class Noise:
         """Whether no sample says anything about another."""
         return self.correlation <= 0 and self.slow_sd <= 0
 
-    def beside(self, other: "Noise") -> "Noise":
+    def with_slow_parts(self, other: "Noise") -> "Noise":
         """The same with the baseline and the hum of another."""
         return dc.replace(self, slow_sd=other.slow_sd, slow_time=other.slow_time).with_hum(other.hum)
 

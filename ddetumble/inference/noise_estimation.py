@@ -104,7 +104,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
     """Noise of every channel from the residuals of a fit, less what is smooth over a contact.
 
     Baseline and hum that the fit took (`before`) stay beside it; hum that is seen for the first time comes to them, and
-    calls for another fit and another look (`hums_more`).
+    calls for another fit and another look (`has_more_hum`).
     """
     found, family = {}, find_family(records.family)
     contact, stack = family.has_contact, records.stack
@@ -164,11 +164,11 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         found[channel] = finish(estimate_noise(
             [t for t, s in zip(traces, steps, strict=True) if abs(s / interval - 1) < 2e-3], interval, lowest, expected,
             None if sizes is not None else _quiet_deviation(records, c), settings))
-    found = {channel: level.beside(before[channel]) if before else level for channel, level in found.items()}
+    found = {channel: level.with_slow_parts(before[channel]) if before else level for channel, level in found.items()}
     return find_hum(campaign, records, solution, found, settings.hum)
 
 
-def hums_more(before: Mapping[str, Noise], after: Mapping[str, Noise]) -> bool:
+def has_more_hum(before: Mapping[str, Noise], after: Mapping[str, Noise]) -> bool:
     """Whether hum was found that was not known."""
     return any(level.hum and (c not in before or before[c].hum != level.hum) for c, level in after.items())
 

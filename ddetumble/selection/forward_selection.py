@@ -12,7 +12,7 @@ import numpy as np
 from .._display import Progress
 from .._numerics import map_threads
 from ..inference.assembly import default_starts
-from ..inference.noise_estimation import changed, hums_more, measure_noise
+from ..inference.noise_estimation import changed, has_more_hum, measure_noise
 from ..inference.problem import Solution
 from ..inference.slow_noise import add_slow_noise
 from .cross_validation import compare_losses
@@ -108,7 +108,7 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
                                   selection.noise)
             if not changed(selection.noise, noise, settings):
                 break
-            again = hums_more(selection.noise, noise)
+            again = has_more_hum(selection.noise, noise)
             selection = dc.replace(selection.restack(noise), noise=noise)
             for k, step in enumerate(steps):
                 fitted = selection.repeat(step.fitted)

@@ -13,7 +13,7 @@ from ..contact.effect import AbstractEffect, AbstractModel, is_scored, parameter
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
 from ..inference.noise import Noise
-from ..inference.noise_estimation import differs_from_stated, hums_more, measure_noise
+from ..inference.noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from ..inference.parameters import ParameterSpace
 from ..inference.problem import Problem, Solution
 from ..inference.progressive_horizon import is_lost, solve_progressively
@@ -362,7 +362,7 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
         if differs_from_stated(noise, settings):
             selection = selection.restack(noise)
             solution = _require(selection, selection.problem.solve(selection.base, solution.u, solution.z))
-        if not hums_more(before, noise):
+        if not has_more_hum(before, noise):
             break
     selection = dc.replace(selection.span(solution), lost=is_lost(selection.problem, solution))
     return selection, selection.file((), solution)
