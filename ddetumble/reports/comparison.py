@@ -113,7 +113,8 @@ def tabulate_errors(result: Comparison) -> Section:
                                 "By condition; each row is the mean over tests with equal settings."))
     tables.append(_tabulate(result.records, units, "By record."))
     text = "Rms / noise is the RMS residual over the standard deviation of the noise: 1 is as good as a model can be."
-    return Section("Errors", [text], tables=tables)
+    followed = [] if result.sequential is None else [str(result.sequential)]
+    return Section("Errors", [text, *followed], tables=tables)
 
 
 def _tabulate(frame: pd.DataFrame, units: Mapping[str, str], caption: str) -> Table:

@@ -135,10 +135,7 @@ class Comparison(_Written):
             parts.append(f"Error: {100 * self.nrmse:.2f} % fitted, {100 * self.heldout_nrmse:.2f} % cross-validated, "
                          f"{100 * self.noise_nrmse:.2f} % noise{predicted}.")
         if self.sequential is not None:
-            alarm, last = self.sequential.find_alarm(), float(self.sequential.e_values[-1])
-            parts.append("Looked at after every record, the evidence against the model (e-value) is "
-                         + ("above a million" if last > 1e6 else f"{last:.2g}")
-                         + (f"; it passed 20 at record {alarm}." if alarm else "; 20 would count at any time."))
+            parts.append(str(self.sequential))
         parts.append("\n".join(["Noise:", *(f"  {c}: {n['sd']:.3g}, {n['text']}" for c, n in self.noise.items())]))
         return "\n\n".join(parts)
 

@@ -30,6 +30,13 @@ class Sequential:
     p_values: np.ndarray
     e_values: np.ndarray
 
+    def __str__(self) -> str:
+        """The evidence in one sentence."""
+        alarm, last = self.find_alarm(), float(self.e_values[-1])
+        return ("Looked at after every record, the evidence against the model (e-value) is "
+                + ("above a million" if last > 1e6 else f"{last:.2g}")
+                + (f"; it passed 20 at record {alarm}." if alarm else "; 20 would count at any time."))
+
     def find_alarm(self, level: float = 0.05) -> str | None:
         """Record at which the evidence first passes one over `level`; None where it never does."""
         past = np.flatnonzero(self.e_values >= 1.0 / level)
