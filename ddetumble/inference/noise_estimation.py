@@ -18,7 +18,7 @@ from ..families import Span, find_family
 from ..measurement.campaign import Campaign
 from .hum import HUM, HumSettings, find_hum
 from .noise import Noise
-from .noise_size import SIZE, Run, Sizes, SizeSettings, look_white, measure_sizes
+from .noise_size import SIZE, Run, Sizes, SizeSettings, look_random, measure_sizes
 from .problem import Solution
 from .stack import Records, default_noise
 
@@ -128,7 +128,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
                       for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1) if used[run[0]]]
         # Few records do not show what repeats, and those that run freely share no phase: nothing would tell a force
         # that is missing from noise of its size but that it is smoother. Else the stated size counts.
-        told = look_white(parts, settings.size) if family.free_running else records.count >= settings.size.records
+        told = look_random(parts, settings.size) if family.free_running else records.count >= settings.size.records
         sizes = measure_sizes(parts, list(map(int, records.lengths)), settings.size) if told else None
         if sizes is not None:
             parts = [dc.replace(run, residual=run.residual / sizes.relative[run.record][run.samples]) for run in parts]
