@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from .._errors import InputError
 from .options import Overwrite, Texts, command, option, place
 from .places import open_folder
 from .progress import show_progress
@@ -15,17 +16,22 @@ Text = str | None
 
 
 @command(
-    "import", "Turn a laboratory's CSV files into a checked campaign.",
+    "import", "Turn a laboratory's files into a checked campaign.",
     "import run*.csv --conditions settings.csv -o campaign",
     'import "P1.0MPa_v0.4.csv" --name-pattern "P{initial_pressure}MPa_v{approach_speed:m/s}" -o campaign',
     'import all.csv --record-column Test --force "Fz [N]" --uncertainty "force=0.25 N" -o campaign',
     'import stroke*.csv --family slip --conditions settings.csv --uncertainty "force=0.04 N" -o friction',
-    'import a.csv --family slip --load "20 N" --pressure "8 bar" --speed "50 mm/s" --slip "Weg [mm]" -o out')
+    'import a.csv --family slip --load "20 N" --pressure "8 bar" --speed "50 mm/s" --slip "Weg [mm]" -o out',
+    "import bench.xlsx --sheet 'shot*' --conditions bench.xlsx:settings -o campaign",
+    "import run1.tdms --list")
 def import_files(
-    raw: Annotated[list[Path], typer.Argument(metavar="RAW", help="CSV files, or folders with CSV files.")],
-    output: Annotated[Path, place("Folder of the new campaign.", "CAMPAIGN")],
+    raw: Annotated[list[Path], typer.Argument(metavar="RAW", help=(
+        "Files, or folders with files: delimited text, .xlsx, .ods, .mat, HDF5, TDMS, Parquet, MDF, MCAP, rosbag2, "
+        "universal files."))],
+    output: Annotated[Path | None, place("Folder of the new campaign.", "CAMPAIGN")] = None,
     conditions: Annotated[
-        Path | None, option("FILE.csv", "Table of conditions: one row per file or record, with units in the headings.")
+        Path | None, option("FILE", "Table of conditions: one row per file or record, with units in the headings; of a "
+                                    "spreadsheet with several sheets, FILE.xlsx:SHEET.")
     ] = None,
     name_pattern: Annotated[
         Text, option("TEXT", "Pattern of the conditions in file names: "
@@ -60,6 +66,9 @@ def import_files(
         Text, option("x|y|z", "Tumbling: the body's axis of symmetry in the columns, which becomes z.")] = None,
     decimal: Annotated[Text, option("SIGN", "Decimal sign: . or ,")] = None,
     delimiter: Annotated[Text, option("SIGN", "Delimiter: , ; | tab or space")] = None,
+    sheet: Annotated[Text, option(
+        "NAME", "Sheet of a spreadsheet or group of another file; with a pattern such as '*' each is a test.")] = None,
+    contents: Annotated[bool, typer.Option("--list", help="Only show which channels the files hold.")] = False,
     family: Annotated[Text, option(
         "NAME", "Kind of tests: impact (the default), slip (friction over slip or over time) or tumble, or "
                 "FILE.py:NAME "
@@ -67,13 +76,19 @@ def import_files(
     title: Annotated[Text, option("TEXT", "Title of the campaign.")] = None,
     overwrite: Overwrite = False,
 ):
-    """Turn a laboratory's CSV files into a checked campaign: one file per test, or one long file.
+    """Turn a laboratory's files into a checked campaign: one file, sheet or group per test, or one long file.
 
     What the files show (delimiter, decimal sign, units, columns, contact onset, sign of the friction) is read from
     them, and every decision is reported. What they do not show is not guessed: the message names the option to give.
     """
     # All but where to write are arguments of `import_tests`, most of them by the same name.
-    given = {name: value for name, value in locals().items() if name not in ("raw", "output", "overwrite", "unit")}
+    given = {name: value for name, value in locals().items() if name not in ("raw", "output", "overwrite", "unit",
+                                                                                "contents")}
+    if contents:
+        show_contents(raw)
+        return
+    if output is None:
+        raise InputError("name the folder of the new campaign", option="-o")
     from ..measurement.kinds import DEFAULT_KIND
     from ..measurement.laboratory import import_tests
     from ..measurement.package import write_campaign
@@ -85,3 +100,23 @@ def import_files(
         typer.echo(f"- {note}")
     count = len(written.records)
     typer.echo(f"{output}: {count} record{'' if count == 1 else 's'}")
+
+
+def show_contents(paths: list[Path]) -> None:
+    """Print the channels of files by sheet or group: unit, number of samples, and their interval or first value."""
+    from ..measurement.recordings import list_channels
+
+    for path in paths:
+        typer.echo(path)
+        shown = ""
+        for channel in list_channels(path):
+            if channel.group != shown:
+                shown = channel.group
+                typer.echo(f"  {shown}:")
+            unit, count = f" [{channel.unit}]" if channel.unit else "", len(channel.values)
+            about = f"{count} value{'s' * (count != 1)}"
+            if channel.clock is not None and count > 1:
+                about += f", clock of its own, every {float(channel.clock[-1] - channel.clock[0]) / (count - 1):.6g} s"
+            elif count:
+                about += f", {'from ' * (count > 1)}{channel.values[0]}"
+            typer.echo(f"    {channel.name}{unit}: {channel.problem or about}")
