@@ -470,3 +470,33 @@ def test_dry_run(tmp_path, capsys):
     assert main(["import", str(path), "--dry-run", "--pressure", "1 MPa"]) == 2
     told = capsys.readouterr().err
     assert "check.png" in told and "pressure" in told and "Traceback" not in told
+
+
+def test_a_campaign_as_a_workbook_and_back(tmp_path, capsys):
+    """An exported campaign can be imported again, but for the last digit that .xlsx keeps; names stay texts."""
+    raw = write_csv(tmp_path / "=1+1.csv", channels(p=("bar", np.where(np.arange(512) % 4, np.nan, 10.0 + TIME))))
+    raw.write_text(raw.read_text().replace("nan", ""))
+    campaign = dd.write_campaign(tmp_path / "campaign", dd.import_tests(raw, **CONDITIONS))
+    book = tmp_path / "book.xlsx"
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(book)]) == 0
+    assert {"about", "records", "samples"} <= {one.group for one in dd.list_channels(book)}
+    again = dd.import_tests(book, sheet="samples", conditions=f"{book}:records", onset=0)
+    assert again.record_keys == ("=1+1",) and again.records.equals(campaign.records)
+    np.testing.assert_allclose(take_samples(again)["time"], take_samples(campaign)["time"], rtol=1e-14, atol=1e-15)
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(book)]) == 2
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(tmp_path / "a.csv")]) == 2
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(tmp_path / "a.ods")]) == 2
+    assert main(["export", str(tmp_path), "-o", str(tmp_path / "b.xlsx")]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_results_as_tables(tmp_path):
+    folder = dd.find_data() / "scenarios" / "close-settings"
+    assert main(["export", str(folder), "-o", str(tmp_path / "a.csv")]) == 0
+    table = pd.read_csv(tmp_path / "a.csv").set_index("name")
+    assert table.loc["effective_mass", "estimate"] > 0 and table.loc["effective_mass", "unit"] == "kg"
+    assert main(["export", str(folder), "-o", str(tmp_path / "a.xlsx")]) == 0
+    held = {(one.group, one.name) for one in dd.list_channels(tmp_path / "a.xlsx")}
+    assert {("parameters", "estimate"), ("candidates", "p_value"), ("steps", "nrmse")} <= held
+    (tmp_path / "result.json").write_text("[1")
+    assert main(["export", str(tmp_path), "-o", str(tmp_path / "b.xlsx")]) == 2

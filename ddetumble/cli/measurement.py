@@ -1,4 +1,4 @@
-"""The command that makes campaigns from a laboratory's files: `import`."""
+"""Commands that make campaigns from a laboratory's files, and tables from campaigns and results: `import`, `export`."""
 
 import dataclasses as dc
 from pathlib import Path
@@ -9,7 +9,7 @@ import typer
 
 from .._errors import InputError
 from .options import Overwrite, Texts, command, option, place
-from .places import check_file, open_optional, write_bytes
+from .places import check_file, locate_campaign, open_optional, write_bytes, write_table
 from .progress import show_progress
 
 
@@ -123,6 +123,35 @@ def import_files(
     count = len(campaign.records)
     typer.echo(f"{place or 'Nothing was written: the campaign would have'}{':' * bool(place)} {count} "
                f"record{'' if count == 1 else 's'}")
+
+
+@command("export", "Export a campaign or results for a spreadsheet program.", "export impact-b -o impact-b.xlsx",
+         "export discovery -o discovery.xlsx", "export discovery -o parameters.csv")
+def export_tables(
+    source: Annotated[str, typer.Argument(
+        metavar="CAMPAIGN|DIR", help="Campaign (folder or name of a shipped one), or a folder that fit, discover, "
+                                     "compare or sample wrote.")],
+    output: Annotated[Path, place("Workbook with a sheet for each table, or of results the parameters as CSV.",
+                                  "OUT.xlsx|OUT.csv")],
+    overwrite: Overwrite = False,
+):
+    """Export a campaign, in SI with units in the headings, or the tables of a folder with results."""
+    from ..measurement.package import read_campaign
+    from ..reports.export import RESULTS, tabulate_campaign, tabulate_results, write_workbook
+
+    check_file(output, overwrite)
+    ending, parameters = output.suffix.lower(), "parameters"
+    if ending not in (".xlsx", ".csv"):
+        raise InputError("the name must end with .xlsx or .csv", file=output, option="-o")
+    results = any((Path(source) / name).is_file() for name in RESULTS)
+    tables = tabulate_results(source) if results else tabulate_campaign(read_campaign(locate_campaign(source)))
+    if ending == ".csv" and parameters not in tables:
+        raise InputError("there are no parameters to write as CSV; name an .xlsx file for everything", option="-o")
+    if ending == ".csv":
+        write_table(tables[parameters], output)
+    else:
+        write_bytes(write_workbook(tables), output)
+    typer.echo(f"{output}: {', '.join([parameters] if ending == '.csv' else tables)}")
 
 
 def show_contents(paths: list[Path]) -> None:
