@@ -312,6 +312,23 @@ def test_arrays_that_are_no_channels(tmp_path):
     refuse(write_mdf(tmp_path / "a.mf4", clocked(Fz=("N", STEP, np.array([b"x"] * 512)))), "column Fz")
 
 
+def test_a_single_sample_that_is_far_too_large(tmp_path):
+    """As a damaged file holds it: no rise can be made of it."""
+    for i in (100, 230, 400):
+        force = trace()
+        force[i] = 1e200
+        refuse(write_tdms(tmp_path / f"{i}.tdms", clocked(Fz=("N", STEP, force))), "--onset")
+
+
+def test_functions_that_are_not_of_time(tmp_path):
+    path = write_universal(tmp_path / "a.uff", clocked())
+    path.write_bytes(path.read_bytes().replace(b"\n    1         0    0", b"\n    4         0    0"))
+    refuse(path, "column Fz", "function of time")
+    path = write_universal(tmp_path / "b.uff", clocked())
+    path.write_bytes(path.read_bytes().replace(b"       512         0", b"       700         0"))
+    refuse(path, "column Fz", "512", "700")
+
+
 def test_packed_numbers_and_times_of_day(tmp_path):
     """What a format says about its numbers is done to them: netCDF's packing, and time stamps as seconds."""
     with h5py.File(tmp_path / "a.nc", "w") as file:
