@@ -312,6 +312,23 @@ def test_arrays_that_are_no_channels(tmp_path):
     refuse(write_mdf(tmp_path / "a.mf4", clocked(Fz=("N", STEP, np.array([b"x"] * 512)))), "column Fz")
 
 
+def test_a_single_sample_that_is_far_too_large(tmp_path):
+    """As a damaged file holds it: no rise can be made of it."""
+    for i in (100, 230, 400):
+        force = trace()
+        force[i] = 1e200
+        refuse(write_tdms(tmp_path / f"{i}.tdms", clocked(Fz=("N", STEP, force))), "--onset")
+
+
+def test_functions_that_are_not_of_time(tmp_path):
+    path = write_universal(tmp_path / "a.uff", clocked())
+    path.write_bytes(path.read_bytes().replace(b"\n    1         0    0", b"\n    4         0    0"))
+    refuse(path, "column Fz", "function of time")
+    path = write_universal(tmp_path / "b.uff", clocked())
+    path.write_bytes(path.read_bytes().replace(b"       512         0", b"       700         0"))
+    refuse(path, "column Fz", "512", "700")
+
+
 def test_packed_numbers_and_times_of_day(tmp_path):
     """What a format says about its numbers is done to them: netCDF's packing, and time stamps as seconds."""
     with h5py.File(tmp_path / "a.nc", "w") as file:
@@ -373,3 +390,130 @@ def test_tests_in_one_long_table_are_told_apart_by_their_numbers(tmp_path):
     book = write_sheets(tmp_path / "a.xlsx", {"Data": [
         [int(cell) if i and not j else cell for j, cell in enumerate(row)] for i, row in enumerate(as_rows(held))]})
     assert dd.import_tests(book, **CONDITIONS).record_keys == ("1", "2")
+
+
+SPECIFICATION = """
+raw = ["run*.csv"]
+conditions = "settings.xlsx:Table"
+uncertainty = { force = "0.3 N" }
+reverse = ["force"]
+describe = { force = "low-pass filter of the amplifier, 2 kHz; gauge 12 mm above the plate" }
+crop = "0.05 s to 0.95 s"
+"""
+
+
+def write_specified(folder, text=SPECIFICATION):
+    """A folder with a raw file whose force is negative, a workbook of settings and `import.toml`."""
+    folder.mkdir(exist_ok=True)
+    write_csv(folder / "run1.csv", {"t": ("s", TIME), "Fz": ("N", -trace())})
+    write_sheets(folder / "settings.xlsx", {"Table": [["file", "p [bar]", "v [m/s]"], ["run1.csv", 10.0, 0.4]]})
+    (folder / "import.toml").write_text(text)
+    return folder / "import.toml"
+
+
+def test_an_import_as_a_file(tmp_path):
+    path = write_specified(tmp_path / "lab")
+    campaign = dd.import_tests(path)
+    by_hand = dd.import_tests(tmp_path / "lab" / "run1.csv", conditions=tmp_path / "lab" / "settings.xlsx",
+                              uncertainty="force=0.3 N", reverse="force", crop="0.05 s to 0.95 s")
+    pd.testing.assert_frame_equal(campaign.samples, by_hand.samples, check_exact=True)
+    assert len(campaign.samples) == np.sum((TIME >= 0.05) & (TIME <= 0.95))
+    assert campaign.samples["normal_force"].max() > 40
+    written = dd.write_campaign(tmp_path / "campaign", campaign)
+    assert "2 kHz" in written.column("normal_force").description
+    for text, *parts in (
+        ("raw = 3", "'3'"), ("raw = { a = 'b' }", "raw"),
+        ("", "raw"), ("raw = ['none*.csv']", "none*.csv"), ("raw = ['run*.csv'", "TOML"),
+        (SPECIFICATION + "decimals = ','", "decimals", "decimal?"), (SPECIFICATION + "onset = 2024-01-01", "onset"),
+        (SPECIFICATION.replace("0.05 s to", "0.05 s -"), "--crop"), (SPECIFICATION.replace("0.05", "0.96"), "--crop"),
+        (SPECIFICATION.replace("0.95", "0.052"), "--crop"),
+        (SPECIFICATION + "sheet = ['a']", "sheet"), (SPECIFICATION + "gauge = 'yes'", "gauge", "true"),
+        (SPECIFICATION.replace('["force"]', '["slip"]'), "--reverse"),
+        (SPECIFICATION.replace("{ force = \"low", "{ slip = \"low"), "--describe"),
+    ):
+        with pytest.raises(dd.InputError) as caught:
+            dd.import_tests(write_specified(tmp_path / "lab", text))
+        assert all(part in str(caught.value) for part in parts), (parts, str(caught.value))
+    with pytest.raises(dd.InputError, match="leave out pressure"):
+        dd.import_tests(path, pressure="1 MPa")
+
+
+def test_zero_of_a_channel(tmp_path):
+    path = write_csv(tmp_path / "a.csv", channels())
+    campaign = dd.import_tests(path, zero={"force": "0 s to 0.2 s"}, onset="0.25 s", **CONDITIONS)
+    plain = dd.import_tests(path, onset="0.25 s", **CONDITIONS)
+    assert any("subtracted from normal_force" in note for note in campaign.notes)
+    difference = campaign.samples["normal_force"] - plain.samples["normal_force"]
+    assert np.ptp(difference) < 1e-9 and abs(difference.iloc[0]) < 0.1
+    refuse(path, "--zero", "normal_force", zero="force=0 s to 1 ms")
+    refuse(path, "--zero", "slip", zero="slip=0 s to 1 s")
+
+
+def test_one_long_recording_is_cut_into_records(tmp_path):
+    """Each record is a stretch of the recording, sample for sample; what is not whole is left out and told."""
+    force = np.concatenate([trace(peak, seed)[:400] for seed, peak in enumerate((40.0, 50.0, 60.0))] + [trace()[:200]])
+    path = write_tdms(tmp_path / "long.tdms", {"Fz": ("N", STEP, force)})
+    cut = {"level": "8 N", "before": "0.2 s", "after": "0.4 s"}
+    campaign = dd.import_tests(path, cut=cut, **CONDITIONS)
+    assert campaign.record_keys == ("long-1", "long-2", "long-3")
+    assert any("3 contacts" in note and "1 at its ends" in note for note in campaign.notes)
+    assert [round(campaign.trace(key)["normal_force"].max(), -1) for key in campaign.record_keys] == [40, 50, 60]
+    for key in campaign.record_keys:
+        values = campaign.trace(key)["normal_force"].to_numpy()
+        steps = np.diff(values)
+        first = next(i for i in range(len(force)) if np.allclose(np.diff(force[i : i + len(values)]), steps, atol=1e-9))
+        assert len(values) == pytest.approx(0.6 / STEP, abs=2) and first >= 0
+    with pytest.raises(dd.InputError, match="--cut.*before"):
+        dd.import_tests(path, cut={"level": "8 N"}, **CONDITIONS)
+    refuse(path, "--cut", "lower the level", cut=cut | {"level": "800 N"})
+    refuse(path, "--cut", "closer", cut=cut | {"before": "0.5 s"})
+    with pytest.raises(dd.InputError, match="--cut"):
+        dd.import_tests(path, cut=cut | {"level": "8 mm"}, **CONDITIONS)
+    with pytest.raises(dd.InputError, match="--cut"):
+        dd.import_tests(path, cut=cut | {"after": "-1 s"}, **CONDITIONS)
+
+
+def test_dry_run(tmp_path, capsys):
+    """A dry run says what would be made, draws it if asked, and writes nothing else."""
+    path = write_specified(tmp_path / "lab")
+    before = sorted(path.parent.iterdir())
+    assert main(["import", str(path), "--dry-run", "--figure", str(tmp_path / "check.png")]) == 0
+    assert (tmp_path / "check.png").read_bytes().startswith(b"\x89PNG") and sorted(path.parent.iterdir()) == before
+    dry = capsys.readouterr().out
+    assert main(["import", str(path), "-o", str(tmp_path / "campaign")]) == 0
+    wet = capsys.readouterr().out
+    assert dry.splitlines()[:-1] == wet.splitlines()[:-1] and "1 record" in dry.splitlines()[-1]
+    assert main(["import", str(path), "--dry-run", "--figure", str(tmp_path / "check.png")]) == 2
+    assert main(["import", str(path), "--dry-run", "--pressure", "1 MPa"]) == 2
+    told = capsys.readouterr().err
+    assert "check.png" in told and "pressure" in told and "Traceback" not in told
+
+
+def test_a_campaign_as_a_workbook_and_back(tmp_path, capsys):
+    """An exported campaign can be imported again, but for the last digit that .xlsx keeps; names stay texts."""
+    raw = write_csv(tmp_path / "=1+1.csv", channels(p=("bar", np.where(np.arange(512) % 4, np.nan, 10.0 + TIME))))
+    raw.write_text(raw.read_text().replace("nan", ""))
+    campaign = dd.write_campaign(tmp_path / "campaign", dd.import_tests(raw, **CONDITIONS))
+    book = tmp_path / "book.xlsx"
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(book)]) == 0
+    assert {"about", "records", "samples"} <= {one.group for one in dd.list_channels(book)}
+    again = dd.import_tests(book, sheet="samples", conditions=f"{book}:records", onset=0)
+    assert again.record_keys == ("=1+1",) and again.records.equals(campaign.records)
+    np.testing.assert_allclose(take_samples(again)["time"], take_samples(campaign)["time"], rtol=1e-14, atol=1e-15)
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(book)]) == 2
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(tmp_path / "a.csv")]) == 2
+    assert main(["export", str(tmp_path / "campaign"), "-o", str(tmp_path / "a.ods")]) == 2
+    assert main(["export", str(tmp_path), "-o", str(tmp_path / "b.xlsx")]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_results_as_tables(tmp_path):
+    folder = dd.find_data() / "scenarios" / "close-settings"
+    assert main(["export", str(folder), "-o", str(tmp_path / "a.csv")]) == 0
+    table = pd.read_csv(tmp_path / "a.csv").set_index("name")
+    assert table.loc["effective_mass", "estimate"] > 0 and table.loc["effective_mass", "unit"] == "kg"
+    assert main(["export", str(folder), "-o", str(tmp_path / "a.xlsx")]) == 0
+    held = {(one.group, one.name) for one in dd.list_channels(tmp_path / "a.xlsx")}
+    assert {("parameters", "estimate"), ("candidates", "p_value"), ("steps", "nrmse")} <= held
+    (tmp_path / "result.json").write_text("[1")
+    assert main(["export", str(tmp_path), "-o", str(tmp_path / "b.xlsx")]) == 2

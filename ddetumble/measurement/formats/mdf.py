@@ -32,7 +32,7 @@ def read_mdf(path: Path) -> list[Channel]:
                 if over_time:
                     found += make_channels(signal.name, signal.samples, signal.unit, label, signal.timestamps)
                 else:
-                    found.append(Channel(signal.name, np.empty(0), signal.unit, label, None,
+                    found.append(Channel(signal.name, np.empty(0), signal.unit, label, signal.timestamps,
                                          "it was not measured over time; export it with a clock"))
     return found
 

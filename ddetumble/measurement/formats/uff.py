@@ -34,7 +34,7 @@ def read_uff(path: Path) -> list[Channel]:
         elif not len(x) == len(values) == one["num_pts"]:
             problem = f"it holds {len(values)} values and should hold {one['num_pts']}; export the file again"
         clock = parse_unit(_read_text(one, "abscissa_axis_units_lab") or "s").convert(x)
-        found += [Channel(name, np.empty(0), unit, problem=problem)] if problem else make_channels(
+        found += [Channel(name, np.empty(0), unit, "", x, problem)] if problem else make_channels(
             name, values, unit, "", clock)
     return found
 
