@@ -130,10 +130,10 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
         "row-08-abscissae": contradictions.draw_ranges(misses, forces.peaks, peaks.forces.x / 1e6, peaks.peaks),
         "row-09-duration": contradictions.draw_duration(peaks.forces.x, peaks.peaks, mass),
         "row-12-sign": contradictions.draw_sign(mass),
+        "row-13-errors": draw_friction_errors(friction["measured"], friction["printed"], friction["printed_error"]),
         "row-14-earlier": contradictions.draw_earlier(),
         "row-15-parabola": contradictions.draw_parabola(printed, forces.reference.fitted),
         "row-16-inflation": contradictions.draw_inflation(),
-        "row-13-errors": draw_friction_errors(friction["measured"], friction["printed"], friction["printed_error"]),
         "figure-8-growth": draw_growth(peaks, exponent), "figure-8-ladder": draw_ladder(peaks),
         "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
         "table-3-differences": draw_differences(

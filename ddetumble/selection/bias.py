@@ -72,10 +72,10 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
 
 
 def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None:
-    """A setting that is wrong alike in all records, beside settings that may scatter more than stated, if with it no
-    misfit of a model is left.
+    """The error of one setting, shared by all records, that leaves a model without misfit; None where there is none.
 
-    A scatter that is estimated without the bias holds the bias as well: it is estimated again about it.
+    Settings may scatter more than stated beside it. A scatter that is estimated without the error includes it, so it is
+    estimated again about it.
     """
     spread, best = selection.estimate_spread(fitted), None
     for _ in range(ROUNDS):
