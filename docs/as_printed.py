@@ -1,8 +1,8 @@
-"""Run what the README and the guide print, as printed, in a fresh clone: `python -m docs.as_printed -o fits/as-printed`.
+"""Run what README and guide print, as printed, in a fresh clone: `python -m docs.as_printed -o fits/as-printed`.
 
 Commands stand in blocks of `sh`, and within sentences where they hold no placeholder; blocks of Python run page by
-page. The files of a laboratory that they speak of are made from shipped campaigns. `run.py test` is left to the check of
-every change. Writes `result.json` and `README.md`, after every command anew.
+page. The files of a laboratory that they speak of are made from shipped campaigns. `run.py test` is left to the check
+of every change. Writes `result.json` and `README.md`, after every command anew.
 """
 
 import argparse
@@ -99,7 +99,7 @@ def write_recordings(clone: Path, campaign: dd.Campaign) -> None:
     from helpers_formats import write_bag, write_sheets, write_tdms
 
     random, table, sheets = np.random.default_rng(1), [["file", "pressure [MPa]", "speed [m/s]"]], {}
-    shots = [["file", "pressure [MPa]", "speed [m/s]"]]
+    shots = [["record", "pressure [MPa]", "speed [m/s]"]]
     for k, key in enumerate(campaign.record_keys[:4], 1):
         trace, row = campaign.trace(key), campaign.records.loc[key]
         step = float(np.median(np.diff(trace["time"])))
@@ -139,8 +139,8 @@ def tell(rows: list[dict], versions: dict[str, str]) -> str:
     lines = [f"# {right} of {len(rows)} commands that README and guide print end well", "",
              "As printed, in a fresh clone with an environment of its own, one after the other, by", "",
              "    python -m docs.as_printed -o fits/as-printed", "",
-             f"with Python {versions['python']}; the other versions are in `result.json`. Laboratory files are made from "
-             "shipped campaigns. `run.py test` is left to the check of every change.", "",
+             f"with Python {versions['python']}; the other versions are in `result.json`. Laboratory files are made "
+             "from shipped campaigns. `run.py test` is left to the check of every change.", "",
              "| page | line | command | status | seconds |", "| --- | ---: | --- | --- | ---: |"]
     for row in rows:
         command = row["command"].replace("|", "\\|")
