@@ -181,7 +181,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "setting_biases": self.biases, "shared_error": self.shared_error, "allowances": self.allowances,
             "confidence": self.confidence,
-            "missing_force": None if self.missing is None else self.missing.to_dict(),
+            "missing_force": self.missing and self.missing.to_dict(settings=False),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })
 
