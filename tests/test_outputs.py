@@ -169,8 +169,9 @@ def test_peaks_are_reported_and_lead_nowhere_else(tmp_path, capsys):
 
 
 def test_a_fit_goes_beside_its_specification(tmp_path, capsys):
-    (tmp_path / "fit.toml").write_text('schema = "ddetumble.fit/1"\ncampaign = "paper/figure-8"\n', encoding="utf-8")
-    assert main(["fit", str(tmp_path / "fit.toml")]) == 2  # of peaks; the folder itself is no reason
+    specification = 'schema = "ddetumble.fit/1"\ncampaign = "impact-a"\nmodel = "none"\n'
+    (tmp_path / "fit.toml").write_text(specification, encoding="utf-8")
+    assert main(["fit", str(tmp_path / "fit.toml")]) == 2  # of the model; the folder itself is no reason
     assert "--overwrite" not in capsys.readouterr().err
     (tmp_path / "fit.json").write_text("{}", encoding="utf-8")
     assert main(["fit", str(tmp_path / "fit.toml")]) == 2

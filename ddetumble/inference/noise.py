@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pydantic
-from scipy import sparse
+from scipy import sparse, stats
 
 
 TAPS = 8
@@ -59,6 +59,11 @@ class Noise:
         return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2 + beside)
 
     @property
+    def degrees(self) -> float:
+        """Degrees of freedom from which its power would be known as well as it is, $2/s^2$ with `log_level_sd` s."""
+        return 2.0 / self.log_level_sd**2 if self.log_level_sd > 0 else float("inf")
+
+    @property
     def is_white(self) -> bool:
         """Whether no sample says anything about another."""
         return self.correlation <= 0 and self.slow_sd <= 0
@@ -82,6 +87,12 @@ class Noise:
         coloured = max(self.correlation, 0.0) ** (lag / self.interval)
         fast = (1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval)
         return self.sd**2 * fast + self.slow_sd**2 * np.exp(-lag / self.slow_time)
+
+
+def widen_by_student(degrees: float) -> float:
+    """How many times as large a standard deviation known from so many degrees of freedom has to be taken for the 95 %
+    interval of a normal distribution to be Student's."""
+    return float(stats.t.ppf(0.975, degrees) / stats.norm.ppf(0.975))
 
 
 def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

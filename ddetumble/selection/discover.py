@@ -10,12 +10,11 @@ from typing import Any
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
-from ..families import find_family, name_family
+from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from ..measurement.grouping import count_conditions
-from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
 from .bias import SettingBias, fit_biases
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
@@ -63,8 +62,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     """
     began = time.perf_counter()
     report = progress or (lambda text, share: None)
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
+    campaign = open_campaign(campaign)
     catalogue = find_family(name_family(campaign), "discover").catalogue
     asked = resolve_model(model, name_family(campaign))
     # One of the catalogue is tried anyway.
