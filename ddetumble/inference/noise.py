@@ -33,6 +33,8 @@ class Noise:
             correlation time in the independent variable, SI; none where the first is 0.
         hum: frequency [Hz] and rms [SI] of every sine beside it, whose amplitude and phase every record has its own of.
         sizes: standard deviation of every sample over `sd`, by record, shape (samples,); empty where all are alike.
+        degrees: of freedom, where the size is the scatter of values of which a record has one; 0 where it is stated, or
+            measured along series.
     """
 
     sd: Positive
@@ -49,6 +51,7 @@ class Noise:
     slow_time: Positive = 1.0
     hum: tuple[tuple[Positive, Positive], ...] = ()
     sizes: Mapping[str, Any] = dc.field(default_factory=dict, repr=False, compare=False)
+    degrees: Annotated[int, pydantic.Field(ge=0)] = 0
 
     def deviations(self, reading: np.ndarray) -> np.ndarray:
         """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI, all parts together."""
@@ -57,11 +60,6 @@ class Noise:
             return np.full(np.shape(reading), np.sqrt(self.sd**2 + beside))
         rate = np.gradient(reading, axis=-1) if np.shape(reading)[-1] > 1 else np.zeros(np.shape(reading))
         return np.sqrt(self.floor**2 + (self.share * reading) ** 2 + (self.rate_share * rate) ** 2 + beside)
-
-    @property
-    def degrees(self) -> float:
-        """Degrees of freedom from which its power would be known as well as it is, $2/s^2$ with `log_level_sd` s."""
-        return 2.0 / self.log_level_sd**2 if self.log_level_sd > 0 else float("inf")
 
     @property
     def is_white(self) -> bool:

@@ -349,4 +349,4 @@ def _describe_values(campaign: Campaign, channel: str, uncertainty: Uncertainty)
     share = 0.0 if alike else wider * (uncertainty.relative or 0.0)
     sizes = {} if alike else {str(key): x[None] for key, x in zip(values.index, relative, strict=True)}
     return Noise(sd, 0.0, 0.0, 1.0, sd if stated else None, STATED if stated else float(np.sqrt(2.0 / degrees)), text,
-                 floor, share, sizes=sizes)
+                 floor, share, sizes=sizes, degrees=0 if stated else int(degrees))

@@ -169,11 +169,12 @@ def has_power(selection: SelectionProblem, score: Score) -> bool:
 
     The test is that of `judge_values`; what refitting leaves of the signature makes it non-central.
     """
-    limits, known = selection.settings, sum(n.degrees for n in selection.noise.values() if n.stated_sd is None)
+    limits, known = selection.settings, sum(n.degrees for n in selection.noise.values())
     count = int(selection.samples) + len(selection.priors)
     left = count - len(selection.base)
     strength = SIGNATURE**2 * selection.samples * score.visible
-    rest, degrees = (left - known, known) if known else (left, min(n.degrees for n in selection.noise.values()))
+    rest, degrees = (left - known, known) if known else (
+        left, 2.0 / max(n.log_level_sd for n in selection.noise.values()) ** 2)
     if rest < 1:
         return False
     return bool(stats.ncf.sf(stats.f.isf(limits.level_each, rest, degrees), rest, degrees, strength) >= 0.5)

@@ -128,11 +128,11 @@ def judge_values(total: float, degrees: float, noise: Mapping[str, Noise]) -> fl
         total, degrees: $\chi^2$ of the values under their noise, and its degrees of freedom d.
         noise: by channel.
     """
-    estimated = [n for n in noise.values() if n.stated_sd is None]
+    estimated = [n for n in noise.values() if n.degrees]
     if degrees < 1:
         return 1.0
     if not estimated:
-        return float(stats.f.sf(total / degrees, degrees, min(n.degrees for n in noise.values())))
+        return float(stats.f.sf(total / degrees, degrees, 2.0 / max(n.log_level_sd for n in noise.values()) ** 2))
     known = sum(n.degrees for n in estimated)
     # Under the noise itself, not that which is taken larger for how little tells of it.
     total *= min(widen_by_student(n.degrees) for n in estimated) ** 2
@@ -216,7 +216,7 @@ def family_p_value(scores: list[Score], noise: Mapping[str, Noise]) -> float:
     """Family-wise p-value of the largest squared score (Šidák; the noise level's own uncertainty widens it)."""
     if not scores:
         return 1.0
-    estimated = [n.degrees for n in noise.values() if n.stated_sd is None]
+    estimated = [n.degrees for n in noise.values() if n.degrees]
     if estimated:  # Student's t of the score, under the noise that is not taken larger
         known = min(estimated)
         largest = max(s.z**2 for s in scores) * widen_by_student(known) ** 2
