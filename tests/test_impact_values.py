@@ -162,5 +162,15 @@ def test_the_papers_peaks_through_the_verbs(tmp_path):
     assert judged.verdict == "undecided" and judged.confidence is None
     assert dd.report(judged, tmp_path / "page").is_file()
     posterior = dd.sample(campaign, effective=200, seed=1)
-    assert "effective_mass" in posterior.names
+    assert "effective_mass" in posterior.target.names
     assert dc.is_dataclass(found.fitted_model())
+    with pytest.raises(InputError, match="sampled records"):
+        dd.draw_missing_force(campaign)
+
+
+@pytest.mark.study
+def test_eleven_numbers_name_no_pair_of_effects():
+    """Table 3: without gas the reference model gives no force, and some pair of effects fits any eleven numbers."""
+    found = dd.discover(read_campaign(find_data() / "paper" / "table-3"))
+    assert found.verdict in ("improved", "unexplained") and len(found.effects) <= 1
+    assert found.missing is None and found.steps[0].lack_of_fit.rejected

@@ -50,10 +50,9 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     """Gather everything that a model of the campaign may hold: the reference model, the catalogue and `extra` effects.
 
     Raises:
-        InputError: The campaign has no samples or not what the model needs, or states something impossible.
+        InputError: The campaign does not have what the model needs, or states something impossible.
     """
     family = find_family(name_family(campaign))
-    require_samples(campaign)
     family.require_model(reference, campaign.name)
     for effect in extra:
         if family_of(effect) not in family.accepts:
@@ -84,10 +83,14 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
 
 
 def require_samples(campaign: Campaign) -> None:
-    """Refuse a campaign of peaks only."""
-    if campaign.samples is None:
-        raise InputError(f"campaign {campaign.name!r} contains only peaks, but this needs sampled records: force "
-                         "over time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
+    """Refuse a campaign of values only, of which a test gives one each.
+
+    Raises:
+        InputError: It has no series.
+    """
+    if set(campaign.channels) <= set(find_family(name_family(campaign)).values):
+        raise InputError(f"campaign {campaign.name!r} contains only peaks or other single values, but this needs "
+                         "sampled records: force over time or slip")
 
 
 def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:

@@ -164,6 +164,9 @@ def _select_from_clean(asked: ResolvedModel, campaign: Campaign, effects: Sequen
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:
     """The missing force itself, or why there is none: no verdict depends on it."""
     selection, tried = path.selection, path.tried
+    if selection.records.are_values:
+        return ("The missing force was not drawn: single values do not show how it changes during a test. Measure the "
+                "force over time.")
     if not selection.holds_out:
         return ("The missing force was not drawn: it is known by what it removes on conditions that are left out, and "
                 "there are too few to leave one out.")
