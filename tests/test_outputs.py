@@ -54,7 +54,8 @@ def test_a_folder_that_holds_anything_is_refused(command, tmp_path, capsys):
 @pytest.mark.parametrize("words", [
     ["missing", "paper/table-3"], ["fit", "slip-a", "-m", "matunaga"], ["discover", "slip-a", "-m", "matunaga"],
     ["compare", "slip-a", "-m", "no-such-model"], ["design", "no-such-folder"], ["import", "no-such-file.csv"],
-    ["plan", "no-such-file.toml"], ["map", "slip-a", "-m", "matunaga"], ["effects", "--new", "Not a name"]], ids=" ".join)
+    ["plan", "no-such-file.toml"], ["map", "slip-a", "-m", "matunaga"], ["effects", "--new", "Not a name"],
+], ids=" ".join)  # fmt: skip
 def test_a_command_that_fails_leaves_nothing(words, tmp_path, capsys):
     assert main([*words, "-o", str(tmp_path / "deep" / "new")]) == 2
     assert "Traceback" not in capsys.readouterr().err and os.listdir(tmp_path) == []
