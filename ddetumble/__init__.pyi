@@ -29,6 +29,7 @@ from .measurement.laboratory import import_tests as import_tests
 from .measurement.package import read_campaign as read_campaign
 from .measurement.package import write_campaign as write_campaign
 from .measurement.plausibility import check_plausibility as check_plausibility
+from .measurement.recordings import list_channels as list_channels
 from .planning.detectability import map_effects as map_effects
 from .planning.next_test import design as design
 from .planning.plan import Plan as Plan

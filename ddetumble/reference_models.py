@@ -34,6 +34,7 @@ def _make(kind: str, *parts: Callable[[], Any], **choices: Any) -> Any:
     return getattr(import_module(f"ddetumble.contact.{module}"), name)(*(part() for part in parts), **choices)
 
 
+_shell = partial(_make, "shell.InflatedShell")
 _ball, _soft, _body = partial(_make, "law.Ball"), partial(_make, "law.PowerLaw"), partial(_make, "torque.RigidBody")
 _quarter = partial(_ball, contact_radius_coefficient=0.25, doubled_core=True, damping_form="printed")
 _rubber, _coulomb = partial(_make, "sliding.RubberFriction"), partial(_make, "sliding.CoulombFriction")
@@ -71,6 +72,10 @@ MODELS: dict[str, BuiltinModel] = {
         "Eq. 1: a truncated sphere at constant pressure, with exact damping.",
         "F_n = P0 pi b^2 (1 + c_n w), b^2 = delta (D - delta)", f"the paper, Eq. 1 (Matunaga); {_HUNT}",
         partial(_ball, truncated=True)),
+    "shell": BuiltinModel(
+        "a rubber shell of Table 2 (40/60 mm) with gas in its cavity, side by side, with exact damping.",
+        f"F_n = (P' pi b^2 + k_s delta) (1 + c_n w), k_s = 4 E t^2/(R sqrt(3 (1 - nu^2))), b = pi delta/4, {_GAS}",
+        f"Table 2; Reissner 1946, J. Math. Phys. 25, 279; {_HUNT}", _shell, rival=False),
     "power-law": BuiltinModel(
         "a soft body without gas: elastic force as a power of the depression and of one condition, exact damping.",
         "F_n = F_10 (delta/10 mm)^n (c/c_0)^beta (1 + c_n w)", f"Hertz 1882 is n = 3/2; {_HUNT}", _soft),

@@ -17,7 +17,7 @@ from ddetumble.inference.levenberg_marquardt import eliminate_nuisances
 from ddetumble.inference.noise import TAPS, Noise, whiten, whitening
 from ddetumble.inference.parameters import ParameterSpace
 from ddetumble.inference.problem import Problem, Solution
-from ddetumble.inference.stack import COSINE, SINE, Records, Stack, is_added
+from ddetumble.inference.stack import COSINE, SINE, Records, Stack, is_added, widen_settings
 from ddetumble.measurement.campaign import Campaign, Column
 from ddetumble.measurement.units import Uncertainty
 from ddetumble.selection.problem import SelectionProblem
@@ -211,8 +211,14 @@ class ToySelection(SelectionProblem):
     """The choice of a model for pulses."""
 
     def restack(self, noise):
-        """The same under another noise."""
-        problem = ToyProblem(self.space, whiten_records(self.records, noise))
+        """The same under another noise, with settings that scatter as far as they are allowed to."""
+        whole, given = whiten_records(self.records, noise), self.campaign
+        deviations = np.asarray(whole.stack.condition_sd).copy()
+        for k, name in enumerate(whole.nuisances):
+            if name in given.conditions:
+                deviations[:, k] = given.conditions[name].uncertainty.sd(given.records[name])
+        stack = dc.replace(whole.stack, condition_sd=jnp.asarray(deviations))
+        problem = ToyProblem(self.space, widen_settings(dc.replace(whole, stack=stack), self.spread))
         return dc.replace(self, records=problem.records, problem=problem)
 
 

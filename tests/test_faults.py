@@ -393,7 +393,8 @@ def test_zero_that_moves_in_every_impact(clean, tmp_path):
     assert kinds(found.faults) == ["zero"] and found.counts["records"] == 18
     kept = discover(spoil(clean["impact"], tmp_path / "g", (faults.drift_all, "normal_force", 0.75)), keep_all=True)
     assert kinds(kept.faults) == ["zero"] and "asked" in kept.faults[0].done
-    assert kept.verdict != "nothing-missing"
+    # Nothing is done about it: a misfit is left, or baselines that wander are allowed for.
+    assert kept.verdict != "nothing-missing" or kept.noise["normal_force"]["slow_sd"] > 0.2
 
 
 @pytest.mark.slow

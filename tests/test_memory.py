@@ -64,7 +64,9 @@ def measure_peak(work: str) -> float:
 @pytest.mark.slow
 def test_one_record_of_many_samples():
     """One record of 1e5 samples is not padded to many: memory grows with the samples that are there."""
-    assert measure_peak("dd.compare(t.make_impact(100_000))") < 1.5
+    work = "dd.compare(t.make_impact(100_000))"
+    assert measure_peak(work) < 2.5  # at first the compiler takes some 0.5 GB of it
+    assert measure_peak(work) < 1.5
 
 
 @pytest.mark.study

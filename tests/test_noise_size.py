@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ddetumble.exam.simulators.noise import draw_noise
-from ddetumble.inference.noise_size import Run, look_white, measure_sizes
+from ddetumble.inference.noise_size import Run, look_random, measure_sizes
 
 
 RECORDS, SAMPLES = 6, 120
@@ -185,22 +185,26 @@ def test_the_order_of_the_records_is_none():
         np.testing.assert_allclose(moved.relative[new], plain.relative[old], rtol=0.02)
 
 
-@pytest.mark.parametrize(("share", "white"), [(0.0, True), (0.3, True), (1.5, False)])
-def test_what_is_smoother_than_noise_does_not_look_white(share, white):
-    """Noise whose size varies, beside a line of seven samples a turn that a flexible part might make."""
+@pytest.mark.parametrize(("share", "random"), [(0.0, True), (0.3, True), (1.5, False)])
+@pytest.mark.parametrize(("correlation", "white_share"), [(0.0, 0.0), (0.5, 0.0), (0.9, 0.0), (0.8, 0.4)])
+def test_what_is_smoother_than_noise_does_not_look_random(share, random, correlation, white_share):
+    """Noise whose size varies, white and correlated, beside a line of seven samples a turn that a flexible part might
+    make; the line is in proportion to what the noise changes from sample to sample."""
+    steps = np.sqrt(1.0 - (1.0 - white_share) * correlation)
     for seed in range(5):
         generator, runs = np.random.default_rng([71, seed]), []
         for record in range(4):
             size = 1.0 + 3.0 * np.linspace(0.0, 1.0, 300) ** 2
-            line = share * np.sin(2.0 * np.pi * np.arange(300) / 7.0 + record)
-            residual = size * (generator.standard_normal(300) + 2.0 * line)
-            runs.append(Run(record, np.arange(300), residual, np.zeros(300)))
-        assert look_white(runs) == white
+            line = share * steps * np.sin(2.0 * np.pi * np.arange(300) / 7.0 + record)
+            noise = draw_noise(generator, 300, 1.0, correlation, white_share)
+            runs.append(Run(record, np.arange(300), size * (noise + 2.0 * line), np.zeros(300)))
+        assert look_random(runs) == random
 
 
-def test_correlated_noise_does_not_look_white():
-    """Of a correlation of 0.7 from sample to sample: nor do too few samples."""
-    runs = [Run(r, np.arange(400), draw_noise(np.random.default_rng([72, r]), 400, 1.0, 0.7), np.zeros(400))
-            for r in range(4)]
-    assert not look_white(runs) and not look_white([Run(0, np.arange(30), np.random.default_rng(1).random(30),
-                                                        np.zeros(30))])
+def test_a_smooth_misfit_does_not_look_random():
+    """What is left of a missing force, slow over twenty samples and thirty times the noise; nor do too few samples."""
+    generator = np.random.default_rng(72)
+    runs = [Run(r, np.arange(400), generator.standard_normal(400) + 30.0 * np.sin(np.arange(400) / 3.2 + r),
+                np.zeros(400)) for r in range(4)]
+    assert not look_random(runs)
+    assert not look_random([Run(0, np.arange(30), generator.random(30), np.zeros(30))])

@@ -33,7 +33,7 @@ def list_all(folder: Path) -> dict[str, bytes]:
 
 
 def test_every_command_that_writes_is_tried_here():
-    assert set(WRITERS) == {*CALLS, "effects", "identify", "predict"}
+    assert set(WRITERS) == {*CALLS, "effects", "export", "identify", "predict"}
 
 
 @pytest.mark.parametrize("command", WRITERS)
@@ -54,6 +54,7 @@ def test_a_folder_that_holds_anything_is_refused(command, tmp_path, capsys):
 @pytest.mark.parametrize("words", [
     ["missing", "paper/table-3"], ["fit", "slip-a", "-m", "matunaga"], ["discover", "slip-a", "-m", "matunaga"],
     ["compare", "slip-a", "-m", "no-such-model"], ["design", "no-such-folder"], ["import", "no-such-file.csv"],
+    ["export", "impact-a"],
     ["plan", "no-such-file.toml"], ["map", "slip-a", "-m", "matunaga"], ["effects", "--new", "Not a name"],
 ], ids=" ".join)  # fmt: skip
 def test_a_command_that_fails_leaves_nothing(words, tmp_path, capsys):

@@ -22,7 +22,7 @@ from ddetumble.dynamics.surfaces import make_debris
 from ddetumble.effects.oblique import TangentialCompliance
 from ddetumble.inference.archive import load
 from ddetumble.planning.constraints import CONSTRAINTS, evaluate, evaluate_slopes
-from ddetumble.planning.measured import find_measured_ranges
+from ddetumble.planning.measured import MeasuredRange, confine, find_measured_ranges, list_extrapolations
 from ddetumble.planning.multistart import find_starts, screen
 from ddetumble.planning.plan import Plan, PlanSettings
 from ddetumble.planning.problem import (
@@ -342,6 +342,46 @@ model = "{fit.as_posix()}"
         assert ("impact-b" in plan["sentence"]) == beyond
         page = (out / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
         assert page.count("0.621 m/s") == (2 if beyond else 0)
+
+
+def test_a_plan_stays_within_what_was_measured(tmp_path):
+    """With `within`, no value lies outside of the fit's campaign, the plan says what that costs, and the freer search
+    leaves less; a ball that was never measured is refused."""
+    fit = Path(__file__).resolve().parent.parent / "fits" / "impact-b"
+    text = """schema = "ddetumble.plan/1"
+starts = 1
+[debris]
+angular_velocity = [0.05, 0.02, 0.03]
+[limits]
+force = 2500.0
+depression = 0.025
+within = "measured"
+"""
+    (tmp_path / "case.toml").write_text(f'{text}[ball]\nmodel = "{fit.as_posix()}"\n', encoding="utf-8")
+    found = dd.plan(tmp_path / "case.toml")
+    speed = load(fit).ranges["approach_speed"][1]
+    assert not list_extrapolations(found.ranges, found.impacts) and found.impacts[0].allowed
+    assert list_extrapolations(found.ranges, found.beyond.impacts)
+    assert float(found.impacts[0].collision.approach_speed) <= speed * (1 + 1e-4)
+    assert found.beyond.shares[-1] < found.sequence.shares[-1]
+    assert f"{100 * found.beyond.shares[-1]:.2f} %" in found.sentence
+    (tmp_path / "paper.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        dd.plan(tmp_path / "paper.toml")
+    assert error.value.key == "limits.within"
+
+
+def test_limits_that_leave_nothing_of_what_was_measured():
+    """Pressures beside those of the campaign are refused; else every limit is the narrower of the two."""
+    ranges = (MeasuredRange("initial_pressure", 1.5e6, 2e6, "Pa", "fit"),
+              MeasuredRange("approach_speed", 0.1, 0.6, "m/s", "fit"),
+              MeasuredRange("peak_normal_force", 0.0, 90.0, "N", "fit"),
+              MeasuredRange("tangential_speed", 0.0, 0.3, "m/s", "fit"))
+    narrow = confine(pose([0.02, 0.0, 0.0], force=70.0), ranges).limits
+    np.testing.assert_allclose(narrow.pressure, [1.5e6, 2e6])
+    assert (narrow.approach, narrow.fastest, narrow.force, narrow.slide) == (0.1, 0.6, 70.0, 0.3)
+    with pytest.raises(InputError):
+        confine(pose([0.02, 0.0, 0.0], pressure=np.array([2.2e6, 2.5e6])), ranges)
 
 
 def test_what_a_friction_fit_was_measured_at():

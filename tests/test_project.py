@@ -179,7 +179,7 @@ def test_no_table_of_families():
 def test_measurement_stands_alone():
     """Campaigns are read without JAX and without any model."""
     wrong = {"jax", "equinox", "diffrax"}, {"contact", "effects", "dynamics", "_numerics", "_rotation"}
-    for path in (PACKAGE / "measurement").glob("*.py"):
+    for path in (PACKAGE / "measurement").rglob("*.py"):
         for module in list_imports(path):
             assert module.split(".")[0] not in wrong[0] and name_layer(module) not in wrong[1], f"{path.name}: {module}"
 

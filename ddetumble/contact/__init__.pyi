@@ -7,6 +7,7 @@ from .gripping import StrikeLaw as StrikeLaw
 from .gripping import Striker as Striker
 from .law import AbstractReference as AbstractReference
 from .law import ContactLaw as ContactLaw
+from .shell import InflatedShell as InflatedShell
 from .sliding import AbstractFriction as AbstractFriction
 from .sliding import AdhesionHysteresis as AdhesionHysteresis
 from .sliding import FrictionLaw as FrictionLaw

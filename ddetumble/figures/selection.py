@@ -205,6 +205,8 @@ def _draw_correlations(axes, correlations: Sequence[tuple[str, str, float]]):
 
 def _interval(estimate: Estimate | Fitted) -> tuple[float, float]:
     """The 95 % interval; from the standard deviation where the quantiles are missing."""
+    if not estimate.determined:
+        return estimate.estimate, estimate.estimate
     low, high = estimate.q025, estimate.q975
     if math.isfinite(low) and math.isfinite(high):
         return low, high
@@ -214,6 +216,8 @@ def _interval(estimate: Estimate | Fitted) -> tuple[float, float]:
 
 def _describe(estimate: Estimate | Fitted) -> str:
     """Value and standard deviation to the digits that count, with the unit."""
+    if not estimate.determined:
+        return "not determined"
     unit = "" if estimate.unit in ("", "1") else f" {clean(estimate.unit, 14)}"
     spread = f" ± {format_value(estimate.sd, estimate.sd)}" if math.isfinite(estimate.sd) else ""
     return typeset(f"{format_value(estimate.estimate, estimate.sd)}{spread}{unit}")

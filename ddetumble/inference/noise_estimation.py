@@ -18,7 +18,7 @@ from ..families import Span, find_family
 from ..measurement.campaign import Campaign
 from .hum import HUM, HumSettings, find_hum
 from .noise import Noise
-from .noise_size import SIZE, Run, Sizes, SizeSettings, look_white, measure_sizes
+from .noise_size import SIZE, Run, Sizes, SizeSettings, look_random, measure_sizes
 from .problem import Solution
 from .stack import Records, default_noise
 
@@ -42,6 +42,7 @@ class NoiseSettings:
     Attributes:
         fewest: samples without a gap that tell something about the noise.
         stated: relative standard deviation of a size that a campaign states: near enough certain.
+        between: the same of one that varies, over the logarithm of its range: the stated size lies somewhere within.
         slowest: correlation times over the period of the lowest frequency used: what is slower is a drift, no noise.
         worth: logarithm of the likelihood that a further parameter of the noise has to bring (Akaike asks for 1; the
             spectrum is looked at in many places).
@@ -59,6 +60,7 @@ class NoiseSettings:
 
     fewest: int = 24
     stated: float = 0.01
+    between: float = 0.5
     slowest: float = 3.0
     worth: float = 4.0
     quiet: int = 30
@@ -130,7 +132,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
                       for run in np.split(np.arange(n), np.flatnonzero(np.diff(used)) + 1) if used[run[0]]]
         # Few records do not show what repeats, and those that run freely share no phase: nothing would tell a force
         # that is missing from noise of its size but that it is smoother. Else the stated size counts.
-        told = look_white(parts, settings.size) if family.free_running else records.count >= settings.size.records
+        told = look_random(parts, settings.size) if family.free_running else records.count >= settings.size.records
         sizes = measure_sizes(parts, list(map(int, records.lengths)), settings.size) if told else None
         if sizes is not None:
             parts = [dc.replace(run, residual=run.residual / sizes.relative[run.record][run.samples]) for run in parts]
@@ -139,7 +141,14 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
         traces = [run.residual for run in kept]
         steps = [float(time[run.record, 1] - time[run.record, 0]) for run in kept]
         stated = default_noise(campaign, channel, time[0, : records.lengths[0]])
-        expected = stated.stated_sd if sizes is None else None
+        expected, own = stated.stated_sd, settings
+        if sizes is not None:
+            # A size that varies is the stated one at some reading or in some record: their mean lies as near to it as
+            # the sizes lie to one another. Without that a slow misfit would pass for noise of any size.
+            every = np.concatenate(sizes.relative)
+            low, high = np.quantile(every, [0.05, 0.95])
+            expected = None if expected is None else expected / float(np.sqrt(np.mean(every**2)))
+            own = dc.replace(settings, stated=max(settings.stated, settings.between * float(np.log(high / low))))
 
         def finish(noise, sizes=sizes, stated=stated):
             return noise if sizes is None else _describe_sizes(noise, sizes, records, stated.stated_sd)
@@ -148,7 +157,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
             pairs: list[Any] = [tuple(np.concatenate(x) for x in zip(*((time[r, run.samples], run.residual)
                                                            for run in parts if run.record == r), strict=True))
                      for r in dict.fromkeys(run.record for run in parts)]
-            found[channel] = finish(estimate_from_pairs(pairs, float(np.median(medians)), expected, settings))
+            found[channel] = finish(estimate_from_pairs(pairs, float(np.median(medians)), expected, own))
             continue
         if not traces:
             found[channel] = dc.replace(stated, log_level_sd=0.1,
@@ -165,7 +174,7 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
                                      / (spans[r][0].high - spans[r][0].low) for r in same))
         found[channel] = finish(estimate_noise(
             [t for t, s in zip(traces, steps, strict=True) if abs(s / interval - 1) < 2e-3], interval, lowest, expected,
-            None if sizes is not None else _quiet_deviation(records, c), settings))
+            None if sizes is not None else _quiet_deviation(records, c), own))
     found = {channel: level.with_slow_parts(before[channel]) if before else level for channel, level in found.items()}
     return find_hum(campaign, records, solution, found, settings.hum)
 
@@ -187,10 +196,19 @@ def _describe_sizes(noise: Noise, sizes: Sizes, records: Records, stated: float 
              *(["from record to record"] if np.ptp(sizes.records) > 0 else []),
              *(["along the traces"] if sizes.along else [])]
     return dc.replace(
-        noise, sd=noise.sd * unit, stated_sd=stated, text=f"{noise.text}; {' and '.join(parts)}",
+        noise, sd=noise.sd * unit, stated_sd=stated,
+        text=f"{_describe_correlation(noise.correlation, noise.white_share)}; {' and '.join(parts)}",
         floor=noise.sd * sizes.floor if varies else None, share=noise.sd * sizes.share,
         rate_share=noise.sd * sizes.rate_share,
         sizes={key: relative / unit for key, relative in zip(records.keys, sizes.relative, strict=True)})
+
+
+def _describe_correlation(correlation: float, white: float) -> str:
+    if correlation <= 0:
+        return "white"
+    if white:
+        return f"correlated along the trace ({correlation:.2f}), {100 * white:.0f} % of its power white"
+    return f"correlated along the trace ({correlation:.2f} from sample to sample)"
 
 
 def _fit_splines(columns: sparse.csr_matrix, values: np.ndarray) -> np.ndarray:
@@ -375,10 +393,7 @@ def _weigh_kinds(shape: Shapes, log_level: Shapes, counts: np.ndarray, means: np
     unlikely = loss - (least + np.log(np.maximum(np.bincount(kind, weight), 1e-300)))[kind]
     best = int(np.argmin((level - mean) ** 2 / variance + 2.0 * unlikely))
     sd, rho, white = float(np.exp(log_sd[best])), float(correlation[best]), float(white_share[best])
-    text = "white"
-    if rho > 0:
-        text = (f"correlated along the trace ({rho:.2f}), {100 * white:.0f} % of its power white" if white else
-                f"correlated along the trace ({rho:.2f} from sample to sample)")
+    text = _describe_correlation(rho, white)
     if stated_sd is not None and abs(np.log(sd / stated_sd)) > settings.differs:
         text += f"; its size {sd:.3g} is not the stated {stated_sd:.3g}"
     return Noise(sd, rho, white, interval, stated_sd, float(np.sqrt(variance + (level[best] - mean) ** 2)), text)

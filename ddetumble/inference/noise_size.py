@@ -35,6 +35,8 @@ class SizeSettings:
         windows: parts of a trace at most.
         repeated: share of readings equal to the one before, from which on the steps of the gauge are the noise, whose
             size this cannot tell.
+        stray: of the correlations of second differences from those of noise, up to which they count as noise: a smooth
+            part of a twentieth of their power moves the sum of both by as much.
     """
 
     records: int = 8
@@ -44,7 +46,7 @@ class SizeSettings:
     window: int = 40
     windows: int = 12
     repeated: float = 0.1
-    white: float = 0.12
+    stray: float = 0.12
 
 
 SIZE = SizeSettings()
@@ -124,16 +126,19 @@ def measure_sizes(runs: Sequence[Run], lengths: Sequence[int], settings: SizeSet
     return Sizes(floor, share, rate_share, factors, along is not None, relative)
 
 
-def look_white(runs: Sequence[Run], settings: SizeSettings = SIZE) -> bool:
-    """Whether second differences of the residuals are correlated as those of white noise of any size are: by -2/3 and
-    1/6 over one sample and two."""
+def look_random(runs: Sequence[Run], settings: SizeSettings = SIZE) -> bool:
+    r"""Whether second differences of the residuals are correlated as those of noise are, white or autoregressive.
+
+    Over one sample and two, white noise gives $r_1 = -2/3$ and $r_2 = 1/6$, a random walk -1/2 and 0, and all between
+    them nearly $r_1 + r_2 = -1/2$, whatever its size. What is smooth, as a missing force is, gives $r_1 = r_2 = 1$.
+    """
     bent = [_bend(run.residual) for run in runs if len(run.residual) > settings.window]
     bent = [x / max(float(np.sqrt(np.mean(x**2))), 1e-300) for x in bent]
     count = sum(map(len, bent))
     if count < settings.fewest:
         return False
     one, two = (sum(float(x[k:] @ x[:-k]) for x in bent) / count for k in (1, 2))
-    return abs(one + 2.0 / 3.0) < settings.white and abs(two - 1.0 / 6.0) < settings.white
+    return abs(one + two + 0.5) < settings.stray and -2.0 / 3.0 - settings.stray < one < -0.5 + settings.stray
 
 
 def _bend(x: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from .laboratory import import_tests
 from .onset import Onsets, find_onsets
 from .package import read_campaign, write_campaign
 from .plausibility import Implausibility, check_plausibility
+from .recordings import list_channels
 from .units import Uncertainty
 
 
@@ -17,6 +18,7 @@ __all__ = [
     "check_plausibility",
     "find_onsets",
     "import_tests",
+    "list_channels",
     "read_campaign",
     "write_campaign",
 ]

@@ -58,7 +58,8 @@ def align_tests(tests: list[RawTest], plan: Plan, onset) -> tuple[dict[str, floa
         clock, common = math.sqrt(float(np.mean(found.sd**2))), found.common_sd
     else:
         contacts = [(times[test.key], "") for test in tests]
-        clock = float(np.median([np.median(np.diff(test.values["time"])) for test in tests])) / math.sqrt(12)
+        clock = float(np.median([np.median(np.diff(
+            test.values["time"][np.isfinite(test.values["normal_force"])])) for test in tests])) / math.sqrt(12)
         notes.append(f"The time origin was given; its uncertainty is due to the sampling, {clock * 1e3:.3g} ms.")
     squares, before, moving = {}, {}, []
     for test, (contact, error) in zip(tests, contacts, strict=True):

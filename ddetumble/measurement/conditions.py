@@ -3,20 +3,31 @@
 import re
 from pathlib import Path
 
-from .._errors import InputError
+from .._errors import InputError, error_place
 from .columns import Plan, read_unit
 from .headings import guess_role, is_counter, name_condition
-from .layout import read_layout
-from .tables import Table, convert_column
+from .layout import RawFile
+from .recordings import read_files, split_sheet
+from .tables import Table, convert_column, read_texts
 from .units import ROLES, check_unit, si_unit
 
 
 def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
     """Add the columns of a table of conditions with one row a file or record; `records`: key to name of the raw file.
 
-    It has a column `file` or `record`, then one column a condition, with units in the headings; `onset` is a time.
+    It may be `FILE.xlsx:SHEET`. It has a column `file` or `record`, then one column a condition, with units in the
+    headings; `onset` is a time.
     """
-    table = read_layout(path)
+    file, sheet = split_sheet(path)
+    tables = read_files(file, sheet=sheet)
+    table = tables[0].join(tables[0].columns)
+    if len(tables) > 1:
+        raise InputError(f"{sheet!r} names several sheets; name the one with the conditions", file=file)
+    with error_place(sheet=table.sheet):
+        _add_columns(plan, table, file, records)
+
+
+def _add_columns(plan: Plan, table: RawFile, path: Path, records: dict[str, str]) -> None:
     links = {name.casefold(): name for name in table.columns if name.casefold() in ("file", "record")}
     for name in table.columns:
         if not links and guess_role(name, plan.kind) == "record":
@@ -24,10 +35,10 @@ def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
     if not links:
         raise InputError("the table needs a column named file or record, for the test of each row", file=path)
     rows = _match(table, links, records)
-    plan.notes += [f"The conditions were read from {Path(path).name}.", *table.notes]
+    plan.notes += [f"The conditions were read from {path.name}.", *table.notes]
     unused = len(table) - len(set(rows.values()))
     if unused:
-        plan.notes.append(f"In {Path(path).name}, {unused} rows belong to no imported test.")
+        plan.notes.append(f"In {path.name}, {unused} rows belong to no imported test.")
     for column in table.columns:
         if column in links.values():
             continue
@@ -47,7 +58,7 @@ def read_conditions(plan: Plan, path, records: dict[str, str]) -> None:
         values = checked.convert(convert_column(table, column, decimal=table.decimal))
         places = {key: {"file": table.file, "column": column, "row": table.lines[row]} for key, row in rows.items()}
         found = {key: float(values[row]) for key, row in rows.items()}
-        plan.add(name, found, checked.si, Path(path).name, places)
+        plan.add(name, found, checked.si, path.name, places)
 
 
 def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
@@ -86,11 +97,11 @@ def read_names(plan: Plan, pattern: str, records: dict[str, str]) -> None:
 
 def _match(table: Table, links: dict[str, str], records: dict[str, str]) -> dict[str, int]:
     """Row of the table for each record."""
-    rows = {}
+    rows, cells = {}, {link: read_texts(table, column) for link, column in links.items()}
     for key, file in records.items():
         names = {"file": (file, Path(file).name, Path(file).stem), "record": (key,)}
         found = [i for i in range(len(table))
-                 if all(table.columns[column][i] in names[link] for link, column in links.items())]
+                 if all(cells[link][i] in names[link] for link in links)]
         if len(found) > 1:
             problem = f"record {key!r} already has a row on line {table.lines[found[0]]}; keep one"
             raise InputError(problem, file=table.file, row=table.lines[found[1]])

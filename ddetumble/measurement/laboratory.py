@@ -15,31 +15,35 @@ from .columns import FRICTION_TEST, Plan, choose_columns, find_unit, make_plan
 from .conditions import read_conditions, read_names
 from .faults import find_truncated
 from .headings import expand_role, read_pairs
+from .import_file import read_import_file
 from .kinds import DEFAULT_KIND, RecordKind, find_kind, take_kind
-from .layout import RawFile, read_layout
+from .layout import RawFile
 from .plausibility import check_plausibility
-from .tables import convert_column
+from .preparation import crop_records, cut_records, reverse_signs, subtract_zeros
+from .recordings import ENDINGS, is_bag, read_files, split_sheet
+from .tables import convert_column, read_texts
 from .units import ROLES, Uncertainty, check_unit, parse_quantity, parse_uncertainty, si_unit
-
-
-_ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc")
 
 
 def import_tests(
     paths, *, family=DEFAULT_KIND, title=None, known=None,
     conditions=None, name_pattern=None, pressure=None, speed=None, load=None, gauge=None, ambient=None,
     force=None, time=None, slip=None, record_column=None, keep=None, units=None, decimal=None, delimiter=None,
-    onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
+    sheet=None, onset=None, symmetry_axis=None, uncertainty=None, common_uncertainty=None,
+    crop=None, cut=None, reverse=None, zero=None, describe=None,
 ) -> Campaign:
     """Turn the raw files of a test bench into a campaign; what they do not show is asked for, never guessed.
 
     Args:
-        paths: Files, or folders with files; one test each, or several with a record column.
+        paths: Files, or folders with files; one test each, or several with a record column. Text, spreadsheets, .mat,
+            HDF5, TDMS, Parquet, MDF, MCAP, rosbag2 and universal files, by their endings. Or one `.toml` file that says
+            everything: these arguments by name, with the files as `raw`.
         family: "impact", "slip" or "tumble", or `FILE.py:NAME` or a `Family` for a kind of tests of your own.
         title: Title of the campaign.
         known: Parameters of the reference model: {"outer_diameter": "60 mm"} or "outer_diameter=60 mm"; value "null"
             or None where the fit has to find them. Of an impact whose acceleration was measured, the effective mass.
-        conditions: Table with one row a file or record and one column a condition, units in the headings.
+        conditions: Table with one row a file or record and one column a condition, units in the headings; of a
+            spreadsheet with several sheets as `FILE.xlsx:SHEET`.
         name_pattern: Conditions in the file names, like "{initial_pressure}MPa_{approach_speed}ms".
         pressure, speed, load: Of all tests, with unit: initial pressure and approach speed of impacts; internal
             pressure, sliding speed and normal load of the family slip.
@@ -50,12 +54,20 @@ def import_tests(
         keep: Further columns: "COLUMN", or "quantity=COLUMN" to choose the column of a quantity.
         units: Units by quantity or column: {"force": "N"} or "force=N".
         decimal, delimiter: "." or ","; "," ";" "|" "tab" or "space".
+        sheet: Sheet of a spreadsheet or group of another file where there are several; with "*" or another pattern each
+            is a test of its own.
         onset: Time of contact on the raw time axis, with unit, or the name of a column that holds it; None to find it.
         symmetry_axis: "x", "y" or "z": the body's axis of symmetry in the columns of the family tumble; made z.
         uncertainty: One standard deviation by quantity: {"normal_force": "0.25 N"} or "normal_force=0.25 N";
             where none is given, that of a channel is measured before contact.
         common_uncertainty: The same of the error that all records share: {"pressure": "2 %"} of a gauge whose
             calibration is in doubt.
+        crop: Window of the raw time that is kept: "0 ms to 80 ms".
+        cut: Cuts long recordings into one record a contact: {"level": "5 N", "before": "20 ms", "after": "80 ms"}, the
+            level of the force above its median that begins a contact, and what is kept before and after that.
+        reverse: Channels whose sign is reversed.
+        zero: Window of the raw time over which a channel's mean is subtracted: {"force": "0 ms to 20 ms"}.
+        describe: What to write down about a channel, such as its filter or where its gauge is: {"force": "TEXT"}.
 
     Returns:
         The campaign, not yet written; `notes` holds every decision as a sentence.
@@ -63,6 +75,14 @@ def import_tests(
     Raises:
         InputError: Anything malformed or undecidable; the option to give is named.
     """
+    single = list(paths) if isinstance(paths, list | tuple) else [paths]
+    if len(single) == 1 and str(single[0]).endswith(".toml"):
+        usual = import_tests.__kwdefaults__ or {}
+        given = [name for name, value in locals().items() if name in usual and value != usual[name]]
+        if given:
+            raise InputError(f"the file says everything; leave out {', '.join(given)}, or write it into the file",
+                             file=single[0])
+        return import_tests(**read_import_file(single[0], usual))
     with error_place(option="--family"):
         kind = find_kind(take_kind(family))
     options = {"pressure": (pressure, kind.pressure), "speed": (speed, kind.speed), "load": (load, kind.load)}
@@ -83,8 +103,19 @@ def import_tests(
     elif kind.pressure:
         asked = "; if they are gauge pressures, give --gauge and --ambient" if gauge is None else ", as --absolute says"
         plan.notes.append(f"The pressures were taken as absolute{asked}.")
-    tests = [test for file in _list_files(paths, conditions)
-             for test in _read_tests(read_layout(file, delimiter=delimiter, decimal=decimal), plan)]
+    tests, (table, part) = [], (None, None) if conditions is None else split_sheet(conditions)
+    for file in _list_files(paths, None if part else table):
+        settings = part if table is not None and Path(file).resolve() == table.resolve() else None
+        for raw in read_files(file, sheet=sheet, leave_out=settings, delimiter=delimiter, decimal=decimal):
+            with error_place(sheet=raw.sheet):
+                tests += _read_tests(raw, plan)
+    if not tests:
+        raise InputError("the file holds nothing beside the conditions; name the files with the measurements",
+                         file=table)
+    reverse_signs(tests, reverse, kind, plan.notes)
+    subtract_zeros(tests, zero, kind, plan.notes)
+    crop_records(tests, crop, plan.notes)
+    tests = cut_records(tests, cut, kind, plan.notes)
     files: dict[str, str] = {}
     for test in tests:
         if test.key in files:
@@ -137,7 +168,8 @@ def import_tests(
             plan.notes.append("rolling_mass is not stated (two thirds of the mass of a thin hollow ball, 1e6 kg where "
                               "the ball cannot turn), so 0.5 kg is assumed; --known 'rolling_mass=0.4 kg' states it.")
     stated = {"uncertainty": uncertainty, "common-uncertainty": common_uncertainty}
-    campaign = replace(_assemble(tests, plan, stated, noise, common), known=parameters,
+    texts = {expand_role(name, kind): text for name, text in read_pairs("describe", describe).items()}
+    campaign = replace(_assemble(tests, plan, stated, noise, common, texts), known=parameters,
                        title=title or f"Imported {kind.name} tests")
     doubts = map(str, (*find_truncated(campaign), *check_plausibility(campaign)))
     return replace(campaign, notes=(*_condense(plan.notes, [Path(file).name for file in files.values()]), *doubts))
@@ -153,16 +185,17 @@ def _condense(notes: list[str], files: list[str]) -> list[str]:
             for rest, names in told.items()]
 
 
-def _list_files(paths, conditions) -> list[str]:
+def _list_files(paths, table: Path | None) -> list[str]:
     """Files as given, and those in folders, but for the table of conditions."""
-    files, table = [], None if conditions is None else Path(conditions).resolve()
+    files, table = [], None if table is None else table.resolve()
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         found = [path]
         if path.is_dir():
-            found = sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS and p.is_file())
+            found = [path] if is_bag(path) else sorted(
+                p for p in path.iterdir() if p.suffix.lower() in ENDINGS and p.is_file() or is_bag(p))
         found = [p for p in found if p.resolve() != table]
         if path.is_dir() and not found:
-            raise InputError(f"the folder holds no raw files ({', '.join(_ENDINGS)})", file=path)
+            raise InputError(f"the folder holds no raw files ({', '.join(ENDINGS)})", file=path)
         files += map(str, found)
     if not files:
         raise InputError("name at least one raw file to import")
@@ -171,8 +204,10 @@ def _list_files(paths, conditions) -> list[str]:
 
 def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
     """The tests in one file, their columns chosen and converted to SI."""
-    plan.notes += raw.notes
     roles, kind, values = choose_columns(raw, plan), plan.kind, {}
+    left = ", ".join(column for column in raw.columns if column not in roles.values())
+    raw = raw.join(roles.values())
+    plan.notes += raw.notes
     independent = next(name for name in kind.independents if name in roles)
     for role, column in roles.items():
         if role == "record":
@@ -183,12 +218,10 @@ def _read_tests(raw: RawFile, plan: Plan) -> list[RawTest]:
         if plan.si.setdefault(role, unit.si) != unit.si:
             raise InputError("the unit is of a different kind from that in earlier files", file=raw.file, column=column)
     used = ", ".join(f"{role} from {column!r}" for role, column in roles.items())
-    left = ", ".join(column for column in raw.columns if column not in roles.values())
-    stem = Path(raw.file).stem
     plan.notes.append(f"{Path(raw.file).name}: {used}; {f'left out: {left}' if left else 'no column left out'}.")
-    groups = {stem: np.arange(len(raw))}
+    groups = {raw.key: np.arange(len(raw))}
     if "record" in roles:
-        cells = raw.columns[roles["record"]]
+        cells = read_texts(raw, roles["record"])
         check_keys(cells, raw, roles["record"])
         groups = pd.Series(cells).groupby(cells, sort=False).indices
     tests = [RawTest(str(key), raw.file, raw.lines[rows], {name: v[rows] for name, v in values.items()})
@@ -251,7 +284,7 @@ def _read_known(known, ambient, kind: RecordKind) -> dict[str, float | None]:
 
 
 def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, float],
-              common: dict[str, float]) -> Campaign:
+              common: dict[str, float], described: dict[str, str]) -> Campaign:
     """Put records, samples and uncertainties together: the stated ones of `options`, and those that were measured."""
     kind = plan.kind
     independent = next(name for name in kind.independents if name in tests[0].values)
@@ -271,6 +304,9 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
         with error_place(option=f"--{option}"):
             stated[option] = {name: parse_uncertainty(text, check_unit(units[name], name), name)
                               for name, text in pairs.items()}
+    unknown = next((name for name in described if name not in units), None)
+    if unknown is not None:
+        raise InputError(f"there is no {unknown}; the campaign has {', '.join(units)}", option="--describe")
     own, shared = stated.values()
     shared = {name: Uncertainty(float(f"{sd:.4g}")) for name, sd in common.items()} | shared
     for name in (independent, *channels):
@@ -296,7 +332,8 @@ def _assemble(tests: list[RawTest], plan: Plan, options: dict, noise: dict[str, 
             if name in test.values:
                 check_values(name, test.values[name], test, "samples", own.get(name), plan.headings.get(name, name))
     samples = pd.concat([pd.DataFrame({"record": test.key} | test.values) for test in tests], ignore_index=True)
-    columns = {name: Column(name, unit, own.get(name), common=shared.get(name)) for name, unit in units.items()}
+    columns = {name: Column(name, unit, own.get(name), description=described.get(name, ""), common=shared.get(name))
+               for name, unit in units.items()}
     keys = pd.Index([test.key for test in tests], name="record", dtype=object)
     return Campaign(
         name="", title="", family=kind.name, path=None, known={},

@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,21 @@ _LETTERS = ("N", "s", "m", "K", "V", "%")  # single characters that may be a uni
 
 @dataclass(frozen=True)
 class RawFile(Table):
-    """A raw file taken apart: cells as text by column name (the heading without its unit)."""
+    """A raw file taken apart: cells by column name (the heading without its unit)."""
 
     units: dict[str, str | None]  # of each column as its heading or the unit row gives it
     decimal: str  # "." or ","
     notes: tuple[str, ...]  # what was decided, in sentences
+    key: str  # what the test is called where no column says it
+    sheet: str | None = None  # the sheet or group of the file, with the word, where the file has such
+
+    def join(self, names: Iterable[str]) -> "RawFile":
+        """The table of these columns, all of one length."""
+        return self
 
 
 def read_layout(path, *, delimiter: str | None = None, decimal: str | None = None) -> RawFile:
-    """Take a raw file apart: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
+    """Take a text file apart: UTF-8, UTF-16 with a byte-order mark, or Windows-1252.
 
     The delimiter (one of "," ";" "|" "tab" "space") and the decimal sign ("." or ",") are found where they are None.
 
@@ -55,20 +62,31 @@ def read_layout(path, *, delimiter: str | None = None, decimal: str | None = Non
         head = "\n".join(text.splitlines()[:500])
         shares = {sign: _count_columns(_split(head, sign, file))[1] for sign in DELIMITERS}
         delimiter = max(shares, key=shares.__getitem__)
-    rows = _split(text, delimiter, file)
-    first, width, numeric = _find_data(rows, file)
+    hint = "; if numbers have decimal commas, export with semicolons" if delimiter == "," else ""
+    raw = lay_out(_split(text, delimiter, file), file, decimal, hint)
+    sign = "points" if raw.decimal == "." else "commas"
+    notes.append(f"{short}: {DELIMITERS[delimiter]} between cells, decimal {sign}, {raw.notes[0]}.")
+    return replace(raw, notes=tuple(notes))
+
+
+def lay_out(rows: list[tuple[int, list[str]]], file: str, decimal: str | None, hint: str = "",
+            remedy: str = "give --delimiter") -> RawFile:
+    """Find headings, units and data in the rows of a table: line number and cells, each with something in it.
+
+    `hint` is what may help where rows differ in length, `remedy` what to do where no data are found. The one note is
+    where headings and data are.
+    """
+    first, width, numeric = _find_data(rows, file, remedy)
     names, units, above = _find_header(rows[:first], width, file)
     for line, cells in rows[first:]:
         if len(cells) != width:
-            hint = "; if numbers have decimal commas, export with semicolons" if delimiter == "," else ""
             raise InputError(f"the row has {len(cells)} cells where others have {width}{hint}", file=file, row=line)
     lines, data = zip(*rows[first:], strict=True)
     decimal = decimal or _find_decimal([cells[j] for cells in data for j in numeric], file)
     columns = {name: list(cells) for name, cells in zip(names, zip(*data, strict=True), strict=True) if any(cells)}
     place = f"headings on line {above}" if above else "no headings"
-    sign = "points" if decimal == "." else "commas"
-    notes.append(f"{short}: {DELIMITERS[delimiter]} between cells, decimal {sign}, {place}, data from line {lines[0]}.")
-    return RawFile(file, columns, np.array(lines), dict(zip(names, units, strict=True)), decimal, tuple(notes))
+    return RawFile(file, columns, np.array(lines), dict(zip(names, units, strict=True)), decimal,
+                   (f"{place}, data from line {lines[0]}",), Path(file).stem)
 
 
 def split_heading(text: str) -> tuple[str, str | None]:
@@ -128,11 +146,11 @@ def _count_columns(rows) -> tuple[int, float]:
     return width, sum(map(_is_number, cells)) / len(cells)
 
 
-def _find_data(rows, file: str) -> tuple[int, int, list[int]]:
+def _find_data(rows, file: str, remedy: str) -> tuple[int, int, list[int]]:
     """Position of the first data row, number of columns, and which columns hold numbers."""
     width, _ = _count_columns(rows)
     if not width:
-        raise InputError("no rows with two or more columns of numbers were found; give --delimiter", file=file)
+        raise InputError(f"no rows with two or more columns of numbers were found; {remedy}", file=file)
     marks = {i: list(map(_is_number, cells)) for i, (_, cells) in enumerate(rows) if len(cells) == width}
     marks = {i: mark for i, mark in marks.items() if any(mark)}
     # Samples may be missing, so a column counts as numeric where most of the cells that are not empty are numbers.
@@ -140,7 +158,7 @@ def _find_data(rows, file: str) -> tuple[int, int, list[int]]:
     numeric = np.flatnonzero(np.sum(list(marks.values()), axis=0) > 0.5 * filled).tolist()
     regular = [i for i, mark in marks.items() if all(mark[j] or not rows[i][1][j] for j in numeric)]
     if not numeric or not regular:
-        raise InputError("no columns hold numbers throughout; check --delimiter and --decimal", file=file)
+        raise InputError(f"no columns hold numbers throughout; {remedy} or check --decimal", file=file)
     runs = np.split(regular, np.flatnonzero(np.diff(regular) > 1) + 1)
     first = int(max(runs, key=len)[0])
     while first > 0 and any(map(_is_number, rows[first - 1][1])):

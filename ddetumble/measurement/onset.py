@@ -186,6 +186,8 @@ def _cut_rise(time, force, label: str) -> _Rise:
     foot = float(2 * low - high)
     start = int(np.searchsorted(time, foot - 1.5 * (half[0] - foot)))  # what is long before says nothing about the rise
     rise = slice(start, int(np.searchsorted(time, half[0], side="right")))
+    if rise.start >= rise.stop:
+        _refuse(label, "the force does not rise as in a contact; look for single samples that are far too large")
     calm = force[: max(first - (last - first) // 2, FEWEST_BEFORE)]
     calm = calm - calm.mean()
     correlation = float(calm[1:] @ calm[:-1] / (calm @ calm)) if len(calm) >= 20 and calm @ calm > 0 else np.nan

@@ -8,6 +8,7 @@ import csv
 import io
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +31,8 @@ _MISTAKES = (
     (r"[−–]\s*[\d.,]+([eE].*)?", "begins with a typographic minus; write a plain hyphen-minus"),
     (r"[-+]?[\d.,]+([eE][-+]?\d+)?\s*[^\W\d].*",
      "has a unit or text after the number; put the unit into the descriptor or header"),
-    (r"[-+]?(nan|n/?a|null|none|inf(inity)?|#n/a|#value!|#div/0!|-+)",
+    ("=.*", "is a formula without a stored value; open the file in a spreadsheet program and save it"),
+    (r"[-+]?(nan|n/?a|null|none|inf(inity)?|#n/a|#[a-z/0]+[!?]|-+)",
      "is not a number; leave the cell empty where a sample is missing, or drop the row"),
     (".*", "is not a number; correct the cell or drop the row"),
 )
@@ -38,31 +40,38 @@ _MISTAKES = (
 
 @dataclass(frozen=True)
 class Table:
-    """A table as text."""
+    """A table: of a text file as text, of others also as numbers."""
 
     file: str  # its name as the user would write it
-    columns: dict[str, list[str]]  # column name to its cells, in the order of the file
+    columns: Mapping[str, list[str] | np.ndarray]  # column name to its cells, in the order of the file
     lines: np.ndarray  # line number of each data row, counted from 1 (the header is line 1), shape (rows,)
 
     def __len__(self) -> int:
         return len(self.lines)
 
 
-def read_bytes(path) -> bytes:
-    """Read a whole file; refused are folders, devices, and what cannot be opened or is too large for the memory."""
+def find_file(path) -> Path:
+    """A path to a plain file that exists; folders, devices and paths to nothing are refused."""
     path = Path(path)
     try:
-        if path.exists() and not path.is_file():
+        if not path.exists():
+            raise InputError("this file does not exist; check the path", file=path)
+        if not path.is_file():
             what = "this is a folder; a file is needed here" if path.is_dir() else "this is not a plain file"
             raise InputError(what, file=path)
-        refuse_memory(CELLS * path.stat().st_size, f"reading {path}")
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("this file does not exist; check the path", file=path) from None
+        with path.open("rb"):
+            return path
     except InputError:
         raise
     except (OSError, ValueError) as error:
         raise InputError(f"this file cannot be read: {getattr(error, 'strerror', None) or error}", file=path) from None
+
+
+def read_bytes(path) -> bytes:
+    """Read a whole file; refused are folders, devices, and what cannot be opened or is too large for the memory."""
+    path = find_file(path)
+    refuse_memory(CELLS * path.stat().st_size, f"reading {path}")
+    return path.read_bytes()
 
 
 def decode(data: bytes, file: str, encoding: str = "utf-8") -> str:
@@ -156,6 +165,14 @@ def convert_column(table: Table, column: str, *, decimal: str = ".", missing=(""
         InputError: The column is not there, or a cell is not a plain finite number; file, column and line are named.
     """
     cells = pick_column(table, column)
+    if isinstance(cells, np.ndarray):
+        bad = ~np.isfinite(cells) if not allow_missing else np.isinf(cells)
+        if bad.any():
+            i = int(np.argmax(bad))
+            remedy = "; every sample needs a number here" if np.isnan(cells[i]) else "; drop the sample"
+            raise InputError(f"{cells[i]:g} is not a number{remedy}", file=table.file, column=column,
+                             row=table.lines[i])
+        return cells
     try:
         if decimal == "." and set("".join(cells)) <= _DIGITS:
             values = np.array(list(map(float, cells)))
@@ -176,6 +193,12 @@ def convert_column(table: Table, column: str, *, decimal: str = ".", missing=(""
     return values
 
 
+def read_texts(table: Table, column: str) -> list[str]:
+    """Cells of a column as text, whole numbers without a point: names of tests."""
+    cells = pick_column(table, column)
+    return cells if isinstance(cells, list) else [f"{x:.15g}" for x in convert_column(table, column)]
+
+
 def _convert_cell(cell: str, decimal: str) -> tuple[str | None, float]:
     """What is wrong with a cell, and its number."""
     plain = cell if decimal == "." else cell.replace(".", "|").replace(decimal, ".")
@@ -190,8 +213,8 @@ def _convert_cell(cell: str, decimal: str) -> tuple[str | None, float]:
     return f"{cell!r} {words}", math.nan
 
 
-def pick_column(table: Table, column: str) -> list[str]:
-    """Cells of a column as text; one that the table does not have is refused."""
+def pick_column(table: Table, column: str) -> list[str] | np.ndarray:
+    """Cells of a column; one that the table does not have is refused."""
     if column not in table.columns:
         raise InputError(f"there is no column {column!r}; the file has {', '.join(table.columns)}", file=table.file)
     return table.columns[column]

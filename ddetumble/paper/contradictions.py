@@ -1,7 +1,7 @@
 """Where the paper does not add up: each point with its numbers from the printed equations, and its figure."""
 
 import dataclasses as dc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -23,6 +23,7 @@ from ..contact.friction import (
 )
 from ..contact.geometry import membrane_area_radius, racetrack_volume, sphere_volume
 from ..contact.law import Ball, ContactLaw
+from ..contact.shell import inflation_pressure, limit_pressure, shell_stiffness
 from ..contact.sliding import RubberFriction
 from ..dynamics.impact import Impact, simulate_impact
 from ..figures.palette import AFTER, BEFORE, FLOOR, GREY, INK, KIN, PALE, PLACE
@@ -30,8 +31,11 @@ from ..figures.style import dress, new_axes, new_figure, point_at, styled
 
 
 DIAMETER = 0.060  # m, Table 2
+INNER = 0.040  # m, Table 2: nothing in the paper uses it
+MODULUS, POISSON = 7.8e6, 0.47  # Pa and -, Table 2
 SPEED = 0.4  # m/s, section 4
 STATED_TIME = 0.27  # s, section 4
+AVOIDED = (1.5, 1.9)  # MPa, section 4: where friction was "obviously nonlinear"
 STATED_ERROR = 6.7  # %, abstract
 # MPa, first and last pressure that Table 3's eleven rows are tried at
 RANGES = ((0.0, 2.5), (0.1, 2.5), (0.0, 2.6), (0.1, 2.6), (0.2, 2.7), (0.5, 2.5), (1.0, 2.0), (1.0, 3.0), (0.0, 2.0))
@@ -146,6 +150,49 @@ def list_contradictions(table: Mapping[str, np.ndarray], figure: Mapping[str, np
                         "longest": float(max(times["ours"])), "quarter_shortest": float(min(pushed)),
                         "quarter_longest": float(max(pushed))}),
         _make_point(12, {"kappa": kappa, "rebound_ratio": reversed_restitution(kappa)}),
+    ]  # fmt: skip
+
+
+def fit_parabola(values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Parabola in the row number (from 0) whose largest error over a column is the smallest: its coefficients, constant
+    first, and that error."""
+    from scipy.optimize import linprog
+
+    row = np.arange(len(values))
+    powers, one = row[:, None] ** np.arange(3), np.ones((len(row), 1))
+    found = linprog([0.0, 0.0, 0.0, 1.0], np.block([[powers, -one], [-powers, -one]]),
+                    np.concatenate([values, -values]), bounds=[(None, None)] * 3 + [(0.0, None)])
+    return found.x[:3], float(found.x[3])
+
+
+def list_wall_points(table: Mapping[str, np.ndarray], mass: float, peaks: np.ndarray, shell: Sequence[float]
+                     ) -> list[Contradiction]:
+    """Rows 14 to 16: the earlier law, Table 3's theory, and the wall that nothing uses.
+
+    Args:
+        table: Table 3 as in `list_contradictions`, and `pressure` [Pa].
+        mass: effective mass that fits Table 3 under Eq. 1 [kg]; `peaks`: what it gives there, shape (11,) [N].
+        shell: largest errors of Figure 8 and of Table 3 under `InflatedShell` with one fitted mass [%].
+    """
+    depth = np.array([5e-3])
+    earlier = float(elastic_force(Ball(truncated=True), depth, 1e6)[0])
+    printed, ours = (float(_read_force(name, depth)[0]) for name in ("printed", "ours"))
+    (constant, slope, bend), missed = fit_parabola(table["printed"])
+    gas = table["pressure"] > 0
+    outer, thickness = 0.5 * DIAMETER, 0.5 * (DIAMETER - INNER)
+    limit, stretch = limit_pressure(INNER / DIAMETER, MODULUS / 3.0)
+    wall = [float(shell_stiffness(jnp.asarray(thickness), jnp.asarray(radius), jnp.asarray(MODULUS),
+                                  jnp.asarray(POISSON))) * 5e-3 for radius in (outer, outer - thickness)]
+    return [
+        _make_point(14, {"earlier": earlier, "printed": printed, "ours": ours, "ratio": earlier / printed, "mass": mass,
+                         "worst_percent": 100 * float(np.max(np.abs(peaks / table["measured"] - 1.0)[gas]))}),
+        _make_point(15, {"constant": constant, "slope": slope, "bend": bend, "largest": missed},
+                    rows=len(table["printed"]), first=table["printed"][0]),
+        _make_point(16, {
+            "outside": 1e6 * float(sphere_volume(jnp.asarray(DIAMETER))),
+            "cavity": 1e6 * float(sphere_volume(jnp.asarray(INNER))), "wall_low": min(wall), "wall_high": max(wall),
+            "gas": ours, "limit": limit / 1e6, "stretch": stretch,
+            "shell_figure": shell[0], "shell_table": shell[1]}, thickness=1e3 * thickness),
     ]  # fmt: skip
 
 
@@ -326,6 +373,61 @@ def draw_errors(measured: np.ndarray, printed: np.ndarray, printed_error: np.nda
              (0, 9), ha="center", fontsize=8.5)
     axes.set(xticks=row, xlim=(0.4, len(row) + 0.7), ylim=(0, 9.6), xlabel="row of Table 3", ylabel="error [%]")
     axes.legend(loc="upper left", ncols=3)
+    return figure
+
+
+@styled
+def draw_earlier():
+    """Elastic force at 1 MPa of Eq. 1 and of Eqs. 2 to 4 against depression."""
+    figure, axes = new_axes(3.2, 7.0, grid="both")
+    depth = np.linspace(1e-4, 8e-3, 33)
+    earlier, ours = elastic_force(Ball(truncated=True), depth, 1e6), _read_force("printed", depth)
+    for force, label, colour in ((earlier, "Eq. 1, the earlier law", BEFORE), (ours, "Eqs. 2 to 4 as printed", AFTER)):
+        at = float(np.interp(5e-3, depth, force))
+        axes.plot(1e3 * depth, force, color=colour, lw=1.8, label=f"{label}: {at:.0f} N at 5 mm")
+        axes.plot([5], [at], "o", color=colour)
+    axes.set(xlabel="depression [mm]", ylabel="elastic force at 1 MPa [N]", yscale="log", xlim=(0, 8), ylim=(0.1, None))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.legend(loc="lower right")
+    return figure
+
+
+@styled
+def draw_parabola(printed: np.ndarray, model: np.ndarray):
+    """Table 3's theory with the parabola in the row number, and what our fitted model gives; shape (11,) each [N]."""
+    figure, left, right = new_axes(3.2, columns=2)
+    (constant, slope, bend), _ = fit_parabola(printed)
+    row, fine = np.arange(len(printed)), np.linspace(0.0, len(printed) - 1.0, 81)
+    curve = constant + slope * row + bend * row**2
+    left.plot(fine + 1, constant + slope * fine + bend * fine**2, color=BEFORE, lw=1.5,
+              label=f"{constant:.3f} + {slope:.4f} i + {bend:.4f} i²")
+    left.plot(row + 1, printed, "o", color=INK, ms=4.5, label="theory column, as printed")
+    left.plot(row + 1, model, "s-", color=AFTER, ms=4, lw=1.2, label="Eqs. 2 to 6, one mass fitted")
+    left.set(xlabel="row of Table 3 (i + 1)", ylabel="peak normal force [N]", ylim=(0, None))
+    left.legend(loc="lower right")
+    right.axhspan(-0.05, 0.05, color=PLACE, lw=0)
+    right.plot(row + 1, printed - curve, "o", color=INK, ms=4.5)
+    right.set(xlabel="row of Table 3", ylabel="column less parabola [N]", ylim=(-0.12, 0.12),
+              title="band: rounding to 0.1 N")
+    return figure
+
+
+@styled
+def draw_inflation():
+    """Pressure that a neo-Hookean sphere of Table 2 holds against its inner stretch, and the paper's pressures."""
+    figure, axes = new_axes(3.2, 7.0, grid="both")
+    stretch = np.linspace(1.0, 3.0, 81)
+    pressure = np.asarray(inflation_pressure(jnp.asarray(stretch), jnp.asarray(INNER / DIAMETER),
+                                             jnp.asarray(MODULUS / 3.0))) / 1e6
+    limit, at = limit_pressure(INNER / DIAMETER, MODULUS / 3.0)
+    axes.axhspan(*AVOIDED, color=PLACE, lw=0, label="pressures that the paper avoids")
+    axes.axhline(2.5, color=FLOOR, lw=0.8, ls=":")
+    point_at(axes, "largest pressure of the tests", (1.0, 2.5), (4, -11))
+    axes.plot(stretch, pressure, color=AFTER, lw=1.8, label="sphere of 40/60 mm, E = 7.8 MPa")
+    axes.plot([at], [limit / 1e6], "o", color=AFTER)
+    point_at(axes, f"{limit / 1e6:.2f} MPa", (at, limit / 1e6), (0, -14), color=AFTER, ha="center")
+    axes.set(xlabel="inner radius over that at rest", ylabel="pressure [MPa]", xlim=(1, 3), ylim=(0, 2.7))
+    axes.legend(loc="lower right")
     return figure
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from .._sentences import say
 from .._settings import find_data
-from ..contact.law import Ball
+from ..contact.law import AbstractReference, Ball
+from ..contact.shell import InflatedShell
 from ..effects import IMPACT
 from . import contradictions
 from .detumbling import write_detumbling
@@ -113,6 +114,11 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
     points = contradictions.list_contradictions(
         {"measured": forces.peaks, "printed": printed, "printed_error": stated},
         {"pressure": peaks.forces.x, "peak": peaks.peaks}, times) + contradictions.list_friction_points(friction)
+    earlier = fit_mass(Ball(truncated=True), forces)
+    points += contradictions.list_wall_points(
+        {"measured": forces.peaks, "printed": printed, "pressure": forces.forces.x},
+        earlier.estimates["effective_mass"]["estimate"], earlier.fitted,
+        [100 * fit_mass(InflatedShell(), judged).worst_fit for judged in (peaks, forces)])
     points = {point.number: point for point in sorted(points, key=lambda point: point.number)}
     misses = points[8].values
     worst, exponent = 100 * peaks.reference.worst_fit, fit_exponent(peaks.forces)
@@ -125,6 +131,9 @@ def write_paper(folder, echo: Callable[[str], object] = print) -> Path:
         "row-09-duration": contradictions.draw_duration(peaks.forces.x, peaks.peaks, mass),
         "row-12-sign": contradictions.draw_sign(mass),
         "row-13-errors": draw_friction_errors(friction["measured"], friction["printed"], friction["printed_error"]),
+        "row-14-earlier": contradictions.draw_earlier(),
+        "row-15-parabola": contradictions.draw_parabola(printed, forces.reference.fitted),
+        "row-16-inflation": contradictions.draw_inflation(),
         "figure-8-growth": draw_growth(peaks, exponent), "figure-8-ladder": draw_ladder(peaks),
         "table-3-models": draw_values(forces), "table-3-ladder": draw_ladder(forces),
         "table-3-differences": draw_differences(
@@ -185,6 +194,13 @@ def vary_restitution(judged: PeakJudgement) -> list[dict[str, float]]:
         found.append({"restitution": e, "mass": row.estimates["effective_mass"]["estimate"], "worst": row.worst_fit,
                       "first": float(lasting.max()), "last": float(lasting.min())})
     return found
+
+
+def fit_mass(reference: AbstractReference, judged: PeakJudgement) -> PeakRow:
+    """Another reference model with the effective mass that fits the peaks of a judgement best."""
+    starts = tuple({"effective_mass": mass} for mass in (0.05, 1.0))
+    recipe = Recipe(type(reference).__name__, "reference", (), ("effective_mass",), starts)
+    return Bench(reference, (), judged.forces).solve([recipe])[0]
 
 
 def time_impacts(name: str, judged: PeakJudgement) -> np.ndarray:

@@ -36,6 +36,7 @@ class Constraints(NamedTuple):
             it tells a search of the other one, so that both hold it there.
         side: the chaser's.
         clear: distance of the ball from the body before and after the impact, over 0.01 m.
+        fastest, slide: largest speeds along the normal and, squared, across it.
     """
 
     speed: Any
@@ -46,10 +47,12 @@ class Constraints(NamedTuple):
     next_edge: Any
     side: Any
     clear: Any
+    fastest: Any
+    slide: Any
 
 
 CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
-                          "nothing else hit")
+                          "nothing else hit", "fastest approach", "tangential speed")
 
 
 class Parting(eqx.Module):
@@ -94,10 +97,14 @@ def constrain(problem: StrikeProblem, design: Design, after: Parting | Collision
     # No more than from a metre off: where there is no other edge, there is nothing to be told.
     edges = jnp.minimum(jnp.stack([margins[nearest], jnp.min(others)]) - limits.edge, 1.0) / 0.1
     radius = find_height(problem.law.reference.ball.diameter(), jnp.zeros(()))
+    surface = rotate(design.attitude, jnp.cross(design.angular_velocity, design.point))
+    met = design.velocity - surface
+    across = jnp.sum(met**2) - jnp.dot(met, design.normal) ** 2
     return Constraints(
         1.0 - jnp.sum(design.velocity**2) / limits.speed**2, approach / limits.approach - 1.0,
         1.0 - force / limits.force, 1.0 - depression / limits.depression, edges[0], edges[1],
-        jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01)
+        jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01,
+        1.0 - approach / limits.fastest, 1.0 - across / limits.slide**2)
 
 
 def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Constraints:

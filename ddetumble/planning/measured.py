@@ -9,12 +9,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._errors import InputError
 from ..contact.gripping import StrikeLaw
 from ..dynamics.impact import simulate_impact
 from ..inference.archive import FittedModel
 from ..measurement.quantities import describe_quantity, join_words
 from .draws import find_models
 from .next_test import say_value
+from .problem import StrikeProblem
 from .scenario import Scenario
 from .single import StrikePlan
 
@@ -125,6 +127,36 @@ def list_extrapolations(ranges: Sequence[MeasuredRange], impacts: Sequence[Strik
             if value is not None and not one.low - SLACK * abs(one.low) <= value <= one.high + SLACK * abs(one.high):
                 found.append(Extrapolation(number, value, one))
     return tuple(found)
+
+
+def confine(problem: StrikeProblem, ranges: Sequence[MeasuredRange]) -> StrikeProblem:
+    """The problem with limits no wider than what was measured.
+
+    Raises:
+        InputError: Nothing was measured, or none of it lies within the limits.
+    """
+    if not ranges:
+        raise InputError("no plan can stay within what was measured, as the contact is not that of a fit; name the "
+                         "folder of one as ball.model, or leave this out", key="limits.within")
+    limits, kept = problem.limits, {}
+    for one in ranges:
+        if one.quantity == "initial_pressure":
+            low, high = (float(x) for x in kept.get("pressure", limits.pressure))
+            kept["pressure"] = np.array([max(low, one.low), min(high, one.high)])
+        for field, quantity in (("fastest", "approach_speed"), ("slide", "tangential_speed"),
+                                ("force", "peak_normal_force"), ("depression", "peak_depression")):
+            if one.quantity == quantity:
+                kept[field] = min(float(kept.get(field, getattr(limits, field))), one.high)
+        if one.quantity == "approach_speed":
+            kept["approach"] = max(float(kept.get("approach", limits.approach)), one.low)
+    low, high = (float(x) for x in kept.get("pressure", limits.pressure))
+    for name, least, most, unit in (("initial_pressure", low, high, "Pa"), (
+            "approach_speed", float(kept.get("approach", limits.approach)), float(kept.get("fastest", np.inf)), "m/s")):
+        if least > most:
+            raise InputError(f"the limits of the {describe_quantity(name).name} leave nothing of what was measured: "
+                             f"{say_value(name, least, unit)} would have to be below {say_value(name, most, unit)}",
+                             key="limits.within")
+    return dc.replace(problem, limits=dc.replace(limits, **kept), unit=None)
 
 
 def format_extrapolation(found: Extrapolation) -> str:

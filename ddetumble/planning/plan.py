@@ -11,7 +11,14 @@ from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
 from .draws import Laws, draw_laws
-from .measured import MeasuredRange, find_measured_ranges, list_extrapolations, list_ranges, warn_of_extrapolation
+from .measured import (
+    MeasuredRange,
+    confine,
+    find_measured_ranges,
+    list_extrapolations,
+    list_ranges,
+    warn_of_extrapolation,
+)
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
 from .scenario import Scenario, pose_laws, pose_problem, read_scenario
@@ -24,6 +31,7 @@ NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight",
 WORTH = f"{100 * LEAST_GAIN:.0f} %"
 # Share of the momentum that no normal force can take, from which it is told: below it nobody would miss it.
 AXIAL = 1e-3
+LEAST_PRICE = 5e-4  # of the momentum, below which two plans leave the same: what the search itself leaves open
 AFTERWARDS = 30.0  # s, of free motion drawn at either end, so that the motion before and after is seen
 
 
@@ -41,6 +49,7 @@ class PlanSettings:
         draws: of each contact model that may be true.
         starts: promising designs that are refined on the integrated impact; more find a better optimum now and then.
         seed: of the places where the search starts, and of the draws.
+        within: `measured` where the plan has to stay within what the contact was fitted to; what that costs is told.
     """
 
     impacts: int = 1
@@ -51,6 +60,7 @@ class PlanSettings:
     draws: int = 32
     starts: int = STARTS
     seed: int = 0
+    within: Literal["", "measured"] = ""
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
@@ -65,6 +75,7 @@ class Plan(AbstractPrinted):
         assessment: how sure the first impact is; None without draws, or without an impact.
         prospect: how sure all impacts together are; None with one impact.
         ranges: over which the contact was measured.
+        beyond: the impacts planned without having to stay within these; None where they need not.
         title, source: of the scenario; '' without one.
     """
 
@@ -75,6 +86,7 @@ class Plan(AbstractPrinted):
     assessment: Assessment | None = None
     prospect: Prospect | None = None
     ranges: tuple[MeasuredRange, ...] = ()
+    beyond: Sequence | None = None
     title: str = ""
     source: str = ""
 
@@ -122,6 +134,8 @@ class Plan(AbstractPrinted):
             said.append("A normal force has no moment about the axis of a body of revolution: "
                         f"{100 * found.floor:.1f} % of this momentum lies along it, and only friction can take that "
                         f"part.")
+        if self.beyond is not None:
+            said.append(_say_price(found, self.beyond))
         beyond = list_extrapolations(self.ranges, self.impacts, self.problem.conditions)
         return " ".join([*said, warn_of_extrapolation(beyond)]).rstrip()
 
@@ -193,7 +207,8 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
             raise
         raise InputError(error.problem, file=path, key=error.key) from None
     goal, table = scenario.goal, scenario.uncertainty
-    settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed)
+    settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
+                            within=scenario.limits.within)
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
     found = _plan(problem, dc.replace(settings, **changes), laws, ranges, progress=progress)
@@ -209,8 +224,15 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
             return one
         return plan_robust_strike(now, laws, one, aim=how.plan_for, tail=how.tail)
 
-    found = plan_together(problem, how.share, how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
-                          revise=None if laws is None or how.plan_for == "best" else revise, progress=progress)
+    def search(posed: StrikeProblem) -> Sequence:
+        return plan_together(posed, how.share, how.impacts, aim=how.least, starts=how.starts, seed=how.seed,
+                             revise=None if laws is None or how.plan_for == "best" else revise, progress=progress)
+
+    wide = None
+    if how.within:
+        wide, problem = problem, confine(problem, ranges)
+    found = search(problem)
+    beyond = None if wide is None else search(wide)
     assessment, prospect = None, None
     if laws is not None and found.impacts:
         tell("trying the first impact on all draws", math.nan)
@@ -218,12 +240,23 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
         if len(found.impacts) > 1:
             tell("trying all impacts on all draws", math.nan)
             prospect = assess_sequence(problem, found, laws, how.share, tail=how.tail)
-    return Plan(problem, how, found, laws, assessment, prospect, ranges)
+    return Plan(problem, how, found, laws, assessment, prospect, ranges, beyond)
 
 
 def find_end(sequence: Sequence) -> float:
     """Up to when the motion is followed [s], which decides on the unit of all times of a plan."""
     return (sequence.instants[-1] if sequence.instants else 0.0) + AFTERWARDS
+
+
+def _say_price(inside: Sequence, beyond: Sequence) -> str:
+    """What it costs to stay within what was measured, by the same search without that limit."""
+    left, least = (found.shares[-1] if found.impacts else 1.0 for found in (inside, beyond))
+    if len(beyond.impacts) == len(inside.impacts) and left - least < LEAST_PRICE:
+        return "To stay within what was measured costs nothing."
+    takes = _count_impacts(len(beyond.impacts))
+    leaves = "leaves" if len(beyond.impacts) == 1 else "leave"
+    return (f"This plan stays within what was measured; without that limit {takes} {leaves} {100 * least:.2f} %, if "
+            "the contact model holds there.")
 
 
 def _say_joint(joint: Joint, share: float) -> str:

@@ -49,6 +49,8 @@ class Limits(eqx.Module):
         chaser: direction from the debris to the chaser, inertial, unit, shape (3,) [-].
         cone: largest angle between that and the outward normal at first touch [rad].
         clearance: how long before and after the contact the ball must keep clear of the rest of the body [s].
+        fastest, slide: largest speeds along the normal and across it at first touch [m/s]; infinite where only the
+            others hold, finite where a plan stays within what was measured.
     """
 
     speed: Array = eqx.field(converter=scalar, default=2.0)
@@ -61,6 +63,8 @@ class Limits(eqx.Module):
     chaser: Array = eqx.field(converter=scalar, default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     cone: Array = eqx.field(converter=scalar, default=np.pi)
     clearance: Array = eqx.field(converter=scalar, default=0.5)
+    fastest: Array = eqx.field(converter=scalar, default=np.inf)
+    slide: Array = eqx.field(converter=scalar, default=np.inf)
 
 
 @final

@@ -138,6 +138,9 @@ class LimitTable(_Strict):
         default=(0.0, 60.0), description="earliest and latest instant of first touch "
         "[s]; in a sequence the shortest and longest wait.")
     approach: Positive = Field(default=0.05, description="least speed along the normal [m/s].")
+    within: Literal["", "measured"] = Field(
+        default="", description="`measured`: the plan stays within what the contact model was fitted to (pressure, "
+        "approach and tangential speed, force and depression), and says what that costs.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -413,7 +416,8 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> St
     chaser = np.asarray(arm.chaser, dtype=float)
     if not np.any(chaser):
         raise InputError("the direction to the chaser must not be zero", key="arm.chaser")
-    limits = Limits(**dict(scenario.limits), speed=arm.speed, chaser=chaser / np.linalg.norm(chaser),
+    given = scenario.limits.model_dump(exclude={"within"})
+    limits = Limits(**given, speed=arm.speed, chaser=chaser / np.linalg.norm(chaser),
                     cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
     law = mount_law(scenario, *load_laws(scenario.ball, here)) if laws is None else laws.main
     return StrikeProblem(law, debris, attitude, rates, limits, Goal(goal.momentum, goal.energy, goal.nutation),

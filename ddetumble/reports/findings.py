@@ -29,7 +29,7 @@ from ..selection.compare import Comparison
 from ..selection.discovery import Discovery
 from ..selection.result import Place, SettingShift, Step, Trace
 from ..selection.series import list_channels
-from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step
+from ..selection.text import choose_view, list_alternatives, say_place, say_verdict, share_at_step, show_estimate
 from .missing import show_missing
 from .page import Picture, Section, Table, draw_picture, flatten, write_page
 
@@ -237,7 +237,7 @@ def show_shifts(models: Mapping[str, Sequence[SettingShift]]) -> Section:
 def show_parameters(models: Mapping[str, Any], points: Iterable[str]) -> Section:
     """Parameters of the last of some fits or steps with their intervals, and the strongest correlations."""
     rows = [
-        (clean(key), *(format_value(x, one.sd) for x in (one.estimate, one.sd, one.q025, one.q975)),
+        (clean(key), *show_estimate(one),
          "–" if one.unit in ("", "1") else clean(one.unit), clean(one.text, 160))
         for key, one in list(models.values())[-1].parameters.items()]
     header = ("parameter", "estimate", "sd", "2.5 %", "97.5 %", "unit", "")

@@ -166,7 +166,8 @@ def write_plan(plan: Plan, folder) -> Path:
             "estimate": best.estimate, "missed": best.missed,
             "share_left": measure_share(problem, np.asarray(best.collision.angular_velocity)),
             "constraints": best.values},
-        "measured": plan.ranges,
+        "measured": plan.ranges, "within": settings.within or None,
+        "share_left_beyond": None if plan.beyond is None else (plan.beyond.shares or (1.0,))[-1],
         "uncertainty": None if assessment is None else _list_outlook(assessment, settings.plan_for, prospect),
         "version": metadata.version("ddetumble"),
     }  # fmt: skip

@@ -1,6 +1,7 @@
 """Settings that are wrong alike in all records (a gauge that reads high throughout), as rivals of physics."""
 
 import dataclasses as dc
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from .lack_of_fit import measure_smooth
 from .problem import Fitted, SelectionProblem
 
 
+ROUNDS = 2  # estimates of the scatter: without the bias, and about it
+
+
 @dc.dataclass(frozen=True)
 class SettingBias:
     """An error of one setting that all records share, fitted beside a model at its linearisation."""
@@ -19,10 +23,11 @@ class SettingBias:
     bias: float  # share by which what is written down is too large
     sd: float
     merit: float  # cross-validated loss with the penalty of its parameters, as of any other model
-    rejected: bool  # whether a misfit is left
+    rejected: bool  # whether a misfit is left, be it one that repeats over the records where settings may scatter
     difference: float  # of the cross-validated loss from that of the model it is a rival of, and its standard error
     standard_error: float
     effects: tuple[str, ...]  # of that model
+    scatter: Mapping[str, float] = dc.field(default_factory=dict)  # of settings about it over what is stated, by name
 
 
 def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> list[SettingBias]:
@@ -35,6 +40,8 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
     deviations = np.asarray(records.stack.condition_sd)[: records.count]
     for k, name in enumerate(records.nuisances):
         if name not in selection.campaign.records or name in records.starts or not (deviations[:, k] > 0).all():
+            continue
+        if selection.campaign.conditions[name].common is not None:  # the model has it
             continue
         values = np.abs(selection.campaign.records[name].to_numpy(dtype=float))
         # The true setting is the one written down x (1 - bias): by so many of its deviations.
@@ -53,12 +60,34 @@ def fit_biases(selection: SelectionProblem, fitted: Fitted, rival: Fitted) -> li
         chance = combine_p_values([weigh_shifts(at.z[:, j]) for j in settings])
         loss = leave_out(at, selection.groups)
         difference, error = compare_losses(loss, rival.loss, selection.groups)
+        repeats = selection.measure_repeats(at) if selection.is_loose else None
+        rejected = (smooth > selection.settings.standard_errors or chance < selection.settings.level_each
+                    or (repeats is not None and repeats < selection.settings.level_each))
         found.append(SettingBias(
             name, selection.settings.bias * float(at.u[-1]), selection.settings.bias * spread,
-            float(loss.sum()) + selection.settings.significant * len(at.names),
-            bool(smooth > selection.settings.standard_errors or chance < selection.settings.level_each), difference,
-            error, rival.effects))
+            float(loss.sum()) + selection.settings.significant * len(at.names), bool(rejected), difference, error,
+            rival.effects, {other: float(np.sqrt(np.mean(np.square(at.z[:, j])))) * selection.spread[other]
+                            for j, other in enumerate(records.nuisances) if other in selection.spread}))
     return sorted(found, key=lambda one: one.merit)
+
+
+def find_bias(selection: SelectionProblem, fitted: Fitted) -> SettingBias | None:
+    """The error of one setting, shared by all records, that leaves a model without misfit; None where there is none.
+
+    Settings may scatter more than stated beside it. A scatter that is estimated without the error includes it, so it is
+    estimated again about it.
+    """
+    spread, best = selection.estimate_spread(fitted), None
+    for _ in range(ROUNDS):
+        wider = selection.loosen(spread)
+        again = wider.repeat(fitted, 1e-2)
+        best = next((one for one in fit_biases(wider.span(again.solution), again, again)
+                     if not one.rejected and one.difference < 0.0), None)
+        if best is None:
+            return None
+        spread = {name: ratio for name, ratio in best.scatter.items() if ratio > selection.settings.spread.least}
+    sure = best is not None and abs(best.bias) > selection.settings.standard_errors * best.sd
+    return best if sure else None
 
 
 def _step(solution: Solution) -> tuple[Solution, float]:

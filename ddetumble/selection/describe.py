@@ -13,7 +13,7 @@ from ..inference.findings import Fit, estimate_parameters, summarise_fit
 from ..inference.identifiability import analyse_fit, analyse_with_refits, limit_knowledge, list_unproven
 from ..inference.problem import Solution
 from .cross_validation import compare_losses
-from .detectability import detectable_length, find_size
+from .detectability import LEAST, detectable_length, find_size
 from .forward_selection import CandidateFits, FittedStep, fit_with_shapes, list_unphysical
 from .lack_of_fit import Score, correct_for_many, hold_settings, is_moved, measure_shifts
 from .problem import Fitted, SelectionProblem
@@ -49,7 +49,7 @@ def public_estimates(selection: SelectionProblem, solution: Solution, owner: str
         values = {"estimate": one.estimate, "sd": one.sd, "q025": one.q025, "q975": one.q975, "unit": one.unit}
         if not one.determined:
             values = space.public(name, solution.u, WIDEST * limit_knowledge(space, name))
-        found[name] = Estimate(**values, text=slot.parameter.text)
+        found[name] = Estimate(**values, text=slot.parameter.text, determined=one.determined)
     return found
 
 
@@ -212,8 +212,10 @@ def _list_detectable(selection: SelectionProblem, reference: Fitted, own: list[S
         for shape, value in s.shapes.items():
             origin[space.index[shape]] = value
         one = find_size(selection.problem, reference.solution, origin, name, goal, goal / float(np.sqrt(s.information)))
-        if one is not None and np.isfinite(one.size):
-            found[name] = space.parameter(name).transform.from_unconstrained(one.size)
+        p = space.parameter(name)
+        # What shows at any size (a patch that grips a sample at no slip, however weakly) has no smallest one.
+        if one is not None and np.isfinite(one.size) and abs(one.size - p.default) > 10.0 * LEAST * p.typical:
+            found[name] = p.transform.from_unconstrained(one.size)
     return found
 
 

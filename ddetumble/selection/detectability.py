@@ -24,6 +24,7 @@ from .settings import DEFAULT, SelectionSettings
 TRIALS = 6  # sizes tried until the length is right: each gains about a digit
 CLOSE, NEAR = 0.02, 0.1  # relative error of the length that is good enough, and beyond which there is no size
 HUGE = 300.0  # typical changes beyond which an effect counts as unseen: no real one is that large
+LEAST = 1e-9  # typical changes below which no size is tried: what shows even then shows at any size
 DARK = 1e-6  # share of the length of a change below which what refits leave of it is rounding
 
 
@@ -76,7 +77,7 @@ def find_size(problem: Problem, solution: Solution, origin: np.ndarray, name: st
             new = math.sqrt(max(short, 1e-3 * abs(enough.size - null)) * abs(enough.size - null))
         if new >= most and size >= 0.99 * most:
             return Signature(name, math.nan, visible, column)
-        last, size = size, float(np.clip(new, 1e-9 * p.typical, most))
+        last, size = size, float(np.clip(new, LEAST * p.typical, most))
     return Signature(name, null + side * last, visible, column) if abs(length / goal - 1.0) < NEAR else enough
 
 

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import Any
 
+import numpy as np
+
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
@@ -16,7 +18,8 @@ from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from ..measurement.grouping import count_conditions
 from ..measurement.plausibility import check_plausibility
-from .bias import SettingBias, fit_biases
+from ..measurement.units import Uncertainty
+from .bias import SettingBias, find_bias, fit_biases
 from .describe import describe_candidates, describe_noise, describe_spread, describe_step, list_loose, make_fit
 from .discovery import Discovery
 from .forward_selection import (
@@ -69,7 +72,8 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
     name, references = asked.name, ()
-    path = allow_wander(allow_scatter(path, report), report)
+    path, shared = _allow_bias(allow_scatter(path, report), asked, state, effects, report)
+    path = allow_wander(path, report)
     # A wrong unit that would explain what is odd about the campaign is asked about before any physics is named.
     questions = tuple(str(one) for one in check_plausibility(state.campaign) if one.mistakes)
     # As many effects as may stand without other reference models explain nothing, or one beyond what physics allows.
@@ -119,7 +123,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
             "records": selection.records.count, "samples": int(selection.records.lengths.sum()),
             "conditions": count_conditions(campaign.records), "seconds": round(time.perf_counter() - began, 2)},
         faults=state.faults, doubts=doubts, references=tuple(r.to_dict() for r in references),
-        spread=describe_spread(selection), irregular=irregular, biases=tuple(biases),
+        spread=describe_spread(selection), irregular=irregular, biases=tuple(biases), shared_error=shared,
         missing=missing if isinstance(missing, MissingForce) and not irregular else None, made=made)
     family, left_out = selection.family, selection.left_out
     notes = list_notes(found, family, left_out, asked.name, missing if isinstance(missing, str) else "",
@@ -159,6 +163,36 @@ def _select_from_clean(asked: ResolvedModel, campaign: Campaign, effects: Sequen
         if not changed:
             break
     return state, path
+
+
+def _allow_bias(path: Path, asked: ResolvedModel, state: Cleaned, effects: Sequence[type[AbstractEffect]],
+                report: Progress) -> tuple[Path, SettingBias | None]:
+    """The same search with an error of one setting that all records share, where that leaves no misfit; and that error.
+
+    It is looked for beside the reference model and beside the last one, and then counts as one that the campaign
+    states, so that effects and errors are fitted together.
+    """
+    last, settings = path.steps[-1], path.selection.settings
+    if not last.lack.rejected or not path.selection.holds_out:
+        return path, None
+    models = {step.fitted.effects: step.fitted for step in (path.steps[0], last)}
+    seen = next(filter(None, (find_bias(path.selection, fitted) for fitted in models.values())), None)
+    if seen is None:
+        return path, None
+    report("allowing for a setting that is wrong alike in all records", 0.872)
+    column = dc.replace(state.campaign.conditions[seen.name], common=Uncertainty(relative=settings.bias))
+    campaign = dc.replace(state.campaign, conditions={**state.campaign.conditions, seen.name: column})
+    found = select_effects(*fit_reference(pose_selection(campaign, asked.reference, effects, asked.effects, state.zeros,
+                                                         settings)))
+    found = allow_scatter(found, report)
+    last = found.steps[-1]
+    if last.lack.rejected:
+        return path, None
+    solution, name = last.fitted.solution, f"{seen.name}_shift"
+    place = solution.names.index(name)
+    return found, dc.replace(
+        seen, bias=-float(solution.u[found.selection.space.index[name]]), merit=last.fitted.merit,
+        sd=float(np.sqrt(max(solution.covariance()[place, place], 0.0))), effects=last.fitted.effects)
 
 
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:

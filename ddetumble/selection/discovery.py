@@ -43,6 +43,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
         counts: `records`, `samples`, `conditions` that were searched, and `seconds` it took.
         spread: settings that scatter more than stated, which the fits allow for.
         biases: errors of single settings, shared by all records, that explain them as well as the effects do.
+        shared_error: of one setting in all records, which the models allow for beside what the campaign states.
         irregular: whether the misfit that is left is none of a force's: no force of any variable removes any of it on
             conditions that are left out, and nothing of it repeats over the records.
         missing: the missing force itself, for the verdicts `improved` and `unexplained`.
@@ -70,6 +71,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     references: tuple[Mapping[str, Any], ...] = ()
     spread: tuple[SettingSpread, ...] = ()
     biases: tuple[SettingBias, ...] = ()
+    shared_error: SettingBias | None = None
     irregular: bool = False
     missing: MissingForce | None = None
     made: tuple[tuple[Callable[[], Fit], ...], tuple[Callable[[], Fit], ...]] = dc.field(
@@ -88,7 +90,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
     @property
     def allowances(self) -> tuple[str, ...]:
         """What of noise and settings was taken otherwise than stated."""
-        return list_allowances(self.noise, spread=self.spread, biases=self.biases, irregular=self.irregular)
+        return list_allowances(self.noise, spread=self.spread, biases=self.biases, shared_error=self.shared_error,
+                               irregular=self.irregular)
 
     @property
     def confidence(self) -> Confidence | None:
@@ -178,7 +181,8 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "where": [{k: v for k, v in _list_fields(w).items() if v is not None} for w in self.where],
             "parameters": last.parameters, "correlations": last.correlations, "nuisances": list_shifts(last.shifts),
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
-            "setting_biases": self.biases, "allowances": self.allowances, "confidence": self.confidence,
+            "setting_biases": self.biases, "shared_error": self.shared_error, "allowances": self.allowances,
+            "confidence": self.confidence,
             "missing_force": None if self.missing is None else self.missing.to_dict(),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })

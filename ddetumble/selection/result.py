@@ -37,7 +37,10 @@ class Trace:
 
 @dc.dataclass(frozen=True)
 class Estimate:
-    """A parameter with its uncertainty, in its public unit."""
+    """A parameter with its uncertainty, in its public unit.
+
+    Where the records do not determine it, its deviation and interval are only wide enough to say so.
+    """
 
     estimate: float
     sd: float
@@ -45,6 +48,7 @@ class Estimate:
     q975: float
     unit: str
     text: str = ""
+    determined: bool = True
 
 
 @dc.dataclass(frozen=True)

@@ -44,7 +44,8 @@ def describe_level(error: float, noise: float, shifts: Sequence[SettingShift], h
 
 def _describe_bias(one: SettingBias) -> dict[str, Any]:
     """Facts of a setting that may be wrong alike in all records."""
-    return {"name": describe_quantity(one.name).name, "high": one.bias > 0, "size": f"{100 * abs(one.bias):.2g} %"}
+    return {"name": describe_quantity(one.name).name, "high": one.bias > 0, "size": f"{100 * abs(one.bias):.2g} %",
+            "error": f"{100 * one.sd:.1g} %"}
 
 
 def _describe_spread(one: SettingSpread) -> dict[str, Any]:
@@ -85,6 +86,8 @@ def tell_discovery(found: Discovery, family: Family, left_out: Sequence[str], un
         if hums:
             parts.append(say("verdict.humming", channels=sorted({channel for channel, _ in hums}),
                              frequencies=sorted({frequency for _, frequency in hums})))
+        if found.shared_error is not None:
+            parts.append(say("verdict.shared_error", bias=_describe_bias(found.shared_error)))
         if found.spread:
             parts.append(say("verdict.loose_settings", settings=[_describe_spread(one) for one in found.spread]))
         if found.verdict in ("improved", "unexplained") and found.where:
@@ -166,6 +169,8 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     records, conditions = counts["records"], counts["conditions"]
     if found.verdict == "nothing-missing" and found.irregular:
         return say("verdict.irregular", model=model, records=records, before=before, folds=family.folds)
+    if found.verdict == "nothing-missing" and found.biases:
+        return say("verdict.biased_only", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]))
     if found.verdict == "nothing-missing":
         seen = [c for c in found.candidates if c.visible > settings.invisible and c.smallest_detectable][:3]
         detectable = [(n, v, c.units.get(n, "")) for c in seen for n, v in list(c.smallest_detectable.items())[:1]]
@@ -174,8 +179,6 @@ def _tell_verdict(found: Discovery, family: Family, folds: str) -> Sentence:
     if found.verdict == "undecided" and found.biases:
         return say("verdict.bias_or_effect", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]),
                    effects=list(found.biases[0].effects))
-    if found.verdict == "nothing-missing" and found.biases:
-        return say("verdict.biased_only", model=model, before=before, p=p, bias=_describe_bias(found.biases[0]))
     if found.verdict == "undecided" and lack.rejected:
         return say("verdict.undecided", model=model, records=records, conditions=conditions, before=before, p=p,
                    sufficient=[c.effect for c in found.candidates if c.explains > settings.largest_part],

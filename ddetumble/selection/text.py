@@ -10,6 +10,7 @@ import numpy as np
 
 from .._sentences import Sentence, say
 from ..families import DEFAULT_FAMILY, View, find_family
+from ..inference.findings import Fitted
 from ..measurement import quantities as q
 from ..measurement.units import format_time
 from .result import Candidate, Estimate, Place, Step, Trace
@@ -64,9 +65,11 @@ def say_place(place: Place, view: View) -> Sentence:
     return say("words.place_alone", one=describe_place(place, view))
 
 
-def show_estimate(estimate: Estimate) -> tuple[str, str, str, str]:
+def show_estimate(estimate: Estimate | Fitted) -> tuple[str, str, str, str]:
     """Value, standard deviation and the ends of the 95 % interval, to the digits that count."""
     sd = estimate.sd
+    if not estimate.determined:
+        return q.format_number(estimate.estimate), "not determined", "–", "–"
     return (q.format_value(estimate.estimate, sd), q.format_value(sd, sd), q.format_value(estimate.q025, sd),
             q.format_value(estimate.q975, sd))
 

@@ -1,0 +1,30 @@
+"""LabVIEW's TDMS: groups of channels with `unit_string` and the sampling of a waveform."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..._errors import InputError
+from ..._settings import refuse_memory
+from .channel import Channel, make_channels
+
+
+def read_tdms(path: Path) -> list[Channel]:
+    """Channels of all groups; those with `wf_increment` have a clock, counted from the first start in their group."""
+    import nptdms
+
+    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+        if file.file_status.incomplete_final_segment:
+            raise InputError("the file is cut off in its last segment; copy it again from the measuring computer")
+        refuse_memory(16.0 * sum(len(one) for group in file.groups() for one in group.channels()), f"reading {path}")
+        found = []
+        for group in file.groups():
+            starts = {one.name: one.properties["wf_start_time"] for one in group.channels()
+                      if "wf_increment" in one.properties and "wf_start_time" in one.properties}
+            for one in group.channels():
+                clock = one.time_track() if one.properties.get("wf_increment", 0.0) > 0 else None
+                if clock is not None and one.name in starts:
+                    clock = clock + (starts[one.name] - min(starts.values())) / np.timedelta64(1, "ns") / 1e9
+                unit = one.properties.get("unit_string")
+                found += make_channels(one.name, one[:], unit if isinstance(unit, str) else None, group.name, clock)
+    return found
