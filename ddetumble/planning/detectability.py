@@ -23,7 +23,7 @@ from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
 from ..dynamics.impact import RTOL
 from ..dynamics.spinning import ATTITUDES, RATES
-from ..families import Family, list_families, name_family
+from ..families import Family, list_families, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.assembly import adapt_reference, default_starts, guess_start
 from ..inference.files import list_versions, make_plain, write_json
@@ -33,7 +33,6 @@ from ..measurement.checks import check_known, check_values
 from ..measurement.headings import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
-from ..measurement.package import read_campaign
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
 from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
@@ -150,7 +149,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
         campaign, resolved = read_plan(table, model, channels=channels, uncertainties=uncertainties, values=values,
                                        length=length, interval=interval)
     else:
-        campaign = plan if isinstance(plan, Campaign) else read_campaign(plan)
+        campaign = open_campaign(plan)
         resolved = resolve_model(model, name_family(campaign))
     report("computing the reference model", 0.05)
     bench = pose_selection(campaign, resolved.reference, tuple(effects), resolved.effects)

@@ -95,7 +95,9 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
 
     @property
     def confidence(self) -> Confidence | None:
-        """How often such verdicts were right in the sealed exam; None where that is not known."""
+        """How often such verdicts were right in the sealed exam; None where that is not known, as it is of values."""
+        if self.counts and self.counts["samples"] == self.counts["records"]:
+            return None
         return find_confidence(self.family, self.verdict, bool(self.allowances))
 
     @property

@@ -10,11 +10,10 @@ from ..._display import Progress
 from ..._errors import InputError
 from ..._sentences import Sentence, join_sentences, say
 from ...contact.effect import AbstractEffect
-from ...families import find_family, name_family
+from ...families import find_family, name_family, open_campaign
 from ...inference.archive import Model, resolve_model
 from ...inference.assembly import default_starts, require_samples
 from ...measurement.campaign import Campaign
-from ...measurement.package import read_campaign
 from ...measurement.quantities import describe_quantity, format_quantity
 from ..forward_selection import try_effects
 from ..outliers import begin_cleaning, clean_records
@@ -69,8 +68,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         ComputationError: the reference model could not be integrated.
     """
     report = progress or (lambda text, share: None)
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
+    campaign = open_campaign(campaign)
     family = find_family(name_family(campaign), "missing")
     find_ground(family)
     resolved = resolve_model(model, family.name)
