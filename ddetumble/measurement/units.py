@@ -155,6 +155,20 @@ def parse_quantity(text: str | float, quantity: str) -> float:
     return value
 
 
+def convert_text(text: str, unit: str) -> float:
+    """Read a value with its unit ("30 deg/s") as a finite number of an SI unit, such as "rad/s"."""
+    number, rest = _split_number(text, "this")
+    wanted, own = parse_unit(unit), parse_unit(rest or "1")
+    if own.dimension != wanted.dimension:
+        raise InputError(f"{text!r} is no quantity in {unit}")
+    if unit == "rad/s" and re.search("Hz|hertz", rest):
+        raise InputError(f"{text!r} leaves open whether it counts turns; write rad/s, deg/s or rpm")
+    value = float(own.convert(number))
+    if not math.isfinite(value):
+        raise InputError(f"{text!r} is not a finite number")
+    return value
+
+
 def parse_uncertainty(text: str | float, unit: Unit, quantity: str) -> Uncertainty:
     """Read one standard deviation: absolute ("0.25 N") or relative ("0.5 %"), for a column with that unit.
 
