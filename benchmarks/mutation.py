@@ -16,6 +16,7 @@ import hashlib
 import importlib
 import io
 import json
+import os
 import random
 import signal
 import sys
@@ -26,8 +27,10 @@ from types import CodeType
 import pytest
 
 
+# Of matrices as small as those of tests; threads of it would wait for each other on a busy machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
-SELECTION = ("tests/test_selection.py", "tests/test_statistics.py")
+SELECTION = ("tests/test_selection.py", "tests/test_search.py", "tests/test_statistics.py")
 # What decides, and the tests that have to notice.
 MODULES = {
     "selection.lack_of_fit": SELECTION,
