@@ -45,7 +45,7 @@ MODULES = {
     "selection.outliers": ("tests/test_outliers.py",),
     "selection.data_errors": ("tests/test_data_errors.py", "tests/test_baseline.py"),
 }
-PROSE = ("tell_", "say_", "_say", "_tell", "__str__", "__repr__", "describe", "mention")
+PROSE = ("tell_", "say_", "_say", "_tell", "_format", "__str__", "__repr__", "describe", "mention")
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And,
     ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt,
@@ -81,6 +81,14 @@ class Sites(ast.NodeVisitor):
         """So is `strict`, which does nothing but raise one."""
         if node.arg != "strict":
             self.generic_visit(node)
+
+    def visit_Call(self, node):
+        """`reshape` takes any negative number for what is left."""
+        if not (isinstance(node.func, ast.Attribute) and node.func.attr == "reshape"):
+            return self.generic_visit(node)
+        for part in (node.func, *node.args):
+            if ast.unparse(part) != "-1":
+                self.visit(part)
 
     def visit_AnnAssign(self, node):
         """Fields of records and their types."""

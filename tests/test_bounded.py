@@ -309,7 +309,8 @@ class Halting:
 
 @pytest.mark.parametrize(("tolerance", "last", "fall", "calls", "converged"), [
     (1e-7, 1, 1.0, 1, True), (1e-7, 3, 1.0, 3, True), (1e-7, 4, 1.0, 4, True), (1e-7, 9, 1.0, 4, False),
-    (1e-7, 9, 0.0, 2, True), (1e-2, 9, 1.0, 1, False), (1e-3, 9, 1.0, 1, False), (9e-4, 2, 1.0, 2, True),
+    (1e-7, 9, 0.0, 2, True), (1e-7, 9, 1.2e-3, 2, True), (1e-7, 9, 3e-3, 4, False),
+    (1e-2, 9, 1.0, 1, False), (1e-3, 9, 1.0, 1, False), (9e-4, 2, 1.0, 2, True),
 ])  # fmt: skip
 def test_patience(toy, tolerance, last, fall, calls, converged):
     """A final fit goes on three times at most, or until it falls no further; a scout not at all."""

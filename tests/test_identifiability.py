@@ -102,6 +102,15 @@ def test_a_combination_of_one_and_a_silent_one_is_none():
     assert found.undetermined == ("a",) and found.covariance[4, 4] == pytest.approx(2500.0)
 
 
+def test_knowledge_in_other_units_of_the_coordinates():
+    """Covariances go along, also of what changes no record: large, and finite."""
+    columns = np.concatenate([make_columns(0.97), np.zeros((3, 1))], axis=1)
+    one = analyse_jacobian("abc", columns, np.array([1.0, 2.0, 3.0]), np.full(3, 50.0))
+    other = analyse_jacobian("abc", columns, 1e3 * np.array([1.0, 2.0, 3.0]), np.full(3, 5e4))
+    np.testing.assert_allclose(other.covariance, 1e6 * one.covariance, rtol=1e-9)
+    assert one.covariance[2, 2] > 1e6 and np.isfinite(one.covariance).all() and one.silent == other.silent == ("c",)
+
+
 def test_what_a_fit_knows(one_pressure):
     """Its covariance is the fit's own, what nothing fixes is told from what is known by each parameter's own limit."""
     selection, fitted = one_pressure
@@ -243,16 +252,35 @@ def spread_by_inverse(columns, blend, unit):
     return float(np.sqrt(blend.direction @ np.linalg.inv(scaled.T @ scaled) @ blend.direction))
 
 
+def hold_pressure(problem):
+    """The same with pressures that are known exactly."""
+    deviations = np.array(problem.records.stack.condition_sd)
+    deviations[:, problem.records.nuisances.index("initial_pressure")] = 0.0
+    stack = dc.replace(problem.records.stack, condition_sd=deviations)
+    return type(problem)(problem.space, dc.replace(problem.records, stack=stack))
+
+
+def test_settings_at_which_nothing_can_be_computed_gain_nothing(monkeypatch, one_pressure):
+    selection, fitted = one_pressure
+    blend, columns = make_blend(selection.problem, fitted.solution, ("stiffness", "gas"))
+    failed = SimpleNamespace(solve=lambda *given, **options: dc.replace(fitted.solution, failed=("r0",)))
+    monkeypatch.setattr(identifiability, "Problem", lambda *given: failed)
+    assert identifiability._try_conditions(selection.problem, fitted.solution, columns, blend, selection.campaign,
+                                           "initial_pressure", (2e5,)) == 1.0
+
+
 @pytest.mark.parametrize(("name", "values"), [
     ("initial_pressure", (2e5,)), ("initial_pressure", (1e5,)), ("approach_speed", (0.7, 2.8)),
 ])  # fmt: skip
-def test_gain_of_further_records_is_that_of_the_joint_fit(toy_problem, one_pressure, name, values):
+@pytest.mark.parametrize("fixed", [False, True])
+def test_gain_of_further_records_is_that_of_the_joint_fit(toy_problem, one_pressure, name, values, fixed):
     """As many records again at other settings, beside a campaign that holds both from the start.
 
-    The further records last as long as their contact, (before/after)^(1/3) of these where it is longer.
+    The further records last as long as their contact, (before/after)^(1/3) of these where it is longer. Settings that
+    are `fixed` in the one are so in the other.
     """
     selection, fitted = one_pressure
-    problem, solution = selection.problem, fitted.solution
+    problem, solution = (hold_pressure(selection.problem) if fixed else selection.problem), fitted.solution
     blend, columns = make_blend(problem, solution, ("stiffness", "gas"))
     gain = identifiability._try_conditions(problem, solution, columns, blend, selection.campaign, name, values)
     table = selection.campaign.records
@@ -264,8 +292,9 @@ def test_gain_of_further_records_is_that_of_the_joint_fit(toy_problem, one_press
     time = np.array(new.problem.time)
     for r, pair in enumerate(further):
         time[r] *= max(own[r][place] / pair[place], 1.0) ** (1.0 / 3.0)
-    new.problem.time = time
-    more = new.problem.solve(solution.names, solution.u, np.zeros_like(solution.z), moving=False)
+    further_problem = hold_pressure(new.problem) if fixed else new.problem
+    further_problem.time = time
+    more = further_problem.solve(solution.names, solution.u, np.zeros_like(solution.z), moving=False)
     rows, _ = more.projected()
     both = np.concatenate([columns, rows.reshape(-1, columns.shape[1])])
     expected = spread_by_inverse(columns, blend, columns) / spread_by_inverse(both, blend, columns)
@@ -278,7 +307,7 @@ class WithState:
     def __init__(self, problem, solution, shared, own, fails=()):
         self.problem, self.solution, self.shared, self.own, self.fails = problem, solution, shared, own, fails
         self.space, self.calls = problem.space, 0
-        weights = np.array(problem.records.stack.weights)
+        weights = np.full(problem.records.stack.weights.shape, 0.5)
         weights[..., ::3] = 0.0  # samples that are not there
         self.records = dc.replace(problem.records, stack=dc.replace(problem.records.stack, weights=weights))
 
@@ -357,10 +386,12 @@ def test_the_best_remedy_that_is_enough(monkeypatch, one_pressure, singular, gai
     monkeypatch.setattr(identifiability, "_list_settings", lambda problem, campaign, name: [(1.0,)])
     monkeypatch.setattr(identifiability, "_try_conditions", lambda *given: tests[given[-2]])
     monkeypatch.setattr(identifiability, "_try_depression", lambda *given: tests["depression"])
-    own = [problem.space.parameter(name) for name in solution.names]
-    scale = np.array([p.transform.scale(p.typical) for p in own])
-    blend = Blend(("stiffness", "gas"), np.ones(3), step * scale * [1.0, -0.2, 0.1], singular)
-    found = identifiability._find_remedy(problem, solution, solution.flattened()[0], blend, selection.campaign)
+    scale = dict(zip(solution.names, (4.0, 0.1, 1.0), strict=True))
+    space = SimpleNamespace(family=problem.space.family, parameter=lambda name: SimpleNamespace(
+        typical=3.0, transform=SimpleNamespace(scale=lambda typical: typical / 3.0 * scale[name])))
+    blend = Blend(("stiffness", "gas"), np.ones(3), step * np.array([4.0, -0.02, 0.1]), singular)
+    posed = SimpleNamespace(space=space, records=problem.records)
+    found = identifiability._find_remedy(posed, solution, solution.flattened()[0], blend, selection.campaign)
     assert (None if found is None else found.setting) == (None if chosen is None else list(tests)[chosen])
     if found is not None:
         assert found.gain == gains[chosen] and found.names == blend.names

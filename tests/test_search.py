@@ -172,7 +172,9 @@ def test_a_second_start_where_the_first_led_astray():
               ("bump.a", {"bump.q": 2.0}, 4.0, 0.3), ("settling.a", {}, 5.0, 0.4)]
     bench = Scripted({"ripple": [None], "echo": [(1.5, True), "end"], "bump": [None, "end"], "settling": [(0.5, True)]},
                      scores)
-    found = bench.run()
+    shares = []
+    found = try_effects(bench.selection, bench.fitted, bench.scores, NAMES, lambda text, share: shares.append(share))
+    assert shares == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.0, 1.0])
     bump = {"bump.q": 2.0, "bump.a": pytest.approx(0.3)}
     assert bench.asked[4:] == [("echo", {"echo.a": pytest.approx(-0.7)}), ("bump", bump)]
     lower = bench.fitted.solution.chi2
@@ -376,12 +378,53 @@ def test_an_effect_that_helps_is_added_and_one_that_does_not_is_none():
         assert more.fitted.solution.chi2 <= tried.refined[expected[0]].solution.chi2 + 1e-6
 
 
+@pytest.mark.parametrize(("change", "failed", "kept", "again"), [
+    (-0.5, (), "new", False), (-2.0, (), "new", True), (5e-4, (), "new", False), (0.1, (), "old", False),
+    (-2.0, ("r0",), "old", False)])
+def test_the_last_refit_of_a_step(change, failed, kept, again):
+    """It takes the place of the fit, unless it broke down; by a noise variance or more, the step is judged again."""
+    selection, fitted = fit_toy(make_selection(1, {"settling.a": 0.4}))
+    judgements = []
+
+    class Toy(type(selection)):
+        def repeat(self, fitted, tolerance=1e-4):
+            return dc.replace(fitted, solution=dc.replace(fitted.solution, chi2=fitted.solution.chi2 + change,
+                                                          failed=failed))
+
+        def test_lack_of_fit(self, fitted):
+            judgements.append(fitted.solution.chi2)
+            return super().test_lack_of_fit(fitted)
+
+    toy = Toy(**{f.name: getattr(selection, f.name) for f in dc.fields(selection)})
+    step = judged(selection, fitted)
+    tried = try_effects(selection, fitted, step.scores, NAMES)
+    same, more = add_effect(toy, step, tried)
+    old = tried.refined["settling"].solution.chi2
+    assert same.freed == () and more.fitted.effects == ("settling",)
+    assert more.fitted.solution.chi2 == pytest.approx(old + (change if kept == "new" else 0.0), abs=1e-9)
+    assert judgements == [old, old + change] if again else judgements == [old]
+
+
+def test_lines_are_looked_for_where_an_effect_has_one(monkeypatch):
+    """Only then, and what is found goes into its starts."""
+    bench, asked = Scripted({}), []
+    monkeypatch.setattr(forward_selection, "find_line", lambda *given: asked.append("line") or 7.0)
+    monkeypatch.setattr(forward_selection, "list_starts", lambda s, e, scores, line: asked.append(line) or [{}])
+    bench.run(["ripple"])
+    assert asked == [None]
+    monkeypatch.setattr(Settling, "line", "settling.a")
+    bench.run(["ripple", "settling"])
+    assert asked[1:] == ["line", 7.0, 7.0]
+
+
 def test_what_a_fit_went_on_to_find_stays_although_its_effect_goes():
     """The last effect is taken back where the model without it, from there on, is no worse by nine noise variances."""
     selection, fitted = fit_toy(make_selection(2, {"settling.a": 0.4}))
     both = fit_with(selection, fitted, settling=0.3, bump=0.05)
     _, step = prune(selection, judged(selection, both))
     assert step.fitted.effects == ("settling",)
+    three = fit_with(selection, fitted, bump=0.05, ripple=0.05, settling=0.3)
+    assert prune(selection, judged(selection, three))[1].fitted.effects == ("settling",)
     alone = judged(selection, fit_with(selection, fitted, settling=0.3))
     assert prune(selection, alone)[1] is alone
 
@@ -430,26 +473,78 @@ def test_settings_that_scatter_more_than_stated_explain_a_misfit():
     assert allow_scatter(quiet) is quiet
 
 
-def test_an_effect_beside_settings_that_scatter():
-    """Both are found."""
-    found = allow_scatter(search(1, {"ripple.a": 1.0}, spoil=scatter(0.06), **TWICE))
-    assert found.steps[-1].fitted.effects == ("ripple",) and "approach_speed" in found.selection.spread
-
-
 def test_settings_that_go_as_the_conditions_do_are_no_scatter():
-    """Physics moves them alike at like conditions: the path stays; so it does where a misfit is left, or none of it
-    lies in the settings."""
+    """Physics moves them alike at like conditions: the path stays."""
     path = search(spoil=scatter(0.06, "sorted"), effects=(Ripple, Settling), conditions=sorted(TWICE["conditions"]))
     assert path.steps[-1].lack.rejected and allow_scatter(path) is path
 
-    def wave(values, conditions):
-        scatter(0.06)(values, conditions)
-        values[:, 0] += 0.5 * np.sin(29.0 * TIME) * ((TIME > 0) & (TIME < 1))
 
-    path = search(spoil=wave, **TWICE)
-    assert allow_scatter(path) is path
-    path = search(spoil=lambda values, conditions: wave(values, {"approach_speed": np.ones(16)}), **TWICE)
-    assert path.steps[-1].lack.rejected and allow_scatter(path) is path
+@dc.dataclass(frozen=True)
+class Loose:
+    """A choice of models whose settings are said to scatter so much, one estimate after another."""
+
+    estimates: list
+    random: bool = True
+    spread: dict = dc.field(default_factory=dict)
+    settings: SelectionSettings = SelectionSettings()
+
+    def estimate_spread(self, fitted):
+        """The next."""
+        return self.estimates.pop(0)
+
+    def loosen(self, spread):
+        """With settings that scatter so much."""
+        return dc.replace(self, spread=dict(spread))
+
+    def is_scatter(self, fitted):
+        """Whether at random."""
+        return self.random
+
+    def repeat(self, fitted):
+        """The same fit."""
+        return fitted
+
+    def span(self, solution):
+        """The same."""
+        return self
+
+
+@pytest.mark.parametrize(("estimates", "options", "spread"), [
+    ([{"v": 3.0}, {"v": 3.5}], {}, 3.0),  # less than by 1.3 from what it was
+    ([{"v": 3.0}, {"v": 4.5}, {"v": 4.6}], {}, 4.5),
+    ([{"v": 2.0}, {"v": 4.0}, {"v": 8.0}, {"v": 16.0}], {}, 8.0),  # three searches
+    ([{"v": 4.0}, {}, {}], {}, None),  # it stood for an effect that was found then
+    ([{}], {}, None), ([{"v": 1.2}], {}, None),
+    ([{"v": 3.0}, {"v": 3.0}], {"random": False}, None), ([{"v": 3.0}, {"v": 3.0}], {"left": True}, None),
+    ([{"v": 3.0}], {"would": False}, None), ([], {"rejected": False}, None)])
+def test_the_search_under_another_scatter_of_settings(monkeypatch, estimates, options, spread):
+    """Repeated while the estimate beside the effects found still changes; kept if at random and nothing is left."""
+    def step(rejected):
+        return FittedStep(fake(100.0), SimpleNamespace(rejected=rejected), [])
+
+    path = Path(Loose(list(estimates), options.get("random", True)), (step(options.get("rejected", True)),), None, True)
+    monkeypatch.setattr(forward_selection, "_would_do", lambda selection, fitted: options.get("would", True))
+    monkeypatch.setattr(forward_selection, "select_effects", lambda selection, reference: Path(
+        selection, (step(True), step(options.get("left", False))), None, True))
+    found = allow_scatter(path)
+    assert (found is path) == (spread is None)
+    assert found.selection.spread == ({} if spread is None else {"v": spread})
+
+
+@pytest.mark.parametrize(("rejected", "estimates", "expected"), [
+    ([False], [], True), ([True], [{}], False), ([True], [{"v": 1.5}], False), ([True, False], [{"v": 2.0}], True),
+    ([True, True], [{"v": 2.0}], False)])
+def test_whether_another_scatter_would_do(rejected, estimates, expected):
+    """As it is, or with the scatter that is estimated then, where that is another."""
+    class Judge(Loose):
+        def repeat(self, fitted, tolerance):
+            return fitted
+
+        def test_lack_of_fit(self, fitted):
+            return SimpleNamespace(rejected=rejected.pop(0)), []
+
+    assert forward_selection._would_do(Judge(list(estimates), spread={"v": 1.5}), fake(100.0)) is expected
+    assert not rejected
 
 
 def wander(values, conditions):

@@ -674,8 +674,8 @@ def test_an_addition_that_forecasts_worse_does_not_help():
                                 family=SimpleNamespace(free_running=True))
     before = fitted([100.0] * 4)
     assert helps(selection, before, fitted([90.0] * 4, forecast=[95.0] * 4))
-    assert not helps(selection, before, fitted([90.0] * 4, forecast=[110.0, 111.0, 109.0, 110.0]))
-    assert not helps(selection, before, before)
+    assert helps(selection, before, fitted([90.0] * 4, forecast=[110.0, 111.0, 109.0, 110.0])) is False
+    assert helps(selection, before, before) is False
 
 
 def test_when_another_fits_far_better():
