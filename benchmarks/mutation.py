@@ -3,17 +3,20 @@
     python -m benchmarks.mutation -o fits/mutation
 
 A mutant changes one operator, constant or returned value of one function; its code takes the place of the function's in
-this process, the module's own tests run until the first fails, and the code is put back. Messages, documentation,
-defaults of arguments and what raises an error are left alone. Of each module a fixed sample is drawn.
+this process, the module's own tests that run this function run until the first fails, and the code is put back.
+Messages, documentation, defaults of arguments and what raises an error are left alone. Of each module a fixed sample is
+drawn. What was found of other modules before stays in the folder, and the page says of which state of the code it is.
 """
 
 import argparse
 import ast
 import contextlib
 import copy
+import hashlib
 import importlib
 import io
 import json
+import os
 import random
 import signal
 import sys
@@ -24,8 +27,10 @@ from types import CodeType
 import pytest
 
 
+# Of matrices as small as those of tests; threads of it would wait for each other on a busy machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
-SELECTION = ("tests/test_selection.py", "tests/test_statistics.py")
+SELECTION = ("tests/test_selection.py", "tests/test_search.py", "tests/test_statistics.py")
 # What decides, and the tests that have to notice.
 MODULES = {
     "selection.lack_of_fit": SELECTION,
@@ -40,7 +45,7 @@ MODULES = {
     "selection.outliers": ("tests/test_outliers.py",),
     "selection.data_errors": ("tests/test_data_errors.py", "tests/test_baseline.py"),
 }
-PROSE = ("tell_", "say_", "_say", "_tell", "__str__", "__repr__", "describe", "mention")
+PROSE = ("tell_", "say_", "_say", "_tell", "_format", "__str__", "__repr__", "describe", "mention")
 SWAPS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And,
     ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt,
@@ -72,6 +77,19 @@ class Sites(ast.NodeVisitor):
     def visit_Raise(self, node):
         """What is wrong with the input is tested elsewhere."""
 
+    def visit_keyword(self, node):
+        """So is `strict`, which does nothing but raise one."""
+        if node.arg != "strict":
+            self.generic_visit(node)
+
+    def visit_Call(self, node):
+        """`reshape` takes any negative number for what is left."""
+        if not (isinstance(node.func, ast.Attribute) and node.func.attr == "reshape"):
+            return self.generic_visit(node)
+        for part in (node.func, *node.args):
+            if ast.unparse(part) != "-1":
+                self.visit(part)
+
     def visit_AnnAssign(self, node):
         """Fields of records and their types."""
         if node.value is not None and len(self.names) and not self.names[-1][:1].isupper():
@@ -88,7 +106,7 @@ class Sites(ast.NodeVisitor):
                 self.found.append((where, node, "constant"))
             elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
                 self.found.append((where, node, "sign"))
-            elif isinstance(node, ast.Return) and node.value is not None:
+            elif isinstance(node, ast.Return) and node.value is not None and ast.unparse(node.value) != "None":
                 self.found.append((where, node, "return"))
         super().generic_visit(node)
 
@@ -122,8 +140,63 @@ def find_code(code: CodeType, names: list[str]) -> CodeType:
     return code
 
 
-def run_tests(files) -> bool:
-    """Whether all tests pass."""
+class Reach:
+    """A plugin of pytest that notes which of a module's functions each test runs, and how long it takes."""
+
+    def __init__(self, codes):
+        self.took: dict[str, float] = {}
+        self.always: dict[Path, set] = {}  # what fixtures and imports ran, by file: any test of it may need that
+        self.own: dict[str, set] = {}
+        self.now: set[CodeType] = set()
+        monitoring, tool = sys.monitoring, sys.monitoring.PROFILER_ID
+        monitoring.use_tool_id(tool, "mutation")
+        monitoring.register_callback(tool, monitoring.events.PY_START, lambda code, offset: self.now.add(code))
+        for code in codes:
+            monitoring.set_local_events(tool, code, monitoring.events.PY_START)
+
+    def close(self):
+        """Note no more."""
+        sys.monitoring.free_tool_id(sys.monitoring.PROFILER_ID)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_setup(self, item):
+        """What ran up to here came from fixtures or imports."""
+        result = yield
+        self.always.setdefault(item.path, set()).update(self.now)
+        self.now.clear()
+        return result
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item):
+        """The test itself."""
+        began = time.perf_counter()
+        try:
+            return (yield)
+        finally:
+            self.took[item.nodeid] = time.perf_counter() - began
+            self.own[item.nodeid] = set(self.now)
+            self.now.clear()
+
+
+class Only:
+    """A plugin of pytest that keeps the tests which run one function, the fastest of every file first."""
+
+    def __init__(self, reach: Reach, code: CodeType):
+        self.reach, self.code = reach, code
+
+    def pytest_collection_modifyitems(self, items):
+        """The files, too, by their fastest test."""
+        took, fastest = self.reach.took, {}
+        items[:] = sorted((item for item in items if self.code in self.reach.own.get(item.nodeid, ())
+                           or self.code in self.reach.always.get(item.path, ())),
+                          key=lambda item: took.get(item.nodeid, 0.0))
+        for item in items:
+            fastest.setdefault(item.path, len(fastest))
+        items.sort(key=lambda item: fastest[item.path])
+
+
+def run_tests(files, plugin) -> bool:
+    """Whether all tests pass, or none is left to run."""
     def stop(*_):
         raise TimeoutError
 
@@ -131,17 +204,29 @@ def run_tests(files) -> bool:
     signal.alarm(LONGEST)
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            return pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not study", *files]) == 0
+            end = pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-m", "not slow and not study",
+                               "-W", "ignore::pytest.PytestAssertRewriteWarning", *files], plugins=[plugin])
+        return end in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
     except TimeoutError:
         return False
     finally:
         signal.alarm(0)
 
 
+def find_file(name: str) -> Path:
+    """A module's source."""
+    return ROOT / "ddetumble" / f"{name.replace('.', '/')}.py"
+
+
+def digest(name: str) -> str:
+    """The state of a module's code in a few digits."""
+    return hashlib.sha256(find_file(name).read_bytes()).hexdigest()[:12]
+
+
 def examine(name: str, files, most: int, seed: int) -> dict:
     """Mutants of one module and which were noticed."""
     module = importlib.import_module(f"ddetumble.{name}")
-    path = Path(module.__file__)
+    path = find_file(name)
     source = ast.parse(path.read_text(encoding="utf-8"))
     sites = Sites()
     sites.visit(source)
@@ -154,6 +239,11 @@ def examine(name: str, files, most: int, seed: int) -> dict:
             holder = holder.fget
         if hasattr(holder, "__code__"):
             usable.append((number, holder, outer[: 2 if isinstance(owner, type) else 1]))
+    reach = Reach({holder.__code__ for _, holder, _ in usable})
+    passed = run_tests(files, reach)
+    reach.close()
+    if not passed:
+        raise SystemExit(f"the tests of {name} fail without any change")
     chosen = random.Random(f"{seed} {name}").sample(usable, min(most, len(usable)))
     survivors, killed = [], 0
     for number, function, names in sorted(chosen, key=lambda one: one[0]):
@@ -162,7 +252,7 @@ def examine(name: str, files, most: int, seed: int) -> dict:
         kept = function.__code__
         function.__code__ = find_code(compile(tree, str(path), "exec"), names)
         try:
-            passed = run_tests(files)
+            passed = run_tests(files, Only(reach, kept))
         finally:
             function.__code__ = kept
         killed += not passed
@@ -170,22 +260,25 @@ def examine(name: str, files, most: int, seed: int) -> dict:
             survivors.append({"function": where, "line": line, "before": before[:120], "after": after[:120]})
             print(f"  {name}:{line} {where}: {before[:60]} -> {after[:60]}", flush=True)
     return {"module": name, "sites": len(usable), "mutants": len(chosen), "killed": killed, "survivors": survivors,
-            "tests": list(files)}
+            "tests": list(files), "code": digest(name), "seed": seed}
 
 
 def tell(rows: list[dict], most: int) -> str:
     """The page."""
     total, killed = sum(r["mutants"] for r in rows), sum(r["killed"] for r in rows)
+    old = [f"`{r['module']}`" for r in rows if r.get("code") != digest(r["module"])]
     lines = ["# Mutation testing of what decides a verdict", "",
              f"Made by `python -m benchmarks.mutation -o fits/mutation --most {most}`, which writes after every "
              "module: one operator, constant or returned value of one function changed at a time; a fixed sample of "
-             "each module. "
+             "each module. With `--module` only some are sat anew. "
              f"Of {len(MODULES)} modules these are done: {', '.join(r['module'] for r in rows)}.", "",
              f"{killed} of {total} mutants are noticed ({100 * killed / max(total, 1):.0f} %).", "",
              "| module | places | mutants | noticed | tests |", "| --- | --- | --- | --- | --- |"]
     lines += [f"| `{r['module']}` | {r['sites']} | {r['mutants']} | {r['killed']} "
               f"({100 * r['killed'] / max(r['mutants'], 1):.0f} %) | {', '.join(f'`{f}`' for f in r['tests'])} |"
               for r in rows]
+    if old:
+        lines += ["", f"Of an earlier state of their code: {', '.join(old)}."]
     lines += ["", "Not noticed:", ""]
     lines += [f"- `{r['module']}` line {s['line']}, `{s['function']}`: `{s['before']}` → `{s['after']}`"
               for r in rows for s in r["survivors"]]
@@ -200,15 +293,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--module", action="append", choices=list(MODULES), help="only these")
     given = parser.parse_args(arguments)
-    rows = []
+    result = given.output / "result.json"
+    found = {r["module"]: r for r in json.loads(result.read_text(encoding="utf-8"))} if result.exists() else {}
     for name in given.module or MODULES:
         began = time.perf_counter()
-        if not run_tests(MODULES[name]):
-            raise SystemExit(f"the tests of {name} fail without any change")
-        rows.append(examine(name, MODULES[name], given.most, given.seed))
-        print(f"{name}: {rows[-1]['killed']} of {rows[-1]['mutants']}, {time.perf_counter() - began:.0f} s", flush=True)
+        found[name] = row = examine(name, MODULES[name], given.most, given.seed)
+        print(f"{name}: {row['killed']} of {row['mutants']}, {time.perf_counter() - began:.0f} s", flush=True)
         given.output.mkdir(parents=True, exist_ok=True)
-        (given.output / "result.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        rows = [found[other] for other in MODULES if other in found]
+        result.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
         (given.output / "README.md").write_text(tell(rows, given.most), encoding="utf-8")
     return 0
 

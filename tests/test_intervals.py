@@ -35,7 +35,7 @@ def test_deep_in_a_tail_it_is_an_exponential(level):
         distance = abs(end - mean)
         assert sd == pytest.approx(1.0 / distance, rel=1e-6)
         edge = last if end == low else first
-        assert (first if end == low else last) == end
+        assert (first if end == low else last) == end and low <= first < last <= high
         left = stats.norm.logsf(distance + abs(edge - end)) - stats.norm.logsf(distance)
         assert np.exp(left) == pytest.approx(1 - level, rel=0.02)
     assert truncate_normal(-35.0, 1.0, 0.0, np.inf)[2] == pytest.approx(

@@ -4,11 +4,22 @@ import dataclasses as dc
 
 import numpy as np
 import pytest
+from helpers_statistics import TIME, fit_toy, make_selection
 
 from ddetumble.exam.simulators.noise import draw_noise
+from ddetumble.inference import noise as noise_module
 from ddetumble.inference import noise_estimation
 from ddetumble.inference.noise import TAPS, Noise, scale_whitening, whiten, whitening, whitening_matrix
-from ddetumble.inference.noise_estimation import BELOW, changed, differs_from_stated, estimate_noise, spline_columns
+from ddetumble.inference.noise_estimation import (
+    BELOW,
+    changed,
+    differs_from_stated,
+    estimate_from_pairs,
+    estimate_noise,
+    has_more_hum,
+    spline_columns,
+)
+from ddetumble.inference.noise_size import Sizes
 
 
 REPEATS = 60
@@ -127,6 +138,237 @@ def test_size_of_every_node_is_the_likeliest(expected):
         assert error[k] == pytest.approx(1.0 / np.sqrt(curvature), rel=2e-3)
 
 
+def make_pairs(generator, n=300, records=4, rho=0.5, white=0.0):
+    """Traces with a third of their samples missing, as times and values."""
+    found = []
+    for _ in range(records):
+        kept = generator.random(n) > 0.33
+        found.append((1e-3 * np.flatnonzero(kept), draw_noise(generator, n, 2.0, rho, white)[kept]))
+    return found
+
+
+@pytest.mark.parametrize(("rho", "white"), [(0.0, 0.0), (0.7, 0.0), (0.6, 0.4)])
+def test_the_error_of_the_level_from_pairs(rho, white):
+    """Of 30 campaigns the level is off by one stated error, rms, within a factor."""
+    lowest, z = noise_estimation.SLOW[0] / BELOW.mean(), []
+    for seed in range(30):
+        found = estimate_from_pairs(make_pairs(np.random.default_rng([8, seed]), rho=rho, white=white), 1e-3, 2.0)
+        z.append((find_level(found.sd, found.correlation, found.white_share, lowest)
+                  - find_level(2.0, rho, white, lowest)) / found.log_level_sd)
+    assert 0.25 < np.sqrt(np.mean(np.square(z))) < 1.2
+
+
+@pytest.mark.parametrize("stated", [None, 2.0])
+def test_noise_in_other_units(stated):
+    """Of seconds and of newtons: correlation, shares and relative errors are the same, the size goes along."""
+    generator = np.random.default_rng(11)
+    traces, pairs = [draw_noise(generator, 199, 2.0, 0.6, 0.2) for _ in range(3)], make_pairs(generator)
+    scaled = None if stated is None else 1e3 * stated
+    for one, other in (
+            (estimate_noise(traces, 0.1, 0.3, stated), estimate_noise([1e3 * x for x in traces], 10.0, 0.003, scaled)),
+            (estimate_from_pairs(pairs, 0.99e-3, stated),
+             estimate_from_pairs([(60.0 * t, 1e3 * x) for t, x in pairs], 0.0594, scaled))):
+        assert (other.sd, other.correlation) == (pytest.approx(1e3 * one.sd), pytest.approx(one.correlation))
+        assert other.white_share == pytest.approx(one.white_share, abs=1e-9)
+        assert other.log_level_sd == pytest.approx(one.log_level_sd, rel=1e-6)
+        assert (one.stated_sd, other.stated_sd) == (stated, scaled)
+
+
+@pytest.mark.parametrize("stated", [None, 2.0])
+def test_too_few_samples_count_as_white(stated):
+    """Of the stated size, or their own: rms of neighbours' differences over sqrt 2 where some are missing."""
+    x = np.random.default_rng(12).normal(size=20)
+    found = estimate_noise([x], 0.1, 0.5, stated)
+    assert found.is_white and found.white_share == 0.0 and found.sd == (stated or pytest.approx(np.std(x)))
+    assert found.stated_sd == stated and found.interval == 0.1 and found.log_level_sd == 0.2
+    time = np.arange(20) + 0.3 * (np.arange(20) % 2)
+    pairs = [(x[k:] - x[:-k]) ** 2 for k in range(1, noise_estimation.PAIRS + 1)]
+    found = estimate_from_pairs([(time, x)], 1.0, stated)
+    assert found.is_white and found.sd == (stated or pytest.approx(np.sqrt(np.mean(np.concatenate(pairs)) / 2.0)))
+    gap = np.concatenate([time[:10], time[10:] + 1e3])  # pairs across a gap are none
+    own = [np.concatenate([part[k:] - part[:-k] for part in (x[:10], x[10:])]) ** 2 for k in range(1, 7)]
+    expected = stated or pytest.approx(np.sqrt(np.mean(np.concatenate(own)) / 2.0))
+    assert estimate_from_pairs([(gap, x)], 1.0, stated).sd == expected
+
+
+def test_values_that_are_taken_together():
+    """Means of those at one place; with more places than are kept apart, of neighbours, none of which is lost."""
+    x, values = np.array([3.0, 1.0, 3.0, 2.0, 1.0]), np.array([1.0, 2.0, 5.0, 7.0, 4.0])
+    places, counts, means = noise_estimation._gather(x, values)
+    assert places == pytest.approx([1.0, 2.0, 3.0]) and counts.tolist() == [2, 1, 2]
+    assert means == pytest.approx([3.0, 7.0, 3.0])
+    many, values = np.arange(5000.0), np.random.default_rng(0).random(5000)
+    places, counts, means = noise_estimation._gather(many, values)
+    assert len(places) == noise_estimation.MOST and counts.sum() == 5000 and set(counts) == {2, 3}
+    assert counts @ means == pytest.approx(values.sum()) and counts @ places == pytest.approx(many.sum())
+    assert np.all(np.diff(places) > 0)
+
+
+def test_splines_of_long_records_by_their_normal_equations(monkeypatch):
+    """The same least squares, to a millionth."""
+    time = np.linspace(0.0, 1.0, 300)
+    columns, values = spline_columns(time, [(-0.1, 1.0, 20)]), np.sin(9.0 * time)
+    whole = noise_estimation._fit_splines(columns, values)
+    monkeypatch.setattr(noise_estimation, "LARGE", 0)
+    np.testing.assert_allclose(columns @ noise_estimation._fit_splines(columns, values), columns @ whole, atol=1e-6)
+    assert np.max(np.abs(columns @ whole - values)) < 1e-3
+
+
+@pytest.fixture(scope="module")
+def campaigns():
+    """Impacts with noise of a correlation, as toys, with the fit of the right model."""
+    return {rho: [fit_toy(make_selection(seed, rho=rho)) for seed in range(6)] for rho in (0.0, 0.6)}
+
+
+def test_samples_before_first_touch(campaigns):
+    """Their deviation about the mean of each record, of those complete with more than three."""
+    selection, _ = campaigns[0.0][0]
+    values = np.asarray(selection.records.stack.values)[:, 0]
+    before = values[:, TIME < -1e-4]
+    count = before.shape[1]
+    found = noise_estimation._quiet_deviation(selection.records, 0)
+    expected = np.sqrt(np.sum(np.var(before, axis=1, ddof=1)) / 8.0)
+    assert found == (pytest.approx(expected), 8 * (count - 1), count)
+    some = np.ones((8, 1), bool)
+    some[2:] = False
+    part = noise_estimation._quiet_deviation(dc.replace(selection.records, complete=some), 0)
+    assert part == (pytest.approx(np.sqrt(np.mean(np.var(before[:2], axis=1, ddof=1)))), 2 * (count - 1), count)
+    for number, told in ((4, True), (3, False)):
+        late = dc.replace(selection.records.stack, time=np.tile(TIME - TIME[number] + 1e-6, (8, 1)))
+        few = noise_estimation._quiet_deviation(dc.replace(selection.records, stack=late), 0)
+        assert (few is not None) == told and (few is None or few[1:] == (8 * (number - 1), number))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_noise_of_a_campaign(campaigns, rho):
+    """Size and correlation are found from what is left of a fit, whatever smooth force is missing."""
+    for wave in (0.0, 1.0):
+        sizes, correlations = [], []
+        for selection, fitted in campaigns[rho]:
+            solution = fitted.solution
+            missing = wave * np.sin(np.pi * np.clip(TIME, 0.0, 1.0))
+            found = noise_estimation.measure_noise(
+                selection.campaign, selection.records, dc.replace(solution, channels=solution.channels + missing))
+            assert list(found) == ["normal_force"] and found["normal_force"].stated_sd == 0.05
+            assert found["normal_force"].interval == pytest.approx(TIME[1] - TIME[0])
+            sizes.append(found["normal_force"].sd)
+            correlations.append(found["normal_force"].correlation * (1.0 - found["normal_force"].white_share))
+        assert np.mean(sizes) == pytest.approx(0.05, rel=0.02) and np.mean(correlations) == pytest.approx(rho, abs=0.12)
+
+
+def test_noise_of_a_campaign_with_gaps(campaigns):
+    """From pairs of samples where some are missing; too few count as white, of the stated size."""
+    selection, fitted = campaigns[0.6][0]
+    stack, complete = selection.records.stack, np.zeros((8, 1), bool)
+    weights = np.array(stack.weights)
+    weights[:, :, ::4] = 0.0
+    gaps = dc.replace(selection.records, complete=complete, stack=dc.replace(stack, weights=weights))
+    found = noise_estimation.measure_noise(selection.campaign, gaps, fitted.solution)["normal_force"]
+    assert found.sd == pytest.approx(0.05, rel=0.05) and found.correlation > 0.3
+    assert found.interval == pytest.approx(TIME[1] - TIME[0])
+    weights[:, :, 20:] = 0.0
+    few = dc.replace(gaps, stack=dc.replace(stack, weights=weights))
+    found = noise_estimation.measure_noise(selection.campaign, few, fitted.solution)["normal_force"]
+    assert found.is_white and (found.sd, found.log_level_sd) == (0.05, 0.1)
+
+
+def test_slow_parts_that_a_fit_took_stay(campaigns):
+    selection, fitted = campaigns[0.0][0]
+    before = {"normal_force": dc.replace(make_noise(0.05), slow_sd=0.2, slow_time=3.0)}
+    found = noise_estimation.measure_noise(selection.campaign, selection.records, fitted.solution, before=before)
+    assert (found["normal_force"].slow_sd, found["normal_force"].slow_time) == (0.2, 3.0)
+
+
+def test_noise_of_records_of_other_sizes():
+    """Half of them with noise four times as large: in the ratio of four, and as large over all as it is."""
+    def spoil(values, conditions):
+        values[::2] += 0.05 * np.sqrt(15.0) * np.random.default_rng(1).standard_normal(values[::2].shape)
+
+    selection, fitted = fit_toy(make_selection(3, spoil=spoil))
+    found = noise_estimation.measure_noise(selection.campaign, selection.records, fitted.solution)["normal_force"]
+    sizes = np.array([found.sizes[key] for key in selection.records.keys])
+    assert np.mean(sizes[::2]) / np.mean(sizes[1::2]) == pytest.approx(4.0, rel=0.2)
+    assert np.sqrt(np.mean(sizes**2)) == pytest.approx(1.0) and found.stated_sd == 0.05
+    assert found.sd == pytest.approx(0.05 * np.sqrt(8.5), rel=0.15)
+
+
+def test_sizes_of_a_noise_that_varies(campaigns):
+    """What is measured of residuals over their sizes comes back to their own: rms 1 over all, parts in its unit."""
+    records = dc.replace(campaigns[0.0][0][0].records, keys=("a", "b"))
+    relative = [np.array([1.0, 3.0]), np.array([2.0, 2.0, 5.0])]
+    rms = np.sqrt(np.mean(np.concatenate(relative) ** 2))
+    for share, rate_share in ((0.1, 0.0), (0.0, 0.2), (1e-3, 1e-3), (0.0, 0.0)):
+        sizes = Sizes(0.5, share, rate_share, np.ones(2), False, relative)
+        found = noise_estimation._describe_sizes(make_noise(sd=3.0), sizes, records, 1.7)
+        assert found.sd == pytest.approx(3.0 * rms) and (found.stated_sd, found.correlation) == (1.7, 0.6)
+        assert [found.sizes[key] * rms for key in "ab"] == [pytest.approx(one) for one in relative]
+        assert (found.share, found.rate_share) == pytest.approx((3.0 * share, 3.0 * rate_share))
+        assert found.floor == (pytest.approx(1.5) if share or rate_share else None)
+
+
+def listen_to(monkeypatch, selection, fitted, records):
+    """Which estimators are asked, and with what."""
+    asked = []
+    for kind, name in (("whole", "estimate_noise"), ("pairs", "estimate_from_pairs")):
+        monkeypatch.setattr(noise_estimation, name,
+                            lambda *given, kind=kind: asked.append((kind, *given)) or make_noise(0.05))
+    monkeypatch.setattr(noise_estimation, "measure_sizes", lambda *given: None)
+    monkeypatch.setattr(noise_estimation, "look_random", lambda *given: False)
+    noise_estimation.measure_noise(selection.campaign, records, fitted.solution)
+    (one,) = asked
+    return one
+
+
+@pytest.mark.parametrize(("gaps", "expected"), [(0, "whole"), (3, "whole"), (5, "pairs"), (8, "pairs")])
+def test_spectra_where_most_records_are_whole(monkeypatch, campaigns, gaps, expected):
+    """Else pairs of samples, of all records; a record with gaps keeps its stretches of 24 samples."""
+    selection, fitted = campaigns[0.0][0]
+    stack = selection.records.stack
+    weights, complete = np.array(stack.weights), np.ones((8, 1), bool)
+    weights[:gaps, :, 5::10], complete[:gaps] = 0.0, False
+    records = dc.replace(selection.records, complete=complete, stack=dc.replace(stack, weights=weights))
+    kind, traces, *_ = listen_to(monkeypatch, selection, fitted, records)
+    assert kind == expected and len(traces) == (8 - gaps if kind == "whole" else 8)
+
+
+def test_traces_of_one_sampling_interval(monkeypatch, campaigns):
+    """Of records taken at two intervals those at the one that most have; frequencies are above those of a contact."""
+    selection, fitted = campaigns[0.0][0]
+    stack = selection.records.stack
+    time = np.array(stack.time)
+    time[:3] *= 2.0
+    records = dc.replace(selection.records, stack=dc.replace(stack, time=time))
+    kind, traces, interval, lowest, stated, quiet, _ = listen_to(monkeypatch, selection, fitted, records)
+    assert kind == "whole" and len(traces) == 5 and interval == pytest.approx(TIME[1] - TIME[0])
+    spans = [noise_estimation.list_spans(records, r, 1.0)[0] for r in range(8)]
+    assert lowest == pytest.approx(10.0 / np.median([span.high - span.low for span in spans]))
+    assert stated == 0.05 and quiet is not None
+
+
+def test_frequencies_of_records_that_run_on(monkeypatch, campaigns):
+    """Above six tenths of what the splines take out, by those of the interval that most have."""
+    selection, fitted = campaigns[0.0][0]
+    stack = selection.records.stack
+    time = np.array(stack.time)
+    time[5:] *= 0.5  # twice the splines a second
+    records = dc.replace(selection.records, family="tumble", stack=dc.replace(stack, time=time))
+    kind, traces, interval, lowest, _, quiet, _ = listen_to(monkeypatch, selection, fitted, records)
+    (span,) = noise_estimation.list_spans(records, 0, 1.0)
+    assert kind == "whole" and len(traces) == 5 and interval == pytest.approx(TIME[1] - TIME[0]) and quiet is None
+    number = min(span.splines, len(TIME) // 4)
+    assert lowest == pytest.approx(0.6 * number / (TIME[-1] - TIME[0]), rel=1e-6)
+
+
+def test_whether_hum_is_new():
+    plain, hum = make_noise(), dc.replace(make_noise(), hum=((50.0, 0.3),))
+    other = dc.replace(hum, hum=((50.0, 0.4),))
+    for before, after, more in (({}, hum, True), ({"x": plain}, hum, True), ({"x": hum}, hum, False),
+                                ({"x": hum}, other, True), ({}, plain, False), ({"x": hum}, plain, False)):
+        assert has_more_hum(before, {"x": after}) is more
+    assert changed({"x": plain}, {"x": hum}) and not changed({"x": hum}, {"x": hum})
+    assert differs_from_stated({"x": dc.replace(hum, correlation=0.0)})
+
+
 def test_splines_add_to_one():
     """Inside each span, four at a time; nothing outside, nor where a span has too few samples."""
     time = np.linspace(0.0, 2.0, 201)
@@ -170,11 +412,72 @@ def test_filter_with_a_baseline_that_wanders(rho, uneven):
         np.testing.assert_allclose(matrix, np.linalg.inv(factor), atol=1e-8)
 
 
+def test_one_sample_and_none_that_is_valid():
+    """What stands alone is over its own deviation."""
+    for valid in (np.array([True]), np.array([False])):
+        weights, taps = whitening(SLOW, np.zeros(1), valid)
+        assert weights == pytest.approx(valid / np.hypot(1.5, 3.0)) and not taps.any() and taps.shape == (1, TAPS)
+
+
+@pytest.mark.parametrize("uneven", [0.0, 0.02])
+def test_every_sample_is_predicted_from_those_before_it(uneven):
+    """The last row of the inverse of the covariance of a sample and the eight before it is 1/sd² of what is left, times
+    one and the taps with the other sign, also where samples are missing."""
+    n = 60
+    time = 0.1 * np.arange(n) + uneven * np.sin(np.arange(n))
+    valid = np.random.default_rng(2).random(n) > 0.15
+    valid[0] = False
+    noise = dc.replace(SLOW, correlation=0.7)
+    weights, taps = whitening(noise, time, valid)
+    for t in np.flatnonzero(valid):
+        near = [k for k in range(max(t - TAPS, 0), t) if valid[k]]
+        own = time[[*near, t]]
+        last = np.linalg.inv(noise.covariance(own[:, None] - own))[-1]
+        assert weights[t] == pytest.approx(np.sqrt(last[-1]), rel=1e-6)
+        expected = np.zeros(TAPS)
+        expected[[t - 1 - k for k in near]] = -last[:-1] / last[-1]
+        np.testing.assert_allclose(taps[t], expected, atol=1e-6)
+    assert not weights[~valid].any() and not taps[~valid].any()
+    small = dc.replace(noise, sd=1e-6 * noise.sd, slow_sd=1e-6 * noise.slow_sd)  # in another unit
+    for one, other, factor in zip(whitening(small, time, valid), (weights, taps), (1e6, 1.0), strict=True):
+        np.testing.assert_allclose(one, factor * other, rtol=1e-6, atol=1e-6)
+
+
+def test_many_samples_are_looked_at_in_parts(monkeypatch):
+    """However many predictors are computed at once, they are the same."""
+    time, valid = np.cumsum(np.random.default_rng(3).uniform(0.05, 0.15, 50)), np.arange(50) % 7 > 0
+    whole = whitening(SLOW, time, valid)
+    monkeypatch.setattr(noise_module, "BATCH", 7)
+    for one, other in zip(whole, whitening(SLOW, time, valid), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def test_whitening_of_many_columns_is_that_of_each():
+    """Along the first of three axes."""
+    weights, taps = whitening(SLOW, 0.1 * np.arange(20), np.ones(20, bool))
+    x = np.random.default_rng(4).normal(size=(20, 3, 2))
+    found, matrix = whiten(weights, taps, x), whitening_matrix(weights, taps).toarray()
+    np.testing.assert_allclose(found, np.einsum("st,tij->sij", matrix, x), atol=1e-12)
+
+
+def test_slow_parts_of_another_noise():
+    """Baseline and hum come to one's own: variances and covariances add."""
+    plain = dc.replace(make_noise(), hum=((50.0, 0.3),))
+    other = dc.replace(make_noise(7.0, 0.1), slow_sd=3.0, slow_time=0.7, hum=((60.0, 0.4),))
+    both, lag = plain.with_slow_parts(other), np.array([0.0, 0.1, 2.0])
+    assert both.hum == ((50.0, 0.3), (60.0, 0.4)) and (both.sd, both.correlation) == (plain.sd, plain.correlation)
+    np.testing.assert_allclose(both.covariance(lag), plain.covariance(lag) + 9.0 * np.exp(-lag / 0.7), rtol=1e-12)
+    assert both.deviations(np.zeros(3)) == pytest.approx(np.sqrt(4.0 + 9.0 + 0.09 + 0.16))
+    assert plain.with_hum(()).hum == plain.hum
+    assert dc.replace(plain, sizes={"a": np.ones(2)}).without_sizes().sizes == {}
+
+
 def test_which_noise_is_white():
     """Neither correlated nor beside a baseline that wanders."""
     assert make_noise(rho=0.0).is_white and not make_noise(rho=0.3).is_white and not SLOW.is_white
     assert not dc.replace(SLOW, correlation=0.0).is_white
     assert dc.replace(SLOW, correlation=0.0, slow_sd=0.0).is_white
+    assert not dc.replace(SLOW, correlation=0.0, slow_sd=0.5).is_white
 
 
 @pytest.mark.parametrize("noise", [make_noise(rho=0.0), make_noise(white=0.3), SLOW])
@@ -199,12 +502,14 @@ def test_filter_of_other_sizes_is_the_factor_of_their_covariance():
 
 def test_deviation_of_a_reading():
     """Floor, shares of the reading and of its change, and baseline add in squares; one size where none is known."""
-    reading = np.array([[0.0, 2.0, 4.0, 6.0], [5.0, 5.0, 5.0, 5.0]])
+    reading = np.array([[0.0, 3.0, 6.0, 9.0], [5.0, 5.0, 5.0, 5.0]])
     noise = dc.replace(make_noise(), floor=0.3, share=0.1, rate_share=0.5, slow_sd=0.4)
-    rate = np.array([[2.0] * 4, [0.0] * 4])
+    rate = np.array([[3.0] * 4, [0.0] * 4])
     expected = np.sqrt(0.09 + 0.01 * reading**2 + 0.25 * rate**2 + 0.16)
     np.testing.assert_allclose(noise.deviations(reading), expected, rtol=1e-12)
     np.testing.assert_allclose(noise.deviations(reading[0]), expected[0], rtol=1e-12)
+    two = np.sqrt(0.09 + 0.01 * np.array([1.0, 16.0]) + 0.25 * 9.0 + 0.16)
+    np.testing.assert_allclose(noise.deviations(np.array([1.0, 4.0])), two, rtol=1e-12)
     np.testing.assert_allclose(noise.deviations(np.array([7.0])), [np.sqrt(0.09 + 0.49 + 0.16)], rtol=1e-12)
     np.testing.assert_allclose(SLOW.deviations(reading), np.full((2, 4), np.hypot(1.5, 3.0)), rtol=1e-12)
 

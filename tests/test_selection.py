@@ -329,6 +329,30 @@ def test_shifts_of_settings():
         "approach_speed", "initial_pressure"]
 
 
+def test_shifts_of_settings_that_are_let_scatter():
+    """In stated deviations, not in those that the fit lets them have; their chance is that of the larger ones."""
+    selection, fitted = fit_toy(make_selection(1))
+    plain = measure_shifts(selection.records, fitted.solution)
+    loose = selection.loosen({"approach_speed": 3.0})
+    shifts = measure_shifts(loose.records, fitted.solution, {"approach_speed": 3.0})
+    one, other = plain[0], shifts[0]
+    assert other.stated == pytest.approx(one.stated) and other.p_value == pytest.approx(one.p_value)
+    for part in ("rms", "largest"):
+        assert getattr(other, part) == pytest.approx(3.0 * getattr(one, part))
+    np.testing.assert_allclose(other.shifts, 3.0 * one.shifts)
+    assert other.record == one.record and [s.rms for s in shifts[1:]] == [s.rms for s in plain[1:]]
+
+
+def test_held_settings_leave_hum_and_the_time_to_move():
+    """Readings' own parts are no settings."""
+    selection, fitted = fit_toy(make_selection(1))
+    humming = selection.restack({"normal_force": dc.replace(white(0.05), hum=((7.0, 0.1),))})
+    solution = humming.repeat(fitted).solution
+    held = hold_settings(humming.problem, solution)
+    assert humming.records.nuisances[:3] == ("approach_speed", "initial_pressure", "time")
+    assert not held.z[:, :2].any() and np.all(np.any(held.z[:, 2:] != 0.0, axis=0)) and held.z.shape[1] == 5
+
+
 def test_settings_that_swallow_a_misfit_are_moved():
     def spoil(values, conditions):
         conditions["approach_speed"] *= np.resize([1.06, 0.94], 8)

@@ -1,5 +1,6 @@
 """What decides a verdict, each against theory: linear models, where refits are exact, and draws under the null."""
 
+import dataclasses as dc
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,9 +8,11 @@ import pytest
 from scipy import sparse, stats
 from scipy.interpolate import BSpline
 
+from ddetumble._errors import ComputationError
 from ddetumble.inference.goodness import combine_p_values, judge_goodness, weigh_shifts
 from ddetumble.inference.noise import Noise
 from ddetumble.inference.problem import Solution
+from ddetumble.selection import cross_validation, lack_of_fit
 from ddetumble.selection.cross_validation import (
     compare_losses,
     leave_out,
@@ -19,7 +22,9 @@ from ddetumble.selection.forward_selection import fits_better, helps
 from ddetumble.selection.lack_of_fit import (
     Score,
     bootstrap_p_value,
+    correct_for_many,
     family_p_value,
+    judge_fit,
     measure_smooth,
     score_directions,
 )
@@ -116,13 +121,18 @@ def test_left_out_conditions_are_predicted_by_a_refit(free_running):
         assert seen["u"][r] == pytest.approx(theta, abs=1e-9) and seen["z"][r] == pytest.approx(z, abs=1e-9)
 
 
-def predict_linear(linear, adjust):
-    """What is predicted of linear records, and the parameters and nuisances that it is predicted with."""
+def predict_linear(linear, adjust, fails=()):
+    """What is predicted of linear records, and the parameters and nuisances that it is predicted with.
+
+    Records whose keys are in `fails` cannot be computed; nothing can where it is None.
+    """
     seen = {}
 
     def solve(names, u, z, moving):
         seen.update(u=u, z=z)
-        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), failed=())
+        if fails is None:
+            raise ComputationError("no")
+        return SimpleNamespace(channels=np.zeros((RECORDS, 1, ROWS)), failed=fails)
 
     time = np.tile(np.linspace(0.0, 1.0, ROWS), (RECORDS, 1))
     records = SimpleNamespace(count=RECORDS, keys=list("abcdef"), channels=("force",), stack=SimpleNamespace(time=time))
@@ -190,19 +200,116 @@ def test_a_parameter_that_nothing_else_fixes_is_left_where_it_is():
         assert loss[r] == pytest.approx(linear.hold_out(r, np.append(theta[:2], solution.u[2]))[1], rel=1e-9)
 
 
+@pytest.mark.parametrize(("length", "told"), [(0.09, False), (0.11, True)])
+def test_what_all_conditions_hardly_tell_is_left_where_it_is(length, told):
+    """A parameter whose deviation exceeds ten typical changes stays; below that it moves as in a refit."""
+    linear = Linear(3)
+    linear.jacobian[..., 2] *= length / linear.fit()[3][2, 2] ** -0.5  # its deviation is about 1/length
+    solution = linear.solve()
+    columns, _ = solution.projected()
+    assert np.linalg.norm(columns[..., 2]) == pytest.approx(length, rel=0.02)
+    loss = leave_out(solution, GROUPS)
+    for group in range(4):
+        kept = np.flatnonzero(GROUPS != group)
+        theta = linear.fit(kept)[0]
+        if not told:  # a refit of the others, with what that one does already
+            rest = Linear(3, shared=2)
+            rest.jacobian, rest.nuisances = linear.jacobian[..., :2], linear.nuisances
+            rest.error = linear.error + linear.jacobian[..., 2] * solution.u[2]
+            theta = np.append(rest.fit(kept)[0], solution.u[2])
+        for r in np.flatnonzero(GROUPS == group):
+            assert loss[r] == pytest.approx(linear.hold_out(r, theta)[1], rel=1e-9)
+
+
+def test_losses_do_not_depend_on_the_units_of_parameters():
+    """A column a billion times as long as another, with the parameter so many times as small."""
+    linear, scaled = Linear(16), Linear(16)
+    scaled.jacobian *= np.array([1e7, 1.0, 0.01])
+    assert leave_out(scaled.solve(), GROUPS) == pytest.approx(leave_out(linear.solve(), GROUPS), rel=1e-6)
+
+
+def test_steps_without_a_condition_come_with_their_covariance():
+    """That of a refit without it; what nothing tells of counts as known to one typical change, by itself."""
+    linear = Linear(15, weight=0.5)
+    solution = linear.solve()
+    for out, step, covariance in cross_validation._step_aside(solution, GROUPS, *solution.projected()):
+        theta, _, _, expected = linear.fit(np.flatnonzero(~out))
+        assert step == pytest.approx(theta - solution.u, rel=1e-9)
+        assert covariance == pytest.approx(expected, rel=1e-9)
+    silent = Linear(15)
+    silent.jacobian[..., 1] = 0.0
+    solution = silent.solve()
+    for out, step, covariance in cross_validation._step_aside(solution, GROUPS, *solution.projected()):
+        theta, _, _, expected = silent.fit(np.flatnonzero(~out))
+        assert step[[0, 2]] == pytest.approx((theta - solution.u)[[0, 2]], rel=1e-9) and step[1] == 0.0
+        assert covariance[1] == pytest.approx([0.0, 1.0, 0.0])
+        assert covariance[np.ix_([0, 2], [0, 2])] == pytest.approx(expected[np.ix_([0, 2], [0, 2])], rel=1e-9)
+
+
+def test_a_loss_past_any_meaning_is_finite():
+    """One condition alone shows a parameter, and a little beyond rounding: without it the fit goes anywhere."""
+    linear = Linear(3, noise=0.0)
+    linear.error[:] = 0.0
+    linear.error[GROUPS == 1] = 1e9
+    loss = leave_out(linear.solve(), GROUPS)
+    assert (loss[GROUPS == 1] == 1e12).all() and np.isfinite(loss).all()
+
+
+def test_early_rows_of_every_channel():
+    """The first part of the time of each record, which need not begin at 0, once a channel."""
+    time = np.array([[2.0, 3.0, 4.0, 6.0], [0.0, 1.0, 1.5, 1.5]])
+    records = SimpleNamespace(count=2, stack=SimpleNamespace(time=np.concatenate([time, time[:1]])))
+    found = cross_validation._find_early(records, SimpleNamespace(residual=np.zeros((2, 8))), 0.5)
+    assert found.tolist() == [[True, True, True, False] * 2, [True, False, False, False] * 2]
+
+
+def test_records_that_cannot_be_predicted():
+    """Those that fail are not numbers, and all are where the model breaks down; coverage is said all the same."""
+    linear = Linear(12)
+    whole, _ = predict_linear(linear, True)
+    some, _ = predict_linear(linear, True, fails=("b", "e"))
+    assert np.isnan(some.channels[[1, 4]]).all() and np.isfinite(some.channels[[0, 2, 3, 5]]).all()
+    none, _ = predict_linear(linear, True, fails=None)
+    assert none.channels.shape == whole.channels.shape and np.isnan(none.channels).all()
+    assert none.used.shape == whole.used.shape and none.used.all()
+    assert whole.coverage == some.coverage == none.coverage
+    empty = Linear(12)
+    for part in (empty.error, empty.jacobian, empty.nuisances):
+        part[:] = 0.0
+    assert np.isnan(predict_linear(empty, True)[0].coverage)
+
+
+def test_samples_that_no_setting_moves_are_covered_too():
+    """Only where neither the residual nor any setting says anything is there no sample."""
+    linear = Linear(13)
+    linear.nuisances[:, :20] = 0.0
+    for part in (linear.error, linear.jacobian, linear.nuisances):
+        part[1, 35:] = 0.0
+    inside, theta = 0.0, {g: linear.fit(np.flatnonzero(GROUPS != g)) for g in range(4)}
+    for r in range(RECORDS):
+        step, _, _, covariance = theta[GROUPS[r]]
+        own, shared = linear.nuisances[r], linear.jacobian[r]
+        z = linear.hold_out(r, step)[0]
+        known = np.linalg.inv(own.T @ own + np.eye(OWN))
+        sd = np.sqrt(1.0 + np.diag(own @ known @ own.T) + np.diag(shared @ covariance @ shared.T))
+        moved = (linear.error[r] + shared @ step + own @ z)[: 35 if r == 1 else ROWS]
+        inside += np.sum(np.abs(moved) <= 1.959964 * sd[: len(moved)])
+    assert predict_linear(linear, True)[0].coverage == pytest.approx(inside / (RECORDS * ROWS - 5), rel=1e-12)
+
+
 @pytest.mark.parametrize("weight", [0.0, 2.0])
 def test_covariance_is_the_inverse_of_the_normal_equations(weight):
     linear = Linear(4, weight=weight)
     assert linear.solve().covariance() == pytest.approx(linear.fit()[3], rel=1e-9)
 
 
-def score(linear, columns):
-    """Scores of directions with the given columns, shape (directions, records, rows)."""
+def score(linear, columns, scales=None):
+    """Scores of directions with the given columns, shape (directions, records, rows), by coordinates over `scales`."""
     solution, names = linear.solve(), [f"e{k}" for k in range(len(columns))]
     wide = np.concatenate([columns, np.zeros((*columns.shape[:2], OWN))], axis=2)
     problem = SimpleNamespace(
-        space=SimpleNamespace(index={n: k for k, n in enumerate((*NAMES, *names))}),
-        scales=np.ones(SHARED + len(names)),
+        space=SimpleNamespace(index={n: k for k, n in enumerate((*solution.names, *names))}),
+        scales=np.append(np.ones(len(solution.names)), np.ones(len(names)) if scales is None else scales),
         columns=lambda points, z, own: np.concatenate([wide[[names.index(n) for n in group]] for group, _ in points]))
     return score_directions(problem, solution, [(name, name, {}) for name in names])
 
@@ -226,10 +333,69 @@ def test_score_is_what_a_refit_gains(seed):
     assert abs(found[2].cosines[3]) > 0.98 and abs(found[0].cosines[1]) < 0.5
 
 
+@pytest.mark.parametrize("shared", [0, 2])
+def test_a_score_in_the_units_of_its_coordinate(shared):
+    """A step is that of a refit by the coordinate itself, whose information is in the same unit; so it is of a column
+    as faint as 1e-7, of one that parameters imitate but for a millionth, and beside no parameter at all.
+    """
+    linear, scales = Linear(8, shared=shared), np.array([0.02, 5.0, 3.0])
+    columns = linear.generator.standard_normal((3, RECORDS, ROWS))
+    columns[1] *= 1e-7
+    if shared:
+        columns[2] = 1e-6 * columns[2] + linear.jacobian[..., 0]
+    before = linear.fit()[2]
+    for one, column, scale in zip(score(linear, columns, scales), columns, scales, strict=True):
+        size = np.linalg.norm(column - (linear.jacobian[..., 0] if shared and one.name == "e2" else 0.0))
+        left = column if one.name != "e2" else columns[2] - (linear.jacobian[..., 0] if shared else 0.0)
+        theta, _, chi2, covariance = linear.fit(extra=left / size)
+        assert one.z**2 == pytest.approx(before - chi2, rel=1e-4)
+        assert one.step == pytest.approx(theta[-1] / size * scale, rel=1e-4)
+        assert one.information == pytest.approx((size / scale) ** 2 / covariance[-1, -1], rel=1e-4)
+
+
+def test_directions_with_shapes_are_those_at_their_shapes():
+    """An effect at two shapes has two directions, each at its own; effects in any order keep theirs, and their cosines.
+
+    The columns of one effect at one shape are asked for together, those of others may be so.
+    """
+    linear = Linear(9)
+    solution, asked = linear.solve(), []
+    index = {n: k for k, n in enumerate((*NAMES, "a.x", "a.y", "a.w", "b.x"))}
+    solution = dc.replace(solution, u=np.append(solution.u, np.zeros(4)))
+    phase = linear.generator.standard_normal((len(index), RECORDS, ROWS))
+
+    def column(name, w):
+        return np.cos(phase[index[name]] + (w if name[0] == "a" else 0.0))
+
+    def columns(points, z, own):
+        asked.extend(group for group, _ in points)
+        return np.stack([np.concatenate([column(name, u[index["a.w"]]), np.zeros((RECORDS, OWN))], axis=1)
+                         for group, u in points for name in group])
+
+    problem = SimpleNamespace(space=SimpleNamespace(index=index), scales=np.ones(len(index)), columns=columns)
+    wanted = [("a", "a.x", {"a.w": 0.5}), ("b", "b.x", {}), ("a", "a.x", {"a.w": 1.5}), ("a", "a.y", {"a.w": 0.5}),
+              ("a", "a.y", {"a.w": 1.5})]
+    found, before = score_directions(problem, solution, wanted), linear.fit()[2]
+    assert [(s.effect, s.name, s.shapes) for s in found] == wanted and [s.place for s in found] == [0, 1, 2, 3, 4]
+    assert sorted(map(sorted, asked)) == sorted([["a.x", "a.y", "b.x"], ["a.x", "a.y"]])
+    for k, (one, (_, name, shapes)) in enumerate(zip(found, wanted, strict=True)):
+        drop = before - linear.fit(extra=column(name, shapes.get("a.w", 0.0)))[2]
+        assert one.z**2 == pytest.approx(drop, rel=1e-7)
+        assert one.cosines[k] == pytest.approx(1.0) and one.cosines[0] == pytest.approx(found[0].cosines[k])
+
+
 def test_a_direction_that_parameters_imitate_scores_nothing():
     linear = Linear(7)
     columns = np.stack([linear.jacobian[..., 0] - 2.0 * linear.jacobian[..., 1], np.zeros((RECORDS, ROWS))])
     assert all(one.z == 0.0 and one.step == 0.0 and one.information == 0.0 for one in score(linear, columns))
+
+
+def test_what_is_nothing_scores_nothing():
+    """A column of a length of 1e-10 is rounding, whatever its direction."""
+    linear = Linear(7)
+    column = linear.generator.standard_normal((RECORDS, ROWS))
+    one, other = score(linear, np.stack([1e-11 * column, 1e-9 * column]))
+    assert (one.z, one.step, one.information, one.visible) == (0.0, 0.0, 0.0, 0.0) and other.z != 0.0
 
 
 def test_no_direction_scores_nothing():
@@ -278,13 +444,128 @@ def test_an_uncertain_noise_level_widens_the_family():
     assert family_p_value(scores, {"force": vague}) == pytest.approx(stats.chi2.sf(16.0 / 1.5, 1), rel=1e-9)
 
 
+def test_smallest_of_many():
+    """One in two of two coins lands so: 1 - (1 - p)^n, and one tiny p-value counts n times."""
+    assert correct_for_many(0.5, 2) == pytest.approx(0.75) and correct_for_many(0.1, 1) == pytest.approx(0.1)
+    assert correct_for_many(1e-20, 7) == pytest.approx(7e-20) and correct_for_many(1.0, 3) == pytest.approx(1.0)
+
+
+def test_bootstrap_with_a_noise_level_that_is_uncertain():
+    """Of one direction beside one that nothing tells of: chance averaged over the level, a log-normal one, by
+    quadrature; the least certain of two channels counts."""
+    sharp, vague = SHARP, dc.replace(SHARP, log_level_sd=0.6)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
+    idle = Score("e", "n0", {}, 0.0, 0.0, 0.0, 0.0, np.array([0.0, 0.0]), 0)
+    for z in (1.0, 2.5):
+        one = Score("e", "n1", {}, z, z, 1.0, 1.0, np.array([0.0, 1.0]), 1)
+        expected = weights @ stats.chi2.sf(z**2 * np.exp(-0.6 * nodes), 1) / weights.sum()
+        found = bootstrap_p_value([idle, one], {"a": sharp, "b": vague}, 20_000)
+        assert found == pytest.approx(expected, abs=4.0 * np.sqrt(expected / 20_000))
+    assert family_p_value([one], {"a": sharp, "b": vague}) == pytest.approx(stats.chi2.sf(2.5**2 / 2.2, 1))
+
+
+def test_of_two_directions_the_larger_score_counts_once():
+    """Independent ones: 1 - (1 - p)²; the same twice: p."""
+    for cosine in (0.0, 1.0):
+        cosines = np.array([[1.0, cosine], [cosine, 1.0]])
+        p = stats.chi2.sf(4.0, 1)
+        expected = p if cosine else 1.0 - (1.0 - p) ** 2
+        found = bootstrap_p_value(make_scores([2.0, -1.0], cosines), {"force": SHARP}, 20_000)
+        assert found == pytest.approx(expected, abs=4.0 * np.sqrt(expected / 20_000))
+
+
+def make_splines(rows=ROWS):
+    """Splines over a record, shape (rows, splines)."""
+    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, 9), [1.0] * 3])
+    return sparse.csr_matrix(BSpline.design_matrix(np.linspace(0.0, 1.0, rows), knots, 3))
+
+
+def pose(free_running):
+    """A problem of which no more is known than whether its records run on."""
+    return SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)))
+
+
+@pytest.mark.parametrize("free_running", [False, True])
+@pytest.mark.parametrize("shared", [0, 3])
+def test_smooth_misfit_is_what_splines_would_gain(shared, free_running):
+    """Of every record fitted by itself with splines and parameters free; what has no sample counts for nothing."""
+    linear, basis = Linear(6, shared=shared), make_splines().toarray()
+    basis = np.concatenate([basis, np.zeros((ROWS, 1))], axis=1)
+    total, degrees = measure_smooth(pose(free_running), linear.solve(), [sparse.csr_matrix(basis)] * RECORDS)
+    before = linear.fit()[2]
+    after = 0.0
+    for r in range(RECORDS):
+        columns = np.concatenate([linear.nuisances[r], linear.jacobian[r], basis], axis=1)
+        rows = np.concatenate([columns, np.eye(OWN, columns.shape[1])])
+        side = np.append(linear.error[r], np.zeros(OWN))
+        after += np.sum((side - rows @ np.linalg.lstsq(rows, side, rcond=1e-10)[0]) ** 2)
+    assert total == pytest.approx(before - after, rel=1e-9)
+    assert degrees == RECORDS * (basis.shape[1] - 1) + (RECORDS - 1) * shared
+
+
+@pytest.mark.parametrize(("free_running", "alike", "apart"), [(False, 2e-7, 1e-6), (True, 3e-6, 1e-4)])
+def test_columns_that_are_alike_to_rounding_count_once(free_running, alike, apart):
+    """Twelve splines that differ by so little are one; by more they are twelve."""
+    linear = Linear(6, shared=0)
+    one, others = linear.generator.standard_normal((ROWS, 1)), np.linalg.qr(
+        linear.generator.standard_normal((ROWS, 12)))[0]
+    for difference, count in ((alike, 1), (apart, 12)):
+        basis = sparse.csr_matrix(one / np.linalg.norm(one) + difference * others)
+        assert measure_smooth(pose(free_running), linear.solve(), [basis] * RECORDS)[1] == RECORDS * count
+
+
+def test_triangular_factor_of_many_rows(monkeypatch):
+    """Part by part it has the normal equations of the whole, whichever rows are looked at together."""
+    generator = np.random.default_rng(0)
+    left, right = sparse.csr_matrix(generator.standard_normal((57, 3))), generator.standard_normal((57, 2))
+    whole = np.concatenate([left.toarray(), right], axis=1)
+    for rows in (1, 13, 57, 100):
+        monkeypatch.setattr(lack_of_fit, "ROWS", rows)
+        factor = lack_of_fit._triangulate(left, right)
+        assert factor.shape == (5, 5) and factor.T @ factor == pytest.approx(whole.T @ whole, rel=1e-12)
+
+
+def judge(linear, bases, score_p_value=1.0, repeats_p_value=None, nuisances=("speed", "time"), level=0.0):
+    """Lack of fit of linear records."""
+    stack = SimpleNamespace(condition_sd=np.ones((RECORDS, len(nuisances))))
+    records = SimpleNamespace(stack=stack, count=RECORDS, nuisances=nuisances, starts=(), keys=list("abcdef"))
+    problem = SimpleNamespace(records=records, space=pose(False).space)
+    return judge_fit(problem, linear.solve(), bases, {"force": dc.replace(SHARP, log_level_sd=level)}, score_p_value,
+                     repeats_p_value=repeats_p_value)
+
+
+@pytest.mark.parametrize("nuisances", [("speed", "time"), ("zero:force", "drift:force")])
+def test_statistics_share_the_level(nuisances):
+    """The smallest p-value counts three times, and four where repeats are looked at; what is no setting is not."""
+    linear, bases = Linear(21), [make_splines()] * RECORDS
+    linear.error[0] += 9.0 * linear.nuisances[0, :, 0]  # the first nuisance is moved by many deviations
+    for repeats in (None, 0.5, 1e-4):
+        for score_p_value in (1.0, 1e-3):
+            found = judge(linear, bases, score_p_value, repeats, nuisances)
+            used = [found.smooth_p_value, score_p_value, found.settings_p_value, repeats]
+            used = [p for p in used if p is not None]
+            assert found.p_value == pytest.approx(min(1.0, len(used) * min(used)))
+            assert found.rejected == (found.p_value < 0.01) and found.repeats_p_value == repeats
+            assert found.score_p_value == score_p_value
+            assert found.settings_p_value == 1.0 if ":" in nuisances[0] else found.settings_p_value < 1e-4
+
+
+def test_lack_of_fit_of_one_degree_of_freedom():
+    """One column in one record, no parameters: its statistic is what a refit with it gains."""
+    linear = Linear(22, shared=0)
+    column = np.zeros((RECORDS, ROWS))
+    column[2] = np.sin(np.linspace(0.0, 3.0, ROWS))
+    bases = [sparse.csr_matrix(column[r][:, None]) for r in range(RECORDS)]
+    found = judge(linear, bases)
+    gain = linear.fit()[2] - linear.fit(extra=column)[2]
+    assert found.degrees == 1 and found.statistic == pytest.approx(gain, rel=1e-9)
+    assert found.smooth_p_value == pytest.approx(stats.norm.sf((np.log(gain) + 1.0) / np.sqrt(2.0)), rel=1e-9)
+
+
 @pytest.mark.parametrize("free_running", [False, True])
 def test_smooth_misfit_is_chi_square(free_running):
     """Of complete linear models: as many degrees of freedom as splines, less parameters, and uniform p-values."""
-    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, 9), [1.0] * 3])
-    basis = sparse.csr_matrix(BSpline.design_matrix(np.linspace(0.0, 1.0, ROWS), knots, 3))
-    problem = SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)))
-    p_values = []
+    basis, problem, p_values = make_splines(), pose(free_running), []
     for seed in range(300):
         total, degrees = measure_smooth(problem, Linear(seed).solve(), [basis] * RECORDS)
         # Splines, parameters and nuisances of each record, less what was fitted.
@@ -299,10 +580,7 @@ def test_smooth_misfit_sees_what_is_smooth(free_running):
 
     Without noise, what is left is the part of settings that their priors hold back, and nothing of a right model.
     """
-    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, 9), [1.0] * 3])
-    x = np.linspace(0.0, 1.0, ROWS)
-    basis = sparse.csr_matrix(BSpline.design_matrix(x, knots, 3))
-    problem = SimpleNamespace(space=SimpleNamespace(family=SimpleNamespace(free_running=free_running)))
+    x, basis, problem = np.linspace(0.0, 1.0, ROWS), make_splines(), pose(free_running)
     exact = Linear(5, noise=0.0)
     exact.error = -np.einsum("rgk,k->rg", exact.jacobian, np.ones(SHARED))
     assert measure_smooth(problem, exact.solve(), [basis] * RECORDS)[0] == pytest.approx(0.0, abs=1e-12)
@@ -396,8 +674,8 @@ def test_an_addition_that_forecasts_worse_does_not_help():
                                 family=SimpleNamespace(free_running=True))
     before = fitted([100.0] * 4)
     assert helps(selection, before, fitted([90.0] * 4, forecast=[95.0] * 4))
-    assert not helps(selection, before, fitted([90.0] * 4, forecast=[110.0, 111.0, 109.0, 110.0]))
-    assert not helps(selection, before, before)
+    assert helps(selection, before, fitted([90.0] * 4, forecast=[110.0, 111.0, 109.0, 110.0])) is False
+    assert helps(selection, before, before) is False
 
 
 def test_when_another_fits_far_better():

@@ -69,7 +69,7 @@ def judge_goodness(chi2: float, degrees: int, shifts: Mapping[str, Mapping[str, 
 def weigh_shifts(shifts: np.ndarray) -> float:
     """p-value of the shifts of one setting, in stated deviations: of their sum of squares and of the largest."""
     together = float(stats.chi2.sf(np.sum(shifts**2), len(shifts)))
-    alone = min(len(shifts) * 2.0 * float(stats.norm.sf(np.max(np.abs(shifts)))), 1.0)
+    alone = len(shifts) * 2.0 * float(stats.norm.sf(np.max(np.abs(shifts))))
     return combine_p_values((together, alone))
 
 

@@ -147,5 +147,5 @@ def whiten(weights: np.ndarray, taps: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Apply a whitening filter along axis 0 of `x`, shape (samples, ...)."""
     y = x.copy()
     for k in range(TAPS):
-        y[k + 1:] -= taps[k + 1:, k].reshape(-1, *[1] * (x.ndim - 1)) * x[: -k - 1]
-    return y * weights.reshape(-1, *[1] * (x.ndim - 1))
+        y[k + 1:] -= (taps[k + 1:, k] * x[: -k - 1].T).T
+    return (y.T * weights).T
