@@ -212,8 +212,8 @@ class GoalTable(_Strict):
         default=0.0, description="weight of the nutation angle after, over 90°.")
     function: StrictStr = Field(
         default="", description="in place of the three weights, `FILE.py:NAME` of a function of the angular velocity "
-        "after an impact (body components) and the tensor of inertia, in JAX, which returns a positive number to be made "
-        "small.")
+        "after an impact (body components) and the tensor of inertia, in JAX, which returns a positive number to be "
+        "made small.")
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
     share: Annotated[Real, Field(ge=0, lt=1)] = Field(
         default=0.01, description="share of the angular momentum at which a sequence "

@@ -68,6 +68,7 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     campaign = open_campaign(campaign)
     catalogue = find_family(name_family(campaign), "discover").catalogue
     asked = resolve_model(model, name_family(campaign))
+    forget_programs()
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
