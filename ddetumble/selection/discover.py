@@ -11,6 +11,7 @@ import numpy as np
 
 from .._display import Progress
 from .._errors import ComputationError, InputError
+from .._settings import forget_programs
 from ..contact.effect import AbstractEffect, list_choices, parts_of
 from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
