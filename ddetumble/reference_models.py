@@ -38,6 +38,7 @@ _shell = partial(_make, "shell.InflatedShell")
 _ball, _soft, _body = partial(_make, "law.Ball"), partial(_make, "law.PowerLaw"), partial(_make, "torque.RigidBody")
 _quarter = partial(_ball, contact_radius_coefficient=0.25, doubled_core=True, damping_form="printed")
 _rubber, _coulomb = partial(_make, "sliding.RubberFriction"), partial(_make, "sliding.CoulombFriction")
+_curves = partial(_make, "sliding.SlipCurves")
 _adhesion, _striker = partial(_make, "sliding.AdhesionHysteresis"), partial(_make, "gripping.Striker")
 _GAS, _HUNT = "P' = P0 V0/V'", "Hunt & Crossley 1975, J. Appl. Mech. 42, 440"
 _EQ6 = "Lankarani & Nikravesh 1990, J. Mech. Des. 112, 369"
@@ -88,6 +89,10 @@ SLIP_MODELS: dict[str, BuiltinModel] = {
         "Eqs. 8 to 11 with e of Eq. 10 as printed: friction at zero slip is negative below 29 N.",
         f"f = mu F_n, {_EQ8} + {_EQ9}", "the paper, Eqs. 8 to 11 as printed",
         partial(_rubber, printed=True), rival=False),
+    "eq10": BuiltinModel(
+        "Eqs. 8 to 11 with e = 1 and the coefficients of Eq. 10 free, to be fitted to measured curves.",
+        f"f = mu F_n, {_EQ8} + mu_slip(s) of Eq. 9; a linear, b, c and d quadratic in F_n", "the paper, Eqs. 8 to 11",
+        _curves, rival=False),
     "eq8": BuiltinModel("Eq. 8 alone, without the slip term.", f"f = mu F_n, {_EQ8}", "the paper, Eq. 8",
                         _adhesion),
     "coulomb": BuiltinModel("a constant coefficient of friction.", "f = mu F_n", "Coulomb 1785",

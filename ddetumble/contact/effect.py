@@ -222,6 +222,10 @@ class AbstractModel(eqx.Module):
     def extend(self, effects: tuple[AbstractEffect, ...]) -> Any:
         """This model with effects: its law."""
 
+    def derive(self) -> Mapping[str, tuple[Scalar, str]]:
+        """What follows from its parameters and is told beside them, by name, each with its unit; smooth in them."""
+        return {}
+
     def __add__(self, effect: AbstractEffect | type[AbstractEffect]) -> "AbstractLaw":
         """This model extended by one effect: `Ball() + Adhesion()`."""
         return self.extend(()) + effect

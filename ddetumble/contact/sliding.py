@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Mapping
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,7 +10,20 @@ from equinox import AbstractClassVar
 from jaxtyping import Array
 
 from .effect import AbstractEffect, AbstractLaw, AbstractModel, Scalar, parameter
-from .friction import DIVERGES_ABOVE, composite_modulus, rubber_coefficient, slip_coefficient, slip_coefficients
+from .friction import (
+    DIVERGES_ABOVE,
+    POLYNOMIALS,
+    SlipCoefficients,
+    composite_modulus,
+    rubber_coefficient,
+    slip_coefficient,
+    slip_coefficients,
+)
+
+
+# Load about which the polynomials of `SlipCurves` are written, and its unit: the middle of the paper's range of 5 to
+# 28 N, so that their coefficients are nearly uncorrelated and of order one [N].
+MIDDLE, STRIDE = 15.0, 10.0
 
 
 @final
@@ -136,6 +149,71 @@ class RubberFriction(AbstractRubberFriction):
     def slipping(self, slide: Slide) -> Scalar:
         """Eqs. 9 and 10 at the record's load, scaled [-]."""
         return self.slip_scale * slip_coefficient(slide.slip, slip_coefficients(slide.normal_load, self.printed))
+
+
+def _centre(name: str) -> tuple[float, float, float]:
+    """A polynomial of Eq. 10 in x = (load - 15 N)/10 N, ascending; `name` is one coefficient, or `b+d` or `b-d`."""
+    p, q, r = POLYNOMIALS[name[0]]
+    if name[1:]:
+        sign = -1.0 if name[1] == "-" else 1.0
+        p, q, r = (one + sign * other for one, other in zip((p, q, r), POLYNOMIALS["d"], strict=True))
+    return p + q * MIDDLE + r * MIDDLE**2, (q + 2.0 * r * MIDDLE) * STRIDE, r * STRIDE**2
+
+
+def _slope(name: str, power: int, unit: str, typical: float, text: str) -> Any:
+    """A coefficient of a polynomial in x, from Eq. 10's own value on."""
+    part = ("", " per x", " per x^2")[power]
+    return parameter(unit, _centre(name)[power], kind="reference", typical=typical, text=text + part,
+                     limits=(-50.0, 50.0), limits_reason="hundreds of times what Eq. 10 has")
+
+
+@final
+class SlipCurves(AbstractRubberFriction):
+    r"""Eq. 11 with the coefficients of Eq. 10 free: polynomials of the load, in coordinates that records determine.
+
+    $\mu_{slip}(s) = a\,[1 + \tfrac{c-1}{2} e^{(b+d)s} - \tfrac{c+1}{2} e^{(b-d)s}]$ is Eq. 9 with $e = 1$: two
+    exponentials. Free are $a$ (linear) and $b + d$, $b - d$ and $c$ (quadratic) in $x = (F_n - 15\,N)/10\,N$, where
+    loads of 5 to 28 N lie about zero. `derive` gives the polynomials of Eq. 10.
+    """
+
+    a_0: Scalar = _slope("a", 0, "", 0.05, "a of Eq. 9 at 15 N")
+    a_1: Scalar = _slope("a", 1, "", 0.05, "a of Eq. 9")
+    sum_0: Scalar = _slope("b+d", 0, "1/mm", 0.02, "b + d of Eq. 9 at 15 N")
+    sum_1: Scalar = _slope("b+d", 1, "1/mm", 0.02, "b + d of Eq. 9")
+    sum_2: Scalar = _slope("b+d", 2, "1/mm", 0.02, "b + d of Eq. 9")
+    difference_0: Scalar = _slope("b-d", 0, "1/mm", 0.05, "b - d of Eq. 9 at 15 N")
+    difference_1: Scalar = _slope("b-d", 1, "1/mm", 0.05, "b - d of Eq. 9")
+    difference_2: Scalar = _slope("b-d", 2, "1/mm", 0.05, "b - d of Eq. 9")
+    c_0: Scalar = _slope("c", 0, "", 0.02, "c of Eq. 9 at 15 N")
+    c_1: Scalar = _slope("c", 1, "", 0.02, "c of Eq. 9")
+    c_2: Scalar = _slope("c", 2, "", 0.02, "c of Eq. 9")
+
+    def slipping(self, slide: Slide) -> Scalar:
+        """Eq. 9 with e = 1 at the record's load [-]."""
+        x = (slide.normal_load - MIDDLE) / STRIDE
+        a = self.a_0 + self.a_1 * x
+        total = self.sum_0 + x * (self.sum_1 + x * self.sum_2)
+        rest = self.difference_0 + x * (self.difference_1 + x * self.difference_2)
+        c, one = self.c_0 + x * (self.c_1 + x * self.c_2), jnp.ones_like(x)
+        return slip_coefficient(slide.slip, SlipCoefficients(a, 0.5 * (total + rest), c, 0.5 * (total - rest), one))
+
+    def derive(self) -> Mapping[str, tuple[Scalar, str]]:
+        """a...d of Eq. 10 in ascending powers of the load, b and d per millimetre."""
+        zero = jnp.zeros_like(self.a_0)
+        total, rest = (self.sum_0, self.sum_1, self.sum_2), (self.difference_0, self.difference_1, self.difference_2)
+        found = {}
+        for name, inverse, (p, q, r) in (
+                ("a", "", (self.a_0, self.a_1, zero)),
+                ("b", "mm", tuple(0.5 * (s + t) for s, t in zip(total, rest, strict=True))),
+                ("c", "", (self.c_0, self.c_1, self.c_2)),
+                ("d", "mm", tuple(0.5 * (s - t) for s, t in zip(total, rest, strict=True)))):
+            q, r = q / STRIDE, r / STRIDE**2
+            for power, value in enumerate((p - q * MIDDLE + r * MIDDLE**2, q - 2.0 * r * MIDDLE, r)):
+                units = [one for one in (inverse, ("", "N", "N^2")[power]) if one]
+                unit = f"1/({'*'.join(units)})" if len(units) > 1 else f"1/{units[0]}" if units else ""
+                if name != "a" or power < 2:
+                    found[f"{name}{power}"] = value, unit
+        return found
 
 
 @final

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .._display import AbstractPrinted
@@ -54,6 +56,15 @@ class Fitted:
     text: str = ""
 
 
+@dc.dataclass(frozen=True)
+class Derived:
+    """What follows from the fitted parameters, with one standard deviation to first order."""
+
+    estimate: float
+    sd: float
+    unit: str
+
+
 @dc.dataclass(frozen=True, eq=False, repr=False)
 class Fit(AbstractFitted, AbstractPrinted):
     """A fit: parameters with their covariance and 95 % intervals, goodness of fit, residuals, notes.
@@ -62,6 +73,7 @@ class Fit(AbstractFitted, AbstractPrinted):
         campaign, title, sha256, records, samples: of the campaign, and how many it has.
         model, effects: name of the reference model, and ids of its effects.
         parameters, fixed: fitted ones, by name, and held ones, in their public unit.
+        derived: what the model tells beside them, by name.
         covariance, correlations: of the coordinates of `parameters`, in their order, shape (free, free).
         chi2, degrees, chi2_reduced: sum of squares of whitened residuals, nuisances and priors; degrees of freedom.
         goodness: whether that is more than noise leaves, and whether settings had to move further than stated.
@@ -83,6 +95,7 @@ class Fit(AbstractFitted, AbstractPrinted):
     effects: tuple[str, ...]
     parameters: Mapping[str, Fitted]
     fixed: Mapping[str, float]
+    derived: Mapping[str, Derived]
     covariance: np.ndarray
     correlations: np.ndarray
     chi2: float
@@ -165,6 +178,11 @@ class Fit(AbstractFitted, AbstractPrinted):
         for name, value in self.fixed.items():
             unit = self.space.unit(name, self.solution.u)
             lines.append(f"    {name + ':':<{width}} {value:.7g}{f' {unit}' if unit else ''} (fixed)")
+        if self.derived:
+            lines.append("[[Derived]]")
+            for name, d in self.derived.items():
+                spread = f"{d.sd:.4g}" if math.isfinite(d.sd) else "not determined"
+                lines.append(f"    {name + ':':<{width}} {d.estimate:.7g} +/- {spread} {d.unit}".rstrip())
         names = list(self.parameters)
         pairs = [(self.correlations[i, j], f"{names[i]}, {names[j]}")
                  for i, j in itertools.combinations(range(len(names)), 2) if abs(self.correlations[i, j]) >= LEAST]
@@ -256,10 +274,36 @@ def summarise_fit(campaign: Campaign, model: str, effects: tuple[str, ...], prob
     pulls = {name: {record: own[name]["pull"] for record, own in shifts.items() if "pull" in own.get(name, {})}
              for name in problem.records.nuisances}
     return Fit(
-        campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed, covariance, correlations,
-        solution.chi2, degrees, solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls),
+        campaign.name, campaign.title, campaign.sha256, model, effects, parameters, fixed,
+        derive_quantities(space, solution.u, gaussians, covariance), covariance, correlations, solution.chi2, degrees,
+        solution.chi2 / max(degrees, 1), judge_goodness(solution.chi2, degrees, pulls),
         problem.records.count, counted, dict(noise), converged, solution.steps, state, shifts, told, remedies,
         tuple(notes), dict(settings), campaign, problem, found, gaussians)
+
+
+def derive_quantities(space: ParameterSpace, u: np.ndarray, gaussians: Mapping[str, tuple[float, ...]],
+                      covariance: np.ndarray) -> dict[str, Derived]:
+    """What the reference model tells beside its parameters, by name; infinite deviation where one is not determined.
+
+    Args:
+        space: of the parameters.
+        u: coordinates of all, shape (parameters,).
+        gaussians: mean and standard deviation of the fitted ones, by name.
+        covariance: of their coordinates, shape (names, names).
+    """
+    units = {name: unit for name, (_, unit) in space.build(jnp.asarray(u)).reference.derive().items()}
+    if not units:
+        return {}
+
+    def read(at):
+        return jnp.stack([value for value, _ in space.build(at).reference.derive().values()])
+
+    slopes = np.asarray(jax.jacfwd(read)(jnp.asarray(u)))[:, [space.index[name] for name in gaussians]]
+    sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    open_ended = np.array([not math.isfinite(gaussian[1]) for gaussian in gaussians.values()])
+    sd[(slopes[:, open_ended] != 0.0).any(axis=1)] = math.inf
+    return {name: Derived(float(value), float(error), unit)
+            for (name, unit), value, error in zip(units.items(), read(jnp.asarray(u)), sd, strict=True)}
 
 
 def estimate_parameters(problem: Problem, found: Bounded, known: Knowledge, start: np.ndarray
