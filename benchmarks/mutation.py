@@ -181,13 +181,13 @@ class Reach:
 class Only:
     """A plugin of pytest that keeps the tests which run one function, the fastest of every file first."""
 
-    def __init__(self, reach: Reach, code: CodeType):
-        self.reach, self.code = reach, code
+    def __init__(self, reach: Reach, code: CodeType | None):
+        self.reach, self.code = reach, code  # None for all of them
 
     def pytest_collection_modifyitems(self, items):
         """The files, too, by their fastest test."""
         took, fastest = self.reach.took, {}
-        items[:] = sorted((item for item in items if self.code in self.reach.own.get(item.nodeid, ())
+        items[:] = sorted((item for item in items if self.code is None or self.code in self.reach.own.get(item.nodeid, ())
                            or self.code in self.reach.always.get(item.path, ())),
                           key=lambda item: took.get(item.nodeid, 0.0))
         for item in items:
@@ -259,6 +259,8 @@ def examine(name: str, files, most: int, seed: int) -> dict:
         if passed:
             survivors.append({"function": where, "line": line, "before": before[:120], "after": after[:120]})
             print(f"  {name}:{line} {where}: {before[:60]} -> {after[:60]}", flush=True)
+    if not run_tests(files, Only(reach, None)):
+        raise SystemExit(f"the tests of {name} fail when they are run again: they leave something behind")
     return {"module": name, "sites": len(usable), "mutants": len(chosen), "killed": killed, "survivors": survivors,
             "tests": list(files), "code": digest(name), "seed": seed}
 

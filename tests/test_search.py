@@ -536,15 +536,17 @@ def test_the_search_under_another_scatter_of_settings(monkeypatch, estimates, op
     ([True, True], [{"v": 2.0}], False)])
 def test_whether_another_scatter_would_do(rejected, estimates, expected):
     """As it is, or with the scatter that is estimated then, where that is another."""
+    verdicts = list(rejected)
+
     class Judge(Loose):
         def repeat(self, fitted, tolerance):
             return fitted
 
         def test_lack_of_fit(self, fitted):
-            return SimpleNamespace(rejected=rejected.pop(0)), []
+            return SimpleNamespace(rejected=verdicts.pop(0)), []
 
     assert forward_selection._would_do(Judge(list(estimates), spread={"v": 1.5}), fake(100.0)) is expected
-    assert not rejected
+    assert not verdicts
 
 
 def wander(values, conditions):
