@@ -2,6 +2,7 @@
 shipped data are.
 """
 
+import gc
 import logging
 import os
 import re
@@ -18,6 +19,8 @@ from ._errors import InputError
 _OFF = ("off", "0", "no", "false")
 _SHARE = 0.5  # of the machine's memory: what else the process holds, and other processes, have the rest
 _UNKNOWN = 8e9  # bytes, of a machine that does not say what it has
+# Linux gives a process 65,530 memory mappings, each compiled program takes some, and XLA aborts when they run out.
+_MAPPINGS, _MOST = Path("/proc/self/maps"), 20_000
 _configured = False
 
 
@@ -49,6 +52,18 @@ def configure() -> None:
             jax.config.update(name, value)
     # A process killed while writing leaves half an entry: JAX then compiles again, which is all there is to do.
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache")
+
+
+def forget_programs() -> None:
+    """Forget compiled programs where a process holds many, so that hundreds of campaigns can follow each other in it.
+
+    Those that are still wanted are read from the cache on disk again.
+    """
+    if _MAPPINGS.exists() and _MAPPINGS.read_bytes().count(b"\n") > _MOST:
+        import jax
+
+        jax.clear_caches()
+        gc.collect()
 
 
 def find_cache() -> Path:

@@ -16,13 +16,14 @@ from ddetumble.planning import scenario
 PAGE = Path(__file__).resolve().parent / "scenario.md"
 TABLES = (("", scenario.Scenario), ("debris", scenario.DebrisTable), ("ball", scenario.BallTable),
           ("arm", scenario.ArmTable), ("limits", scenario.LimitTable), ("goal", scenario.GoalTable),
-          ("uncertainty", scenario.UncertaintyTable),
+          ("errors", scenario.ErrorTable), ("uncertainty", scenario.UncertaintyTable),
           ("uncertainty.parameters.NAME", scenario.SpreadTable))
 INTRODUCTION = """\
 # What `ddetumble plan` reads and writes
 
 Made by `python -m docs.scenario_page`. A scenario is one TOML file; numbers are SI, angles in degrees where the key
-says so. Keys that are not listed are refused, with their name. The smallest scenario:
+says so; a text with a unit does as well (`"3 deg/s"`, `"12 cm"`, `"76 N"`). Keys that are not listed are refused, with
+their name. The smallest scenario:
 
 ```toml
 schema = "ddetumble.plan/1"
@@ -55,10 +56,14 @@ RESULT = """\
 | `impacts` | a row each: place, instant, velocity, pressure, peak, impulse, momentum and rates after, certificate |
 | `refused` | the best further impact, where it is not allowed or not worth its while |
 | `measured` | values over which the ball's fits were measured; empty for the paper's ball |
+| `prices` | of every impact what it would gain, in units of the goal, if a limit that holds it were looser |
+| `rules` | a straight blow and the paper's rule at the place of the first impact: what they leave |
+| `errors` | what errors of the arm and of the motion make of the first impact, each alone and all together |
 | `uncertainty` | distribution of the momentum left, by model, and whether it matters which is true |
 
 An impact's vectors: `point` is in body components; `arm_velocity`, `normal`, `impulse` and `angular_momentum` are
-inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives.
+inertial; `angular_velocity` is in body components; `debris_velocity` is the drift that the impact gives, and
+`chaser_velocity` the recoil of a chaser of the stated mass, if nothing else holds it.
 `certificate.stationarity` is what is left of the gradient after the binding constraints' share, over the gradient;
 `gradient_error` its largest difference from central differences. `extrapolated` lists what lies outside of
 `measured`. In `refused`, `estimate` is the least that closed forms see allowed, and `missed` says whether that is worth

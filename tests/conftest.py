@@ -1,6 +1,5 @@
 """Settings for all tests: 64-bit floats, one cache of compiled programs, figures without a screen, fixed examples."""
 
-import gc
 import os
 from pathlib import Path
 
@@ -20,10 +19,6 @@ os.environ.setdefault("MPLCONFIGDIR", str(ROOT / ".cache" / "matplotlib"))
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None, print_blob=True)
 hypothesis.settings.load_profile("fixed")
 
-# Linux gives a process 65,530 memory mappings, each compiled program takes some, and XLA aborts when they run out.
-MAPPINGS = Path("/proc/self/maps")
-MOST = 20_000
-
 
 def pytest_collection_modifyitems(items):
     """What is left out of every run is left out of the fast one, too; files with the most slow tests come first, so
@@ -42,8 +37,6 @@ def pytest_collection_modifyitems(items):
 def forget_programs():
     """After a file of tests, forget compiled programs where there are too many; those still wanted are on the disk."""
     yield
-    if MAPPINGS.exists() and MAPPINGS.read_bytes().count(b"\n") > MOST:
-        import jax
+    from ddetumble import _settings
 
-        jax.clear_caches()
-        gc.collect()
+    _settings.forget_programs()

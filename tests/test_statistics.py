@@ -528,7 +528,8 @@ def test_triangular_factor_of_many_rows(monkeypatch):
 def judge(linear, bases, score_p_value=1.0, repeats_p_value=None, nuisances=("speed", "time"), level=0.0):
     """Lack of fit of linear records."""
     stack = SimpleNamespace(condition_sd=np.ones((RECORDS, len(nuisances))))
-    records = SimpleNamespace(stack=stack, count=RECORDS, nuisances=nuisances, starts=(), keys=list("abcdef"))
+    records = SimpleNamespace(stack=stack, count=RECORDS, nuisances=nuisances, starts=(), keys=list("abcdef"),
+                              are_values=False)
     problem = SimpleNamespace(records=records, space=pose(False).space)
     return judge_fit(problem, linear.solve(), bases, {"force": dc.replace(SHARP, log_level_sd=level)}, score_p_value,
                      repeats_p_value=repeats_p_value)

@@ -172,6 +172,41 @@ class Polytope(AbstractSurface):
         return jnp.zeros((0, 3))
 
 
+@final
+class OffsetSurface(AbstractSurface):
+    """A surface whose body's centre of mass is not where the surface itself takes it to be."""
+
+    surface: AbstractSurface
+    centre: Array = eqx.field(converter=scalar)  # of mass, in the coordinates of that surface, shape (3,) [m]
+
+    def face_names(self) -> tuple[str, ...]:
+        """Those of the surface."""
+        return self.surface.face_names()
+
+    def find_foot(self, point: Array) -> Foot:
+        """That of the surface, which the offset moves."""
+        return self.surface.find_foot(point + self.centre)
+
+    def place(self, face: Array, coordinates: Array) -> Array:
+        """That of the surface, from the centre of mass."""
+        return self.surface.place(face, coordinates) - self.centre
+
+    def reach(self) -> Array:
+        """At most the surface's own and the offset together."""
+        return self.surface.reach() + jnp.linalg.norm(self.centre)
+
+    def find_pivots(self) -> Array:
+        """Of those of the surface the ones along which the centre of mass lies off; of a sphere the offset itself."""
+        pivots, centre = np.asarray(self.surface.find_pivots()), np.asarray(self.centre)
+        size = float(np.linalg.norm(centre))
+        if size == 0.0:
+            return jnp.asarray(pivots)
+        if len(pivots) == 3:
+            return jnp.asarray(centre[None] / size)
+        along = np.linalg.norm(np.cross(pivots, centre), axis=1) < 1e-9 * size
+        return jnp.asarray(pivots[along])
+
+
 def make_polytope(corners: Any, normals: Any, names: tuple[str, ...] = ()) -> Polytope:
     """A polytope from its corners, shape (corners, 3) [m], and the outward normals of its faces, shape (faces, 3)."""
     corners, normals = np.asarray(corners, dtype=float), np.asarray(normals, dtype=float)
@@ -243,11 +278,18 @@ class Debris(eqx.Module):
             check_inertia(np.asarray(self.inertia))
 
 
-def make_debris(body: AbstractBody) -> Debris:
+def make_debris(body: AbstractBody, inertia: Any = None, centre: Any = None) -> Debris:
     """Debris of one of the shapes of `bodies`: a solid cylinder, sphere, box, or convex mesh.
 
+    Args:
+        body: shape, mass, and what is not given otherwise.
+        inertia: about the centre of mass, body components, shape (3, 3) [kg m²]; of uniform density if not given,
+            about an offset centre as well.
+        centre: centre of mass from that of a body of uniform density, body components, shape (3,) [m].
+
     Raises:
-        InputError: for a shape whose surface is not known here, or a mesh that is not convex.
+        InputError: for a shape whose surface is not known here, a mesh that is not convex, an inertia that no body has,
+            or a centre of mass outside the body.
     """
     if isinstance(body, Cylinder):
         surface = CylinderSurface(body.radius, body.length)
@@ -264,4 +306,9 @@ def make_debris(body: AbstractBody) -> Debris:
         raise InputError(f"a {type(body).__name__} cannot be struck, because its surface is not defined; use a "
                          f"Cylinder, "
                          "Sphere, Box or convex Mesh")
-    return Debris(body.mass, body.inertia(), surface)
+    tensor = jnp.asarray(body.inertia() if inertia is None else inertia, dtype=float)
+    if centre is None or not np.any(centre):
+        return Debris(body.mass, tensor, surface)
+    if float(surface.find_foot(scalar(centre)).distance) >= 0.0:
+        raise InputError("the centre of mass of a body to be struck must lie inside it")
+    return Debris(body.mass, tensor, OffsetSurface(surface, centre))

@@ -1,13 +1,17 @@
 """Kinds of tests, one file each: what differs between them is asked of a `Family`, never of its name."""
 
+from pathlib import Path
+
 from .._errors import InputError
 from ..measurement import kinds
 from ..measurement.campaign import Campaign
+from ..measurement.package import read_campaign
 from .family import Family, Observation, PlannedTests, Span, View
 from .impact import IMPACT
 from .oblique import OBLIQUE
 from .slip import SLIP
 from .tumble import TUMBLE
+from .values import sample_values
 
 
 FAMILIES: dict[str, Family] = {family.name: family for family in (IMPACT, SLIP, OBLIQUE, TUMBLE)}
@@ -37,5 +41,18 @@ def find_family(name: str, verb: str = "this") -> Family:
     return known[name]
 
 
+def open_campaign(campaign: Campaign | str | Path) -> Campaign:
+    """A campaign as the verbs take it: read from its folder where it is not in hand, and values, of which a test gives
+    one each, as records of a single sample.
+
+    Raises:
+        InputError: It cannot be read, or values state no uncertainty and are too few to show their scatter.
+    """
+    measured = campaign if isinstance(campaign, Campaign) else read_campaign(campaign)
+    if measured.samples is not None or measured.peaks is None:
+        return measured
+    return sample_values(measured, find_family(name_family(measured)))
+
+
 __all__ = ["DEFAULT_FAMILY", "FAMILIES", "IMPACT", "OBLIQUE", "SLIP", "TUMBLE", "Family", "Observation", "PlannedTests",
-           "Span", "View", "find_family", "list_families", "name_family"]
+           "Span", "View", "find_family", "list_families", "name_family", "open_campaign"]

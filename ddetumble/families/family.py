@@ -172,6 +172,8 @@ class Family:
         starts: what a record starts from: nuisances without a prior, free in every record; `further_starts` those that
             are there only where the channels that show them are.
         slots: to which the number of free parameters is padded.
+        values: channels of which a test gives one number, such as its rebound speed. A campaign may hold these alone.
+        place_values: where in a record its values stand, in its independent variable, from a table of them.
     """
 
     name: str
@@ -208,6 +210,8 @@ class Family:
     starts: tuple[str, ...] = ()
     further_starts: tuple[str, ...] = ()
     slots: tuple[int, ...] = (5, 8, 12, 16, 24, 32, 48, 64, 96)
+    values: tuple[str, ...] = ()
+    place_values: Callable[[Any], float] = lambda table: 0.0
 
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:

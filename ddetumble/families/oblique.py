@@ -61,4 +61,5 @@ OBLIQUE = dc.replace(
     remedies="measure at other pressures, speeds and angles, or add the slip and depression channels",
     model_hint=": make one of it by `Striker(model, CoulombFriction())`",
     check=check_directions,
+    values=(),
 )

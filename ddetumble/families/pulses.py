@@ -70,6 +70,25 @@ def read_pulses(campaign: Campaign) -> list[Pulse]:
     return found
 
 
+def list_value_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]) -> list[np.ndarray]:
+    r"""Coordinates from which fits of values begin, of which a test gives one each.
+
+    The ratio of rebound to approach speed is the restitution, and the impulse gives the mass by $J = m v_1 (1 + e)$;
+    what was not measured stays at the model's own default. The arguments are those of `list_guesses`.
+    """
+    assert campaign.samples is not None
+    table = campaign.samples.set_index("record")
+    speeds = campaign.records["approach_speed"].to_numpy(dtype=float)
+    guess, restitution = start.copy(), TYPICAL
+    if "rebound_speed" in table and "restitution" in free:
+        restitution = float(np.clip(np.nanmedian(table["rebound_speed"].to_numpy(dtype=float) / speeds), *POSSIBLE))
+        guess[space.index["restitution"]] = math.log(restitution / (1.0 - restitution))
+    if "impulse" in table:
+        _put_mass(space, guess, free, float(np.nanmedian(table["impulse"].to_numpy(dtype=float) / speeds))
+                  / (1.0 + restitution))
+    return [guess]
+
+
 def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequence[str]
                  ) -> list[np.ndarray]:
     r"""Coordinates from which fits of impacts begin, the likeliest first.
@@ -86,6 +105,8 @@ def list_guesses(campaign: Campaign, space: Any, start: np.ndarray, free: Sequen
         start: coordinates, known and given parameters put in.
         free: parameters that are guessed.
     """
+    if "normal_force" not in campaign.channels:
+        return list_value_guesses(campaign, space, start, free)
     pulses = read_pulses(campaign)
     body = getattr(space.reference, "ball", space.reference)  # of an oblique impact, its normal model
     own = [p.name for p in parameters_of(body) if p.name not in ("effective_mass", "restitution")]

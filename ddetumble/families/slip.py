@@ -19,9 +19,15 @@ from ..reference_models import SLIP_MODELS
 from .family import SPLINES, Family, Observation, Path, PlannedTests, Span, View
 
 
+VALUES = ("peak_friction_force",)  # of which a stroke gives one
+
+
 def observe_slip(law: Any, conditions: Mapping[str, Array], time: Array, row: Any, channels: tuple[str, ...]
                  ) -> Observation:
-    """A slip record over its own slip; `time` is the slip itself where the record has no other path."""
+    """A slip record over its own slip; `time` is the slip itself where the record has no other path.
+
+    Friction that is given as one value stands at a slip of zero, where rubber grips hardest.
+    """
     path, way = row.inputs.get("slip", time), row.inputs.get("direction", jnp.ones_like(time))
     clock = time if "slip" in row.inputs else None
     found = simulate_sliding(law, conditions, path, way, clock)
@@ -111,7 +117,7 @@ SLIP = Family(
     kind=kinds.SLIP,
     independent="slip",
     pace="slip_speed",
-    channels=("tangential_force",),
+    channels=("tangential_force", *VALUES),
     needs=("normal_load",),
     sizes=(256, 1024, 4096, 8192, 16384, 32768),
     models=SLIP_MODELS,
@@ -129,4 +135,5 @@ SLIP = Family(
     ground=SLIP_GROUND,
     remedies="measure at other loads, pressures and slip speeds",
     follow=follow_slip,
+    values=VALUES,
 )

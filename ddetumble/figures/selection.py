@@ -96,13 +96,14 @@ def _describe_fit(step: Step | Comparison) -> str:
 
 @styled
 def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), confused: Sequence[str] | None = None,
-                 narrow: bool = False):
+                 invisible: float = DEFAULT.invisible, narrow: bool = False):
     """One bar an effect: the share of the misfit above noise that it removes; a diamond for what can be seen of it.
 
     Args:
         candidates: as they stood at the first step, best first.
         chosen: effects that were added, in their order.
         confused: effects that this campaign cannot tell from the first chosen one; its own list where not given.
+        invisible: visible share of a signature below which an effect cannot be seen, of the settings of the discovery.
     """
     if confused is None:
         confused = [name for one in candidates if one.effect in chosen[:1] for name in one.indistinguishable_from]
@@ -111,7 +112,7 @@ def draw_ranking(candidates: Sequence[Candidate], chosen: Sequence[str] = (), co
     used = []
     for row, (candidate, name) in enumerate(zip(candidates, axes.get_yticklabels(), strict=True)):
         # What removes a misfit beyond chance is seen, however little of its signature at the null survives.
-        unseen = (math.isfinite(candidate.visible) and candidate.visible < DEFAULT.invisible
+        unseen = (math.isfinite(candidate.visible) and candidate.visible < invisible
                   and candidate.p_value > CHANCE)
         kind = ADDED if candidate.effect in chosen else ALIKE if candidate.effect in confused else (
             UNSEEN if unseen else IDLE)

@@ -50,10 +50,9 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
     """Gather everything that a model of the campaign may hold: the reference model, the catalogue and `extra` effects.
 
     Raises:
-        InputError: The campaign has no samples or not what the model needs, or states something impossible.
+        InputError: The campaign does not have what the model needs, or states something impossible.
     """
     family = find_family(name_family(campaign))
-    require_samples(campaign)
     family.require_model(reference, campaign.name)
     for effect in extra:
         if family_of(effect) not in family.accepts:
@@ -84,10 +83,14 @@ def assemble_space(campaign: Campaign, reference: AbstractModel,
 
 
 def require_samples(campaign: Campaign) -> None:
-    """Refuse a campaign of peaks only."""
-    if campaign.samples is None:
-        raise InputError(f"campaign {campaign.name!r} contains only peaks, but this needs sampled records: force "
-                         "over time or slip; `ddetumble discover` and `ddetumble compare` judge peaks")
+    """Refuse a campaign of values only, of which a test gives one each.
+
+    Raises:
+        InputError: It has no series.
+    """
+    if set(campaign.channels) <= set(find_family(name_family(campaign)).values):
+        raise InputError(f"campaign {campaign.name!r} contains only peaks or other single values, but this needs "
+                         "sampled records: force over time or slip")
 
 
 def _list_warnings(campaign: Campaign, space: ParameterSpace, reference: AbstractModel) -> list[str]:
@@ -152,7 +155,8 @@ def adapt_reference(campaign: Campaign, reference: AbstractModel) -> AbstractMod
     if "gas" in reference.provides:
         require("initial_pressure", "this model is of an inflated ball", "power-law")
         empty = records.index[records["initial_pressure"].to_numpy(dtype=float) <= 0]
-        if len(empty):
+        # A value that the model does not bring about is a misfit as any other; of a series it would be all of it.
+        if len(empty) and not set(campaign.channels) <= set(find_family(name_family(campaign)).values):
             raise InputError(f"campaign {campaign.name!r}: record {empty[0]!r} has no absolute pressure "
                              f"({records.loc[empty[0], 'initial_pressure']:g} Pa), and without gas this model gives no "
                              "force at all; mark gauge pressures with \"reference\": \"gauge\", leave the record out, "

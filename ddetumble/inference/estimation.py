@@ -10,14 +10,14 @@ import numpy as np
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, is_absent, parameters_of
-from ..families import find_family, name_family
+from ..families import find_family, name_family, open_campaign
 from ..measurement.campaign import Campaign
 from ..measurement.faults import STAYING, screen_samples
-from ..measurement.package import read_campaign
 from .archive import Model, resolve_model
 from .assembly import Assembly, assemble_space, default_starts
 from .bounded import Bounded, explain_share, list_limits, meets_data, solve_bounded
 from .findings import Fit, summarise_fit
+from .identifiability import assume_typical, describe_assumed
 from .models import ResolvedModel, resolve_effect
 from .noise import Noise
 from .noise_estimation import differs_from_stated, has_more_hum, measure_noise
@@ -67,14 +67,13 @@ def fit(campaign: Campaign | str | Path, model: Model = "paper", effects: Sequen
         settings = {"command": f"ddetumble fit {path.name}", "specification": path.name, "sha256": digest,
                     "title": wanted.title, "seed": wanted.seed}
         try:
-            campaign = read_campaign(wanted.campaign)
+            campaign = open_campaign(wanted.campaign)
             return _fit(campaign, wanted, resolve_model(wanted.model, name_family(campaign)), settings, {}, report)
         except InputError as error:
             if error.file is not None:
                 raise
             raise InputError(error.problem, file=path, key=error.key) from None
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
+    campaign = open_campaign(campaign)
     freed = dict(free) if isinstance(free, Mapping) else {name: True for name in free or ()}
     ids = [e if isinstance(e, str) else e.id for e in effects]
     find_family(name_family(campaign), "fit")
@@ -164,6 +163,11 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
     if problem is not whole:
         problem = whole
         best = solve_bounded(problem, names, best.solution.u, best.solution.z, limits, 1e-2)
+    assumed = assume_typical(problem, best.solution, assembly.start)
+    if assumed:
+        priors |= assumed
+        problem = pose(noise)
+        best = solve_bounded(problem, names, origin, None, limits, 1e-2)
     report("measuring the noise", 0.82)
     measured = dict(noise or {}) or measure_noise(campaign, problem.records, best.solution)
     if not noise and wanted.noise != "stated" and has_more_hum({}, measured):
@@ -186,7 +190,8 @@ def _fit(campaign: Campaign, wanted: Specification, resolved: ResolvedModel, set
               *(f"{fault.seen} The fit takes them as they are; `ddetumble discover` leaves them out."
                 for fault in faults if fault.kind not in STAYING)]
     return summarise_fit(campaign, resolved.name, tuple(e.id for e in chosen), problem, best, origin, measured,
-                         settings, wanted.nuisances, (*assembly.warnings, *doubts))
+                         settings, wanted.nuisances,
+                         (*assembly.warnings, *describe_assumed(space, assumed), *doubts))
 
 
 def _fit_reference(problem: Problem, names: Sequence[str], origins: Sequence[np.ndarray], rank: bool,

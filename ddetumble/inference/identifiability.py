@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -109,9 +109,11 @@ def analyse_jacobian(names: Sequence[str], columns: np.ndarray, scales: np.ndarr
     count = len(names)
     norms = np.linalg.norm(columns, axis=0)
     silent = norms * vast < scales
-    safe = np.maximum(norms, 1e-6 * scales / vast)
+    # What changes the records by less than their noise, however far it goes, is as uncertain as it can be and no more:
+    # rounding in its column, alike to that of another parameter, would make that one uncertain, too.
+    safe = np.where(silent, scales / vast, np.maximum(norms, 1e-6 * scales / vast))
     unit = columns / safe
-    _, s, rows = np.linalg.svd(np.concatenate([unit, np.zeros((count, count))]), full_matrices=False)
+    _, s, rows = np.linalg.svd(np.concatenate([unit, np.diag(silent.astype(float))]), full_matrices=False)
     spread = rows.T / np.maximum(s, 1e-6)
     covariance = spread @ spread.T * np.outer(scales / safe, scales / safe)
     sd = np.sqrt(np.diag(covariance))
@@ -173,6 +175,44 @@ def analyse_with_refits(problem: Problem, solution: Solution) -> Knowledge:
     known = analyse_fit(problem.space, solution)
     unproven = [name for name in list_unproven(problem, solution) if name not in known.undetermined]
     return dc.replace(known, undetermined=(*known.undetermined, *unproven)) if unproven else known
+
+
+def assume_typical(problem: Problem, solution: Solution, start: np.ndarray) -> dict[str, tuple[float, float]]:
+    """Priors of the reference model's parameters that values do not determine, Gaussian in their coordinates.
+
+    Peak forces hardly feel the restitution, nor rebound speeds the mass. Fitted without a prior such a parameter goes
+    to where nothing depends on it, and those that depend on it are then as wrong as they look certain. The prior stands
+    where the model has the parameter (`start`, coordinates of all), and is as wide as what is typical of it.
+
+    Returns:
+        Mean and standard deviation by name; none where records are series, which show the course of the contact.
+    """
+    if not problem.records.are_values:
+        return {}
+    space, found = problem.space, {}
+    vast = np.array([limit_knowledge(space, name) for name in solution.names])
+    columns, own = solution.flattened()[0], [space.slots[space.index[name]].owner is None for name in solution.names]
+    norms = np.linalg.norm(columns, axis=0)
+    while True:  # one after the other, what the values feel least first: given one, they may determine the others
+        unknown = analyse_jacobian(solution.names, columns, solution.scales, vast).undetermined
+        open_ = [k for k, name in enumerate(solution.names) if name in unknown and own[k] and name not in found]
+        if not open_:
+            return found
+        k = min(open_, key=lambda k: norms[k])
+        place = space.index[solution.names[k]]
+        found[solution.names[k]] = float(start[place]), float(problem.scales[place])
+        columns = np.concatenate([columns, np.eye(len(norms))[k: k + 1]])
+
+
+def describe_assumed(space: ParameterSpace, priors: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+    """These priors in sentences."""
+    found = []
+    for name, (mean, sd) in priors.items():
+        transform = space.parameter(name).transform
+        low, high = transform.interval(mean - sd, mean + sd)
+        found.append(f"The values do not determine {name}: a prior around {transform.from_unconstrained(mean):.3g} "
+                     f"({low:.2g} to {high:.2g} within one standard deviation) takes the place of a measurement.")
+    return tuple(found)
 
 
 def describe_knowledge(problem: Problem, solution: Solution, known: Knowledge, campaign: Campaign

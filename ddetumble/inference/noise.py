@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pydantic
-from scipy import sparse
+from scipy import sparse, stats
 
 
 TAPS = 8
@@ -33,6 +33,8 @@ class Noise:
             correlation time in the independent variable, SI; none where the first is 0.
         hum: frequency [Hz] and rms [SI] of every sine beside it, whose amplitude and phase every record has its own of.
         sizes: standard deviation of every sample over `sd`, by record, shape (samples,); empty where all are alike.
+        degrees: of freedom, where the size is the scatter of values of which a record has one; 0 where it is stated, or
+            measured along series.
     """
 
     sd: Positive
@@ -49,6 +51,7 @@ class Noise:
     slow_time: Positive = 1.0
     hum: tuple[tuple[Positive, Positive], ...] = ()
     sizes: Mapping[str, Any] = dc.field(default_factory=dict, repr=False, compare=False)
+    degrees: Annotated[int, pydantic.Field(ge=0)] = 0
 
     def deviations(self, reading: np.ndarray) -> np.ndarray:
         """Standard deviation of the noise of neighbouring readings, shape (..., samples), SI, all parts together."""
@@ -82,6 +85,12 @@ class Noise:
         coloured = max(self.correlation, 0.0) ** (lag / self.interval)
         fast = (1 - self.white_share) * coloured + self.white_share * (lag < 1e-9 * self.interval)
         return self.sd**2 * fast + self.slow_sd**2 * np.exp(-lag / self.slow_time)
+
+
+def widen_by_student(degrees: float) -> float:
+    """How many times as large a standard deviation known from so many degrees of freedom has to be taken for the 95 %
+    interval of a normal distribution to be Student's."""
+    return float(stats.t.ppf(0.975, degrees) / stats.norm.ppf(0.975))
 
 
 def whitening(noise: Noise, time: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

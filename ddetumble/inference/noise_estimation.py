@@ -110,6 +110,8 @@ def measure_noise(campaign: Campaign, records: Records, solution: Solution, sett
     """
     found, family = {}, find_family(records.family)
     contact, stack = family.has_contact, records.stack
+    if records.are_values:  # a single sample tells nothing about its noise
+        return {channel: default_noise(campaign, channel, np.zeros(1)) for channel in records.channels}
     values, time, weights = (np.asarray(x) for x in (stack.values, stack.time, stack.weights))
     spans = [list_spans(records, r, float(solution.end[r])) for r in range(records.count)]
     for c, channel in enumerate(records.channels):

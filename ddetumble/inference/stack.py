@@ -15,7 +15,8 @@ from ..dynamics.impact import RTOL
 from ..families import Family, find_family, name_family
 from ..families.starts import straighten
 from ..measurement.campaign import Campaign
-from .noise import TAPS, Noise, scale_whitening, whitening
+from ..measurement.units import Uncertainty
+from .noise import TAPS, Noise, scale_whitening, whitening, widen_by_student
 from .parameters import Common
 
 
@@ -23,6 +24,8 @@ THIN_RTOL = 1e-6  # of thinned records, on which candidates are only screened
 GRAIN = 64  # trimmed records keep a multiple of so many samples
 SHARED = 60_000  # padded samples up to which records take a standard shape, so that small campaigns share programs
 ROWS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)  # of larger ones: a record may be left out in the same program
+STATED = 0.1  # standard error of the logarithm of a noise power that is stated: few state it to better than 5 %
+ALIKE = 1e-6  # relative difference of deviations below which all are of one size
 ZERO, DRIFT = "zero", "drift"  # nuisances `zero:CHANNEL` and `drift:CHANNEL`: offset at the first sample, and what more
 SINE, COSINE = "sine", "cosine"  # nuisances `sine-0:CHANNEL` and `cosine-0:CHANNEL`: of the first hum of the campaign
 
@@ -85,6 +88,11 @@ class Records:
     def count(self) -> int:
         """Number of records."""
         return len(self.keys)
+
+    @property
+    def are_values(self) -> bool:
+        """Whether every record is a single sample: values, of which a test gives one each, and no series."""
+        return int(self.lengths.max()) == 1
 
 
 def _pad_size(wanted: int, sizes: tuple[int, ...]) -> int:
@@ -166,14 +174,13 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
     Raises:
         InputError: A sample, channel or condition is missing without which nothing can be computed.
     """
-    if campaign.samples is None:
-        raise InputError(f"campaign {campaign.name!r} holds peaks only; this needs sampled records")
+    assert campaign.samples is not None
     family = find_family(name_family(campaign))
     channels = tuple(c for c in family.channels if c in campaign.channels)
     clock = campaign.independent
     main, abscissa = family.channels[0], "time" if clock is None else clock.name
     for need in family.main:
-        if need not in channels:
+        if need not in channels and not set(channels) & set(family.values):
             raise InputError(f"campaign {campaign.name!r} has no channel {need!r}; it has: "
                              + ", ".join(campaign.channels))
     for need in family.needs:
@@ -207,7 +214,7 @@ def stack_records(campaign: Campaign, noise: Mapping[str, Noise] | None = None, 
                 turning[:-1] |= turning[1:]
             strokes.append(number)
         last = np.inf
-        if family.has_contact:  # the last force above four deviations, or the end where there is none
+        if family.has_contact and main in channels:  # the last force above four deviations, or the end if none is
             force = np.nan_to_num(group[main].to_numpy(dtype=float))
             above = np.flatnonzero(force > 4.0 * default_noise(campaign, main, t).sd)
             last = t[above[-1]] if len(above) else t[-1]
@@ -305,13 +312,41 @@ def widen_settings(records: Records, ratios: Mapping[str, float]) -> Records:
 
 
 def default_noise(campaign: Campaign, channel: str, time: np.ndarray) -> Noise:
-    """White noise of the stated size."""
+    """White noise of the stated size; of records that are one value, of each value's own size."""
     uncertainty = campaign.channels[channel].uncertainty
     if uncertainty is None:
         raise InputError(f"campaign {campaign.name!r}: channel {channel!r} states no uncertainty; add one standard "
                          f"deviation to its field, such as \"uncertainty\": \"0.25 N\"")
     assert campaign.samples is not None
+    if len(time) < 2:
+        return _describe_values(campaign, channel, uncertainty)
     typical = np.abs(campaign.samples[channel].to_numpy(dtype=float))
     sd = float(np.atleast_1d(uncertainty.sd(np.nanmedian(typical[np.isfinite(typical)])))[0])
     interval = float(np.median(np.diff(time)))
     return Noise(sd, 0.0, 0.0, interval, sd, 0.0, "white, of the stated size")
+
+
+def _describe_values(campaign: Campaign, channel: str, uncertainty: Uncertainty) -> Noise:
+    """Noise of values of which a record has one.
+
+    Where its size was estimated from few values, it is taken so much larger that the 95 % interval of a normal
+    distribution is as wide as Student's.
+    """
+    assert campaign.samples is not None
+    degrees = campaign.channels[channel].degrees
+    stated = not np.isfinite(degrees)
+    wider = 1.0 if stated else widen_by_student(degrees)
+    values = campaign.samples.set_index("record")[channel]
+    deviations = wider * np.asarray(uncertainty.sd(values.to_numpy(dtype=float)))
+    there = np.isfinite(deviations)
+    sd = float(np.sqrt(np.mean(deviations[there] ** 2)))
+    relative = np.where(there, deviations, sd) / sd
+    text = "of the stated size" if stated else (
+        f"from the scatter of the values, {degrees:.0f} degrees of freedom, and {wider:.3g} times as large as that, as "
+        "Student's distribution asks for")
+    alike = bool(np.ptp(relative) < ALIKE)
+    floor = None if alike else wider * (uncertainty.absolute or 0.0)
+    share = 0.0 if alike else wider * (uncertainty.relative or 0.0)
+    sizes = {} if alike else {str(key): x[None] for key, x in zip(values.index, relative, strict=True)}
+    return Noise(sd, 0.0, 0.0, 1.0, sd if stated else None, STATED if stated else float(np.sqrt(2.0 / degrees)), text,
+                 floor, share, sizes=sizes, degrees=0 if stated else int(degrees))

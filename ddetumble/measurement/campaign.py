@@ -24,6 +24,7 @@ class Column:
         description: Free text.
         common: One standard deviation of the error that all records share (an onset detector's bias, a pressure gauge
             that reads low), or None.
+        degrees: Degrees of freedom from which the uncertainty was estimated; infinite where it is stated.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Column:
     assumed: bool = False
     description: str = ""
     common: Uncertainty | None = None
+    degrees: float = float("inf")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,15 +14,15 @@ from .kinds import RecordKind
 from .units import role_of, si_unit
 
 
-PEAKS = ("peak_normal_force", "peak_friction_force")
+PEAKS = ("peak_normal_force", "rebound_speed", "contact_time", "impulse", "peak_depression", "peak_friction_force")
 FEWEST_SAMPLES = 5  # of a record: below it no curve can be told from noise
 GAUGE = ('; if these are gauge pressures, mark the field "reference": "gauge" and state ambient_pressure in known '
          "(for an import, give --gauge and --ambient)")
 # Share of the work of a friction below which it counts against the slip: half of it backwards is no noise about zero.
 OPPOSED = -0.5
 _POSITIVE = {
-    "approach_speed", "slip_speed", "normal_load", "peak_normal_force", "peak_friction_force", "outer_diameter",
-    "inner_diameter", "wall_thickness", "effective_mass", "tangential_mass", "rolling_mass",
+    "approach_speed", "slip_speed", "normal_load", *PEAKS, "outer_diameter", "inner_diameter",
+    "wall_thickness", "effective_mass", "tangential_mass", "rolling_mass",
     "creep_speed", "inertia_ratio", "ambient_pressure", "tensile_strength",
     "real_contact_pressure", "elastic_modulus", "composite_modulus", "pad_thickness",
 }  # fmt: skip

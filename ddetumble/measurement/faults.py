@@ -346,7 +346,7 @@ def _find_uneven(unit: str, abscissa: str, time: dict[str, np.ndarray], settings
     uneven = {}
     for key, t in time.items():
         steps = np.diff(t)
-        if np.mean(np.abs(steps / np.median(steps) - 1.0) > settings.uneven) > settings.often:
+        if len(steps) and np.mean(np.abs(steps / np.median(steps) - 1.0) > settings.uneven) > settings.often:
             uneven[key] = steps
     if not uneven:
         return []

@@ -38,6 +38,8 @@ _QUANTITIES = {
     "initial_pressure": ("initial pressure", "MPa", 1e-6), "pressure": ("gas pressure", "MPa", 1e-6),
     "approach_speed": ("approach speed", "m/s", 1.0), "tangential_speed": ("tangential speed", "m/s", 1.0),
     "normal_force": ("normal force", "N", 1.0), "peak_normal_force": ("peak normal force", "N", 1.0),
+    "rebound_speed": ("rebound speed", "m/s", 1.0), "contact_time": ("contact time", "ms", 1e3),
+    "impulse": ("impulse", "N s", 1.0), "peak_depression": ("peak depression", "mm", 1e3),
     "sequence": ("impact of the series", "", 1.0),
     "slip": ("slip", "mm", 1e3), "direction": ("direction of the stroke", "", 1.0),
     "normal_load": ("load", "N", 1.0), "internal_pressure": ("internal pressure", "MPa", 1e-6),

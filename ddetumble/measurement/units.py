@@ -29,14 +29,16 @@ _HINTS = {"mpa": "MPa", "kpa": "kPa", "pa": "Pa", "kn": "kN", "n": "N", "mn": "m
 
 # Kinds of quantities and their SI units.
 _KINDS = {"pressure": "Pa", "speed": "m/s", "force": "N", "length": "m", "time": "s", "angular velocity": "rad/s",
-          "mass": "kg", "temperature": "K", "pure number": "1"}
+          "mass": "kg", "temperature": "K", "impulse": "N*s", "pure number": "1"}
 _ROLES = {
     "pressure": "initial_pressure internal_pressure pressure ambient_pressure tensile_strength real_contact_pressure "
     "contour_pressure composite_modulus elastic_modulus",
-    "speed": "approach_speed slip_speed tangential_speed creep_speed",
+    "speed": "approach_speed rebound_speed slip_speed tangential_speed creep_speed",
     "force": "normal_load normal_force tangential_force peak_normal_force peak_friction_force friction_force",
-    "length": "depression slip outer_diameter inner_diameter wall_thickness pad_thickness contact_radius",
-    "time": "time",
+    "length": "depression peak_depression slip outer_diameter inner_diameter wall_thickness pad_thickness "
+    "contact_radius",
+    "time": "time contact_time",
+    "impulse": "impulse",
     "angular velocity": "orbit_rate " + " ".join(f"angular_velocity_{a}{n}" for a in "xyz" for n in ("", "0")),
     "mass": "effective_mass tangential_mass rolling_mass",
     "temperature": "temperature",
@@ -150,6 +152,20 @@ def parse_quantity(text: str | float, quantity: str) -> float:
     value = float(check_unit(rest, quantity).convert(number))
     if not math.isfinite(value):
         raise InputError(f"{quantity} is not a finite number: {text!r}")
+    return value
+
+
+def convert_text(text: str, unit: str) -> float:
+    """Read a value with its unit ("30 deg/s") as a finite number of an SI unit, such as "rad/s"."""
+    number, rest = _split_number(text, "this")
+    wanted, own = parse_unit(unit), parse_unit(rest or "1")
+    if own.dimension != wanted.dimension:
+        raise InputError(f"{text!r} is no quantity in {unit}")
+    if unit == "rad/s" and re.search("Hz|hertz", rest):
+        raise InputError(f"{text!r} leaves open whether it counts turns; write rad/s, deg/s or rpm")
+    value = float(own.convert(number))
+    if not math.isfinite(value):
+        raise InputError(f"{text!r} is not a finite number")
     return value
 
 

@@ -37,6 +37,7 @@ class Constraints(NamedTuple):
         side: the chaser's.
         clear: distance of the ball from the body before and after the impact, over 0.01 m.
         fastest, slide: largest speeds along the normal and, squared, across it.
+        target: distance from the middle of the area that may be struck, squared.
     """
 
     speed: Any
@@ -49,10 +50,11 @@ class Constraints(NamedTuple):
     clear: Any
     fastest: Any
     slide: Any
+    target: Any
 
 
 CONSTRAINTS = Constraints("arm's speed", "approach", "peak force", "depression", "edge", "next edge", "reachable side",
-                          "nothing else hit", "fastest approach", "tangential speed")
+                          "nothing else hit", "fastest approach", "tangential speed", "target area")
 
 
 class Parting(eqx.Module):
@@ -104,7 +106,8 @@ def constrain(problem: StrikeProblem, design: Design, after: Parting | Collision
         1.0 - jnp.sum(design.velocity**2) / limits.speed**2, approach / limits.approach - 1.0,
         1.0 - force / limits.force, 1.0 - depression / limits.depression, edges[0], edges[1],
         jnp.dot(design.normal, limits.chaser) - jnp.cos(limits.cone), keep_clear(problem, design, after, radius) / 0.01,
-        1.0 - approach / limits.fastest, 1.0 - across / limits.slide**2)
+        1.0 - approach / limits.fastest, 1.0 - across / limits.slide**2,
+        1.0 - jnp.sum((design.point - limits.target) ** 2) / limits.radius**2)
 
 
 def judge(problem: StrikeProblem, design: Design, collision: Collision) -> Constraints:

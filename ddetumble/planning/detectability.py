@@ -23,7 +23,7 @@ from .._numerics import map_threads
 from ..contact.effect import AbstractEffect, is_scored, parameters_of, read_field
 from ..dynamics.impact import RTOL
 from ..dynamics.spinning import ATTITUDES, RATES
-from ..families import Family, list_families, name_family
+from ..families import Family, list_families, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.assembly import adapt_reference, default_starts, guess_start
 from ..inference.files import list_versions, make_plain, write_json
@@ -33,12 +33,10 @@ from ..measurement.checks import check_known, check_values
 from ..measurement.headings import expand_role, read_pairs
 from ..measurement.kinds import list_kinds
 from ..measurement.layout import split_heading
-from ..measurement.package import read_campaign
 from ..measurement.tables import Table, convert_column, read_table
 from ..measurement.units import check_unit, parse_quantity, parse_uncertainty, si_unit
 from ..selection.detectability import Signature, detectable_length, find_size, reach_limit
 from ..selection.problem import SelectionProblem, pose_selection
-from ..selection.settings import DEFAULT
 
 
 FILE = "map.json"
@@ -151,7 +149,7 @@ def map_effects(plan: Campaign | str | Path, model: Model = "paper", *, effects:
         campaign, resolved = read_plan(table, model, channels=channels, uncertainties=uncertainties, values=values,
                                        length=length, interval=interval)
     else:
-        campaign = plan if isinstance(plan, Campaign) else read_campaign(plan)
+        campaign = open_campaign(plan)
         resolved = resolve_model(model, name_family(campaign))
     report("computing the reference model", 0.05)
     bench = pose_selection(campaign, resolved.reference, tuple(effects), resolved.effects)
@@ -239,7 +237,7 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
         row = np.where(np.arange(len(names)) == k, -1.0, cosines[k])
         near = int(np.argmax(row)) if len(names) > 1 else None
         cosine = 0.0 if near is None else float(row[near])
-        told = max(float(np.sqrt(DEFAULT.decisive / (1.0 - cosine**2)) / goal), 1.0) if cosine < SAME else None
+        told = max(float(np.sqrt(bench.settings.decisive / (1.0 - cosine**2)) / goal), 1.0) if cosine < SAME else None
         if told is not None and told * abs(best.signature.size - p.default) > reach_limit(p):
             told = None
         effects.append(Visible(
@@ -247,7 +245,7 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
             publish(best.shapes), best.signature.visible, None if near is None else names[near], cosine, told,
             publish(sizes)))
     alike = tuple((names[i], names[j]) for i in range(len(names)) for j in range(i + 1, len(names))
-                  if cosines[i, j] >= DEFAULT.collinear)
+                  if cosines[i, j] >= bench.settings.collinear)
 
     unseen = [e.effect for e in effects if e.size is None]
     shown = f"{len(effects) - len(unseen)} of {len(effects)}"
@@ -257,11 +255,12 @@ def _describe(bench: SelectionProblem, model: str, groups: Mapping[str, Sequence
                  if alike else ". They could distinguish any two of these.")
     values = ", ".join(f"{n} {v['estimate']:.3g} {v['unit']}".rstrip().removesuffix(" 1") for n in bench.base
                        for v in [bench.space.public(n, bench.start, 0.0)])
+    limits = bench.settings
     notes = (
-        f"The sizes are detected with 95 % power by the family-wise test of discover (level {DEFAULT.level_each:g}), "
+        f"The sizes are detected with 95 % power by the family-wise test of discover (level {limits.level_each:g}), "
         "with white noise and nuisances as stated.",
-        f"Two effects count as similar from |cos| = {DEFAULT.collinear:g}, and as distinguishable from "
-        f"Δχ² = {DEFAULT.decisive:.0f}.",
+        f"Two effects count as similar from |cos| = {limits.collinear:g}, and as distinguishable from "
+        f"Δχ² = {limits.decisive:.0f}.",
         *([f"The reference model has {values}, or what was fitted to samples if there are any."] if values else []),
         *bench.warnings)
     return Visibility(bench.campaign.name, bench.family.name, model, bench.records.count,

@@ -14,7 +14,7 @@ from .._rotation import rotate, rotate_back
 from ..contact.damping import damped_work
 from ..contact.gripping import Patch, find_height
 from .constraints import Parting, constrain
-from .problem import SLIPS, SPEED, VARIABLES, StrikeProblem, reach_speed, read_design, score, span_plane
+from .problem import SLIPS, SPEED, VARIABLES, StrikeProblem, list_faces, reach_speed, read_design, score, span_plane
 
 
 # Designs of a generation, on all faces together: more find narrow optima, at their price; a power of 2, as a Sobol
@@ -197,11 +197,10 @@ def evolve_designs(problem: StrikeProblem, draws: int = DRAWS, seed: int = 0, ne
         near: further designs of the first, such as the impact before.
         rank: what is best.
     """
-    count, most = len(problem.debris.surface.face_names()), max(draws // EACH, 1)
-    chosen = np.arange(count)
-    if count > most:
+    chosen, most = list_faces(problem), max(draws // EACH, 1)
+    if len(chosen) > most:
         # Those near are always kept; of more faces than designs, each seed leaves out others.
-        kept, order = [face for face, _ in near], np.random.default_rng(seed).permutation(count)
+        kept, order = [face for face, _ in near], np.random.default_rng(seed).permutation(chosen)
         chosen = np.array(list(dict.fromkeys([*kept, *order.tolist()]))[:draws])
         look = _evolve(problem, chosen, draws, seed, near, LOOKS, rank)
         best = [np.min(look.worth[look.faces == face]) for face in chosen]

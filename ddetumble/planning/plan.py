@@ -11,6 +11,7 @@ from ..contact.gripping import StrikeLaw
 from ..inference.archive import AbstractFitted, FittedModel, take_fitted
 from ..measurement.units import format_time
 from .draws import Laws, draw_laws
+from .execution import ErrorSizes, Spread, try_errors
 from .measured import (
     MeasuredRange,
     confine,
@@ -19,9 +20,11 @@ from .measured import (
     list_ranges,
     warn_of_extrapolation,
 )
+from .prices import Price, price_limits
 from .problem import StrikeProblem
 from .robust import plan_robust_strike
-from .scenario import Scenario, pose_laws, pose_problem, read_scenario
+from .rules import Blow, compare_rules
+from .scenario import Scenario, pose_laws, pose_problem, read_errors, read_scenario
 from .sequence import Joint, Sequence, plan_together
 from .single import LEAST_GAIN, STARTS, StrikePlan
 from .uncertainty import Assessment, Prospect, assess_plan, assess_sequence
@@ -50,6 +53,9 @@ class PlanSettings:
         starts: promising designs that are refined on the integrated impact; more find a better optimum now and then.
         seed: of the places where the search starts, and of the draws.
         within: `measured` where the plan has to stay within what the contact was fitted to; what that costs is told.
+        errors: standard deviations of what arm and estimate of the motion get wrong, with which the first impact is
+            tried.
+        chaser_mass: mass of the chaser, whose recoil is then told [kg].
     """
 
     impacts: int = 1
@@ -61,6 +67,8 @@ class PlanSettings:
     starts: int = STARTS
     seed: int = 0
     within: Literal["", "measured"] = ""
+    errors: ErrorSizes = ErrorSizes()
+    chaser_mass: float | None = None
 
 
 @dc.dataclass(frozen=True, eq=False, repr=False)
@@ -76,6 +84,10 @@ class Plan(AbstractPrinted):
         prospect: how sure all impacts together are; None with one impact.
         ranges: over which the contact was measured.
         beyond: the impacts planned without having to stay within these; None where they need not.
+        prices: of every impact, what it would gain if the limits that hold it were looser; empty where impulse or time
+            of the whole were minimised.
+        rules: what simple rules make of the place of the first impact.
+        spreads: what errors of the arm and of the estimate make of the first impact, by kind, then of all together.
         title, source: of the scenario; '' without one.
     """
 
@@ -87,6 +99,9 @@ class Plan(AbstractPrinted):
     prospect: Prospect | None = None
     ranges: tuple[MeasuredRange, ...] = ()
     beyond: Sequence | None = None
+    prices: tuple[tuple[Price, ...], ...] = ()
+    rules: tuple[Blow, ...] = ()
+    spreads: tuple[Spread, ...] = ()
     title: str = ""
     source: str = ""
 
@@ -208,7 +223,8 @@ def plan_scenario(scenario: Scenario, here: Path, path: Path | None = None, *, p
         raise InputError(error.problem, file=path, key=error.key) from None
     goal, table = scenario.goal, scenario.uncertainty
     settings = PlanSettings(goal.impacts, goal.share, goal.least, starts=scenario.starts, seed=scenario.seed,
-                            within=scenario.limits.within)
+                            within=scenario.limits.within, chaser_mass=scenario.arm.chaser_mass,
+                            errors=read_errors(scenario.errors))
     if table is not None:
         settings = dc.replace(settings, plan_for=table.plan_for, tail=table.tail, draws=table.draws)
     found = _plan(problem, dc.replace(settings, **changes), laws, ranges, progress=progress)
@@ -240,7 +256,14 @@ def _plan(problem: StrikeProblem, settings: PlanSettings, laws: Laws | None, ran
         if len(found.impacts) > 1:
             tell("trying all impacts on all draws", math.nan)
             prospect = assess_sequence(problem, found, laws, how.share, tail=how.tail)
-    return Plan(problem, how, found, laws, assessment, prospect, ranges, beyond)
+    prices, rules, spreads = (), (), ()
+    if found.impacts:
+        tell("trying errors of the arm and of the motion", math.nan)
+        first = found.impacts[0]
+        if found.joint is None or not found.joint.taken:
+            prices = tuple(price_limits(problem.limits, one) for one in found.impacts)
+        rules, spreads = compare_rules(problem, first), try_errors(problem, first, how.errors, how.seed)
+    return Plan(problem, how, found, laws, assessment, prospect, ranges, beyond, prices, rules, spreads)
 
 
 def find_end(sequence: Sequence) -> float:

@@ -7,7 +7,7 @@ the fractions of angular momentum and of rotational energy that are left and of 
 Whether an impact keeps the limits is told by `planning.constraints`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import final
 
 import diffrax as dfx
@@ -49,6 +49,9 @@ class Limits(eqx.Module):
         chaser: direction from the debris to the chaser, inertial, unit, shape (3,) [-].
         cone: largest angle between that and the outward normal at first touch [rad].
         clearance: how long before and after the contact the ball must keep clear of the rest of the body [s].
+        faces: which faces may be struck, shape (faces,) of booleans; all where this is None.
+        target, radius: centre of the area that may be struck, body components from the centre of mass, shape (3,), and
+            the largest distance of the point of first touch from it [m]; infinite where all of a face may.
         fastest, slide: largest speeds along the normal and across it at first touch [m/s]; infinite where only the
             others hold, finite where a plan stays within what was measured.
     """
@@ -63,6 +66,9 @@ class Limits(eqx.Module):
     chaser: Array = eqx.field(converter=scalar, default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     cone: Array = eqx.field(converter=scalar, default=np.pi)
     clearance: Array = eqx.field(converter=scalar, default=0.5)
+    faces: Array | None = None
+    target: Array = eqx.field(converter=scalar, default_factory=lambda: np.zeros(3))
+    radius: Array = eqx.field(converter=scalar, default=np.inf)
     fastest: Array = eqx.field(converter=scalar, default=np.inf)
     slide: Array = eqx.field(converter=scalar, default=np.inf)
 
@@ -75,11 +81,14 @@ class Goal(eqx.Module):
         momentum: of |L| after over before [-].
         energy: of the rotational energy after over before [-].
         nutation: of the nutation angle after over 90° [-].
+        own: in place of these, a function of JAX of the angular velocity after an impact, body components, shape (3,)
+            [rad/s], and of the tensor of inertia, shape (3, 3) [kg m²]; it returns a positive scalar to be made small.
     """
 
     momentum: Array = eqx.field(converter=scalar, default=1.0)
     energy: Array = eqx.field(converter=scalar, default=0.0)
     nutation: Array = eqx.field(converter=scalar, default=0.0)
+    own: Callable[[Array, Array], Array] | None = eqx.field(static=True, default=None)
 
 
 @final
@@ -141,6 +150,12 @@ class Design(eqx.Module):
     attitude: Array
     angular_velocity: Array
     normal: Array
+
+
+def list_faces(problem: StrikeProblem) -> np.ndarray:
+    """Numbers of the faces that may be struck."""
+    count = len(problem.debris.surface.face_names())
+    return np.arange(count) if problem.limits.faces is None else np.flatnonzero(np.asarray(problem.limits.faces))
 
 
 def is_symmetric(debris: Debris) -> bool:
@@ -234,6 +249,8 @@ def strike_debris(problem: StrikeProblem, design: Design, adjoint: dfx.AbstractA
 def score(problem: StrikeProblem, rates: Array) -> Array:
     """What is wanted small, of the rates after an impact in body components."""
     goal, inertia = problem.goal, problem.debris.inertia
+    if goal.own is not None:
+        return goal.own(rates, inertia)
     before, after = problem.angular_velocity @ inertia, rates @ inertia
     size = jnp.sum(before**2)
     momentum = jnp.sqrt(safe_divide(jnp.sum(after**2), size) + TINY**2)

@@ -1,10 +1,12 @@
 """`SCENARIO.toml` of `ddetumble plan`: what is struck, how it moves, what arm and ball can do, what is wanted.
 
-All numbers are SI, angles in degrees where the key says so; `Scenario` has every key.
+All numbers are SI, or texts with a unit ("3 deg/s"), and angles in degrees where the key says so; `Scenario` has every
+key.
 """
 
 import dataclasses as dc
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -12,12 +14,13 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pydantic
-from pydantic import ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
+from pydantic import BeforeValidator, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from .._errors import InputError
 from .._numerics import scalar
 from .._rotation import rotate_back
 from .._settings import name_folder
+from .._user_files import require_trust, run_file, split_name
 from ..contact.effect import parameters_of
 from ..contact.friction import DIVERGES_ABOVE
 from ..contact.gripping import StrikeLaw, Striker
@@ -27,7 +30,9 @@ from ..dynamics.bodies import AbstractBody, Box, Cylinder, Sphere, read_mesh
 from ..dynamics.surfaces import make_debris
 from ..inference.archive import load
 from ..inference.models import is_fitted
+from ..measurement.units import convert_text
 from .draws import Laws, draw_laws, find_models, vary_law
+from .execution import ErrorSizes
 from .problem import Goal, Limits, StrikeProblem
 
 
@@ -41,6 +46,30 @@ Real = StrictFloat | StrictInt
 Number = Annotated[Real, Field(allow_inf_nan=False)]
 Positive = Annotated[Real, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[Real, Field(ge=0, allow_inf_nan=False)]
+
+
+def _read_in(unit: str) -> BeforeValidator:
+    """Reads a text with a unit as a number in this one; what is no text passes."""
+    def read(value: Any) -> Any:
+        try:
+            return convert_text(value, unit) if isinstance(value, str) else value
+        except InputError as error:
+            raise ValueError(error.problem) from None
+
+    return BeforeValidator(read)
+
+
+Mass = Annotated[Positive, _read_in("kg")]
+Length = Annotated[Positive, _read_in("m")]
+Distance = Annotated[NotNegative, _read_in("m")]
+Speed = Annotated[Positive, _read_in("m/s")]
+Force = Annotated[Positive, _read_in("N")]
+Pressure = Annotated[Positive, _read_in("Pa")]
+Time = Annotated[NotNegative, _read_in("s")]
+Rate = Annotated[Number, _read_in("rad/s")]
+Momentum = Annotated[Number, _read_in("N*m*s")]
+Inertia = Annotated[Number, _read_in("kg*m^2")]
+Place = Annotated[Number, _read_in("m")]
 Vector = tuple[Number, Number, Number]
 
 
@@ -53,18 +82,26 @@ class DebrisTable(_Strict):
 
     shape: Literal["cylinder", "box", "sphere", "mesh"] = Field(default="cylinder", description="`cylinder` (`radius`, "
         "`length`; about body z), `box` (`lengths`), `sphere` (`radius`) or `mesh` (`file`, `scale`).")
-    mass: Positive = Field(default=1000.0, description="[kg].")
-    radius: Positive = Field(default=1.0, description="radius of a cylinder or a sphere [m].")
-    length: Positive = Field(default=3.0, description="length of a cylinder [m].")
-    lengths: tuple[Positive, Positive, Positive] | None = Field(default=None, description="edges of a box along body "
+    mass: Mass = Field(default=1000.0, description="[kg].")
+    radius: Length = Field(default=1.0, description="radius of a cylinder or a sphere [m].")
+    length: Length = Field(default=3.0, description="length of a cylinder [m].")
+    lengths: tuple[Length, Length, Length] | None = Field(default=None, description="edges of a box along body "
                                                                                           "x, y, z [m].")
     file: StrictStr = Field(default="", description="file of a closed convex mesh, relative to the scenario's folder.")
     scale: Positive = Field(default=1.0, description="metres per unit of the mesh.")
+    inertia: tuple[tuple[Inertia, Inertia, Inertia], tuple[Inertia, Inertia, Inertia],
+                   tuple[Inertia, Inertia, Inertia]] | None = Field(
+        default=None, description="tensor of inertia about the centre of mass, body components, three rows [kg m²]; "
+        "that of uniform density if not given.")
+    centre: tuple[Place, Place, Place] = Field(
+        default=(0.0, 0.0, 0.0), description="centre of mass, body components, from that of a body of uniform density "
+        "[m]; needs `inertia`.")
     attitude: tuple[Number, Number, Number, Number] = Field(default=(1.0, 0.0, 0.0, 0.0), description=
         "quaternion, scalar first, body to inertial.")
-    angular_velocity: Vector | None = Field(default=None, description="angular velocity, body components [rad/s].")
-    angular_momentum: Vector | None = Field(default=None, description="inertial components [N m s], instead of "
-        "`angular_velocity`.")
+    angular_velocity: tuple[Rate, Rate, Rate] | None = Field(
+        default=None, description="angular velocity, body components [rad/s].")
+    angular_momentum: tuple[Momentum, Momentum, Momentum] | None = Field(
+        default=None, description="inertial components [N m s], instead of `angular_velocity`.")
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -74,6 +111,8 @@ class DebrisTable(_Strict):
             raise ValueError("debris that does not turn needs no plan: angular_velocity is zero")
         if not any(self.attitude):
             raise ValueError("attitude must be a non-zero quaternion")
+        if any(self.centre) and self.inertia is None:
+            raise ValueError("a body with an offset centre of mass is not of uniform density: give inertia too")
         if self.shape == "box" and self.lengths is None:
             raise ValueError("a box needs lengths")
         if self.shape == "mesh" and not self.file:
@@ -107,21 +146,23 @@ class BallTable(_Strict):
 class ArmTable(_Strict):
     """`[arm]`: what the ball is mounted on."""
 
-    mass: Positive | None = Field(
+    mass: Mass | None = Field(
         default=None, description="apparent mass at the tip along the normal [kg]; that of the fitted "
         "model if not given.")
-    tangential_mass: Positive | None = Field(
+    tangential_mass: Mass | None = Field(
         default=None, description="apparent mass across the normal [kg]; if not given, that "
         "of an oblique fit, or as along the normal if `mass` is given or there is no such fit.")
     clamped: StrictBool = Field(
         default=True, description="whether the mount keeps the ball from turning; if not, it turns "
         "with the rolling mass of an oblique fit, or 0.5 kg.")
-    speed: Positive = Field(default=2.0, description="largest speed of the tip [m/s].")
+    speed: Speed = Field(default=2.0, description="largest speed of the tip [m/s].")
     chaser: Vector = Field(default=(1.0, 0.0, 0.0), description="direction from the debris to the chaser, inertial.")
     cone_degrees: Annotated[Real, Field(gt=0, le=180)] = Field(
         default=180.0, description="largest angle between this direction and the "
         "outward normal at the place that is struck.")
-    clearance_time: Positive = Field(
+    chaser_mass: Mass | None = Field(
+        default=None, description="mass of the chaser, whose recoil the result then states [kg].")
+    clearance_time: Annotated[Positive, _read_in("s")] = Field(
         default=0.5, description="time before and after the contact during which nothing else may be "
         "touched [s].")
 
@@ -129,15 +170,23 @@ class ArmTable(_Strict):
 class LimitTable(_Strict):
     """`[limits]`: what ball and debris can take."""
 
-    pressure: tuple[Positive, Positive] = Field(
+    pressure: tuple[Pressure, Pressure] = Field(
         default=(1.0e6, 2.5e6), description="lowest and highest initial pressure, absolute [Pa].")
-    force: Positive = Field(default=500.0, description="largest peak normal force [N].")
-    depression: Positive = Field(default=0.02, description="largest depression of the ball [m].")
-    edge: NotNegative = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
-    window: tuple[NotNegative, Positive] = Field(
+    force: Force = Field(default=500.0, description="largest peak normal force [N].")
+    depression: Length = Field(default=0.02, description="largest depression of the ball [m].")
+    edge: Distance = Field(default=0.02, description="least distance of the contact disc from an edge [m].")
+    window: tuple[Time, Annotated[Positive, _read_in("s")]] = Field(
         default=(0.0, 60.0), description="earliest and latest instant of first touch "
         "[s]; in a sequence the shortest and longest wait.")
-    approach: Positive = Field(default=0.05, description="least speed along the normal [m/s].")
+    approach: Speed = Field(default=0.05, description="least speed along the normal [m/s].")
+    faces: tuple[StrictStr, ...] = Field(
+        default=(), description="faces that may be struck, by name; all if empty. A cylinder has `side`, `upper end` "
+        "and `lower end`, a box `+x` to `-z`, a mesh `face 1`, ...")
+    target: tuple[Place, Place, Place] | None = Field(
+        default=None, description="centre of the area that may be struck, in the coordinates of the shape (from the "
+        "centre of mass of uniform density) [m].")
+    target_radius: Length | None = Field(
+        default=None, description="largest distance of first touch from `target` [m].")
     within: Literal["", "measured"] = Field(
         default="", description="`measured`: the plan stays within what the contact model was fitted to (pressure, "
         "approach and tangential speed, force and depression), and says what that costs.")
@@ -147,6 +196,8 @@ class LimitTable(_Strict):
         for name, (low, high) in (("pressure", self.pressure), ("window", self.window)):
             if not low < high:
                 raise ValueError(f"{name} must have its lowest value first and its highest second")
+        if (self.target is None) != (self.target_radius is None):
+            raise ValueError("give target and target_radius together")
         return self
 
 
@@ -159,6 +210,10 @@ class GoalTable(_Strict):
         default=0.0, description="weight of the rotational energy left, over that before.")
     nutation: NotNegative = Field(
         default=0.0, description="weight of the nutation angle after, over 90°.")
+    function: StrictStr = Field(
+        default="", description="in place of the three weights, `FILE.py:NAME` of a function of the angular velocity "
+        "after an impact (body components) and the tensor of inertia, in JAX, which returns a positive number to be "
+        "made small.")
     impacts: Annotated[StrictInt, Field(ge=1, le=200)] = Field(default=1, description="largest number of impacts.")
     share: Annotated[Real, Field(ge=0, lt=1)] = Field(
         default=0.01, description="share of the angular momentum at which a sequence "
@@ -172,6 +227,22 @@ class GoalTable(_Strict):
         if not self.momentum + self.energy + self.nutation > 0:
             raise ValueError("at least one of momentum, energy and nutation needs a positive weight")
         return self
+
+
+class ErrorTable(_Strict):
+    """`[errors]`: standard deviations of what arm and estimate of the motion get wrong."""
+
+    instant: Time = Field(default=0.05, description="of the instant of first touch [s].")
+    place: Distance = Field(default=0.01, description="of the place where the arm arrives, along each axis [m].")
+    direction_degrees: NotNegative = Field(
+        default=1.0, description="of the direction of the arm's velocity, about each axis across it [°].")
+    speed: NotNegative = Field(default=0.01, description="of the arm's speed, as a fraction of it.")
+    rates: NotNegative = Field(
+        default=0.01, description="of the angular velocity at time 0, of each component, as a fraction of its size.")
+    attitude_degrees: NotNegative = Field(default=1.0, description="of the attitude at time 0, about each axis [°].")
+    inertia: NotNegative = Field(default=0.02, description="of each principal moment of inertia, as a fraction of it.")
+    centre: Distance = Field(default=0.0, description="of the centre of mass, along each axis [m].")
+    draws: Annotated[StrictInt, Field(ge=8, le=4096)] = Field(default=64, description="number of draws.")
 
 
 class SpreadTable(_Strict):
@@ -223,6 +294,7 @@ class Scenario(_Strict):
     limits: LimitTable = LimitTable()
     goal: GoalTable = GoalTable()
     uncertainty: UncertaintyTable | None = None
+    errors: ErrorTable = ErrorTable()
     seed: Annotated[StrictInt, Field(ge=0)] = Field(
         default=0, description="seed of the places where the search starts, and of the "
         "draws.")
@@ -401,12 +473,45 @@ def pose_laws(scenario: Scenario, here: Path) -> Laws | None:
     return dc.replace(laws, folder=name_folder(folder))
 
 
+def _find_faces(wanted: tuple[str, ...], names: tuple[str, ...]) -> np.ndarray:
+    """Which faces are wanted, shape (faces,)."""
+    for name in wanted:
+        if name not in names:
+            shown = ", ".join(map(repr, names[:12])) + (", ..." if len(names) > 12 else "")
+            raise InputError(f"this body has no face {name!r}; its faces are {shown}", key="limits.faces")
+    return np.isin(names, wanted)
+
+
+def _load_function(name: str, here: Path) -> Callable:
+    """A function of the user's own, `FILE.py:NAME` from the scenario's folder on."""
+    own = split_name(name)
+    if own is None:
+        raise InputError(f"{name!r} is not of the form FILE.py:NAME", key="goal.function")
+    require_trust(here / own[0], here)
+    found = getattr(run_file(here / own[0]), own[1], None)
+    if not callable(found):
+        raise InputError(f"{own[0].name} has no function {own[1]!r}", key="goal.function")
+    return found
+
+
+def read_errors(table: ErrorTable) -> ErrorSizes:
+    """The errors of a scenario, angles in radians."""
+    return ErrorSizes(
+        table.instant, table.place, float(np.radians(table.direction_degrees)), table.speed, table.rates,
+        float(np.radians(table.attitude_degrees)), table.inertia, table.centre, table.draws)
+
+
 def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> StrikeProblem:
     """The problem of a scenario's first impact, in the folder `here`; the best estimate of `laws` is the contact law
     where they are given.
     """
     table, arm, goal = scenario.debris, scenario.arm, scenario.goal
-    debris, attitude = make_debris(make_body(table, here)), np.asarray(table.attitude, dtype=float)
+    try:
+        debris = make_debris(make_body(table, here), table.inertia, table.centre)
+    except InputError as error:
+        key = "debris.inertia" if "inertia" in error.problem else "debris.centre"
+        raise (error if error.key or table.inertia is None else InputError(error.problem, key=key)) from None
+    attitude = np.asarray(table.attitude, dtype=float)
     attitude = attitude / np.linalg.norm(attitude)
     if table.angular_velocity is not None:
         rates = np.asarray(table.angular_velocity, dtype=float)
@@ -416,9 +521,15 @@ def pose_problem(scenario: Scenario, here: Path, laws: Laws | None = None) -> St
     chaser = np.asarray(arm.chaser, dtype=float)
     if not np.any(chaser):
         raise InputError("the direction to the chaser must not be zero", key="arm.chaser")
-    given = scenario.limits.model_dump(exclude={"within"})
+    given = scenario.limits.model_dump(exclude={"within", "faces", "target", "target_radius"})
+    if scenario.limits.faces:
+        given["faces"] = _find_faces(scenario.limits.faces, debris.surface.face_names())
+    if scenario.limits.target is not None:
+        given["target"] = np.asarray(scenario.limits.target, dtype=float) - np.asarray(table.centre, dtype=float)
+        given["radius"] = scenario.limits.target_radius
     limits = Limits(**given, speed=arm.speed, chaser=chaser / np.linalg.norm(chaser),
                     cone=np.radians(arm.cone_degrees), clearance=arm.clearance_time)
     law = mount_law(scenario, *load_laws(scenario.ball, here)) if laws is None else laws.main
-    return StrikeProblem(law, debris, attitude, rates, limits, Goal(goal.momentum, goal.energy, goal.nutation),
+    own = _load_function(goal.function, here) if goal.function else None
+    return StrikeProblem(law, debris, attitude, rates, limits, Goal(goal.momentum, goal.energy, goal.nutation, own),
                          {name: scalar(value) for name, value in scenario.ball.conditions.items()})

@@ -20,7 +20,7 @@ from ..contact.gripping import Patch, StrikeLaw, find_height
 from ..dynamics.impact import simulate_impact
 from .constraints import MISSED, judge, with_slopes
 from .multistart import find_bounds
-from .problem import StrikeProblem, reach_speed, read_design, strike_debris
+from .problem import StrikeProblem, list_faces, reach_speed, read_design, strike_debris
 from .relaxation import Relaxation, find_relaxations
 from .single import (
     ALLOWED,
@@ -132,7 +132,8 @@ def find_floor(problem: StrikeProblem) -> float:
     cannot take [-]; 0 where free motion moves momentum into that axis and out of it.
     """
     pivots = np.asarray(problem.debris.surface.find_pivots())
-    if len(pivots) < 3 and not problem.symmetric:
+    along = len(pivots) == 1 and abs(float(pivots[0, 2])) > 1.0 - 1e-12
+    if len(pivots) < 3 and not (problem.symmetric and along):
         return 0.0
     momentum = np.asarray(problem.debris.inertia) @ np.asarray(problem.angular_velocity)
     return float(np.linalg.norm(pivots @ momentum) / np.linalg.norm(momentum))
@@ -200,7 +201,6 @@ def bound_impacts(problem: StrikeProblem, share: float) -> int:
 def find_lever(problem: StrikeProblem) -> float:
     """Largest lever arm of a normal force on the surface, over many of its places and its corners [m]."""
     surface = problem.debris.surface
-    count = len(surface.face_names())
     places = jnp.asarray(2.0 * qmc.Sobol(2, rng=np.random.default_rng(0)).random(PLACES) - 1.0)
     corners = jnp.asarray([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)])
     # Just inside, where the normal is still the face's own: there the largest arm of a flat face or a cylinder is.
@@ -210,7 +210,7 @@ def find_lever(problem: StrikeProblem) -> float:
         point = surface.place(face, place)
         return jnp.linalg.norm(jnp.cross(point, surface.find_foot(point).normal))
 
-    faces = jnp.arange(count)
+    faces = jnp.asarray(list_faces(problem))
     return float(jnp.max(jax.vmap(lambda face: jax.vmap(lambda place: lever(face, place))(places))(faces)))
 
 

@@ -21,6 +21,7 @@ from .._display import AbstractPrinted, Progress
 from .._errors import ComputationError, InputError
 from .._settings import list_shipped
 from ..contact.effect import AbstractEffect
+from ..families import open_campaign
 from ..inference.archive import Model, load
 from ..inference.bounded import solve_bounded
 from ..inference.estimation import fit
@@ -30,7 +31,6 @@ from ..inference.noise import Noise
 from ..inference.problem import Problem
 from ..inference.stack import stack_records
 from ..measurement.campaign import Campaign
-from ..measurement.package import read_campaign
 from .loo import COSTLY, Scores, add_up, limit_shape, score_conditions, smooth_weights
 from .proposal import Mixture, describe_draws, seed_random, start_mixture
 from .result import align_table
@@ -172,13 +172,13 @@ def average(source: Campaign | str | Path | AbstractRivals | Sequence[Fit], mode
             raise InputError(f"the result does not contain its campaign {name!r}; name the folder of that campaign "
                              f"with "
                              "--campaign", file=source)
-        measured = campaign if isinstance(campaign, Campaign) else read_campaign(campaign or name)
+        measured = open_campaign(campaign or name)
         if measured.sha256 != sha256:
             notes.append(f"The campaign is not byte for byte the one that discover analysed ({name}).")
     else:
         if campaign is not None:
             raise InputError("--campaign applies only to a folder that discover wrote")
-        measured = source if isinstance(source, Campaign) else read_campaign(source)
+        measured = open_campaign(source)
         rivals = [split_effects(one) if isinstance(one, str) else tuple(one) for one in models]
     if len(rivals) < 2:
         raise InputError(f"{TOO_FEW}; name the effects of each, `none` for the reference model alone")

@@ -288,7 +288,8 @@ def _show_ranking(discovery: Discovery) -> Section:
     best = discovery.candidates[0]
     picture = draw_picture(
         "ranking", "Bars: share of the misfit that each effect explains. Diamonds: visible share of each effect's "
-        "signature.", figures.draw_ranking, discovery.candidates, discovery.effects,
+        "signature.", figures.draw_ranking, discovery.candidates, discovery.effects, None,
+        discovery.settings.invisible,
         alt=f"Bars of {len(rows)} effects; the first, {clean(best.effect)}, explains {format_share(best.explains)}.")
     title = "Which effect is missing" if discovery.effects else "The catalogue, ranked"
     return Section(title, paragraphs, [picture], tables)
@@ -338,9 +339,10 @@ def _show_judgement(discovery: Discovery) -> Section:
     for step in discovery.steps:
         if step.lack_of_fit.text:
             texts.setdefault(re.sub(r"\d+", "", step.lack_of_fit.text), step.lack_of_fit.text)
-    more = " (of the first model; the table has those of the others)" if len(discovery.steps) > 1 else ""
-    paragraphs = [text.replace("degrees of freedom", f"degrees of freedom{more}").rstrip(".") + "."
-                  for text in texts.values()]
+    paragraphs = [text.rstrip(".") + "." for text in texts.values()]
+    if len(discovery.steps) > 1:
+        paragraphs.append("Where models differ only in the numbers of such a sentence, it gives those of the first; "
+                          "the table has all.")
     pictures = []
     if discovery.steps and any(one.get("varies") for one in discovery.noise.values()):
         pictures.append(draw_picture(

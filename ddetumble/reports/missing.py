@@ -67,5 +67,5 @@ def show_missing(missing: MissingForce, sentence: bool = True) -> list[Section]:
              "converged"),
             rows, "Laws that would describe it, fitted inside the equation of motion; differences are in noise "
             "variances. Of the laws that left-out conditions do not distinguish, the one that fits best comes first; "
-            "each parameter costs 9."))
+            f"each parameter costs {missing.settings.significant:g}."))
     return [Section("The missing force", paragraphs, pictures, tables, missing.notes)]

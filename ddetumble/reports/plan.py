@@ -14,13 +14,14 @@ from .._rotation import rotate_back
 from ..dynamics.angles import measure_nutation
 from ..dynamics.free_motion import propagate_torque_free
 from ..dynamics.rigid import measure_momentum
-from ..dynamics.surfaces import AbstractSurface, CylinderSurface, Polytope
+from ..dynamics.surfaces import AbstractSurface, CylinderSurface, OffsetSurface, Polytope
 from ..figures.planning import draw_contacts, draw_motion, draw_outlook, draw_prospect
 from ..inference.files import write_json
 from ..measurement.units import choose_time_unit
+from ..planning.execution import NAMES
 from ..planning.measured import Extrapolation, format_extrapolation, list_extrapolations
 from ..planning.plan import Plan, find_end
-from ..planning.problem import StrikeProblem
+from ..planning.problem import StrikeProblem, list_faces
 from ..planning.sequence import Sequence, measure_share
 from ..planning.single import StrikePlan
 from ..planning.uncertainty import Assessment, Outlook, Prospect
@@ -49,6 +50,10 @@ WORDS = {
             "mean "
     "over its own worst share.",
 }
+CHEAP = 1e-6  # of the goal, below which nothing is gained by a looser limit
+# Unit in which errors are shown, and its number in SI.
+UNITS = {"instant": ("s", 1.0), "place": ("mm", 1e3), "direction": ("°", 180.0 / np.pi), "speed": ("%", 100.0),
+         "rates": ("%", 100.0), "attitude": ("°", 180.0 / np.pi), "inertia": ("%", 100.0), "centre": ("mm", 1e3)}
 COLOURS = {"impulse": "#d55e00", "momentum": "#0072b2", "after": "#009e73"}
 
 
@@ -97,6 +102,9 @@ def follow_plan(problem: StrikeProblem, sequence: Sequence) -> tuple[np.ndarray,
 
 def _trace_edges(surface: AbstractSurface) -> list[list[list[float]]]:
     """Lines that show a surface, each a row of points [m]."""
+    if isinstance(surface, OffsetSurface):
+        return [(np.asarray(line) - np.asarray(surface.centre)).round(4).tolist()
+                for line in _trace_edges(surface.surface)]
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
     if isinstance(surface, CylinderSurface):
@@ -153,6 +161,8 @@ def write_plan(plan: Plan, folder) -> Path:
     outside = [[one for one in beyond if one.impact == k] for k in range(1, len(sequence.impacts) + 1)]
     impacts = [_list_impact(k, *one) for k, one in enumerate(
         zip(sequence.instants, sequence.shares, sequence.impacts, outside, strict=True), 1)]
+    for one in impacts if settings.chaser_mass else ():
+        one["chaser_velocity"] = [-part / settings.chaser_mass for part in one["impulse"]]
     result = {
         "schema": SCHEMA, "scenario": plan.source, "title": plan.title, "sentence": plan.sentence,
         "possible": True if impacts else None if best is not None and best.missed else False,
@@ -161,6 +171,10 @@ def write_plan(plan: Plan, folder) -> Path:
         "impulse": sequence.impulse, "duration": sequence.duration, "joint": sequence.joint,
         "relaxations": sequence.relaxations, "fewest_impacts": sequence.bound or None, "axial_share": sequence.floor,
         "impacts": impacts,
+        "prices": [{"impact": k, **dc.asdict(price)} for k, prices in enumerate(plan.prices, 1) for price in prices],
+        "rules": plan.rules,
+        "errors": [{"error": one.error, "size": one.size, "mean": one.mean, "q95": one.high, "missed": one.missed,
+                    "violated": one.violated, "drift": one.drift} for one in plan.spreads],
         "refused": None if best is None else {
             "face": best.face, "score": best.score, "untouched": best.untouched, "allowed": best.allowed,
             "estimate": best.estimate, "missed": best.missed,
@@ -173,7 +187,7 @@ def write_plan(plan: Plan, folder) -> Path:
     }  # fmt: skip
     figures = [draw_picture("motion", "Angular momentum (inertial components) and nutation angle; dotted: the impacts.",
                             draw_motion, *follow_plan(problem, sequence), sequence.instants)]
-    sections = [Section("Where to strike", [
+    sections = [_show_problem(plan), Section("Where to strike", [
         _make_view(problem, sequence), "The body in its own frame. Blue: the angular momentum before; green: after "
         "the last impact, to the same scale, if enough is left. Orange: the impulse of each impact, with its head at "
         "the point of contact. Drag to turn."])]
@@ -198,6 +212,10 @@ def write_plan(plan: Plan, folder) -> Path:
     farther = [f"Impact {k} is beyond what was measured: {', '.join(map(format_extrapolation, others))}."
                for k, others in enumerate(outside, 1) if others]
     sections.append(Section("Before, between and after", figures=figures, tables=tables, points=farther))
+    if plan.rules:
+        sections.append(_show_alternatives(plan))
+    if plan.spreads:
+        sections.append(_show_errors(plan))
     if assessment is not None:
         sections.append(_show_outlook(assessment, settings.plan_for, prospect, settings.share))
         sentence += " " + (assessment.sentences[0] if prospect is None else prospect.sentence)
@@ -206,6 +224,90 @@ def write_plan(plan: Plan, folder) -> Path:
     page = write_page(plan.title or "Planned impacts", sentence, sections, folder)
     write_json(Path(folder) / "plan.json", result)
     return page
+
+
+def _show_problem(plan: Plan) -> Section:
+    """What is struck, what is allowed and what is wanted, as they were given."""
+    problem, limits, goal = plan.problem, plan.problem.limits, plan.problem.goal
+    debris, rates = problem.debris, np.asarray(problem.angular_velocity)
+    inertia = np.asarray(debris.inertia)
+    moments, turn = np.linalg.eigvalsh(inertia), float(np.linalg.norm(rates))
+    faces = debris.surface.face_names()
+    allowed = ", ".join(faces[k] for k in list_faces(problem)[:6]) + (", ..." if len(list_faces(problem)) > 6 else "")
+    area = "" if np.isinf(float(limits.radius)) else (
+        f", within {float(limits.radius):.3g} m of ({_join(np.asarray(limits.target))}) m from the centre of mass")
+    wanted = [f"{float(weight):g} × {what}" for weight, what in (
+        (goal.momentum, "momentum left"), (goal.energy, "rotational energy left"), (goal.nutation, "nutation over 90°"))
+        if float(weight)] if goal.own is None else [f"{goal.own.__name__} of the motion after the impact"]
+    low, high = (f"{float(one) / 1e6:.3g}" for one in limits.pressure)
+    rows = [
+        ["debris", "mass", f"{float(debris.mass):.4g} kg"],
+        ["debris", "principal moments of inertia", f"{', '.join(f'{one:.4g}' for one in moments)} kg m²"],
+        ["debris", "angular velocity, body", f"({_join(rates)}) rad/s, {np.degrees(turn):.2f} °/s in all"],
+        ["debris", "angular momentum", f"{float(np.linalg.norm(inertia @ rates)):.4g} N m s"],
+        ["debris", "rotational energy", f"{0.5 * float(rates @ inertia @ rates):.4g} J"],
+        ["allowed", "faces", allowed + area],
+        ["allowed", "arm's speed", f"up to {float(limits.speed):.3g} m/s"],
+        ["allowed", "approach speed", f"from {float(limits.approach):.3g} m/s"],
+        ["allowed", "peak force", f"up to {float(limits.force):.4g} N"],
+        ["allowed", "depression", f"up to {1e3 * float(limits.depression):.3g} mm"],
+        ["allowed", "pressure", f"{low} to {high} MPa"],
+        ["allowed", "distance from edges", f"from {1e3 * float(limits.edge):.3g} mm"],
+        ["allowed", "first touch", f"{float(limits.window[0]):.4g} to {float(limits.window[1]):.4g} s after the last"],
+        ["allowed", "side", f"outward normal within {np.degrees(float(limits.cone)):.3g}° of the chaser"],
+        ["wanted", "to be small", " + ".join(wanted)],
+        ["wanted", "momentum left", f"{100 * plan.settings.share:g} %, in at most {plan.settings.impacts} "
+                                    f"impact{'s' * (plan.settings.impacts != 1)}"],
+    ]  # fmt: skip
+    return Section("What was asked", tables=[Table(["", "quantity", "value"], rows)])
+
+
+def _show_alternatives(plan: Plan) -> Section:
+    """What limits cost, and what simple rules make of the same place."""
+    tables, first = [], plan.sequence.impacts[0]
+    rows = [[str(k), price.key, price.change, f"{100 * price.gain:.2g}"]
+            for k, prices in enumerate(plan.prices, 1) for price in prices if price.gain > CHEAP]
+    if rows:
+        tables.append(Table(["impact", "limit", "change", "gain [points]"], rows,
+                            "What a limit costs: hundredths of the goal that the impact would gain if it were a little "
+                            "looser, to first order."))
+    own = measure_share(plan.problem, np.asarray(first.collision.angular_velocity))
+    shown = [["as planned", f"{100 * own:.2f}", "none", f"{float(np.linalg.norm(first.design.velocity)):.3f}",
+              f"{100 * own:.2f}"]]
+    for blow in plan.rules:
+        shown.append([blow.rule, "–" if np.isnan(blow.share) else f"{100 * blow.share:.2f}",
+                      ", ".join(blow.violated) or "none", "–" if np.isnan(blow.speed) else f"{blow.speed:.3f}",
+                      "–" if np.isnan(blow.allowed_share) else f"{100 * blow.allowed_share:.2f}"])
+    tables.append(Table(
+        ["direction of the blow", "momentum left [%]", "limits violated", "speed within limits [m/s]",
+         "momentum left within limits [%]"], shown,
+        "The first impact beside simple rules at the same place, instant and pressure: with the planned arm speed, and "
+        "with the best that the limits allow. Against the velocity of the struck point is the paper's rule."))
+    return Section("What limits cost, and what simple rules would do", tables=tables)
+
+
+def _show_errors(plan: Plan) -> Section:
+    """What errors of the arm and of the estimated motion make of the first impact."""
+    own = measure_share(plan.problem, np.asarray(plan.sequence.impacts[0].collision.angular_velocity))
+    rows = []
+    for one in plan.spreads:
+        unit, scale = UNITS.get(one.error, ("", 1.0))
+        size = "" if one.error == "all" else f"{scale * one.size:.3g} {unit}"
+        rows.append([NAMES.get(one.error, "all together"), size, f"{100 * one.mean:.2f}", f"{100 * one.high:.2f}",
+                     f"{100 * one.missed:.0f}", f"{100 * one.violated:.0f}"])
+    drift, spread = plan.spreads[-1].drift
+    speed = float(np.linalg.norm(plan.sequence.impacts[0].collision.velocity))
+    told = [f"The first impact leaves {100 * own:.2f} % if all goes as planned. Each error below is drawn "
+            f"{plan.settings.errors.draws} times with its standard deviation ([errors] in the scenario); a ball that "
+            "misses, or meets an edge, leaves all of the momentum.",
+            f"The blow gives the body {1e3 * speed:.3g} mm/s of drift as planned, {1e3 * drift:.3g} ± "
+            f"{1e3 * spread:.2g} mm/s over all draws."]
+    if plan.settings.chaser_mass:
+        recoil = float(np.linalg.norm(plan.sequence.impacts[0].collision.impulse)) / plan.settings.chaser_mass
+        told.append(f"A chaser of {plan.settings.chaser_mass:g} kg recoils with {1e3 * recoil:.3g} mm/s.")
+    return Section("What errors do to the plan", told, tables=[Table(
+        ["error of", "standard deviation", "momentum left, mean [%]", "95 % of draws below [%]", "missed [%]",
+         "limits violated [%]"], rows)])
 
 
 def _list_outlook(found: Assessment, plan_for: str, prospect: Prospect | None = None) -> dict[str, Any]:

@@ -12,12 +12,11 @@ import pandas as pd
 from .._display import AbstractPrinted, Progress
 from .._sentences import Sentence, say
 from ..contact.effect import is_absent
-from ..families import Family, View, find_family, name_family
+from ..families import Family, View, find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import make_plain, write_json
 from ..measurement.campaign import Campaign, thin_campaign
-from ..measurement.package import read_campaign
 from ..measurement.quantities import describe_quantity, format_quantity
 from .cross_validation import compare_losses
 from .describe import describe_noise, measure_held, public_estimates
@@ -238,8 +237,7 @@ def compare(campaign, *models, refit=True, progress=None):
         ComputationError: a model could not be integrated.
     """
     report = progress or (lambda text, share: None)
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
+    campaign = open_campaign(campaign)
     find_family(name_family(campaign), "compare")
     models = models or ("paper",)
     found, names = [], []

@@ -56,7 +56,10 @@ class Diagnosis:
 
 def diagnose(selection: SelectionProblem, aside: Aside) -> Diagnosis:
     """Try what goes wrong in a laboratory, the plainest first, until the record fits."""
-    for hypotheses in (_try_samples, _try_channel_units, _try_condition_units, _try_columns, _try_conditions):
+    tried = (_try_samples, _try_channel_units, _try_condition_units, _try_columns, _try_conditions)
+    if selection.records.are_values:  # another zero or gain makes any single number fit
+        tried = (_try_channel_units, _try_condition_units, _try_conditions)
+    for hypotheses in tried:
         fitting = [(misfit.total, told) for misfit, told in hypotheses(selection, aside)
                    if misfit is not None and _fits(selection, misfit, aside)]
         if fitting:
@@ -288,7 +291,7 @@ def find_moving_zeros(selection: SelectionProblem, solution: Solution, final: bo
     touch: an effect may look like another zero at every condition.
     """
     records, contact = selection.records, selection.family.has_contact
-    if records.count < selection.settings.baseline.fewest or not (contact or final):
+    if records.are_values or records.count < selection.settings.baseline.fewest or not (contact or final):
         return None
     found = [_free_zeros(selection, solution, c) for c, channel in enumerate(records.channels)
              if f"{DRIFT}:{channel}" not in records.nuisances and not channel.startswith("attitude_")

@@ -97,7 +97,8 @@ def describe_noise(selection: SelectionProblem) -> dict[str, dict[str, Any]]:
     """What is known about the noise of every channel."""
     return {channel: {"stated_sd": n.stated_sd, "sd": n.sd, "correlation": n.correlation,
                       "white_share": n.white_share, "floor": n.floor, "share": n.share, "rate_share": n.rate_share,
-                      "varies": bool(n.sizes), "slow_sd": n.slow_sd, "slow_time": n.slow_time if n.slow_sd else None,
+                      "varies": bool(n.sizes) and not selection.records.are_values, "slow_sd": n.slow_sd,
+                      "slow_time": n.slow_time if n.slow_sd else None,
                       "hum": [{"frequency": frequency, "rms": sd} for frequency, sd in n.hum],
                       "text": n.text} for channel, n in selection.noise.items()}
 

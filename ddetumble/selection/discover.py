@@ -12,12 +12,11 @@ import numpy as np
 from .._display import Progress
 from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, list_choices, parts_of
-from ..families import find_family, name_family
+from ..families import find_family, name_family, open_campaign
 from ..inference.archive import Model, resolve_model
 from ..inference.models import ResolvedModel
 from ..measurement.campaign import Campaign
 from ..measurement.grouping import count_conditions
-from ..measurement.package import read_campaign
 from ..measurement.plausibility import check_plausibility
 from ..measurement.units import Uncertainty
 from .bias import SettingBias, find_bias, fit_biases
@@ -66,10 +65,10 @@ def discover(campaign: Campaign | str | FilePath, model: Model = "paper", *,
     """
     began = time.perf_counter()
     report = progress or (lambda text, share: None)
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
+    campaign = open_campaign(campaign)
     catalogue = find_family(name_family(campaign), "discover").catalogue
     asked = resolve_model(model, name_family(campaign))
+    forget_programs()
     # One of the catalogue is tried anyway.
     effects = tuple(e for e in dict.fromkeys(effects) if e not in catalogue)
     state, path = _select_from_clean(asked, campaign, effects, settings, keep_all, report)
@@ -200,6 +199,9 @@ def _allow_bias(path: Path, asked: ResolvedModel, state: Cleaned, effects: Seque
 def _draw_force(path: Path, reference: Fitted, beside: Fitted, report: Progress) -> MissingForce | str:
     """The missing force itself, or why there is none: no verdict depends on it."""
     selection, tried = path.selection, path.tried
+    if selection.records.are_values:
+        return ("The missing force was not drawn: single values do not show how it changes during a test. Measure the "
+                "force over time.")
     if not selection.holds_out:
         return ("The missing force was not drawn: it is known by what it removes on conditions that are left out, and "
                 "there are too few to leave one out.")

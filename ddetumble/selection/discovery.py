@@ -95,7 +95,9 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
 
     @property
     def confidence(self) -> Confidence | None:
-        """How often such verdicts were right in the sealed exam; None where that is not known."""
+        """How often such verdicts were right in the sealed exam; None where that is not known, as it is of values."""
+        if self.counts and self.counts["samples"] == self.counts["records"]:
+            return None
         return find_confidence(self.family, self.verdict, bool(self.allowances))
 
     @property
@@ -181,7 +183,7 @@ class Discovery(AbstractFitted, AbstractRivals, AbstractPrinted):
             "lack_of_fit": self.steps[0].lack_of_fit, "setting_spread": self.spread,
             "setting_biases": self.biases, "shared_error": self.shared_error, "allowances": self.allowances,
             "confidence": self.confidence,
-            "missing_force": None if self.missing is None else self.missing.to_dict(),
+            "missing_force": self.missing and self.missing.to_dict(settings=False),
             "settings": {"level": self.settings.level, **self.counts, "thresholds": self.settings},
         })
 

@@ -8,6 +8,7 @@ import dataclasses as dc
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import stats
 
 from .._display import Progress
 from .._numerics import map_threads
@@ -23,6 +24,7 @@ from .result import LackOfFit
 from .settings import DEFAULT, SelectionSettings
 
 
+SIGNATURE = 3.0  # times the noise, of an effect that a campaign should have shown
 SETTLING = 3  # searches with another scatter of the settings: the second hardly ever changes it
 
 
@@ -76,6 +78,8 @@ def select_effects(selection: SelectionProblem, reference: Fitted, report: Progr
 def extend_path(path: Path, most: int, report: Progress = lambda text, share: None) -> Path:
     """The same with up to `most` additions."""
     selection, steps = path.selection, list(path.steps)
+    if selection.records.are_values:
+        most = min(most, selection.settings.effects_of_values)
     tried = path.tried if len(steps) == 1 else None
     while steps[-1].lack.rejected and len(steps) <= most:
         report("growing the model", min(0.6 + 0.1 * len(steps), 0.85))
@@ -153,8 +157,27 @@ def add_effect(selection: SelectionProblem, current: FittedStep, tried: Candidat
 
 def could_have_shown(selection: SelectionProblem, scores: Sequence[Score]) -> bool:
     """Whether any effect whose own signature is three times the noise would have been found."""
-    catalogued, least = {e.id for e in selection.catalogue}, selection.settings.shown**2 / 9.0
+    if selection.records.are_values:
+        return any(has_power(selection, score) for score in scores)
+    catalogued, least = {e.id for e in selection.catalogue}, selection.settings.shown**2 / SIGNATURE**2
     return any(selection.samples * s.visible > least for s in scores if s.effect in catalogued)
+
+
+def has_power(selection: SelectionProblem, score: Score) -> bool:
+    """Whether values with a signature of three times their noise would have been judged to lack an effect more often
+    than not, at the level of one statistic: their noise may be known from few degrees of freedom.
+
+    The test is that of `judge_values`; what refitting leaves of the signature makes it non-central.
+    """
+    limits, known = selection.settings, sum(n.degrees for n in selection.noise.values())
+    count = int(selection.samples) + len(selection.priors)
+    left = count - len(selection.base)
+    strength = SIGNATURE**2 * selection.samples * score.visible
+    rest, degrees = (left - known, known) if known else (
+        left, 2.0 / max(n.log_level_sd for n in selection.noise.values()) ** 2)
+    if rest < 1:
+        return False
+    return bool(stats.ncf.sf(stats.f.isf(limits.level_each, rest, degrees), rest, degrees, strength) >= 0.5)
 
 
 def has_physical_sign(selection: SelectionProblem, fitted: Fitted, effect: str) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse, stats
 
 from ..inference.goodness import combine_p_values, weigh_shifts
-from ..inference.noise import Noise, whitening_matrix
+from ..inference.noise import Noise, whitening_matrix, widen_by_student
 from ..inference.noise_estimation import list_spans, spline_columns
 from ..inference.problem import Problem, Solution
 from ..inference.stack import Records, is_added
@@ -32,7 +32,9 @@ def smooth_bases(problem: Problem, end: np.ndarray) -> list[sparse.csr_matrix]:
     time, weights, taps = np.asarray(stack.time), np.asarray(stack.weights), np.asarray(stack.taps)
     bases = []
     for r, n in enumerate(lengths):
-        columns = spline_columns(time[r, :n], list_spans(problem.records, r, float(end[r])))
+        columns = sparse.csr_matrix(np.ones((1, 1)))  # of a value, all of it
+        if not problem.records.are_values:
+            columns = spline_columns(time[r, :n], list_spans(problem.records, r, float(end[r])))
         blocks = [whitening_matrix(weights[r, c, :n], taps[r, c, :n]) @ columns for c in range(weights.shape[1])]
         for block in blocks:
             block.resize(weights.shape[2], np.shape(columns)[1])
@@ -95,6 +97,8 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
     count = max(degrees, 1.0)
     spread = max(n.log_level_sd for n in noise.values())
     smooth = float(stats.norm.sf((np.log(total / count) + 1.0 / count) / np.sqrt(2.0 / count + spread**2)))
+    if problem.records.are_values:
+        smooth = judge_values(total, degrees, noise)
     shifts = [shift.p_value for shift in measure_shifts(problem.records, solution)]
     moves = combine_p_values(shifts)
     p = combine_p_values((smooth, score_p_value, moves, *(() if repeats_p_value is None else (repeats_p_value,))))
@@ -111,6 +115,29 @@ def judge_fit(problem: Problem, solution: Solution, bases: Sequence[sparse.csr_m
             f"{moved}{repeats}")
     return LackOfFit(total / count, degrees, p, settings.level, p < settings.level, smooth, score_p_value, moves, text,
                      repeats_p_value)
+
+
+def judge_values(total: float, degrees: float, noise: Mapping[str, Noise]) -> float:
+    r"""p-value of a chi-square of values, of which every record has one.
+
+    Where the noise was estimated from the same values, with $\nu$ degrees of freedom, their scatter is a part of what
+    the model leaves: $F = (\chi^2 - \nu)/(d - \nu)$ with $d - \nu$ and $\nu$ degrees of freedom tests the rest. 1 where
+    the values leave nothing to test with.
+
+    Args:
+        total, degrees: $\chi^2$ of the values under their noise, and its degrees of freedom d.
+        noise: by channel.
+    """
+    estimated = [n for n in noise.values() if n.degrees]
+    if degrees < 1:
+        return 1.0
+    if not estimated:
+        return float(stats.f.sf(total / degrees, degrees, 2.0 / max(n.log_level_sd for n in noise.values()) ** 2))
+    known = sum(n.degrees for n in estimated)
+    # Under the noise itself, not that which is taken larger for how little tells of it.
+    total *= min(widen_by_student(n.degrees) for n in estimated) ** 2
+    rest = degrees - known
+    return float(stats.f.sf(max(total - known, 0.0) / rest, rest, known)) if rest >= 1 else 1.0
 
 
 @dc.dataclass(frozen=True)
@@ -189,6 +216,11 @@ def family_p_value(scores: list[Score], noise: Mapping[str, Noise]) -> float:
     """Family-wise p-value of the largest squared score (Šidák; the noise level's own uncertainty widens it)."""
     if not scores:
         return 1.0
+    estimated = [n.degrees for n in noise.values() if n.degrees]
+    if estimated:  # Student's t of the score, under the noise that is not taken larger
+        known = min(estimated)
+        largest = max(s.z**2 for s in scores) * widen_by_student(known) ** 2
+        return correct_for_many(float(stats.f.sf(largest, 1, known)), len(scores))
     widen = 1.0 + 2.0 * max(n.log_level_sd for n in noise.values())
     return correct_for_many(float(stats.chi2.sf(max(s.z**2 for s in scores) / widen, 1)), len(scores))
 

@@ -53,6 +53,8 @@ def find_line(selection: SelectionProblem, fitted: Fitted) -> float | None:
 
     Of impacts over the time in contact [Hz], of slip records over the slip of each stroke [1/m].
     """
+    if selection.records.are_values:
+        return None
     stack, lengths, solution = selection.records.stack, selection.records.lengths, fitted.solution
     time, values, weights = (np.asarray(x) for x in (stack.time, stack.values, stack.weights))
     strokes = selection.family.has_strokes

@@ -12,6 +12,7 @@ from .._errors import ComputationError, InputError
 from ..contact.effect import AbstractEffect, AbstractModel, is_scored, parameters_of
 from ..families import Family, find_family, name_family
 from ..inference.assembly import assemble_space, default_starts, guess_start
+from ..inference.identifiability import assume_typical, describe_assumed
 from ..inference.noise import Noise
 from ..inference.noise_estimation import differs_from_stated, has_more_hum, measure_noise
 from ..inference.parameters import ParameterSpace
@@ -101,6 +102,7 @@ class SelectionProblem:
     bases: Sequence[sparse.csr_matrix] = ()  # whitened splines of every record, in which a misfit is looked for
     orthonormal: dict[int, np.ndarray] = dc.field(default_factory=dict, compare=False)  # what makes these so, by record
     lost: bool = False  # whether fits have to be led from the first part of the records to all of them
+    priors: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)  # of what values do not determine
     spread: Mapping[str, float] = dc.field(default_factory=dict)  # ratio of a setting's scatter to what is stated
 
     @property
@@ -130,7 +132,8 @@ class SelectionProblem:
 
     def restack(self, noise: Mapping[str, Noise]) -> "SelectionProblem":
         """The same under another noise."""
-        records, problem, thin = _stack(self.campaign, self.space, noise, self.zeros, self.settings, self.spread)
+        records, problem, thin = _stack(self.campaign, self.space, noise, self.zeros, self.settings, self.spread,
+                                        self.priors)
         return dc.replace(self, records=records, problem=problem, thin=thin)
 
     def loosen(self, spread: Mapping[str, float]) -> "SelectionProblem":
@@ -278,7 +281,8 @@ class SelectionProblem:
     @property
     def is_loose(self) -> bool:
         """Whether noise or settings are taken otherwise than stated: they may take what a force is missing for."""
-        return bool(self.spread) or any(n.sizes or n.slow_sd or n.hum for n in self.noise.values())
+        return bool(self.spread) or (not self.records.are_values and
+                                     any(n.sizes or n.slow_sd or n.hum for n in self.noise.values()))
 
     def measure_repeats(self, solution: Solution) -> float | None:
         """p-value of nothing in the residuals repeating over the records; None where that cannot be judged."""
@@ -299,14 +303,15 @@ class SelectionProblem:
 
 
 def _stack(campaign: Campaign, space: ParameterSpace, noise: Mapping[str, Noise], zeros: Zeros | None,
-           settings: SelectionSettings, spread: Mapping[str, float]) -> tuple[Records, Problem, Problem | None]:
+           settings: SelectionSettings, spread: Mapping[str, float],
+           priors: Mapping[str, tuple[float, float]] | None = None) -> tuple[Records, Problem, Problem | None]:
     """All samples, and thinned records on which many candidates are tried."""
     most = settings.screening_samples
     records = widen_settings(stack_records(campaign, noise, zeros=zeros), spread)
     if records.lengths.max() <= most:
-        return records, Problem(space, records), None
+        return records, Problem(space, records, priors), None
     thin = widen_settings(stack_records(campaign, noise, most, zeros), spread)
-    return records, Problem(space, records), Problem(space, thin)
+    return records, Problem(space, records, priors), Problem(space, thin, priors)
 
 
 def pose_selection(campaign: Campaign, reference: AbstractModel, extra: Sequence[type[AbstractEffect]] = (),
@@ -355,6 +360,11 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     # From a start guessed from the contact times, else from the defaults.
     guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
     solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
+    priors = assume_typical(selection.problem, solution, selection.start)
+    if priors:
+        told = (*selection.warnings, *describe_assumed(selection.space, priors))
+        selection = dc.replace(selection, priors=priors, warnings=told).restack({})
+        solution = _require(selection, selection.problem.solve(selection.base, guess))
     settings, noise = selection.settings.noise, {}
     for _ in range(settings.looks):
         before, noise = noise, measure_noise(selection.campaign, selection.records, solution, settings, noise)

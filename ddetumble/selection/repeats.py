@@ -32,9 +32,9 @@ def measure_repeats(records: Records, solution: Solution, groups: np.ndarray, co
         conditions: of every record, shape (records, conditions), SI; the place in the series may be one.
 
     Returns:
-        The p-value; None where the records do not share a phase, or are too few.
+        The p-value; None where the records do not share a phase, are single values, or are too few.
     """
-    if find_family(records.family).free_running or records.count < FEWEST:
+    if find_family(records.family).free_running or records.are_values or records.count < FEWEST:
         return None
     stack = records.stack
     time, weights, taps = (np.asarray(x) for x in (stack.time, stack.weights, stack.taps))

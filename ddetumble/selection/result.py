@@ -9,6 +9,7 @@ import numpy as np
 from .._display import AbstractPrinted
 from ..families import DEFAULT_FAMILY
 from ..inference.files import make_plain
+from .settings import DEFAULT, SelectionSettings
 
 
 RESULT = "result.json"  # what `save` writes for programs
@@ -217,6 +218,7 @@ class MissingForce(AbstractPrinted):
     sentence: str = ""
     notes: tuple[str, ...] = ()
     lone: tuple[str, ...] = ()  # records of the one condition in which nearly all the misfit lies
+    settings: SelectionSettings = DEFAULT  # with which it was drawn
 
     def share(self, loss: float) -> float:
         """Share of the reference model's misfit that is removed where this loss is left."""
@@ -226,9 +228,12 @@ class MissingForce(AbstractPrinted):
         """The sentence and its notes, one a line."""
         return "\n".join((self.sentence, *(f"- {note}" for note in self.notes)))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, text, lists."""
+    def to_dict(self, settings: bool = True) -> dict[str, Any]:
+        """Plain numbers, text, lists; with the thresholds unless they stand beside it."""
         found = make_plain(self)
+        found["settings"] = {"thresholds": found["settings"]}
+        if not settings:
+            del found["settings"]
         for law in found["laws"]:
             del law["losses"]
         losses = {"model": self.model, "catalogue": self.catalogue and self.catalogue[1],

@@ -64,6 +64,8 @@ class SelectionSettings:
         standard_errors: of a paired difference over conditions, below which it may be chance: about 95 %.
         tie: difference below which two models predict alike, and the one with fewer parameters is taken.
         most_effects: effects that are added at most: with more, nearly any records can be fitted.
+        effects_of_values: the same of tests that give one value each: among all pairs of effects one fits nearly any
+            ten numbers.
         finalists: candidates that are fitted to the end: those that predict best.
         further_finalists: beside them, of those that fit better and predict worse.
         better_fit: share of the misfit that the best removes, by which another has to remove more to stay in doubt.
@@ -109,6 +111,7 @@ class SelectionSettings:
     standard_errors: float = 2.0
     tie: float = 1e-6
     most_effects: int = 3
+    effects_of_values: int = 1
     finalists: int = 5
     further_finalists: int = 2
     better_fit: float = 0.25

@@ -10,17 +10,16 @@ from ..._display import Progress
 from ..._errors import InputError
 from ..._sentences import Sentence, join_sentences, say
 from ...contact.effect import AbstractEffect
-from ...families import find_family, name_family
+from ...families import find_family, name_family, open_campaign
 from ...inference.archive import Model, resolve_model
 from ...inference.assembly import default_starts, require_samples
 from ...measurement.campaign import Campaign
-from ...measurement.package import read_campaign
 from ...measurement.quantities import describe_quantity, format_quantity
 from ..forward_selection import try_effects
 from ..outliers import begin_cleaning, clean_records
 from ..problem import Fitted, SelectionProblem, fit_reference, pose_selection
 from ..result import Law, MissingForce, Shape
-from ..settings import DEFAULT
+from ..settings import DEFAULT, SelectionSettings
 from .free_form import (
     Drawn,
     FreeBench,
@@ -48,7 +47,8 @@ WHOLE = 0.9  # share that it removes where nothing but noise and details are lef
 
 def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", *,
                        effects: Sequence[type[AbstractEffect]] = (), catalogue: bool = True,
-                       keep_all: bool = False, progress: Progress | None = None) -> MissingForce:
+                       keep_all: bool = False, settings: SelectionSettings = DEFAULT,
+                       progress: Progress | None = None) -> MissingForce:
     """Estimate the force that a model lacks by splines inside the equation of motion.
 
     Args:
@@ -57,6 +57,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         effects: effects that are fitted with the model, of the catalogue or your own.
         catalogue: whether to fit every effect of the catalogue too, so that the best of them stands beside the force.
         keep_all: leave out no record and no sample, whatever is wrong with them.
+        settings: thresholds, as of `discover`; the result keeps them.
         progress: called with a sentence and the share done.
 
     Returns:
@@ -67,8 +68,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         ComputationError: the reference model could not be integrated.
     """
     report = progress or (lambda text, share: None)
-    if not isinstance(campaign, Campaign):
-        campaign = read_campaign(campaign)
+    campaign = open_campaign(campaign)
     family = find_family(name_family(campaign), "missing")
     find_ground(family)
     resolved = resolve_model(model, family.name)
@@ -76,10 +76,10 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
     own = tuple(e for e in dict.fromkeys(effects) if e not in family.catalogue)
     require_samples(campaign)
     state = begin_cleaning(campaign, keep_all)
-    for turn in range(DEFAULT.rounds):
+    for turn in range(settings.rounds):
         selection, reference = fit_reference(pose_selection(state.campaign, resolved.reference, own, resolved.effects,
-                                                            state.zeros))
-        if turn == DEFAULT.rounds - 1:
+                                                            state.zeros, settings))
+        if turn == settings.rounds - 1:
             break
         state, changed = clean_records(state, selection, reference)
         if not changed:
@@ -107,7 +107,7 @@ def draw_missing_force(campaign: Campaign | str | Path, model: Model = "paper", 
         noise = float(np.sqrt(beside.score / selection.samples))
         found = MissingForce(
             selection.family.name, beside.effects, reference.score, beside.score, best, None, selection.samples, (), (),
-            (), say("missing.nothing_to_draw", noise=noise, p=lack.p_value))
+            (), say("missing.nothing_to_draw", noise=noise, p=lack.p_value), settings=settings)
     return dc.replace(found, notes=(*state.notes, *map(str, state.faults), *found.notes))
 
 
@@ -132,7 +132,8 @@ def describe_missing(selection: SelectionProblem, reference: Fitted, beside: Fit
         top = tuple(dict.fromkeys(_name(t) for t, _ in ceiling.wanted)), min([least, *(law.loss for law in laws)])
     found = MissingForce(
         bench.family.name, beside.effects, reference.score, beside.score, best, top, bench.rows,
-        tuple(_describe_shape(bench, one, drawn[0]) for one in drawn), tuple(map(_name, alike)), tuple(laws), lone=lone)
+        tuple(_describe_shape(bench, one, drawn[0]) for one in drawn), tuple(map(_name, alike)), tuple(laws), lone=lone,
+        settings=selection.settings)
     sentence, notes = explain_missing(found, bench)
     return dc.replace(found, sentence=sentence, notes=notes)
 
@@ -253,7 +254,7 @@ def explain_missing(found: MissingForce, bench: FreeBench) -> tuple[Sentence, tu
         law, decisive = found.laws[0], bench.selection.settings.decisive
         parts.append(say("missing.law", text=law.text, values=list(law.parameters.items()),
                          share=None if found.lone else found.share(law.loss),
-                         rivals=[r.text for r in find_rivals(found.laws)[:3]]))
+                         rivals=[r.text for r in find_rivals(found.laws, found.settings)[:3]]))
         better = min((r for r in found.laws if r.chi2 > law.chi2 + decisive), key=lambda r: r.loss, default=law)
         if better.loss < law.loss - decisive and not found.lone:
             notes.append(say("missing.better", text=better.text, share=found.share(better.loss), folds=folds,

@@ -20,7 +20,7 @@ from ...effects.free import blank_plan
 from ...inference.problem import Problem, Solution
 from ..cross_validation import compare_losses, leave_out
 from ..result import Estimate, Law, Shape
-from ..settings import DEFAULT
+from ..settings import DEFAULT, SelectionSettings
 from .free_form import (
     FreeBench,
     Normal,
@@ -117,44 +117,45 @@ def find_laws(bench: FreeBench, normals: dict[str, Normal], terms: Sequence[Term
         laws = map_threads(lambda own: _fit(bench, own), sums)
         return [(law, own) for law, own in zip(laws, sums, strict=True) if law is not None]
 
-    fitted = fit_all([(g,) for g in list(best.values())[:REFINED]])
-    laws = order_laws([law for law, _ in fitted])
-    if laws and laws[0].loss > ceiling + DEFAULT.significant:
+    fitted, settings = fit_all([(g,) for g in list(best.values())[:REFINED]]), bench.selection.settings
+    laws = order_laws([law for law, _ in fitted], settings)
+    if laws and laws[0].loss > ceiling + settings.significant:
         first, = next(own for law, own in fitted if law is laws[0])
         fitted += fit_all([(first, g) for g in best.values() if g.form is not first.form][:PARTNERS])
     excess = bench.model.solution.chi2 - bench.rows
     laws = order_laws([law for law, _ in fitted if bench.helps(bench.before, law.losses)
-                       or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)])
+                       or (lone and law.chi2 < bench.rows + (1.0 - TAKEN) * excess)], settings)
     compared = [_compare(law, laws[0]) for law in laws]
     return laws[:1] + [dc.replace(law, difference=difference, standard_error=error)
                        for law, (difference, error) in zip(laws[1:], compared[1:], strict=True)]
 
 
-def order_laws(laws: Sequence[Law]) -> list[Law]:
+def order_laws(laws: Sequence[Law], settings: SelectionSettings = DEFAULT) -> list[Law]:
     """Laws by held-out error; before them the one that fits best of those that it does not tell from the best.
 
     One condition that reaches further than all others decides the held-out errors of all laws alike, by a step that is
-    linear: their differences are then less than twice their standard error, and say nothing. 9 noise variances are the
-    price of a parameter.
+    linear: their differences are then less than twice their standard error, and say nothing. A parameter costs as much
+    as a difference has to be in order to be significant.
     """
-    ranked = sorted(laws, key=lambda law: law.loss + DEFAULT.significant * law.count)
-    near = [law for law in ranked if not DEFAULT.is_significant(*_compare(law, ranked[0]))]
-    first = min(near, key=_cost, default=None)
+    ranked = sorted(laws, key=lambda law: law.loss + settings.significant * law.count)
+    near = [law for law in ranked if not settings.is_significant(*_compare(law, ranked[0]))]
+    first = min(near, key=lambda law: _cost(law, settings), default=None)
     return ranked if first is None else [first, *(law for law in ranked if law is not first)]
 
 
-def find_rivals(laws: Sequence[Law]) -> list[Law]:
+def find_rivals(laws: Sequence[Law], settings: SelectionSettings = DEFAULT) -> list[Law]:
     """Laws that neither left-out conditions nor the fit tell from the first, but for the first with a term more."""
-    return [law for law in laws[1:] if not DEFAULT.is_significant(law.difference, law.standard_error)
-            and _cost(law) - _cost(laws[0]) < DEFAULT.decisive and not law.text.startswith(laws[0].text + " + ")]
+    return [law for law in laws[1:] if not settings.is_significant(law.difference, law.standard_error)
+            and _cost(law, settings) - _cost(laws[0], settings) < settings.decisive
+            and not law.text.startswith(laws[0].text + " + ")]
 
 
 def _compare(law: Law, best: Law) -> tuple[float, float]:
     return compare_losses(law.losses, best.losses, np.arange(len(law.losses)))
 
 
-def _cost(law: Law) -> float:
-    return law.chi2 + DEFAULT.significant * law.count
+def _cost(law: Law, settings: SelectionSettings) -> float:
+    return law.chi2 + settings.significant * law.count
 
 
 def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_Guess]:
@@ -173,7 +174,7 @@ def _screen(bench: FreeBench, normal: Normal, term: Term, lone: bool) -> list[_G
                 own = inverse @ np.stack(evaluate(form, x, shape, term.scale), axis=1)
                 small = normal.turn(np.asarray(block_diag(np.eye(base), np.kron(gate[:, None], own))))
                 free = np.zeros(base + own.shape[1])
-                price = DEFAULT.significant * (own.shape[1] + len(form.shapes))
+                price = bench.selection.settings.significant * (own.shape[1] + len(form.shapes))
                 loss = measure_ridge(small, free) + price if lone else float(hold_out(small, free).sum())
                 if np.isfinite(loss) and (best is None or loss < best.loss):
                     sizes = solve_ridge(small, free)[base:] * bench.scale

@@ -1,0 +1,177 @@
+"""What errors of the arm, and of the estimate of the motion, make of a planned impact.
+
+The arm follows its plan in inertial space; the body is not quite where, and does not quite turn as, was thought. What
+the ball then meets is the nearest place of the true body's surface.
+"""
+
+import dataclasses as dc
+from collections.abc import Iterator, Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._numerics import safe_sqrt
+from .._rotation import from_rotation_vector, multiply, rotate, rotate_back
+from ..dynamics.surfaces import OffsetSurface
+from .problem import Design, StrikeProblem, drift, strike_debris
+from .single import StrikePlan
+
+
+PASSED = 0.05  # of force or depression, by which an erring impact may pass the limit before that is called so
+NAMES = {
+    "instant": "the instant", "place": "the place", "direction": "the direction", "speed": "the arm's speed",
+    "rates": "the angular velocity", "attitude": "the attitude", "inertia": "the moments of inertia",
+    "centre": "the centre of mass",
+}  # fmt: skip
+
+
+@dc.dataclass(frozen=True)
+class ErrorSizes:
+    """Standard deviations of what can be wrong; a scenario states them in `[errors]`.
+
+    Attributes:
+        instant: of first touch [s].
+        place: of the place where the arm arrives, along each axis [m].
+        direction: of the arm's velocity, about each axis across it [rad].
+        speed: of the arm, as a fraction of it.
+        rates: of the angular velocity at time 0, of each component, as a fraction of its size.
+        attitude: at time 0, about each axis [rad].
+        inertia: of each principal moment, as a fraction of it.
+        centre: of the centre of mass, along each axis [m].
+        draws: number of draws.
+    """
+
+    instant: float = 0.05
+    place: float = 0.01
+    direction: float = float(np.radians(1.0))
+    speed: float = 0.01
+    rates: float = 0.01
+    attitude: float = float(np.radians(1.0))
+    inertia: float = 0.02
+    centre: float = 0.0
+    draws: int = 64
+
+
+@dc.dataclass(frozen=True)
+class Spread:
+    """The momentum left under draws of one error, or of all.
+
+    Attributes:
+        error: its name; `all` of all together.
+        size: its standard deviation, SI or as a fraction; nan of all.
+        shares: of the angular momentum left, 1 where the ball misses, shape (draws,) [-].
+        missed: share of the draws in which the ball meets no surface, or an edge of it.
+        violated: share of the draws in which force, depression or another limit of the contact is passed.
+        drift: speed that the blow gives the body, mean and standard deviation [m/s].
+    """
+
+    error: str
+    size: float
+    shares: np.ndarray
+    missed: float
+    violated: float
+    drift: tuple[float, float]
+
+    @property
+    def mean(self) -> float:
+        """Mean share left."""
+        return float(np.mean(self.shares))
+
+    @property
+    def high(self) -> float:
+        """Share left that 95 % of the draws stay below."""
+        return float(np.quantile(self.shares, 0.95))
+
+
+def try_errors(problem: StrikeProblem, plan: StrikePlan, sizes: ErrorSizes, seed: int = 0) -> tuple[Spread, ...]:
+    """Draw errors of each kind alone, and all together, and strike with them."""
+    random = np.random.default_rng(seed)
+    alone = [name for name in NAMES if getattr(sizes, name) > 0.0]
+    groups = [(name,) for name in alone] + [tuple(alone)]
+    errors = {name: np.zeros((len(groups), sizes.draws, 3)) for name in NAMES}
+    for k, group in enumerate(groups):
+        for name in group:
+            errors[name][k] = getattr(sizes, name) * random.normal(size=(sizes.draws, 3))
+    flat = {name: jnp.asarray(drawn.reshape(-1, 3)) for name, drawn in errors.items()
+            if sizes.centre or name != "centre"}
+    rows = [_strike_wrongly(*one) for one in _meet(problem, plan.design, flat)]
+    share, missed, violated, drifted = (np.reshape(one, (len(groups), -1)) for one in zip(*rows, strict=True))
+    return tuple(Spread(groups[k][0] if k < len(alone) else "all",
+                        float(getattr(sizes, alone[k])) if k < len(alone) else float("nan"), share[k],
+                        float(missed[k].mean()), float(violated[k].mean()),
+                        (float(drifted[k].mean()), float(drifted[k].std()))) for k in range(len(groups)))
+
+
+def _meet(problem: StrikeProblem, design: Design, errors: Mapping[str, Array]
+          ) -> Iterator[tuple[StrikeProblem, Design, float]]:
+    """True problem, design, and distance of first touch from an edge [m], of every draw.
+
+    Args:
+        problem: as it was thought to be.
+        design: that was planned of it.
+        errors: three numbers a draw by name, of which some need fewer, SI or as a fraction, shapes (draws, 3).
+    """
+    @eqx.filter_jit
+    def meet(errors: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
+        def one(error: Mapping[str, Array]) -> tuple[StrikeProblem, Design, Array]:
+            true = err_problem(problem, error)
+            instant = design.instant + error["instant"][0]
+            attitude, rates = drift(true, instant)
+            arrival = rotate_back(attitude, rotate(design.attitude, design.point) + error["place"])
+            foot = true.debris.surface.find_foot(arrival)
+            turn = jnp.cross(error["direction"], design.velocity) / safe_sqrt(jnp.sum(design.velocity**2))
+            velocity = (1.0 + error["speed"][0]) * rotate(from_rotation_vector(turn), design.velocity)
+            met = Design(design.face, arrival - foot.distance * foot.normal, velocity, design.pressure, instant,
+                         attitude, rates, rotate(attitude, foot.normal))
+            return true, met, foot.margin
+
+        return eqx.filter_vmap(one)(errors)
+
+    # The impacts themselves one by one, as the program of one is there already and that of many would be compiled.
+    found = meet(errors)
+    arrays, rest = eqx.partition(found, eqx.is_array)
+    leaves, tree = jax.tree.flatten(jax.tree.map(np.asarray, arrays))
+    for k in range(len(errors["place"])):
+        true, met, margin = eqx.combine(jax.tree.unflatten(tree, [jnp.asarray(leaf[k]) for leaf in leaves]), rest)
+        yield true, met, float(margin)
+
+
+def _strike_wrongly(true: StrikeProblem, met: Design, margin: float) -> tuple[float, bool, bool, float]:
+    """Share left, whether the ball misses, whether a limit is passed, and the drift [m/s]."""
+    approach = (np.asarray(met.velocity) - np.asarray(rotate(met.attitude, jnp.cross(met.angular_velocity, met.point)))
+                ) @ -np.asarray(met.normal)
+    if margin <= 0.0 or approach <= 0.0:
+        return 1.0, True, False, 0.0
+    after, limits = strike_debris(true, met), true.limits
+    if bool(after.failed) or not bool(after.separated):
+        return 1.0, True, False, 0.0
+    violated = (float(after.peak_force) > (1.0 + PASSED) * float(limits.force) or float(after.margin) < 0.0
+                or float(after.peak_depression) > (1.0 + PASSED) * float(limits.depression))
+    inertia = np.asarray(true.debris.inertia)
+    share = np.linalg.norm(inertia @ after.angular_velocity) / np.linalg.norm(inertia @ true.angular_velocity)
+    return float(share), False, violated, float(np.linalg.norm(after.velocity))
+
+
+def err_problem(problem: StrikeProblem, error: Mapping[str, Array]) -> StrikeProblem:
+    """The problem with another state at time 0 and another body, of errors by name, shapes (3,).
+
+    `rates`: change of the angular velocity over its size. `attitude`: rotation vector, body components [rad].
+    `inertia`: change of each principal moment as a fraction; of a body of revolution of its own two. `centre`: shift of
+    the centre of mass, body components [m]; none where there is no such name.
+    """
+    debris, part = problem.debris, error["inertia"]
+    if problem.symmetric:
+        tensor = debris.inertia * jnp.diag(1.0 + part[jnp.array([0, 0, 2])])
+    else:
+        moments, axes = jnp.linalg.eigh(debris.inertia)
+        tensor = (axes * (moments * (1.0 + part))) @ axes.T
+    debris = eqx.tree_at(lambda d: d.inertia, debris, tensor)
+    if "centre" in error:
+        debris = eqx.tree_at(lambda d: d.surface, debris, OffsetSurface(debris.surface, error["centre"]))
+    size = jnp.linalg.norm(problem.angular_velocity)
+    rates = problem.angular_velocity + size * error["rates"]
+    attitude = multiply(problem.attitude, from_rotation_vector(error["attitude"]))
+    return eqx.tree_at(lambda p: (p.debris, p.angular_velocity, p.attitude), problem, (debris, rates, attitude))

@@ -1,0 +1,86 @@
+"""What simple rules make of the place of a planned impact: a straight blow, and one against the point's motion."""
+
+import dataclasses as dc
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from .._rotation import rotate, rotate_back
+from .constraints import CONSTRAINTS
+from .problem import SLIPS, SPEED, StrikeProblem, read_design, span_plane, strike_debris
+from .single import ALLOWED, StrikePlan, compute_impact
+
+
+SPEEDS = 24  # of the arm at which a rule is tried before the best is refined: the score is smooth in it
+BROKEN_BY = 1e-3  # scaled, by which a limit counts as violated: what the search along a line leaves
+BROKEN = 10.0  # of a violated limit, in units of the score: far above any gain, so that limits win
+
+
+@dc.dataclass(frozen=True)
+class Blow:
+    """What a rule makes of the place, instant and pressure of a plan.
+
+    Attributes:
+        rule: its words.
+        share: of the angular momentum before that it leaves with the plan's arm speed, whatever limits it violates [-];
+            nan where the ball does not strike.
+        violated: names of these limits.
+        speed: of the arm, the best that the limits allow [m/s]; nan where none is allowed.
+        allowed_share: of the angular momentum that this leaves [-].
+    """
+
+    rule: str
+    share: float
+    violated: tuple[str, ...]
+    speed: float
+    allowed_share: float
+
+
+def compare_rules(problem: StrikeProblem, plan: StrikePlan) -> tuple[Blow, ...]:
+    """The straight blow along the normal, and the paper's rule: against the velocity of the point that is struck."""
+    design = plan.design
+    moving = np.asarray(rotate(design.attitude, jnp.cross(design.angular_velocity, design.point)))
+    ways = (("straight along the normal", -np.asarray(design.normal)),
+            ("against the velocity of the struck point", -moving / max(float(np.linalg.norm(moving)), 1e-300)))
+    return tuple(_strike_along(problem, plan, rule, way) for rule, way in ways)
+
+
+def _strike_along(problem: StrikeProblem, plan: StrikePlan, rule: str, way: np.ndarray) -> Blow:
+    """The best allowed speed along a direction, inertial, shape (3,)."""
+    face, design, most = plan.place[0], plan.design, float(problem.limits.speed)
+    normal = np.asarray(rotate_back(design.attitude, design.normal))
+    first, second = (np.asarray(one) for one in span_plane(jnp.asarray(normal)))
+    surface = np.cross(design.angular_velocity, design.point)
+    local = np.asarray(rotate_back(design.attitude, jnp.asarray(way)))
+
+    def place(speed: float) -> np.ndarray:
+        relative = (speed * local - surface) / float(problem.unit)
+        x = plan.x.copy()
+        x[SPEED], x[SLIPS] = -normal @ relative, (first @ relative, second @ relative)
+        return x
+
+    def judge(speed: float) -> float:
+        found = compute_impact(problem, face, place(speed))
+        broken = np.sum(np.maximum(-found[1:] - ALLOWED, 0.0))
+        return float(found[0] + BROKEN * broken)
+
+    speeds = most * np.arange(1, SPEEDS + 1) / SPEEDS
+    k = int(np.argmin([judge(speed) for speed in speeds]))
+    low, high = speeds[k] - most / SPEEDS, min(speeds[k] + most / SPEEDS, most)
+    best = float(minimize_scalar(judge, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * most}).x)
+    best = min((best, float(speeds[k])), key=judge)
+
+    def leave(speed: float) -> tuple[float, tuple[str, ...]]:
+        after = strike_debris(problem, read_design(problem, jnp.asarray(face), jnp.asarray(place(speed))))
+        if bool(after.failed) or not bool(after.separated):
+            return math.nan, ()
+        inertia, found = np.asarray(problem.debris.inertia), compute_impact(problem, face, place(speed))[1:]
+        share = np.linalg.norm(inertia @ after.angular_velocity) / np.linalg.norm(inertia @ problem.angular_velocity)
+        names = dict.fromkeys(n for n, value in zip(CONSTRAINTS, found, strict=True) if value < -BROKEN_BY)
+        return float(share), tuple(names)
+
+    share, violated = leave(float(np.linalg.norm(design.velocity)))
+    kept, over = leave(best)
+    return Blow(rule, share, violated, *((math.nan, math.nan) if over or math.isnan(kept) else (best, kept)))

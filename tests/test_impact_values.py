@@ -1,0 +1,176 @@
+"""Tests that give one value each: rebound speeds, contact times, impulses, peaks; fitted, compared and searched."""
+
+import dataclasses as dc
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+import ddetumble as dd
+from ddetumble._errors import InputError
+from ddetumble._settings import find_data
+from ddetumble.families import open_campaign
+from ddetumble.families.values import measure_scatter
+from ddetumble.inference.noise import widen_by_student
+from ddetumble.measurement.campaign import Campaign, Column
+from ddetumble.measurement.package import read_campaign, write_campaign
+from ddetumble.measurement.units import Uncertainty, si_unit
+from tests.test_paper import integrate_peak, solve_kappa
+
+
+RESTITUTION, MASS = 0.72, 1.4
+SPEEDS, PRESSURES = np.tile([0.3, 0.5, 0.8, 1.2], 3), np.repeat([1.0e6, 1.5e6, 2.0e6], 4)
+
+
+def make_campaign(values, uncertainty=None, speeds=SPEEDS, pressures=PRESSURES, **known):
+    """A campaign of values by name, each of the same relative uncertainty, or of none that is stated."""
+    index = pd.Index([f"r{k:02d}" for k in range(len(speeds))], name="record", dtype=object)
+    names = {"initial_pressure": pressures, "approach_speed": speeds}
+    return Campaign(
+        name="values", title="Values", family="impact", path=None,
+        known={"outer_diameter": 0.06, "effective_mass": None, "restitution": None, **known},
+        records=pd.DataFrame(names, index=index), conditions={name: Column(name, si_unit(name)) for name in names},
+        peaks=pd.DataFrame(values, index=index), peak_columns={
+            name: Column(name, si_unit(name), uncertainty and Uncertainty(relative=uncertainty)) for name in values})
+
+
+def draw_rebounds(seed, share=0.01):
+    """Rebound speeds of an impact that leaves at a share of its speed, with noise in proportion."""
+    return RESTITUTION * SPEEDS * (1.0 + share * np.random.default_rng(seed).normal(size=len(SPEEDS)))
+
+
+def integrate_values(mass, e, pressure, speed):
+    """Values of an impact of the paper's ball by SciPy, independent of the package."""
+    c = solve_kappa(e) / speed
+
+    def force(depth, rate):
+        b, r = np.pi / 4 * depth, (0.06 - depth) / 2
+        volume = 2 * np.pi * (b**2 * r + np.pi * b * r**2 / 2 + 2 * r**3 / 3)
+        return max(pressure * (np.pi * 0.06**3 / 6 / volume) * np.pi * b**2 * (1 + c * rate), 0.0)
+
+    def leave(t, y):
+        return y[0] + (1e-9 if t < 1e-6 else 0.0)
+
+    leave.terminal, leave.direction = True, -1
+    found = solve_ivp(lambda t, y: [y[1], -force(y[0], y[1]) / mass, force(y[0], y[1])], (0, 0.27), [0, speed, 0],
+                      rtol=1e-10, atol=1e-12, events=leave, dense_output=True)
+    depth = found.sol(np.linspace(0.0, found.t[-1], 20001))[0]
+    return {"rebound_speed": -found.y[1, -1], "contact_time": found.t[-1], "impulse": found.y[2, -1],
+            "peak_depression": depth.max(), "peak_normal_force": integrate_peak(mass, e, pressure, speed=speed)[0]}
+
+
+def tabulate(mass=MASS, e=RESTITUTION):
+    """Values without noise at all conditions, by name."""
+    rows = [integrate_values(mass, e, p, v) for p, v in zip(PRESSURES, SPEEDS, strict=True)]
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return tabulate()
+
+
+def test_rebound_speeds_alone_give_the_restitution():
+    """v2/v1 is Gaussian about e: the standard error is that of its mean, and the mass stays unknown."""
+    campaign = make_campaign({"rebound_speed": draw_rebounds(0)}, 0.01)
+    found = dd.fit(campaign)
+    own = found.parameters["restitution"]
+    ratio = campaign.peaks["rebound_speed"].to_numpy() / SPEEDS
+    assert own.sd == pytest.approx(0.01 * RESTITUTION / np.sqrt(len(SPEEDS)), rel=0.02)
+    # Deviations in proportion to what was measured weigh a small reading more.
+    assert own.estimate == pytest.approx(np.sum(1.0 / ratio) / np.sum(1.0 / ratio**2), rel=1e-4)
+    mass = found.parameters["effective_mass"]
+    assert mass.q975 > 2.0 * mass.q025
+    assert any("effective_mass" in note for note in found.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("uncertainty", [0.01, None])
+def test_intervals_of_the_restitution_cover(uncertainty):
+    """95 % intervals hold the truth in 95 % of campaigns, whether the noise is stated or its scatter estimated."""
+    fits = [dd.fit(make_campaign({"rebound_speed": draw_rebounds(100 + k)}, uncertainty)) for k in range(60)]
+    inside = sum(one.parameters["restitution"].q025 <= RESTITUTION <= one.parameters["restitution"].q975
+                 for one in fits)
+    assert inside >= 52  # of 60 at 95 % fewer come once in a thousand
+
+
+def test_values_against_scipy(exact):
+    """All values at once, without noise: the fit finds the truth, and leaves no more than the integrator's error."""
+    found = dd.fit(make_campaign(exact, 1e-3))
+    assert found.parameters["effective_mass"].estimate == pytest.approx(MASS, rel=1e-4)
+    assert found.parameters["restitution"].estimate == pytest.approx(RESTITUTION, rel=1e-4)
+    assert found.chi2 < 0.1 * 5 * len(SPEEDS)
+
+
+def test_missing_values_and_packages(exact, tmp_path):
+    """A record may lack a value; what was written is read, and fitted alike."""
+    table = pd.DataFrame(exact)[["rebound_speed", "impulse"]]
+    table.loc[3, "impulse"] = np.nan
+    campaign = make_campaign({name: table[name].to_numpy() for name in table}, 0.01)
+    written = write_campaign(tmp_path / "campaign", campaign)
+    one, other = dd.fit(campaign), dd.fit(tmp_path / "campaign")
+    assert one.chi2 == pytest.approx(other.chi2, abs=1e-9) and other.sha256 == written.sha256
+    assert one.samples == 23
+    assert other.parameters["effective_mass"].estimate == pytest.approx(MASS, rel=1e-3)
+
+
+def test_scatter_is_that_of_repeats_or_of_what_is_not_smooth():
+    random = np.random.default_rng(3)
+    repeats = pd.DataFrame({"approach_speed": np.repeat([0.3, 0.5, 0.8], 40)})
+    values = 0.7 * repeats["approach_speed"].to_numpy() * (1.0 + 0.02 * random.normal(size=120))
+    found = measure_scatter(repeats, values)
+    assert found.degrees == 117 and found.share == pytest.approx(0.02, rel=0.2)
+    line = pd.DataFrame({"approach_speed": np.linspace(0.3, 1.2, 60), "initial_pressure": random.uniform(1, 2, 60)})
+    curve = line["approach_speed"].to_numpy() * (1.0 + 0.1 * line["initial_pressure"].to_numpy())
+    found = measure_scatter(line, curve * (1.0 + 0.02 * random.normal(size=60)))
+    assert 50 <= found.degrees < 60 and found.share == pytest.approx(0.02, rel=0.25)
+    with pytest.raises(InputError, match="uncertainty"):
+        open_campaign(make_campaign({"rebound_speed": np.array([0.2])}, speeds=np.array([0.3]),
+                                    pressures=np.array([1e6])))
+
+
+def test_noise_of_few_degrees_is_students():
+    assert widen_by_student(1e7) == pytest.approx(1.0, abs=1e-6)
+    assert 1.959964 * widen_by_student(8) == pytest.approx(2.306, abs=1e-3)
+
+
+def test_other_campaigns_are_opened_as_they_are():
+    campaign = read_campaign(find_data() / "impact-a")
+    assert open_campaign(campaign) is campaign
+
+
+@pytest.mark.slow
+def test_a_restitution_that_falls_with_the_pressure_is_seen(exact):
+    """Rebound speeds with an effect of the catalogue in them are no longer a complete model's; without it they are."""
+    plain = dd.discover(make_campaign({"rebound_speed": draw_rebounds(5, 0.004)}, 0.004))
+    assert plain.verdict == "nothing-missing" and not plain.effects
+    falling = draw_rebounds(5, 0.004) * (1.0 - 0.25 * (PRESSURES - 1.5e6) / 1e6)
+    found = dd.discover(make_campaign({"rebound_speed": falling}, 0.004))
+    assert found.effects == ("pressure-dependent-restitution",) and found.steps[0].lack_of_fit.rejected
+
+
+@pytest.mark.slow
+def test_the_papers_peaks_through_the_verbs(tmp_path):
+    """Figure 8 through every verb: four peaks give a mass, and leave open what is missing."""
+    campaign = read_campaign(find_data() / "paper" / "figure-8")
+    found = dd.fit(campaign)
+    mass = found.parameters["effective_mass"]
+    assert mass.q025 < 1.3 < mass.q975
+    assert dd.compare(campaign).lack_of_fit.rejected is False
+    judged = dd.discover(campaign)
+    assert judged.verdict == "undecided" and judged.confidence is None
+    assert dd.report(judged, tmp_path / "page").is_file()
+    posterior = dd.sample(campaign, effective=200, seed=1)
+    assert "effective_mass" in posterior.target.names
+    assert dc.is_dataclass(found.fitted_model())
+    with pytest.raises(InputError, match="sampled records"):
+        dd.draw_missing_force(campaign)
+
+
+@pytest.mark.study
+def test_eleven_numbers_name_no_pair_of_effects():
+    """Table 3: without gas the reference model gives no force, and some pair of effects fits any eleven numbers."""
+    found = dd.discover(read_campaign(find_data() / "paper" / "table-3"))
+    assert found.verdict in ("improved", "unexplained") and len(found.effects) <= 1
+    assert found.missing is None and found.steps[0].lack_of_fit.rejected

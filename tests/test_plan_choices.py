@@ -1,0 +1,203 @@
+"""What a scenario may say of the body, the places to strike and the goal; what limits cost, and what errors do."""
+
+import dataclasses as dc
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import ddetumble as dd
+from ddetumble._user_files import trust_file
+from ddetumble.cli import main
+from ddetumble.contact.gripping import Striker
+from ddetumble.contact.law import Ball
+from ddetumble.contact.sliding import CoulombFriction
+from ddetumble.dynamics.bodies import Box, Cylinder, Sphere
+from ddetumble.dynamics.collision import simulate_collision
+from ddetumble.dynamics.surfaces import Debris, make_debris, make_polytope
+from ddetumble.planning.execution import ErrorSizes, err_problem, try_errors
+from ddetumble.planning.prices import price_limits
+from ddetumble.planning.problem import Goal, Limits, StrikeProblem, drift, score
+from ddetumble.planning.rules import compare_rules
+from ddetumble.planning.scenario import pose_problem, read_scenario
+from ddetumble.planning.single import plan_strike
+
+
+pytestmark = pytest.mark.slow  # one program, compiled first, is in all of them
+
+
+STAGE = make_debris(Cylinder())
+SCENARIO = """schema = "ddetumble.plan/1"
+[debris]
+angular_velocity = [0.05, 0.02, 0.03]
+"""
+
+
+def pose(rates, friction=0.0, mass=8.0, debris=STAGE, **limits):
+    """The paper's stage."""
+    law = Striker(Ball(effective_mass=mass), CoulombFriction(friction), tangential_mass=mass, rolling_mass=1e9)
+    return StrikeProblem(law.extend(()), debris, np.array([1.0, 0.0, 0.0, 0.0]), np.asarray(rates, float),
+                         Limits(**{"force": 1000.0} | limits), Goal(), {})
+
+
+def read(tmp_path, text):
+    """The problem of a scenario's text."""
+    path = tmp_path / "case.toml"
+    path.write_text(text)
+    return pose_problem(read_scenario(path), tmp_path)
+
+
+@pytest.fixture(scope="module")
+def held():
+    """A plan that the arm's speed holds, and its problem."""
+    problem = pose([0.05, 0.02, 0.03], 0.2, speed=0.3)
+    return problem, plan_strike(problem, starts=2)
+
+
+def test_an_offset_centre_is_a_shifted_surface():
+    """A box with its centre of mass aside is struck as the same corners written from that centre are."""
+    lengths, centre, inertia = np.array([1.0, 1.4, 2.0]), np.array([0.1, -0.2, 0.3]), np.diag([90.0, 80.0, 60.0])
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    normals = np.concatenate([np.eye(3), -np.eye(3)])
+    shifted = Debris(200.0, inertia, make_polytope(0.5 * signs * lengths - centre, normals))
+    offset = make_debris(Box(200.0, lengths), inertia, centre)
+    law = Striker(Ball(effective_mass=5.0), CoulombFriction(0.2), tangential_mass=5.0, rolling_mass=1e9).extend(())
+    found = [simulate_collision(law, body, np.array([1.0, 0, 0, 0]), np.array([0.1, -0.2, 0.05]),
+                                np.array([0.5, 0.3, 0.4]) - centre, np.array([-0.6, 0.1, 0.0]),
+                                {"initial_pressure": 1.5e6}) for body in (offset, shifted)]
+    for name in ("angular_velocity", "velocity", "impulse", "peak_force", "margin"):
+        np.testing.assert_allclose(getattr(found[0], name), getattr(found[1], name), rtol=1e-8, atol=1e-12)
+    moment = np.cross(np.array([0.5, 0.3, 0.4]) - centre, np.asarray(found[0].impulse))
+    change = inertia @ np.asarray(found[0].angular_velocity) - inertia @ np.array([0.1, -0.2, 0.05])
+    np.testing.assert_allclose(change, moment, rtol=0.05, atol=0.02)  # the point of contact moves a little
+
+
+def test_of_an_offset_sphere_the_offset_is_the_pivot():
+    """All normals of a sphere meet its centre: about the line to the centre of mass no normal force has a moment."""
+    debris = make_debris(Sphere(100.0, 1.0), np.diag([40.0, 40.0, 30.0]), np.array([0.0, 0.0, 0.2]))
+    (pivot,) = np.asarray(debris.surface.find_pivots())
+    random = np.random.default_rng(0)
+    for place in random.uniform(-1, 1, (20, 2)):
+        point = debris.surface.place(jnp.asarray(0), jnp.asarray(place))
+        normal = debris.surface.find_foot(point).normal
+        assert abs(float(jnp.cross(point, normal) @ pivot)) < 1e-12
+
+
+@pytest.mark.parametrize("added, key", [
+    ("centre = [0.1, 0.0, 0.0]\n", "debris"),
+    ("inertia = [[1000, 0, 0], [0, 1000, 0], [0, 0, 5000]]\n", "debris.inertia"),
+    ("inertia = [[900, 0, 0], [0, 900, 0], [0, 0, 500]]\ncentre = [0.0, 0.0, 2.0]\n", "debris.centre"),
+    ('mass = "3 m"\n', "debris.mass"),
+])  # fmt: skip
+def test_impossible_bodies_are_refused(tmp_path, added, key):
+    with pytest.raises(dd.InputError) as refused:
+        read(tmp_path, SCENARIO + added)
+    assert refused.value.key is not None and refused.value.key.startswith(key)
+
+
+def test_units_in_texts(tmp_path):
+    """Texts with units pose the same problem as SI numbers."""
+    plain = read(tmp_path, SCENARIO.replace("0.03]", "0.0174532925199433]") 
+                 + "radius = 0.8\n[limits]\nforce = 76.0\ndepression = 0.007\npressure = [1e6, 2e6]\n"
+                 "[arm]\nspeed = 0.4\n")
+    units = read(tmp_path, SCENARIO.replace("[0.05, 0.02, 0.03]", '[0.05, "0.02 rad/s", "1 deg/s"]')
+                 + 'radius = "80 cm"\n[limits]\nforce = "76 N"\ndepression = "7 mm"\npressure = ["10 bar", "2 MPa"]\n'
+                 '[arm]\nspeed = "40 cm/s"\n')
+    np.testing.assert_allclose(units.angular_velocity, plain.angular_velocity, rtol=1e-12)
+    np.testing.assert_allclose(units.debris.inertia, plain.debris.inertia, rtol=1e-12)
+    for name in ("force", "depression", "pressure", "speed"):
+        np.testing.assert_allclose(getattr(units.limits, name), getattr(plain.limits, name), rtol=1e-12)
+
+
+def test_a_face_and_an_area_to_strike(tmp_path):
+    """The plan keeps to them, and a smaller area makes it no better."""
+    limits = '[limits]\nforce = 1000.0\nfaces = ["upper end"]\n'
+    face = plan_strike(read(tmp_path, SCENARIO + limits), starts=2)
+    assert face.allowed and face.face == "upper end"
+    area = limits + "target = [0.3, 0.0, 1.5]\ntarget_radius = 0.2\n"
+    small = plan_strike(read(tmp_path, SCENARIO + area), starts=2)
+    assert small.allowed and small.face == "upper end"
+    assert np.linalg.norm(np.asarray(small.design.point) - [0.3, 0.0, 1.5]) <= 0.2 * (1 + 1e-4)
+    assert small.score >= face.score - 1e-3
+    with pytest.raises(dd.InputError, match="upper end") as refused:
+        read(tmp_path, SCENARIO + '[limits]\nfaces = ["top"]\n')
+    assert refused.value.key == "limits.faces"
+
+
+@pytest.mark.parametrize("limits, field", [({"speed": 0.3}, "speed"), ({"force": 100.0}, "force")])
+def test_a_price_is_what_the_limit_costs(limits, field):
+    """Planned again with the limit 1 % looser, the goal falls by the price, to first order."""
+    problem = pose([0.05, 0.02, 0.03], 0.2, **limits)
+    plan = plan_strike(problem, starts=2)
+    (price,) = [one for one in price_limits(problem.limits, plan) if field in one.key]
+    wider = dc.replace(problem, limits=dc.replace(problem.limits, **{field: 1.01 * limits[field]}), unit=None)
+    gain = plan.score - plan_strike(wider, starts=2, near=[plan.place]).score
+    assert price.gain == pytest.approx(gain, rel=0.15)
+
+
+def test_without_friction_a_straight_blow_is_as_good():
+    """A normal force alone takes nothing from sliding: the best straight blow leaves what the plan leaves, but for the
+    little that the place of contact wanders under it."""
+    problem = pose([0.02, 0.0, 0.0], 0.0)
+    plan = plan_strike(problem, starts=2)
+    straight, paper = compare_rules(problem, plan)
+    assert straight.allowed_share == pytest.approx(plan.score, abs=0.02)
+    assert straight.speed <= 2.0 * (1 + 1e-9)
+    assert np.isnan(paper.allowed_share) or paper.allowed_share >= plan.score - 1e-4
+
+
+def test_a_late_blow_is_one_on_a_turned_body():
+    """About a principal axis, an error of the instant is the same as one of the attitude about that axis."""
+    problem = pose([0.06, 0.0, 0.0], 0.2)
+    late = drift(problem, jnp.asarray(10.0 + 0.4))
+    ahead = {"rates": jnp.zeros(3), "inertia": jnp.zeros(3), "attitude": jnp.array([0.06 * 0.4, 0.0, 0.0])}
+    turned = drift(err_problem(problem, ahead), jnp.asarray(10.0))
+    np.testing.assert_allclose(late[0], turned[0], atol=1e-12)
+    np.testing.assert_allclose(late[1], turned[1], atol=1e-12)
+    other = err_problem(problem, {"rates": jnp.array([0.1, 0.0, 0.0]), "inertia": jnp.array([0.2, 0.0, 0.1]),
+                                    "attitude": jnp.zeros(3)})
+    np.testing.assert_allclose(other.angular_velocity, [0.066, 0.0, 0.0])
+    np.testing.assert_allclose(np.diagonal(other.debris.inertia),
+                               np.diagonal(STAGE.inertia) * np.array([1.2, 1.2, 1.1]))
+
+
+def test_errors_that_vanish_change_nothing(held):
+    """In the limit of no error every draw leaves what was planned; larger errors leave more on average."""
+    problem, plan = held
+    tiny, usual = (try_errors(problem, plan, dc.replace(ErrorSizes(draws=16), **{
+        name: factor * getattr(ErrorSizes(), name) for name in ("instant", "place", "direction", "speed", "rates",
+                                                                  "attitude", "inertia")})) for factor in (1e-6, 1.0))
+    for one in tiny:
+        np.testing.assert_allclose(one.shares, plan.score, atol=1e-5)
+        assert one.missed == 0.0 and one.violated == 0.0
+    assert usual[-1].error == "all" and usual[-1].mean > plan.score
+
+
+def test_a_goal_of_ones_own(tmp_path):
+    """A function of the motion takes the place of the weights: here the energy, by its definition."""
+    (tmp_path / "goals.py").write_text("def energy(rates, inertia):\n    return 0.5 * rates @ inertia @ rates\n")
+    trust_file(tmp_path / "goals.py")
+    problem = read(tmp_path, SCENARIO + '[goal]\nfunction = "goals.py:energy"\n')
+    rates = np.array([0.01, -0.02, 0.04])
+    energy = 0.5 * rates @ np.asarray(problem.debris.inertia) @ rates
+    assert float(score(problem, jnp.asarray(rates))) == pytest.approx(energy, rel=1e-12)
+    for name, key in (("goals.py:nothing", "goal.function"), ("energy", "goal.function")):
+        with pytest.raises(dd.InputError) as refused:
+            read(tmp_path, SCENARIO + f'[goal]\nfunction = "{name}"\n')
+        assert refused.value.key == key
+
+
+def test_result_and_page_hold_them(tmp_path):
+    """Prices, rules, errors and the chaser's recoil are in the result; momentum of chaser and body sums to zero."""
+    path = tmp_path / "case.toml"
+    path.write_text(SCENARIO + '[arm]\nspeed = 0.3\nchaser_mass = "500 kg"\n[limits]\nforce = 1000.0\n'
+                    "[errors]\nplace = 0.02\ndraws = 16\n")
+    assert main(["plan", str(path), "-o", str(tmp_path / "out")]) == 0
+    result = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    (impact,) = result["impacts"]
+    both = 500.0 * np.array(impact["chaser_velocity"]) + 1000.0 * np.array(impact["debris_velocity"])
+    np.testing.assert_allclose(both, 0.0, atol=1e-9)
+    assert any(one["key"] == "arm.speed" and one["gain"] > 0 for one in result["prices"])
+    assert len(result["rules"]) == 2 and result["errors"][-1]["error"] == "all"
+    assert next(one["size"] for one in result["errors"] if one["error"] == "place") == 0.02
