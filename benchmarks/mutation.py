@@ -186,10 +186,9 @@ class Only:
 
     def pytest_collection_modifyitems(self, items):
         """The files, too, by their fastest test."""
-        took, fastest = self.reach.took, {}
-        items[:] = sorted((item for item in items if self.code is None or self.code in self.reach.own.get(item.nodeid, ())
-                           or self.code in self.reach.always.get(item.path, ())),
-                          key=lambda item: took.get(item.nodeid, 0.0))
+        took, own, always, fastest = self.reach.took, self.reach.own, self.reach.always, {}
+        items[:] = sorted((item for item in items if self.code is None or self.code in own.get(item.nodeid, ())
+                           or self.code in always.get(item.path, ())), key=lambda item: took.get(item.nodeid, 0.0))
         for item in items:
             fastest.setdefault(item.path, len(fastest))
         items.sort(key=lambda item: fastest[item.path])
