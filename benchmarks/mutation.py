@@ -30,15 +30,16 @@ import pytest
 # Of matrices as small as those of tests; threads of it would wait for each other on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
-SELECTION = ("tests/test_selection.py", "tests/test_search.py", "tests/test_statistics.py")
+VALUES = "tests/test_impact_values.py"
+SELECTION = ("tests/test_selection.py", "tests/test_search.py", "tests/test_statistics.py", VALUES)
 # What decides, and the tests that have to notice.
 MODULES = {
     "selection.lack_of_fit": SELECTION,
     "selection.cross_validation": SELECTION,
     "selection.forward_selection": SELECTION,
     "inference.goodness": ("tests/test_statistics.py",),
-    "inference.identifiability": ("tests/test_identifiability.py",),
-    "inference.noise": ("tests/test_noise.py",),
+    "inference.identifiability": ("tests/test_identifiability.py", VALUES),
+    "inference.noise": ("tests/test_noise.py", VALUES),
     "inference.noise_estimation": ("tests/test_noise.py", "tests/test_faults.py"),
     "inference.bounded": ("tests/test_intervals.py", "tests/test_bounded.py"),
     "selection.leave_record_out": ("tests/test_outliers.py",),

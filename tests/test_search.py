@@ -256,7 +256,7 @@ class Steps:
             settings: SelectionSettings
             catalogue: tuple = tuple(SimpleNamespace(id=n) for n in "abcd")
             campaign: object = None
-            records: object = None
+            records: object = dc.field(default_factory=lambda: SimpleNamespace(are_values=False))
 
             def restack(self, noise):
                 return dc.replace(self, name=f"{self.name} {noise}")
@@ -329,6 +329,15 @@ def test_another_noise_under_the_better_model(monkeypatch, noise, under, left):
         assert {step.fitted.solution.under for step in path.steps} == {under}
         assert all(step.lack.rejected for step in path.steps)
         assert path.selection.noise == noise[len(noise) - 1 - left]
+
+
+def test_values_bear_fewer_effects(monkeypatch):
+    """Records of one value a channel, however many are asked for: as many as the settings have it."""
+    for allowed, expected in ((1, ["", "a"]), (2, ["", "a", "ab"])):
+        steps = Steps(monkeypatch, [("a", 500.0, True), ("ab", 300.0, True), ("abc", 200.0, True)],
+                      effects_of_values=allowed)
+        steps.selection.records.are_values = True
+        assert effects_of(steps.run(3)) == expected
 
 
 def test_a_step_that_predicts_worse_under_another_noise_goes(monkeypatch):
