@@ -30,15 +30,16 @@ import pytest
 # Of matrices as small as those of tests; threads of it would wait for each other on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
-SELECTION = ("tests/test_selection.py", "tests/test_search.py", "tests/test_statistics.py")
+VALUES = "tests/test_impact_values.py"
+SELECTION = ("tests/test_selection.py", "tests/test_search.py", "tests/test_statistics.py", VALUES)
 # What decides, and the tests that have to notice.
 MODULES = {
     "selection.lack_of_fit": SELECTION,
     "selection.cross_validation": SELECTION,
     "selection.forward_selection": SELECTION,
     "inference.goodness": ("tests/test_statistics.py",),
-    "inference.identifiability": ("tests/test_identifiability.py",),
-    "inference.noise": ("tests/test_noise.py",),
+    "inference.identifiability": ("tests/test_identifiability.py", VALUES),
+    "inference.noise": ("tests/test_noise.py", VALUES),
     "inference.noise_estimation": ("tests/test_noise.py", "tests/test_faults.py"),
     "inference.bounded": ("tests/test_intervals.py", "tests/test_bounded.py"),
     "selection.leave_record_out": ("tests/test_outliers.py",),
@@ -181,15 +182,14 @@ class Reach:
 class Only:
     """A plugin of pytest that keeps the tests which run one function, the fastest of every file first."""
 
-    def __init__(self, reach: Reach, code: CodeType):
-        self.reach, self.code = reach, code
+    def __init__(self, reach: Reach, code: CodeType | None):
+        self.reach, self.code = reach, code  # None for all of them
 
     def pytest_collection_modifyitems(self, items):
         """The files, too, by their fastest test."""
-        took, fastest = self.reach.took, {}
-        items[:] = sorted((item for item in items if self.code in self.reach.own.get(item.nodeid, ())
-                           or self.code in self.reach.always.get(item.path, ())),
-                          key=lambda item: took.get(item.nodeid, 0.0))
+        took, own, always, fastest = self.reach.took, self.reach.own, self.reach.always, {}
+        items[:] = sorted((item for item in items if self.code is None or self.code in own.get(item.nodeid, ())
+                           or self.code in always.get(item.path, ())), key=lambda item: took.get(item.nodeid, 0.0))
         for item in items:
             fastest.setdefault(item.path, len(fastest))
         items.sort(key=lambda item: fastest[item.path])
@@ -259,6 +259,8 @@ def examine(name: str, files, most: int, seed: int) -> dict:
         if passed:
             survivors.append({"function": where, "line": line, "before": before[:120], "after": after[:120]})
             print(f"  {name}:{line} {where}: {before[:60]} -> {after[:60]}", flush=True)
+    if not run_tests(files, Only(reach, None)):
+        raise SystemExit(f"the tests of {name} fail when they are run again: they leave something behind")
     return {"module": name, "sites": len(usable), "mutants": len(chosen), "killed": killed, "survivors": survivors,
             "tests": list(files), "code": digest(name), "seed": seed}
 

@@ -9,7 +9,10 @@ import pytest
 from helpers_statistics import TIME, assert_rate, fit_toy, make_selection, white
 from scipy import stats
 
-from ddetumble.selection.leave_record_out import judge, mask_records, measure_record, set_aside
+from ddetumble import InputError
+from ddetumble.measurement.faults import Fault
+from ddetumble.selection import leave_record_out, outliers
+from ddetumble.selection.leave_record_out import Misfit, judge, mask_records, measure_record, set_aside
 from ddetumble.selection.outliers import find_culprit, find_suspects, is_enclosed, tell_fault
 from ddetumble.selection.settings import OutlierSettings, SelectionSettings
 
@@ -114,6 +117,48 @@ def test_misfit_of_a_record_follows_theory():
     assert free.degrees == np.linalg.matrix_rank(smooth) - 2 and free.total < found.total
 
 
+def test_misfit_of_a_record_under_parameters_that_may_move():
+    """As far as their covariance has it: a prior on them, in the regression of the record alone."""
+    selection, fitted = fit_toy(make_selection(8, spoil=rumble(2)))
+    solution, r = fitted.solution, 2
+    spread = 4.0 * solution.covariance() / np.outer(solution.scales, solution.scales)
+    own, shared, basis = solution.own[r], solution.shared[r], selection.bases[r].toarray()
+    weight = np.linalg.cholesky(np.linalg.inv(spread)).T
+    count, free = own.shape[1], shared.shape[1]
+    rows = np.block([[own, shared, basis], [np.eye(count), np.zeros((count, free + basis.shape[1]))],
+                     [np.zeros((free, count)), weight, np.zeros((free, basis.shape[1]))]])
+    right = np.concatenate([solution.residual[r], solution.z[r], np.zeros(free)])
+
+    def left(a):
+        return float(np.sum((right - a @ np.linalg.lstsq(a, right, rcond=1e-12)[0]) ** 2))
+
+    found = measure_record(selection, solution, r, spread)
+    assert found.total == pytest.approx(left(rows[:, : count + free]) - left(rows), rel=1e-6)
+    still = measure_record(selection, solution, r, 0.0 * spread)
+    assert still.total == pytest.approx(measure_record(selection, solution, r).total, rel=1e-9)
+
+
+def test_columns_become_orthonormal():
+    """By their normal equations, however long they are; those that others hold, and those that are nothing, go."""
+    generator = np.random.default_rng(0)
+    columns = generator.standard_normal((30, 5)) * np.array([1.0, 1e-7, 1e5, 0.0, 1.0])
+    columns[:, 4] = columns[:, 0] + 1e-5 * columns[:, 2]
+    turn = leave_record_out._orthonormalise(columns.T @ columns)
+    q = columns @ turn
+    assert turn.shape == (5, 3) and q.T @ q == pytest.approx(np.eye(3), abs=1e-9)
+    for column in columns.T:
+        assert q @ (q.T @ column) == pytest.approx(column, abs=1e-6 * max(np.linalg.norm(column), 1e-12))
+    assert leave_record_out._orthonormalise(np.zeros((2, 2))).shape == (2, 0)
+
+
+def test_whitened_columns_are_rows_of_the_residual():
+    """Of their channel alone, whitened as it is; a baseline is one, and a drift from 0 to 1 over the record."""
+    selection, _ = fit_toy(make_selection(1, channels=("normal_force", "depression")))
+    found = leave_record_out.whiten_baseline(selection.problem, 2, 1)
+    expected = np.stack([np.ones(len(TIME)), np.linspace(0.0, 1.0, len(TIME))], axis=1) / 2e-4
+    assert not found[: len(TIME)].any() and found[len(TIME):] == pytest.approx(expected)
+
+
 def test_a_misfit_is_judged_under_the_uncertain_level():
     noise = {"a": white(level=0.1), "b": white(level=0.3)}
     assert judge(SimpleNamespace(noise={"a": white()}), 20.0, 20).p_value == pytest.approx(
@@ -124,6 +169,8 @@ def test_a_misfit_is_judged_under_the_uncertain_level():
     far = judge(SimpleNamespace(noise=noise), 400.0, 20)
     assert far.p_value == pytest.approx(max(
         stats.norm.sf((np.log(20.0) + 0.05) / np.sqrt(0.19)), stats.chi2.sf(250.0, 20)))
+    small = judge(SimpleNamespace(noise={"a": white()}), 5.0, 20).p_value
+    assert small == pytest.approx(stats.norm.sf((np.log(0.25) + 0.05) / np.sqrt(0.1)), rel=1e-9)
     assert judge(SimpleNamespace(noise=noise), 0.0, 0).p_value == 1.0 and found.excess == pytest.approx(2.0)
     assert judge(SimpleNamespace(noise=noise), 5.0, 0).excess == 4.0
 
@@ -197,6 +244,168 @@ def test_of_three_records_one_has_to_be_plain():
     assert suspects_of(OutlierSettings(farther=1e9), seed=1, spoil=rumble(1, size=9.0), conditions=repeats) == []
     # Two that disagree: nobody can say which of the three is wrong.
     assert suspects_of(OutlierSettings(far=1e9), seed=1, spoil=rumble(1, size=9.0), conditions=repeats) == []
+
+
+class Told:
+    """Records whose misfit is told, alone and held against the others."""
+
+    def __init__(self, monkeypatch, p_value=1e-6, own=(50.0, 1e-9), others=0.1, rest=(0.05, 0.5), count=8,
+                 kind="outlier", enclosed=True, free_running=False, rivals=None):
+        self.selection = SimpleNamespace(
+            settings=SelectionSettings(), family=SimpleNamespace(free_running=free_running),
+            records=SimpleNamespace(count=count, keys=[f"r{k}" for k in range(count)]))
+
+        def misfit(excess, p_value, degrees=20):
+            return Misfit((1.0 + excess) * degrees, degrees, p_value)
+
+        def set_aside(selection, solution, r, out):
+            if r == 1:
+                return SimpleNamespace(record=r, own=misfit(*own), rest=misfit(*rest, 200),
+                                       others={k: misfit(others, 0.5) for k in range(count) if k != r})
+            return SimpleNamespace(record=r, own=misfit(1e3, 1e-99), rest=misfit(rivals or 10.0 + r, 1e-9, 200),
+                                   others={k: misfit(0.1, 0.5) for k in range(count) if k != r})
+
+        def alone(selection, solution, r):
+            return misfit(5.0, p_value) if r == 1 else misfit(0.1, 0.4)
+
+        for name, what in (("measure_record", alone), ("set_aside", set_aside),
+                           ("leave_out", lambda solution, groups: np.arange(float(count))),
+                           ("is_enclosed", lambda selection, aside: enclosed),
+                           ("diagnose", lambda selection, aside: SimpleNamespace(kind=kind))):
+            monkeypatch.setattr(outliers, name, what)
+
+    def find(self):
+        """Whether a record is found and sure; None where there is none."""
+        found = outliers._find_worst(self.selection, SimpleNamespace(solution=None), set())
+        assert found is None or found.key == "r1"
+        return None if found is None else found.sure
+
+
+@pytest.mark.parametrize(("told", "expected"), [
+    ({}, True),
+    ({"p_value": 2e-6}, None), ({"own": (50.0, 2e-6)}, None), ({"own": (50.0, 1.2e-6)}, True),  # 1e-5 over eight
+    ({"own": (2.9, 1e-9)}, None), ({"own": (3.1, 1e-9)}, True),  # four noise variances
+    # Others that are fitted badly: three times the worst of them, which is one at least.
+    ({"rest": (2.0, 1e-3), "others": 16.0}, True), ({"rest": (2.0, 1e-3), "others": 17.0}, None),
+    ({"rest": (2.0, 0.02), "others": 17.0}, True), ({"rest": (2.0, 1e-3), "others": 0.1, "own": (3.5, 1e-9)}, True),
+    # At an edge it is in doubt, and none where the others are fitted badly; a mistaken unit is beyond doubt.
+    ({"enclosed": False}, False), ({"enclosed": False, "rest": (2.0, 1e-3)}, None),
+    ({"enclosed": False, "kind": "unit"}, True),
+    ({"enclosed": False, "kind": "gain"}, False), ({"enclosed": False, "kind": "gain", "own": (101.0, 1e-9)}, True),
+    ({"enclosed": False, "own": (101.0, 1e-9)}, False),
+    ({"enclosed": False, "own": (101.0, 1e-9), "free_running": True}, True),
+    ({"enclosed": False, "own": (101.0, 1e-9), "free_running": True, "others": 1.1}, False),
+    # Of three, no other may be as likely, and it is a thousand times beyond the others.
+    ({"count": 3, "own": (1001.0, 1e-9), "rivals": 101.0}, True),
+    ({"count": 3, "own": (999.0, 1e-9), "rivals": 101.0}, None),
+    ({"count": 3, "own": (1001.0, 1e-9), "rivals": 99.0}, None),
+    ({"count": 3, "own": (1e4, 1e-9), "rivals": 201.0, "rest": (2.0, 0.5)}, True),
+    ({"count": 3, "own": (1e4, 1e-9), "rivals": 199.0, "rest": (2.0, 0.5)}, None)])
+def test_rules_of_a_record_at_fault(monkeypatch, told, expected):
+    """Each threshold at its edge."""
+    assert Told(monkeypatch, **told).find() is expected
+
+
+def clean(spoil=None, state=None, seed=1, final=False, search=None, **options):
+    """What a campaign is after one look for records at fault."""
+    selection, fitted = fit_toy(make_selection(seed, spoil=spoil, **options))
+    before = outliers.Cleaned(selection.campaign) if state is None else state(selection.campaign)
+    return before, *outliers.clean_records(before, selection, fitted, final, search)
+
+
+def test_a_campaign_without_its_fault():
+    """The record is gone, or with everything kept only named; once, however often one looks."""
+    before, after, has_changed = clean(rumble(3))
+    assert has_changed and set(before.campaign.record_keys) - set(after.campaign.record_keys) == {"r3"}
+    (fault,) = after.faults
+    assert (fault.kind, fault.records, fault.left_out) == ("outlier", ("r3",), True) and after.zeros == {}
+    _, kept, has_changed = clean(rumble(3), lambda campaign: outliers.Cleaned(campaign, keep_all=True))
+    assert not has_changed and kept.campaign.record_keys == before.campaign.record_keys
+    assert [f.records for f in kept.faults] == [("r3",)] and not kept.faults[0].left_out
+    _, again, _ = clean(rumble(3), lambda campaign: outliers.Cleaned(campaign, kept.faults, keep_all=True))
+    assert again.faults == kept.faults
+    before, same, has_changed = clean()
+    assert not has_changed and same == before
+
+
+def test_samples_alone_are_left_out():
+    """Those of a spike, in their channel; the record stays."""
+    def spike(values, conditions):
+        values[3, 1, [20, 40]] += 0.01
+
+    before, after, has_changed = clean(spike, channels=("normal_force", "depression"))
+    assert has_changed and after.campaign.record_keys == before.campaign.record_keys
+    table = after.campaign.samples
+    missing = table[table["depression"].isna()]
+    assert set(missing["record"]) == {"r3"} and missing["time"].to_numpy() == pytest.approx(TIME[[20, 40]])
+    assert table["normal_force"].notna().all() and before.campaign.samples["depression"].notna().all()
+
+
+def test_zeros_that_move_are_fitted():
+    """And what was doubtful is looked at again; nothing is said of single records."""
+    offsets = np.random.default_rng(0).standard_normal(8)
+
+    def zeros(values, conditions):
+        values[:, 0] += offsets[:, None]
+
+    doubt = Fault("doubtful", ("r7",), "", "", "", "", left_out=False)
+    before, after, has_changed = clean(zeros, lambda campaign: outliers.Cleaned(campaign, (doubt,)), final=True)
+    assert has_changed and after.campaign.record_keys == before.campaign.record_keys
+    assert [f.kind for f in after.faults] == ["zero"] and list(after.zeros) == ["normal_force"]
+    assert after.zeros["normal_force"][0] == pytest.approx(np.sqrt(np.mean(offsets**2)), rel=0.1)
+
+
+EDGE = [(1.0, 1e5), (1.1, 1.1e5), (1.2, 1.2e5), (1.3, 1.3e5), (1.5, 1.1e5), (1.6, 1.3e5), (1.8, 1.4e5), (2.6, 2e5)]
+
+
+def test_doubt_is_told_where_the_others_show_nothing(monkeypatch):
+    """A record at the edge is named and kept; where an effect shows in the others too, it may be that effect."""
+    _, after, has_changed = clean(rumble(7), conditions=EDGE)
+    assert not has_changed and [(f.kind, f.records) for f in after.faults] == [("doubtful", ("r7",))]
+    looked = []
+
+    def calibrate(scores):
+        looked.append(scores)
+        return 1e-9
+
+    selection, fitted = fit_toy(make_selection(1, spoil=rumble(7), conditions=EDGE))
+    object.__setattr__(selection, "calibrate", calibrate)
+    state, has_changed = outliers.clean_records(outliers.Cleaned(selection.campaign), selection, fitted)
+    assert not has_changed and state.faults == () and len(looked) == 1
+
+
+def test_a_culprit_is_looked_for_where_nobody_is_sure(monkeypatch):
+    sure = find_suspects(*fit_toy(make_selection(1, spoil=rumble(3))))[0]
+    asked = []
+    monkeypatch.setattr(outliers, "find_culprit", lambda *given: asked.append(given[-1]) or dc.replace(sure, key="r5"))
+    _, after, has_changed = clean(search="search")
+    assert has_changed and asked == ["search"] and "r5" not in after.campaign.record_keys
+    _, after, _ = clean(rumble(3), search="search")
+    assert len(asked) == 1 and "r3" not in after.campaign.record_keys
+    monkeypatch.setattr(outliers, "find_culprit", lambda *given: None)
+    before, after, has_changed = clean(search="search")
+    assert not has_changed and after == before
+
+
+def test_a_campaign_is_looked_at_before_any_model(monkeypatch):
+    """Records in another unit, and those that show nothing, are left out, or named; with all of them it is an error."""
+    campaign = make_selection(1).campaign
+    plain = outliers.begin_cleaning(campaign)
+    assert plain.faults == plain.notes == () and plain.campaign.record_keys == campaign.record_keys
+    for name in ("find_rate_units", "find_blind"):
+        with monkeypatch.context() as patch:
+            told = Fault("unit", ("r2", "r5"), "normal_force", "", "", "", left_out=True)
+            patch.setattr(outliers, name, lambda *given, told=told: (told,))
+            found = outliers.begin_cleaning(campaign)
+            assert found.campaign.record_keys == ("r0", "r1", "r3", "r4", "r6", "r7") and found.faults == (told,)
+            kept = outliers.begin_cleaning(campaign, keep_all=True)
+            assert kept.campaign.record_keys == campaign.record_keys and kept.keep_all and not kept.faults[0].left_out
+            told = dc.replace(told, records=campaign.record_keys)
+            patch.setattr(outliers, name, lambda *given, told=told: (told,))
+            with pytest.raises(InputError):
+                outliers.begin_cleaning(campaign)
+    few = outliers.begin_cleaning(campaign, settings=SelectionSettings(most_samples=100))
+    assert len(few.campaign.samples) < len(campaign.samples) and len(few.notes) == 1
 
 
 def test_a_record_at_the_edge_is_doubtful():
@@ -273,7 +482,7 @@ def test_a_repeat_encloses_a_record():
 def test_the_first_of_a_series_is_not_enclosed():
     """What softens does so most from the first test to the second, repeat or not."""
     series = {"sequence": [3, 2, 1, 4, 5], "approach_speed": [1, 2, 2, 4, 5]}
-    assert not enclosed(2, groups=[0, 1, 1, 2, 3], **series)
+    assert enclosed(2, groups=[0, 1, 1, 2, 3], **series) is False
     assert enclosed(1, groups=[0, 1, 1, 2, 3], **series)
     assert not enclosed(2, sequence=[3, 2, 1, 4, 5]) and enclosed(2, sequence=[1, 2, 5, 3, 4])
 
@@ -310,6 +519,14 @@ def test_a_culprit_stands_in_the_way_of_an_effect():
 
 def test_when_nobody_is_the_culprit():
     assert culprit_of(None) == (None, [])  # the misfit is in all records alike
+    # Half of it has to be in the one, noise left aside: with a removal of so much as it makes, or more.
+    selection, fitted = fit_toy(make_selection(5, {"ripple.a": 0.4}, spoil=rumble(3, size=6.0)))
+    excess = sum(m.total - m.degrees for m in (measure_record(selection, fitted.solution, r) for r in range(8)))
+    rest = set_aside(selection, fitted.solution, 3).rest
+    removed = 1.0 - (rest.total - rest.degrees) / excess
+    for share, asked in ((removed - 1e-3, 1), (removed + 1e-3, 0)):
+        limits = SelectionSettings(outliers=OutlierSettings(removed=share))
+        assert len(culprit_of(rumble(3, size=6.0), settings=limits)[1]) == asked
     found, asked = culprit_of(rumble(3, size=6.0), answer=False)
     assert found is None and len(asked) == 1
     assert culprit_of(rumble(3, size=6.0), settings=SelectionSettings(outliers=OutlierSettings(removed=1.0)))[1] == []

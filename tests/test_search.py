@@ -256,7 +256,7 @@ class Steps:
             settings: SelectionSettings
             catalogue: tuple = tuple(SimpleNamespace(id=n) for n in "abcd")
             campaign: object = None
-            records: object = None
+            records: object = dc.field(default_factory=lambda: SimpleNamespace(are_values=False))
 
             def restack(self, noise):
                 return dc.replace(self, name=f"{self.name} {noise}")
@@ -329,6 +329,15 @@ def test_another_noise_under_the_better_model(monkeypatch, noise, under, left):
         assert {step.fitted.solution.under for step in path.steps} == {under}
         assert all(step.lack.rejected for step in path.steps)
         assert path.selection.noise == noise[len(noise) - 1 - left]
+
+
+def test_values_bear_fewer_effects(monkeypatch):
+    """Records of one value a channel, however many are asked for: as many as the settings have it."""
+    for allowed, expected in ((1, ["", "a"]), (2, ["", "a", "ab"])):
+        steps = Steps(monkeypatch, [("a", 500.0, True), ("ab", 300.0, True), ("abc", 200.0, True)],
+                      effects_of_values=allowed)
+        steps.selection.records.are_values = True
+        assert effects_of(steps.run(3)) == expected
 
 
 def test_a_step_that_predicts_worse_under_another_noise_goes(monkeypatch):
@@ -536,15 +545,17 @@ def test_the_search_under_another_scatter_of_settings(monkeypatch, estimates, op
     ([True, True], [{"v": 2.0}], False)])
 def test_whether_another_scatter_would_do(rejected, estimates, expected):
     """As it is, or with the scatter that is estimated then, where that is another."""
+    verdicts = list(rejected)
+
     class Judge(Loose):
         def repeat(self, fitted, tolerance):
             return fitted
 
         def test_lack_of_fit(self, fitted):
-            return SimpleNamespace(rejected=rejected.pop(0)), []
+            return SimpleNamespace(rejected=verdicts.pop(0)), []
 
     assert forward_selection._would_do(Judge(list(estimates), spread={"v": 1.5}), fake(100.0)) is expected
-    assert not rejected
+    assert not verdicts
 
 
 def wander(values, conditions):

@@ -444,6 +444,30 @@ def test_an_uncertain_noise_level_widens_the_family():
     assert family_p_value(scores, {"force": vague}) == pytest.approx(stats.chi2.sf(16.0 / 1.5, 1), rel=1e-9)
 
 
+def test_scores_under_a_noise_that_few_values_tell():
+    """Student's t: of one score under noise that is taken larger for its degrees of freedom, two-sided."""
+    for degrees in (3, 12):
+        noise = {"force": dc.replace(SHARP, degrees=degrees), "depression": dc.replace(SHARP, degrees=20)}
+        wider = stats.t.ppf(0.975, degrees) / stats.norm.ppf(0.975)
+        for z in (0.5, 2.0, 4.0):
+            expected = 2.0 * stats.t.sf(z * wider, degrees)
+            assert family_p_value(make_scores([z], np.eye(1)), noise) == pytest.approx(expected, rel=1e-9)
+
+
+def test_misfit_of_values_beyond_their_own_scatter():
+    """Uniform where repeats tell the noise and their scatter is part of what is left; 1 where nothing else is."""
+    generator, known, rest, p_values = np.random.default_rng(23), 6, 5, []
+    wider = stats.t.ppf(0.975, known) / stats.norm.ppf(0.975)
+    for _ in range(2000):
+        scatter, misfit = generator.chisquare(known), generator.chisquare(rest)
+        # In units of the variance that the repeats show, taken larger as it is.
+        total = (scatter + misfit) / (scatter / known) / wider**2
+        p_values.append(lack_of_fit.judge_values(total, known + rest, {"force": dc.replace(SHARP, degrees=known)}))
+    assert_uniform(p_values)
+    for degrees in (known, 0):
+        assert lack_of_fit.judge_values(50.0, degrees, {"force": dc.replace(SHARP, degrees=known)}) == 1.0
+
+
 def test_smallest_of_many():
     """One in two of two coins lands so: 1 - (1 - p)^n, and one tiny p-value counts n times."""
     assert correct_for_many(0.5, 2) == pytest.approx(0.75) and correct_for_many(0.1, 1) == pytest.approx(0.1)
