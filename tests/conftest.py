@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 
-import hypothesis
 import pytest
 
 
@@ -14,7 +13,12 @@ os.environ["JAX_ENABLE_X64"] = "1"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".cache" / "jax"))
 os.environ.setdefault("DDETUMBLE_TRUST", str(ROOT / ".cache" / "trusted.txt"))
 os.environ["MPLBACKEND"] = "Agg"
+# Tests run side by side, on matrices too small to share among threads, which would wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLCONFIGDIR", str(ROOT / ".cache" / "matplotlib"))
+
+import hypothesis  # noqa: E402
+
 
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None, print_blob=True)
 hypothesis.settings.load_profile("fixed")

@@ -229,6 +229,22 @@ def test_bounds_of_parameters_that_do_not_feel_each_other(seed):
     assert dict(found.held) == {f"p{k}": side for k, side in enumerate(sides) if side}
 
 
+@pytest.mark.parametrize("bounded_ones", [2, 3, 4])
+def test_several_bounds_beside_bounded_least_squares(bounded_ones):
+    """Of parameters that look alike several have bounds: the optimum of the whole is found in every draw."""
+    for seed in range(60):
+        problem, generator = make_quadratic(seed), np.random.default_rng([2, seed])
+        low, high = np.full(4, -np.inf), np.full(4, np.inf)
+        for k in range(bounded_ones):
+            low[k] = problem.scales[k] * generator.uniform(-1.0, 1.0)
+            high[k] = low[k] + 0.5 * problem.scales[k]
+        ends = {f"p{k}": (low[k], high[k]) for k in range(bounded_ones)}
+        found = bounded.solve_bounded(problem, [f"p{k}" for k in range(4)], np.zeros(4), None, ends)
+        expected = lsq_linear(problem.matrix / problem.scales, problem.matrix @ (problem.best / problem.scales),
+                              (low, high), tol=1e-14)
+        np.testing.assert_allclose(found.solution.u / problem.scales, expected.x / problem.scales, atol=1e-5)
+
+
 @pytest.mark.parametrize("far", [-9.0, 9.0])
 def test_what_overshot_its_bound_is_let_go(far):
     """A fit that ended far off at first: held there, a parameter is let go as its best lies within its bounds."""

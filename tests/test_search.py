@@ -296,6 +296,12 @@ def test_additions_follow_each_other_until_no_misfit_is_left(monkeypatch):
     assert effects_of(path) == ["", "a", "ab"]
     assert steps.asked == [((), ("d", "a", "b", "c")), (("a",), ("b", "c", "d"))]
     assert effects_of(Steps(monkeypatch, [("a", 500.0, True), ("ab", 300.0, True)]).run(1)) == ["", "a"]
+
+
+def test_the_search_ends_with_the_catalogue(monkeypatch):
+    """Where every effect is in and a misfit is left, there is nothing more to try."""
+    all_in = [("a", 500.0, True), ("ab", 400.0, True), ("abc", 300.0, True), ("abcd", 200.0, True)]
+    assert effects_of(Steps(monkeypatch, all_in).run(6)) == ["", "a", "ab", "abc", "abcd"]
     assert effects_of(Steps(monkeypatch, [("a", 500.0, True)]).run(rejected=False)) == [""]
     assert effects_of(Steps(monkeypatch, []).run()) == [""]
 

@@ -9,7 +9,7 @@ from scipy import stats
 from .problem import Problem, Solution
 
 
-ROUNDS = 8  # of holding and releasing parameters at their limits: each settles one or more
+ROUNDS = 40  # of holding and releasing parameters at their limits: each settles one or more, and few are needed
 FINAL = 1e-3  # fits at a looser tolerance only scout, and are not tried again
 PATIENCE = 3  # further fits from where one ended short: one that does not end in them is not determined
 # Of its scale: so near to a limit of the model, a parameter counts as stopped by it; smaller misses those whose last
@@ -69,13 +69,14 @@ def solve_bounded(problem: Problem, names: Sequence[str], start: np.ndarray, z: 
             margin = 1e-6 * problem.scales[k]
             if name in held:
                 u[k] = max(a, low[k] + margin) if held[name] < 0 else min(b, high[k] - margin)
-        if held and not changed:  # a Gauss-Newton step with everything refitted says where each wants to go
+        if held and not changed:
+            # The gradient says which way each wants to go; the one that gains most is let go, as that turns others.
             full = problem.solve([*solution.names, *held], u, solution.z, moving=False)
-            step = -np.linalg.lstsq(*full.flattened(), rcond=1e-10)[0][len(solution.names):]
-            for name, pull in zip(list(held), step, strict=True):
-                if pull * held[name] < 0:
-                    del held[name]
-                    changed = True
+            columns, right = full.flattened()
+            away = -(columns.T @ right)[len(solution.names):] * np.array(list(held.values()))
+            if away.min() < 0.0:
+                del held[list(held)[int(np.argmin(away))]]
+                changed = True
         if not changed:
             break
         solution = _settle(problem, [n for n in names if n not in held], u, solution.z, tolerance)

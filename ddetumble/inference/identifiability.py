@@ -316,7 +316,8 @@ def _list_settings(problem: Problem, campaign: Campaign, name: str) -> list[tupl
     for value in (max(low, first), min(high, last)):
         unit = 10.0 ** (math.floor(math.log10(value)) - 1)
         near = round(value / unit) * unit
-        ends.append(float(f"{near if near <= last else near - unit:.2g}"))
+        near += unit * ((near < first) - (near > last))
+        ends.append(float(f"{near:.2g}"))
     low, high = ends
     return [(low,), (high,), (low, high)] if low < high else []
 

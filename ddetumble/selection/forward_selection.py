@@ -86,6 +86,8 @@ def extend_path(path: Path, most: int, report: Progress = lambda text, share: No
         current = steps[-1]
         if tried is None:
             others = [e.id for e in selection.catalogue if e.id not in current.fitted.effects]
+            if not others:
+                break
             tried = try_effects(selection, current.fitted, current.scores, others)
         wider, more = add_effect(selection, current, tried)
         if more is None:
