@@ -18,7 +18,7 @@ from ..effects import CATALOGUE
 from ..families import DEFAULT_FAMILY, find_family, name_family
 from ..measurement.campaign import Campaign, Uncertainty
 from ..measurement.kinds import take_kind, write_kind
-from .files import hash_file, list_versions, make_plain, read_json, refuse_peaks, write_json
+from .files import hash_file, list_versions, make_plain, read_json, write_json
 from .models import ResolvedModel, find_model, is_fitted, is_model, list_known, resolve_effect, wrap_model
 from .noise import Noise
 from .parameters import Common, ParameterSpace
@@ -152,6 +152,11 @@ class FittedModel:
         columns = [self.space.index[name] for name in self.free]
         return np.eye(len(self.space))[columns].reshape(len(columns), len(self.space))
 
+    @property
+    def are_values(self) -> bool:
+        """Whether its campaign holds values alone, of which a test gives one each."""
+        return set(self.channels) <= set(self.space.family.values)
+
     def spread(self) -> np.ndarray:
         """Principal directions of the covariance, one standard deviation long, shape (free or fewer, parameters)."""
         sds = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
@@ -271,7 +276,6 @@ def load(folder, extra: Sequence[type[AbstractEffect]] = ()) -> FittedModel:
     path = Path(folder)
     path = path if path.suffix == ".json" else path / FILE
     if not path.exists():
-        refuse_peaks(path.parent)
         raise InputError(f"there is no {FILE} here; name a folder of fit or discover", file=path.parent)
     content = read_json(path, SCHEMA, _ModelFile, "fit the model again")
     notes: dict[str, None] = {}

@@ -222,7 +222,7 @@ def compare(campaign, *models, refit=True, progress=None):
     within their stated uncertainty.
 
     Args:
-        campaign: with samples, or its folder.
+        campaign: measured, or its folder.
         *models: by name, in hand, or fitted, as for `fit`; the paper's where none is given. For each one more step of
             the loop: `compare(data, model, model + Adhesion())`.
         refit: False takes a reference model's own values too.
@@ -232,8 +232,7 @@ def compare(campaign, *models, refit=True, progress=None):
         A `Comparison` of one model; of several `Comparisons`, with a table of their errors and one sentence.
 
     Raises:
-        InputError: the campaign cannot be used, for one because it holds peaks only (`ddetumble.paper.judge_campaign`
-            reads those).
+        InputError: the campaign cannot be used.
         ComputationError: a model could not be integrated.
     """
     report = progress or (lambda text, share: None)
@@ -270,6 +269,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
         made = fit(campaign, model)
         resolved, own = resolve_model(made, name_family(campaign)), tuple(made.parameters)
     bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
+    typical = bench.start
     if not refit or resolved.fitted:
         # What was fitted elsewhere holds against what this campaign says is known.
         start = bench.start.copy()
@@ -285,6 +285,7 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     chosen = fitted
     if own is not None:  # cross-validated over what these records chose, where the model stands
         names = tuple(n for n in bench.space.index if n in own or n in solution.names)
+        bench = bench.assume(bench.problem.solve(names, solution.u, solution.z, moving=False), typical)
         chosen = bench.file(fitted.effects, bench.problem.solve(names, solution.u, solution.z, moving=False))
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
     level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise
@@ -381,20 +382,22 @@ def bin_residuals(traces: Sequence[Trace], end: Mapping[str, float], campaign: C
 
     `end` is that of the contact or record, in its independent variable.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     for channel, own in _split(traces).items():
         z = [(t.measured - t.model) / t.sd for t in own]
-        # (variable, phase) to the value of it and where it counts, one pair a record.
-        views: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {
+        # (variable, phase) to the value of it and where it counts, one pair a record; values lie over conditions alone.
+        values = all(t.is_value for t in own)
+        views: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray]]] = {} if values else {
             (own[0].independent, "both"): [(t.time / end[t.record], t.time > 0) for t in own],
             (family.rate, "both"): [(t.state_rate, t.state > 0) for t in own]}
-        for phase, sign in zip(family.phases, (1.0, -1.0), strict=True):
+        for phase, sign in zip(() if values else family.phases, (1.0, -1.0), strict=False):
             views[family.state, phase] = [(t.state, (t.state > 0) & (sign * t.state_rate > 0)) for t in own]
         for name in campaign.conditions:
-            views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), t.state > 0) for t in own]
+            views[name, "both"] = [(np.full(len(t.time), t.conditions[name]), values | (t.state > 0)) for t in own]
         for (variable, phase), pairs in views.items():
             rows += [{"channel": channel, "variable": variable, "phase": phase, **row} for row in _bin(z, pairs)]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=["channel", "variable", "phase", "low", "high", "mean", "standard_error",
+                                       "records", "samples"])
 
 
 def _bin(z: list[np.ndarray], pairs: list[tuple[np.ndarray, np.ndarray]]) -> list[dict[str, float]]:
