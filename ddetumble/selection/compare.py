@@ -13,7 +13,7 @@ from .._display import AbstractPrinted, Progress
 from .._sentences import Sentence, say
 from ..contact.effect import is_absent
 from ..families import Family, View, find_family, name_family, open_campaign
-from ..inference.archive import Model, resolve_model, take_fitted
+from ..inference.archive import FittedModel, Model, resolve_model, take_fitted
 from ..inference.estimation import fit
 from ..inference.files import make_plain, write_json
 from ..measurement.campaign import Campaign, thin_campaign
@@ -261,15 +261,14 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     resolved = resolve_model(model, name_family(campaign))
     campaign, thinned = thin_campaign(campaign, MANY)
     given = resolved.fitted
-    own: tuple[str, ...] | None = None  # names of what was fitted, where these records chose it
+    saved: FittedModel | None = None
     if given:
         saved = take_fitted(model)  # type: ignore[arg-type]
-        own = saved.free if saved.sha256 == campaign.sha256 else None
     elif refit and any(is_absent(e) for e in resolved.effects):
-        made = fit(campaign, model)
-        resolved, own = resolve_model(made, name_family(campaign)), tuple(made.parameters)
+        saved = fit(campaign, model).fitted_model()
+        resolved = resolve_model(saved, name_family(campaign))
+    own = saved.free if saved is not None and saved.sha256 == campaign.sha256 else None  # chosen by these records
     bench = pose_selection(campaign, resolved.reference, (), resolved.effects, fit_given=False)
-    typical = bench.start
     if not refit or resolved.fitted:
         # What was fitted elsewhere holds against what this campaign says is known.
         start = bench.start.copy()
@@ -285,7 +284,8 @@ def _compare_one(campaign: Campaign, model: Model, name: str, refit: bool) -> Co
     chosen = fitted
     if own is not None:  # cross-validated over what these records chose, where the model stands
         names = tuple(n for n in bench.space.index if n in own or n in solution.names)
-        bench = bench.assume(bench.problem.solve(names, solution.u, solution.z, moving=False), typical)
+        if saved is not None and bench.records.are_values:  # what they do not determine was fitted under priors
+            bench = dc.replace(bench, priors=saved.priors).restack(bench.noise)
         chosen = bench.file(fitted.effects, bench.problem.solve(names, solution.u, solution.z, moving=False))
     # What a model that fails leaves is no measure of the noise: there the stated size counts.
     level = {c: dc.replace(n, sd=n.stated_sd or n.sd) for c, n in bench.noise.items()} if lack.rejected else bench.noise

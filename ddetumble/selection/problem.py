@@ -136,14 +136,6 @@ class SelectionProblem:
                                         self.priors)
         return dc.replace(self, records=records, problem=problem, thin=thin)
 
-    def assume(self, solution: Solution, start: np.ndarray) -> "SelectionProblem":
-        """The same with priors for what values do not determine of a fit, centred on what is typical (`start`)."""
-        priors = assume_typical(self.problem, solution, start)
-        if not priors:
-            return self
-        told = (*self.warnings, *describe_assumed(self.space, priors))
-        return dc.replace(self, priors=priors, warnings=told).restack(self.noise)
-
     def loosen(self, spread: Mapping[str, float]) -> "SelectionProblem":
         """The same with settings that scatter so many times as much as stated, by name."""
         return dc.replace(self, spread=dict(spread)).restack(self.noise)
@@ -368,9 +360,10 @@ def fit_reference(selection: SelectionProblem) -> tuple[SelectionProblem, Fitted
     # From a start guessed from the contact times, else from the defaults.
     guess = guess_start(selection.campaign, selection.space, selection.start, list(selection.base))
     solution = _require(selection, solve_progressively(selection.problem, selection.base, guess))
-    assumed = selection.assume(solution, selection.start)
-    if assumed is not selection:
-        selection = assumed
+    priors = assume_typical(selection.problem, solution, selection.start)
+    if priors:
+        told = (*selection.warnings, *describe_assumed(selection.space, priors))
+        selection = dc.replace(selection, priors=priors, warnings=told).restack({})
         solution = _require(selection, selection.problem.solve(selection.base, guess))
     settings, noise = selection.settings.noise, {}
     for _ in range(settings.looks):
