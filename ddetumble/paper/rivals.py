@@ -11,7 +11,7 @@ import pandas as pd
 from .._settings import find_data
 from ..families.values import choose_degree, fit_linear, polynomial
 from ..figures.palette import AFTER, BEFORE, GREY, INK, KIN, OTHER
-from ..figures.style import NARROW, WIDTH, dress, new_figure, point_at, styled, wrap_text
+from ..figures.style import WIDTH, dress, new_figure, point_at, styled
 from ..inference.archive import Model
 from ..inference.files import make_plain
 from ..measurement.campaign import Campaign
@@ -213,35 +213,29 @@ def read_row(one: Comparison, parameters: Mapping[str, Estimate] | None = None) 
 
 
 @styled
-def draw_ladder(judged: Judged, most: int = 26, narrow: bool = False):
+def draw_ladder(judged: Judged, most: int = 26):
     """Left-out errors of all models and of the reference model with every effect, the low polynomial's as the line."""
     bars = [(row.label, row.heldout, row.kind, f", {row.free} fitted") for row in judged.rows]
     added = {row.label for row in judged.rows}
     bars += [(f"our model + {one.effect}", one.heldout_nrmse, "effect", ", not physical" if one.beyond else "")
-             for one in judged.found.candidates if f"model paper + {one.effect}" not in added]
+             for one in judged.found.candidates if f"model {judged.found.model} + {one.effect}" not in added]
     bars = sorted((bar for bar in bars if bar[1] < FAILED), key=lambda bar: bar[1])[:most][::-1]
     line = 100 * judged.polynomial.heldout
-    figure = new_figure(0.9 + (0.56 if narrow else 0.24) * len(bars), NARROW if narrow else WIDTH)
+    figure = new_figure(0.9 + 0.24 * len(bars), WIDTH)
     axes = dress(figure.subplots(), "x")
-    for i, (label, error, kind, note) in enumerate(bars):
-        colour = COLOURS[kind]
-        lacks = "not physical" in note
-        axes.barh(i - 0.25 * narrow, 100 * min(error, 1.0), height=0.3 if narrow else 0.7, edgecolor=colour,
-                  color="white" if lacks else colour, hatch="////" if lacks else "")
-        told = f"{100 * error:.1f} %{note}"
-        if narrow:  # words above each bar
-            axes.annotate(wrap_text(f"{label}: {told}", NARROW - 0.4, 8), (0, i - 0.06), fontsize=8, va="bottom",
-                          xycoords=("axes fraction", "data"), bbox={"facecolor": "white", "lw": 0, "pad": 0.5})
-            continue
-        point_at(axes, told, (max(100 * min(error, 1.0), line), i), (4, 0), fontsize=8.5, va="center")
+    for i, (_, error, kind, note) in enumerate(bars):
+        colour, lacks = COLOURS[kind], "not physical" in note
+        axes.barh(i, 100 * min(error, 1.0), height=0.7, edgecolor=colour, color="white" if lacks else colour,
+                  hatch="////" if lacks else "")
+        point_at(axes, f"{100 * error:.1f} %{note}", (max(100 * min(error, 1.0), line), i), (4, 0), fontsize=8.5,
+                 va="center")
     axes.axvline(line, color=INK, lw=0.9, ls="--")
     axes.set_ylim(-0.6, len(bars) - 0.4)
-    axes.set_yticks(range(len(bars)), [""] * len(bars) if narrow else [bar[0] for bar in bars], fontsize=8.5)
-    axes.set(xscale="log", xlim=(0.8, 300), xticks=[1, 2, 5, 10, 20, 50, 100])
+    axes.set_yticks(range(len(bars)), [bar[0] for bar in bars], fontsize=8.5)
+    axes.set(xscale="log", xlim=(0.8, 300), xticks=[1, 2, 5, 10, 20, 50, 100],
+             xlabel="RMS error on left-out values over their RMS [%]; dashed: the low polynomial")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.minorticks_off()
-    label = "RMS error on left-out values over their RMS [%]; dashed: the low polynomial"
-    axes.set_xlabel(wrap_text(label, NARROW - 0.4) if narrow else label)
     return figure
 
 
